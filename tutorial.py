@@ -21,7 +21,7 @@ from fmpy import read_model_description
 from scipy.optimize import brentq
 
 from cosim import System, certify, run
-from scenarios.conveyor.theory import SETS, Machine
+from scenarios.conveyor.first_order import SETS, Machine
 from workbench.measure import last_revolutions, order
 
 build = [sys.executable, "build_fmus.py", "drive_motor", "crank_conveyor"]

@@ -42,14 +42,14 @@ from cosim import (
     smallest,
     time_of_largest,
 )
+from cosim.analysis.coupling_theory import Ideal, Scheme
 from cosim.verification import systems as linear
-from cosim.verification.ideal import Ideal, Scheme
-from scenarios.conveyor import drive
-from scenarios.conveyor.theory import SETS
-from scenarios.exciter import sommerfeld as exciter
-from scenarios.iron import drive as iron
+from scenarios.conveyor import machine
+from scenarios.conveyor.first_order import SETS
+from scenarios.exciter.questions import sommerfeld as exciter
+from scenarios.iron import machine as iron
 from scenarios.orientator import machine as orientator
-from scenarios.packing_line import packing_line as line
+from scenarios.packing_line.questions import packing_line as line
 
 FMUS = ROOT / "fmus"
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
@@ -263,7 +263,7 @@ def machines(
 
     drives: dict[str, tuple[System, float, float, list[str], dict[str, float]]] = {
         f"conveyor of set {name}, {nu:.0f} rad/s": (
-            of(drive.PARTS, drive.WIRES, SETS[name].start(nu) | {"conveyor.w": 0.8 * nu}),
+            of(machine.PARTS, machine.WIRES, SETS[name].start(nu) | {"conveyor.w": 0.8 * nu}),
             0.5, 2e-3, ["motor.tau", "conveyor.w"], {},
         )
         for name, speeds in {"A": (20.0, 40.0, 60.0), "B": (25.0, 50.0, 75.0)}.items()
@@ -283,7 +283,7 @@ def machines(
              "shaft.tau_b -> two.tau_a"]  # fmt: skip
     return drives | {
         "conveyor from rest": (
-            of(drive.PARTS, drive.WIRES, SETS["B"].start(60.0) | rest), 0.5, 2e-3,
+            of(machine.PARTS, machine.WIRES, SETS["B"].start(60.0) | rest), 0.5, 2e-3,
             ["motor.tau", "conveyor.w"], {},
         ),
         "iron from rest": (

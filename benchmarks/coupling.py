@@ -78,12 +78,12 @@ def master(steps: int, fmus: Path) -> Callable[[], object]:
 
 def master_in_python(steps: int, fmus: Path) -> Callable[[], object]:
     """Our master without its compiled loop."""
-    from cosim.engine import stepping
+    from cosim.engine import driver
 
     def missing(*_: object) -> None:
         raise OSError("not wanted")
 
-    stepping.Loop = missing
+    driver.Loop = missing
     return master(steps, fmus)
 
 
@@ -145,14 +145,14 @@ def dop853(steps: int, _: Path) -> Callable[[], object]:
 
 def sweep(_: int, fmus: Path) -> Callable[[], object]:
     """The 31 speeds of set A by our master, Strang with 256 steps per revolution."""
-    from scenarios.conveyor.resonance import SPEEDS
-    from scenarios.conveyor.response import Setup, simulate
-    from scenarios.conveyor.theory import SETS
-    from workbench import Bench
+    from scenarios.conveyor.first_order import SETS
+    from scenarios.conveyor.orbits import OrbitRunner, simulate
+    from scenarios.conveyor.rows import SPEEDS
+    from workbench import Context
 
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
-    setup = Setup(Bench(parts), {}, "strang", 256)
-    cases = [setup.case(SETS["A"], float(nu)) for nu in SPEEDS["A"].split(",")]
+    runner = OrbitRunner(Context(parts), {}, "strang", 256)
+    cases = [runner.task(SETS["A"], float(nu)) for nu in SPEEDS["A"].split(",")]
     simulate(cases[0])
     return lambda: [simulate(case) for case in cases]
 

@@ -24,11 +24,11 @@ sys.path.insert(0, str(ROOT))
 from cosim import System, quiet
 from examples import measured_iron, measured_orientator
 from scenarios.__main__ import PROJECT
-from scenarios.iron import drive
-from scenarios.orientator import orientator_limit
-from workbench.ask import answer
-from workbench.options import made
+from scenarios.iron import machine
+from scenarios.orientator.questions import orientator_limit
+from workbench.options import parse_options
 from workbench.question import find, load
+from workbench.run import answer
 
 STAGES = [f"t_{stage}" for stage in measured_orientator.STAGES]
 LEAST, COUNT = 25.0, 10
@@ -47,8 +47,8 @@ def iron(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict
                     start={x: v for x, v in p.items() if x.startswith("iron.")})  # fmt: skip
     true = {
         "mu": (up - down) / (up + down),
-        "loss": float(drive.turn(system, 1.0, 360)["iron.E_friction"][-1]),
-        "follower_limit": drive.limits(system)["follower_limit"].value,
+        "loss": float(machine.turn(system, 1.0, 360)["iron.E_friction"][-1]),
+        "follower_limit": machine.limits(system)["follower_limit"].value,
         **{x.replace(".", "_").lower(): p[x] for x in ("iron.spring.c", "iron.friction.K_up")},
     }
     return measured_iron.record(seed, p), asked, true
@@ -83,7 +83,7 @@ def trial(name: str, seed: int) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         rows.to_csv(path, index=False)
-        o = made(page.Options, {**asked, "data": str(path), "starts": 6}, name)
+        o = parse_options(page.Options, {**asked, "data": str(path), "starts": 6}, name)
         found = answer(page, o, PROJECT.fmus(page, "native"))
     told: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
     told["verdict"] = found.verdict

@@ -25,11 +25,10 @@ from zipfile import ZipFile
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cosim import System, run
-from cosim.engine import program
-from cosim.engine.driver import RunSettings
-from cosim.judge import describe
-from cosim.master import setup_problems
+from cosim import System, describe, run
+from cosim.engine import loop
+from cosim.engine.settings import RunSettings
+from cosim.requirements import setup_problems
 from cosim.system import connect
 
 FMUS, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"
@@ -104,7 +103,7 @@ def costs(count: int) -> tuple[float, float]:
 def threads(every: int) -> tuple[float, float]:
     """Two threads against one after the other; the share of processor time under Python's lock."""
     tasks = [partial(run, pairs(2), stop=100.0, step=H, output_step=every * H) for _ in range(2)]
-    advance, free = program.library().advance, [0.0]
+    advance, free = loop.library().advance, [0.0]
 
     class Timed:
         """The compiled loop, which runs without the lock."""
@@ -125,9 +124,9 @@ def threads(every: int) -> tuple[float, float]:
             middle = time.perf_counter()
             list(pool.map(lambda task: task(), tasks))
             rounds.append((middle - began, time.perf_counter() - middle))
-    own, program.library = program.library, lambda: Timed
+    own, loop.library = loop.library, lambda: Timed
     whole = seconds(tasks[0])
-    program.library = own
+    loop.library = own
     alone, together = map(min, zip(*rounds))
     return together / alone, 1.0 - free[0] / whole
 

@@ -3,25 +3,25 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .accuracy.certify import Certified, Estimate, certify, estimate, summary
+from .accuracy.reference import Judged, oracle, true_errors
+from .analysis.compare import Comparison, Deviation, compare
+from .analysis.crosscheck import crosscheck
+from .analysis.crosscheck.checks import Verdict
+from .analysis.crosscheck.report import Crosscheck
+from .analysis.damping import Diagnosis, diagnose
+from .analysis.linearize import Linear, linearize
 from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
 from .engine.control import Adaptive
 from .engine.instance import quiet
 from .errors import SetupError
-from .figures import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
 from .formats.container import write_container
 from .formats.osp import read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
-from .judge.certify import Certified, Estimate, certify, estimate, summary
-from .judge.compare import Comparison, Deviation, compare
-from .judge.crosscheck import crosscheck
-from .judge.crosscheck.checks import Verdict
-from .judge.crosscheck.report import Crosscheck
-from .judge.diagnose import Diagnosis, diagnose
-from .judge.isolated import run_isolated
-from .judge.linearize import Linear, linearize
-from .judge.oracle import Judged, oracle, true_errors
+from .isolated import run_isolated
 from .master import run, versions
+from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
 from .result import Interrupted, Result, SimulationError
 from .system import System, Wire
 from .system.inputs import Table

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import SetupError
+from .report import RunReport
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,7 +29,11 @@ SHOWN = 6
 
 
 class Result:
-    """Rows of a run; rows streamed to a file are read from it on first use."""
+    """Rows of a run; rows streamed to a file are read from it on first use.
+
+    `provenance` are the entries of the JSON file beside the rows, `report` the same in types where `run`
+    made the result in this process.
+    """
 
     def __init__(
         self,
@@ -36,8 +41,11 @@ class Result:
         units: dict[str, str],
         provenance: dict[str, Any],
         load: Callable[[], Rows],
+        *,
+        report: RunReport | None = None,
     ) -> None:
         self.columns, self.units, self.provenance = columns, units, provenance
+        self.report = report
         self._load = load
 
     def __repr__(self) -> str:

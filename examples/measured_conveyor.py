@@ -10,7 +10,7 @@ integrates the angle phi and speed w of the crank and the torque M on it:
 
 The belt creeps: under the torque M the motor runs ahead of the crank by the fraction s M, which is
 0.1 % at the rated 80 N.m. No FMU here models this. To first order, motor and belt are a motor whose
-A, B and T are divided by 1 + B s w. A record therefore shows this equivalent drive, which `seen`
+A, B and T are divided by 1 + B s w. A record therefore shows this equivalent drive, which `equivalent_drive`
 returns.
 
 Every 2 ms the logger records:
@@ -54,7 +54,7 @@ NOISE, RESOLUTION = 0.8, 0.1  # of the torque [%]
 STOP, SAMPLE, COUNTS = 1.2, 0.002, 16384  # [s]; [s]; per turn
 
 
-def moved(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
+def simulated(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
     """Angle, speed and torque at times t, starting at the first of them, shape (3, n)."""
     m, c, d, r = (p[f"conveyor.{x}"] for x in ("trough.m", "spring.c", "trough.d", "crank.r"))
 
@@ -71,7 +71,7 @@ def moved(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
     return np.asarray(run.y)
 
 
-def seen(p: Mapping[str, float] = TRUTH) -> dict[str, float]:
+def equivalent_drive(p: Mapping[str, float] = TRUTH) -> dict[str, float]:
     """The equivalent drive, without belt creep, that a record shows."""
     speed = p["motor.A"] / (p["motor.B"] + p["conveyor.trough.d"] * p["conveyor.crank.r"] ** 2 / 2)
     less = 1.0 + p["motor.B"] * CREEP / RATED * speed
@@ -82,7 +82,7 @@ def record(seed: int = 1, drift: float = 0.0) -> pd.DataFrame:
     """The logger's rows; with a drift, the measured speed grows by that fraction per second."""
     number = round(STOP / SAMPLE)
     halves = SAMPLE / 2 * np.arange(2 * number + 1)
-    phi, _, M = moved(TRUTH, halves, CREEP)
+    phi, _, M = simulated(TRUTH, halves, CREEP)
     counts = np.floor(phi[::2] * COUNTS / (2 * pi))
     percent = 100 * M[1::2] / RATED + np.random.default_rng(seed).normal(0.0, NOISE, number)
     return pd.DataFrame(

@@ -57,7 +57,7 @@ FIRST, STOP, SAMPLE, COUNTS = 0.1, 2.5, 0.002, 16384  # [s]; [s]; [s]; per turn
 
 
 @cache
-def drawn() -> CubicSpline:
+def lift_curve() -> CubicSpline:
     """J [kg.m2], U [J] and H [m] over the cam angle [rad], without iron and spring force."""
     phi = np.linspace(0.0, 2 * pi, 1441)
     up, top, down = np.radians([100.0, 60.0, 80.0])
@@ -91,17 +91,17 @@ def rates(p: Mapping[str, float], t: float, y: Samples) -> list[float]:
     """Derivatives of the cam's angle and speed, and of the motor torque."""
     phi, w, M = y
     at = phi % (2 * pi)
-    (J, _, H), (J1, U1, H1), (_, _, H2) = (drawn()(at, k) for k in range(3))
+    (J, _, H), (J1, U1, H1), (_, _, H2) = (lift_curve()(at, k) for k in range(3))
     K = p["iron.friction.K_down"] if H1 > 0 else p["iron.friction.K_up"]
     m, load = p["iron.iron.m"], (1 + K) * p["iron.iron.m"]
-    F = m * G + p["iron.spring.c"] * (STRETCH + drawn().c[-1, 0, 2] - H)
+    F = m * G + p["iron.spring.c"] * (STRETCH + lift_curve().c[-1, 0, 2] - H)
     torque = GEAR * M - U1 + ((1 + K) * F + K * SPRING * G / 2) * H1
     a = (torque - (J1 / 2 + load * H1 * H2) * w * w) / (J + load * H1**2)
     static = p["motor.A"] - p["motor.B"] * GEAR * w
     return [w, a, (static - M) / p["motor.T"]]
 
 
-def moved(p: Mapping[str, float], t: Samples) -> Samples:
+def simulated(p: Mapping[str, float], t: Samples) -> Samples:
     """Angle and speed of the cam and motor torque at times t after the start, shape (3, n)."""
     start = list(STATES.values())
     run = solve_ivp(
@@ -115,7 +115,7 @@ def record(seed: int = 1, truth: Mapping[str, float] = TRUTH) -> pd.DataFrame:
     """The rows of the logger."""
     number = round((STOP - FIRST) / SAMPLE)
     halves = FIRST + SAMPLE / 2 * np.arange(2 * number + 1)
-    phi, _, M = moved(truth, halves)
+    phi, _, M = simulated(truth, halves)
     counts = np.floor(GEAR * (phi[::2] - STATES["iron.phi"]) * COUNTS / (2 * pi))
     noise = np.random.default_rng(seed).normal(0.0, NOISE, number)
     percent = 100 * M[1::2] / RATED + noise

@@ -81,8 +81,8 @@ def forced(
     step = 1e-6
     turn = (gradient(q + step * v, touching) - gradient(q - step * v, touching)) @ v / (2 * step)
     matrix = np.block([[np.diag(MASSES), -push], [A, np.zeros((n, n))]])
-    found = np.linalg.solve(matrix, np.concatenate([Q, -turn]))
-    return found[:4], -float(found[4]) if n else 0.0
+    stage_times = np.linalg.solve(matrix, np.concatenate([Q, -turn]))
+    return stage_times[:4], -float(stage_times[4]) if n else 0.0
 
 
 def hit(q: Vector, v: Vector, touching: Sequence[str]) -> Vector:
@@ -102,7 +102,7 @@ def times(n: float, mu: float, fall: float) -> list[float]:
         return [np.nan] * 4
     q = np.array([PHI, 1.5 * pi, X - R, L1 * sin(PHI) - L2])
     v = np.array([0.0, 0.0, 0.0, sqrt(2 * fall * down)])
-    found = [sqrt(2 * fall / down)]
+    stage_times = [sqrt(2 * fall / down)]
 
     def until(touching: Sequence[str], *ends: Any) -> int:
         """Integrate to the first event that falls below zero, and return its number."""
@@ -119,7 +119,7 @@ def times(n: float, mu: float, fall: float) -> list[float]:
             max_step=1e-2, events=events,
         )  # fmt: skip
         q, v = run.y[:4, -1], run.y[4:, -1]
-        found[-1] += run.t[-1]
+        stage_times[-1] += run.t[-1]
         return next((k for k, at in enumerate(run.t_events) if len(at)), -1)
 
     def turns(q: Vector, v: Vector) -> float:
@@ -129,14 +129,14 @@ def times(n: float, mu: float, fall: float) -> list[float]:
         return float(v[3] + v[1] * (E * cos(q[1]) + R))
 
     v = hit(q, v, ("corner", "wall"))
-    found.append(0.0)
+    stage_times.append(0.0)
     if until(("corner", "wall"), lambda q, v: tip(q)[1] + R, lambda q, v: v[0]):
-        return [*found[:-1], *[np.nan] * 3]
+        return [*stage_times[:-1], *[np.nan] * 3]
     v = hit(q, v, ("hook", "wall"))
-    found.append(0.0)
+    stage_times.append(0.0)
     if until(("hook", "wall"), lambda q, v: tip(q)[0] + L2, slides, turns, lambda q, v: q[0] - PHI):
-        return [*found[:-1], *[np.nan] * 2]
-    found.append(0.0)
+        return [*stage_times[:-1], *[np.nan] * 2]
+    stage_times.append(0.0)
     on = forced(q, v, W, mu, ["wall"])[1] > 0.0
     while True:
         stands = lambda q, v: 2.5 * pi - q[1]
@@ -147,9 +147,9 @@ def times(n: float, mu: float, fall: float) -> list[float]:
         else:
             end = until([], stands, turns, lambda q, v: X - R - E * cos(q[1]) - q[2])
         if end == 0:
-            return found
+            return stage_times
         if end in (1, -1) or (on and end == 2):
-            return [*found[:-1], np.nan]
+            return [*stage_times[:-1], np.nan]
         v = v if on else hit(q, v, ["wall"])
         on = not on
 
@@ -160,8 +160,8 @@ def record(
     """The rows of the camera."""
     rng = np.random.default_rng(seed)
     rows = np.array([times(n, *truth.values()) for n in speeds])
-    seen = np.round((1e3 * rows + rng.normal(0.0, NOISE, rows.shape)) / GRID) * GRID
-    table = {"n [rpm]": speeds} | {f"{x} [ms]": seen[:, k] for k, x in enumerate(STAGES)}
+    measured = np.round((1e3 * rows + rng.normal(0.0, NOISE, rows.shape)) / GRID) * GRID
+    table = {"n [rpm]": speeds} | {f"{x} [ms]": measured[:, k] for k, x in enumerate(STAGES)}
     return pd.DataFrame(table).round(3)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from shutil import copyfile, rmtree
 
-from cosim.commandline import Parser, exit_code, require
+from cosim.cli.options import Parser, exit_code, require
 from scenarios.fmu_files import CLONE as ROOT
 from scenarios.fmu_files import PACKAGE as HOME
 from workbench.answer import PAGE

@@ -15,16 +15,16 @@ import numpy as np
 
 import cosim
 from cosim import Result, System
-from scenarios.conveyor.mechanism import crank_conveyor
-from scenarios.exciter.mechanism import exciter
+from scenarios.conveyor.motion import crank_conveyor
+from scenarios.exciter.motion import exciter
 from scenarios.fmu_files import CLONE as ROOT
 from scenarios.fmu_files import FMUS
-from scenarios.iron import mechanism as iron
+from scenarios.iron import motion as iron
 from scenarios.orientator import machine
-from scenarios.orientator import mechanism as orientator
-from workbench.report import motion
-from workbench.report.motion import Motion, Shape
-from workbench.report.svg import Symbol, drawing
+from scenarios.orientator import motion as orientator
+from workbench.charts import motion
+from workbench.charts.motion import Motion, Shape
+from workbench.charts.svg import Symbol, drawing
 
 CONVEYOR = (
     Symbol("r", "crank", (0, 1), (-12, 2)),
@@ -80,7 +80,7 @@ def still(fmu: str, shapes: Callable[[Any, motion.Columns], list[Shape]], phi: f
 def lifting() -> Motion:
     """The iron drive while the iron goes up."""
     system, r = started("iron", "IronDrive", {"iron.phi": 1.0})
-    return posed(iron.drawn(r, system, np.array([0]))[0])
+    return posed(iron.draw_rows(r, system, np.array([0]))[0])
 
 
 def turning() -> Motion:
@@ -92,7 +92,7 @@ def turning() -> Motion:
     spans = {span.text: span for span in machine.stages(r)}
     now = (spans["turning"].first + spans["turning"].last) / 2
     picked = np.searchsorted(r["time"], [now, spans["joint"].first, r["time"][-1]])
-    shapes, _ = orientator.drawn(r, picked)
+    shapes, _ = orientator.draw_rows(r, picked)
     return posed(shapes, {1: "landing", 2: "oriented"})
 
 

@@ -16,13 +16,21 @@ from PIL import Image
 from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
 from workbench.figure import ERROR_SCOPE
-from workbench.question import asked, parts
+from workbench.question import parts, title
 
 from . import reference
 from .answers import Answered
 
 EXTRA, THUMB = "_extra", (480, 360)
 LANDING = "resonance"
+SLIDER = "motor.T"
+"""What can be changed on the first page: the resonance moves with it."""
+INTEREST = (
+    "resonance", "run_up", "sommerfeld", "iron_cycle", "iron_bounce", "orientation_time", "orientator_cycle",
+    "resonance_map", "rod_force", "iron_orders", "iron_start", "mean_values", "packing_line", "induction_motor",
+    "speed_step", "identify", "iron_identify", "orientator_identify",
+)  # fmt: skip
+"""Questions in the order in which a visitor looks at them; the others follow by name."""
 MOVE = (
     "Move a slider: the FMUs run in your browser, offline. The figures with their errors stand beside the live "
     "numbers."
@@ -48,7 +56,7 @@ def write(answers: Sequence[Answered], folder: Path) -> None:
         write_text(page, machine(page, answers))
     write_text(folder / "machines.md", machine_list(machines, folder))
     write_text(folder / "questions.md", question_list(answers, folder))
-    write_text(folder / "index.md", landing(answers))
+    write_text(folder / "index.md", landing(answers, machines, folder))
     hosts = "\n".join(f"hosts/{page.stem}" for page in sorted((folder / "docs/hosts").glob("*.md")))
     with (folder / "docs" / "hosts.md").open("a", encoding="utf-8") as text:
         text.write(f"\n{tree('', hosts)}\n")
@@ -68,19 +76,20 @@ def tree(caption: str, pages: str) -> str:
     return f":::{{toctree}}\n:hidden:\n{head}\n{pages}\n:::"
 
 
-def live(one: Answered, root: str) -> str:
-    """The live part of a question's page, and a link to the whole page."""
+def live(one: Answered, root: str, slider: str = "") -> str:
+    """The live part of a question's page, with one slider or all, and a link to the whole page."""
     page = f"{root}questions/{one.name}/report.html"
-    title = escape(f"Live model: {asked(one.page)}")
+    label = escape(f"Live model: {title(one.page)}")
+    only = f"?slider={slider}" if slider else ""
     return (
-        f'<iframe class="live" src="{page}" title="{title}" loading="lazy"></iframe>\n\n'
+        f'<iframe class="live" src="{page}{only}" title="{label}" loading="lazy"></iframe>\n\n'
         f'<p class="way"><a href="{page}">Open the live page on its own</a>, with all curves, '
         "figures and data.</p>"
     )
 
 
-def landing(answers: Sequence[Answered]) -> str:
-    """The first page."""
+def landing(answers: Sequence[Answered], machines: Sequence[Path], folder: Path) -> str:
+    """The first page: a machine that runs, the ways into the project, and all machines."""
     first = next((one for one in answers if one.name == LANDING), answers[0])
     guides = re.findall(r"\]\(([\w/]+)\.md\)", (ROOT / "docs" / "README.md").read_text("utf-8"))
     guides = [f"docs/{name}" for name in dict.fromkeys(guides) if "/" not in name]
@@ -94,16 +103,24 @@ def landing(answers: Sequence[Answered]) -> str:
     return f"""\
 # Drive FMUs
 
-Drop-in FMI 2.0 co-simulation FMUs of electromechanical drives, and a co-simulation master that
-reports how much error the coupling adds to every result.
+Drop-in FMI co-simulation FMUs of electromechanical drives, and a master that states its coupling error.
 
-[Machines](machines.md) · [Questions](questions.md) · [The project on one page](README.md) ·
-[All guides](docs/README.md) · [Commands](commands.md) · Python: [cosim](reference/cosim.md),
-[workbench](reference/workbench.md), [fmukit](reference/fmukit.md)
+**{title(first.page)}** The FMUs run in your browser, offline. Move the slider.
 
-{asked(first.page)} {MOVE}
+{live(first, "", SLIDER if first.name == LANDING else "")}
 
-{live(first, "")}
+<nav class="doors" aria-label="Ways into the project">
+<a href="docs/hosts.html"><b>Get the FMUs</b><span>FMI 2.0 and 3.0, for your own simulator</span></a>
+<a href="questions.html"><b>Ask a question</b><span>Figures with errors, pictures, live pages</span></a>
+<a href="docs/coupling.html"><b>Couple your own</b><span>A master that states its coupling error</span></a>
+</nav>
+
+## Machines
+
+{deck(machine_cards(machines, folder))}
+
+Read on: [the project on one page](README.md) · [all guides](docs/README.md) · [commands](commands.md) · Python:
+[cosim](reference/cosim.md), [workbench](reference/workbench.md), [fmukit](reference/fmukit.md)
 
 {contents}
 """
@@ -164,7 +181,7 @@ def machine(page: Path, answers: Sequence[Answered]) -> str:
     about = [one for one in answers if page.stem in map(page_of, parts(one.page).values())]
     if not about:
         return text
-    asked_of = "\n".join(f"* [{asked(one.page)}](../../questions/{one.name}.md)" for one in about)
+    asked_of = "\n".join(f"* [{title(one.page)}](../../questions/{one.name}.md)" for one in about)
     shown = f"## Questions about this machine\n\n{asked_of}\n"
     for one in [one for one in about if one.lives][:1]:
         shown = f"## Live model\n\n{MOVE}\n\n{live(one, '../../')}\n\n{shown}"
@@ -174,31 +191,45 @@ def machine(page: Path, answers: Sequence[Answered]) -> str:
 
 def machine_list(machines: Sequence[Path], folder: Path) -> str:
     """The page that shows all machines by their drawings."""
+    pages = tree("", "\n".join(f"docs/machines/{page.stem}" for page in machines))
+    cards = deck(machine_cards(machines, folder))
+    return f"# Machines\n\nEach is one FMU, made from a page of equations.\n\n{cards}\n\n{pages}\n"
+
+
+def machine_cards(machines: Sequence[Path], folder: Path) -> list[str]:
+    """A card for each machine; their drawings are copied to the site."""
     cards = []
     for page in machines:
         ((name, title),) = re.findall(r"(?m)^# (\w+)\n\n\*\*(.+)\.\*\*", page.read_text("utf-8"))
         drawing = ROOT / "components" / page.stem / "drawing.svg"
-        place = Path(EXTRA, "pictures", drawing.with_stem(page.stem).name)
-        (folder / place).parent.mkdir(parents=True, exist_ok=True)
-        copyfile(drawing, folder / place)
-        cards.append(card(f"docs/machines/{page.stem}.html", place, name, title))
-    pages = tree("", "\n".join(f"docs/machines/{page.stem}" for page in machines))
-    return f"# Machines\n\nEach is one FMU, made from a page of equations.\n\n{deck(cards)}\n\n{pages}\n"
+        picture = Path(EXTRA, "pictures", drawing.with_stem(page.stem).name)
+        (folder / picture).parent.mkdir(parents=True, exist_ok=True)
+        copyfile(drawing, folder / picture)
+        cards.append(card(f"docs/machines/{page.stem}.html", picture, name, title))
+    return cards
+
+
+def by_interest(answers: Sequence[Answered]) -> list[Answered]:
+    """The answers in the order in which the site lists them."""
+    rank = {name: number for number, name in enumerate(INTEREST)}
+    return sorted(answers, key=lambda one: (rank.get(one.name, len(rank)), one.name))
 
 
 def question_list(answers: Sequence[Answered], folder: Path) -> str:
     """The page that shows all questions by their pictures."""
     cards = []
-    for one in answers:
+    for one in by_interest(answers):
         place = Path(EXTRA, "pictures", one.picture.name)
         (folder / place).parent.mkdir(parents=True, exist_ok=True)
         with Image.open(one.picture) as whole:
             whole.convert("RGB").resize(
                 (THUMB[0], round(whole.height * THUMB[0] / whole.width)), Image.Resampling.LANCZOS
             ).quantize(64).save(folder / place, optimize=True)
-        title = asked(one.page) + (" Live." if one.lives else "")
-        cards.append(card(f"questions/{one.name}.html", place, one.name, title))
-    pages = tree("", "\n".join(f"{one.name} <questions/{one.name}>" for one in answers))
+        caption = title(one.page) + (" Live." if one.lives else "")
+        cards.append(card(f"questions/{one.name}.html", place, one.name, caption))
+    pages = tree(
+        "", "\n".join(f"{one.name} <questions/{one.name}>" for one in by_interest(answers))
+    )
     return f"# Questions\n\nEach is a short Python file; the [answers](docs/scenarios.md) state their errors.\n\n{deck(cards)}\n\n{pages}\n"
 
 

@@ -14,15 +14,15 @@ from functools import partial
 from importlib import import_module
 from unittest.mock import patch
 
-import cosim.__main__
+from cosim.cli.main import parser
 from scenarios.__main__ import PROJECT
 from scenarios.fmu_files import CLONE as ROOT
-from workbench.command import main
+from workbench.cli import main
 
 PROGRAM = "scenarios"
 API = {
     "cosim": ("The master", ()),
-    "workbench": ("Questions", ("measure", "live", "report.motion")),
+    "workbench": ("Questions", ("measure", "live", "charts.motion")),
     "fmukit": ("Machines", ("step.hybrid", "step.flow", "step.jet")),
 }
 SCRIPTS = {
@@ -37,7 +37,7 @@ def commands() -> str:
     parts = [
         "# Commands\n\nThe help of every command. The options of a question are on its own page."
     ]
-    coupling = cosim.__main__.parser()
+    coupling = parser()
     for name in coupling._actions[-1].choices or ():
         said = help_of(partial(coupling.parse_args, [name, "--help"]))
         parts.append(section(f"cosim {name}", said))

@@ -28,11 +28,10 @@ def ask(
     cosim.SetupError for what is refused, cosim.SimulationError for a run that fails, and
     workbench.question.QuestionError where a file of one's own raises.
     """
+    from scenarios.__main__ import PROGRAM, PROJECT
     from workbench.answer import write
-    from workbench.ask import ask
+    from workbench.run import ask
     from workbench.runs.folder import reservation
-
-    from .__main__ import PROGRAM, PROJECT
 
     folder = None if out is None else Path(out)
     with reservation(folder):
@@ -58,10 +57,9 @@ def study(
     `jobs` are all cores by default. Files go to the folder `out`, by default results/studies/NAME. Raises
     cosim.SetupError for a mistake in the file, before any run.
     """
+    from scenarios.__main__ import PROJECT
     from workbench import study
 
-    from .__main__ import PROJECT
-
     folder = None if out is None else Path(out)
-    asked = study.load(Path(file), PROJECT)
-    return study.run(asked, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder)
+    plan = study.load(Path(file), PROJECT)
+    return study.run(plan, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder)

@@ -2,7 +2,7 @@
 
 import sys
 
-from workbench.command import main
+from workbench.cli import main
 from workbench.question import Project
 
 from . import fmu_files

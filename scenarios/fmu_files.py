@@ -84,8 +84,8 @@ def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> s
     """
     path = folders[flavour] / f"{name}{'.wasm' if flavour == 'wasm' else '.fmu'}"
     if IS_CLONE and plain(name) not in machines():
-        others = ", ".join(sorted(other.stem for other in path.parent.glob(f"*{path.suffix}")))
-        return f"there is no machine {name!r} in components; {path.parent} has {others or 'none'}"
+        existing = ", ".join(sorted(other.stem for other in path.parent.glob(f"*{path.suffix}")))
+        return f"there is no machine {name!r} in components; {path.parent} has {existing or 'none'}"
     build = f"python build_fmus.py --flavour {flavour}"
     if not path.is_file():
         return f"there is no {path.name} in {path.parent}" + (

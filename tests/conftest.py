@@ -24,7 +24,7 @@ from pythonfmu import FmuBuilder
 
 from scenarios.__main__ import PROJECT
 from workbench.answer import Answer
-from workbench.ask import ask as asked
+from workbench.run import ask as asked
 
 ROOT = Path(__file__).resolve().parents[1]
 DESCRIPTION = "modelDescription.xml"
@@ -142,7 +142,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 QUICK_FILES = {
     "test_dimensions.py", "test_drive_parts.py", "test_linear_system.py", "test_physics.py",
-    "test_figures.py", "test_inputs.py", "test_jet.py", "test_scratch.py", "test_ssp.py",
+    "test_inputs.py", "test_jet.py", "test_metrics.py", "test_scratch.py", "test_ssp.py",
     "test_codec.py", "test_journal.py", "test_golden.py", "test_means.py",
 }  # fmt: skip
 """Files of tests that take seconds together and look at every package; `-m quick` runs them."""

@@ -17,7 +17,7 @@ import pytest
 from fmukit.fmu.page import EXTERNAL_DEPENDENCIES
 from tests.conftest import ROOT, ask
 from tests.pictures import differ
-from workbench.report.png import draw
+from workbench.charts.mpl import draw
 
 PAGES = sorted(
     str(path.relative_to(ROOT))

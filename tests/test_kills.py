@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 
 from cosim import write_ssp
-from scenarios.conveyor.drive import conveyor_drive
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT, hear_ctrl_c
 
 MOMENTS, GRACE = 50, 5.0

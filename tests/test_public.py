@@ -17,22 +17,22 @@ PACKAGES = ("cosim", "fmukit", "scenarios", "workbench")
 
 def interface() -> Iterator[str]:
     """A line for each public thing."""
-    import cosim.__main__
+    from cosim.cli.main import registered_commands
     from scenarios.__main__ import PROJECT
-    from workbench import command
+    from workbench import cli
     from workbench.question import names
 
     for package in PACKAGES:
         module = importlib.import_module(package)
         for name in sorted(module.__all__):
             yield f"{package}.{name}{signature(getattr(module, name))}"
-    coupling = cosim.__main__.parser()._actions[-1].choices or ()
+    coupling = (command.name for command in registered_commands())
     yield from (f"command: cosim {name}" for name in sorted(coupling))
-    yield from (f"command: scenarios {name}" for name in sorted(command.COMMANDS))
+    yield from (f"command: scenarios {name}" for name in sorted(cli.COMMANDS))
     yield "command: fmukit build"
     yield "command: drive-fmus"
     yield from (f"question: {name}" for name in sorted(names(PROJECT.home)))
-    yield f"exit status of a refused answer: {command.REFUSED}"
+    yield f"exit status of a refused answer: {cli.REFUSED}"
 
 
 def signature(value: object) -> str:

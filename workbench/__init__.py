@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .answer import Answer, Findings, Show, Table
-    from .ask import Bench
+    from .charts.model import Chart, Curve, Mark, Panel
     from .figure import Figure
     from .options import Options, Run, option
-    from .report.chart import Chart, Curve, Mark, Panel
+    from .run import Context
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 for variable in THREADS:
     os.environ.setdefault(variable, "1")
 
 HOMES = {
-    "Answer": "answer", "Show": "answer", "Table": "answer", "Bench": "ask", "Findings": "answer",
+    "Answer": "answer", "Show": "answer", "Table": "answer", "Context": "run", "Findings": "answer",
     "Figure": "figure", "Options": "options", "Run": "options", "option": "options",
-    "Chart": "report.chart", "Curve": "report.chart", "Mark": "report.chart",
-    "Panel": "report.chart",
+    "Chart": "charts.model", "Curve": "charts.model", "Mark": "charts.model",
+    "Panel": "charts.model",
 }  # fmt: skip
 __all__ = [
-    "Answer", "Bench", "Chart", "Curve", "Figure", "Findings", "Mark", "Options", "Panel", "Run",
+    "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Mark", "Options", "Panel", "Run",
     "Show", "Table", "option",
 ]  # fmt: skip
 

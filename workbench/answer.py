@@ -19,12 +19,12 @@ from cosim import Result, System
 from cosim.result import partial, write_json
 from cosim.system import Value, connect, declared_start
 
+from .charts.gif import gif
+from .charts.model import Picture
+from .charts.motion import Motion
+from .charts.mpl import draw
 from .figure import ERROR_SCOPE, Figure
-from .report.chart import Picture
-from .report.gif import gif
-from .report.html import report
-from .report.motion import Motion
-from .report.png import draw
+from .page.html import report
 from .runs.folder import reservation
 
 if TYPE_CHECKING:

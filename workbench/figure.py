@@ -33,7 +33,7 @@ class Figure(NamedTuple):
     reason: str = ""
 
     @classmethod
-    def refused(cls, unit: str, reason: str, meaning: str = "") -> Figure:
+    def undetermined(cls, unit: str, reason: str, meaning: str = "") -> Figure:
         """A figure that is not determined, and why."""
         return cls(math.nan, unit, None, meaning, reason)
 
@@ -89,7 +89,7 @@ def listed(texts: Sequence[str]) -> str:
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
-def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
+def drop_undetermined(verdict: str, figures: Mapping[str, Figure]) -> str:
     """A verdict without the sentences in which a refused figure leaves a hole, "It takes not determined
     (..)", and at its end the reason; "It is not determined (..)." and "With it: not determined (..)." stay.
     """

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from cosim import Result, estimate
-from cosim.judge.certify import DIVERGED, disturbed, divergence
+from cosim.accuracy.certify import DIVERGED, disturbed, divergence
 
 from .figure import Figure
-from .measure import of_rows
+from .measure import with_rows
 
 NEGLIGIBLE, SMALL, FLOOR = 1e-9, 1e-3, 0.02
 
@@ -81,13 +81,13 @@ def converged(
     reason = f"{DIVERGED} from {begin:.4g} s on"
     before = figures(result)
     try:
-        after = figures(of_rows(result, disturbed(result.data, begin, columns)))
+        after = figures(with_rows(result, disturbed(result.data, begin, columns)))
     except Exception:  # noqa: BLE001
         after = {}
     return {
         name: figure
         if figure.error is None or after.get(name) == before.get(name)
-        else Figure.refused(figure.unit, reason, figure.meaning)
+        else Figure.undetermined(figure.unit, reason, figure.meaning)
         for name, figure in stated.items()
     }
 
@@ -100,7 +100,7 @@ def _otherwise(
     for name in result.provenance["first_order"]:
         rows[:, result.columns.index(name)] *= np.linspace(0.5, 1.5, len(rows))
     try:
-        return figures(of_rows(result, rows))
+        return figures(with_rows(result, rows))
     except Exception:  # noqa: BLE001
         return {}
 
@@ -114,5 +114,5 @@ def _whole(runs: Sequence[Figure | None], order: float) -> Figure:
     values = [run.value for run in reversed(runs) if run is not None and run.error is not None]
     if len(values) < len(runs):
         reason = "only some of the three runs with different communication steps have it"
-        return Figure.refused(fine.unit, reason, fine.meaning)
+        return Figure.undetermined(fine.unit, reason, fine.meaning)
     return fine._replace(error=fine.error + coupling(values, order))

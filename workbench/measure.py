@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import Result, figures
+from cosim import Result, metrics
 
 from .figure import Figure
 
@@ -29,9 +29,11 @@ class Measured(NamedTuple):
     def figure(self, unit: str, meaning: str) -> Figure:
         """The value as a figure, which is refused for what does not or may not happen."""
         if self.error == math.inf:
-            return Figure.refused(unit, "the level is only just reached, or just missed", meaning)
+            return Figure.undetermined(
+                unit, "the level is only just reached, or just missed", meaning
+            )
         if math.isnan(self.value):
-            return Figure.refused(unit, "it does not happen during the run", meaning)
+            return Figure.undetermined(unit, "it does not happen during the run", meaning)
         return Figure(self.value, unit, self.error, meaning)
 
 
@@ -56,10 +58,12 @@ def measured(tell: Callable[..., float], *columns: Samples) -> Measured:
     return _away(value, others)
 
 
-def over_rows(tell: Callable[[Result], Mapping[str, Figure]], result: Result) -> dict[str, Figure]:
+def with_row_errors(
+    tell: Callable[[Result], Mapping[str, Figure]], result: Result
+) -> dict[str, Figure]:
     """The figures that `tell` returns for a result, by name, with the same error; refused ones stay so."""
     whole = tell(result)
-    others = [tell(of_rows(result, result.data[half])) for half in _halves(len(result.data))]
+    others = [tell(with_rows(result, result.data[half])) for half in _halves(len(result.data))]
     return {
         name: figure
         if figure.error is None
@@ -68,7 +72,7 @@ def over_rows(tell: Callable[[Result], Mapping[str, Figure]], result: Result) ->
     }
 
 
-def of_rows(result: Result, rows: Samples) -> Result:
+def with_rows(result: Result, rows: Samples) -> Result:
     """The result with these rows instead, of shape (n, columns)."""
     return Result(result.columns, result.units, result.provenance, lambda: rows)
 
@@ -93,7 +97,7 @@ def largest(t: Samples, x: Samples) -> Peak:
     """The largest value of x and its time, on the spline through its rows, which rises no further
     above them than at a smooth peak.
     """
-    return Peak(*measured(figures.largest, t, x), measured(figures.time_of_largest, t, x))
+    return Peak(*measured(metrics.largest, t, x), measured(metrics.time_of_largest, t, x))
 
 
 def smallest(t: Samples, x: Samples) -> Peak:
@@ -105,7 +109,7 @@ def smallest(t: Samples, x: Samples) -> Peak:
 def since(t: Samples, x: Samples, begin: float) -> tuple[Samples, Samples]:
     """The rows from a time on, the first of them on the spline through all."""
     late = t > begin
-    first = float(figures.spline(t, x)(begin))
+    first = float(metrics.spline(t, x)(begin))
     return np.concatenate([[begin], t[late]]), np.concatenate([[first], x[late]])
 
 
@@ -116,13 +120,13 @@ def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
     The error is infinite where x turns so near to the level before that (after it for which < 0) that
     a small error of x decides which time it is.
     """
-    times = passes(t, x, level)
+    times = crossing_times(t, x, level)
     found, begin, end = Measured(math.nan, math.nan), t[0], t[-1]
     if -len(times) <= which < len(times):
         k = which % len(times)
         found, others = _crossing(t, x, level, times, k), np.concatenate([t[:1], times, t[-1:]])
         begin, end = (others[k], end) if which < 0 else (begin, others[k + 2])
-    curve = figures.spline(t, x)
+    curve = metrics.spline(t, x)
     turns = curve.derivative().roots(extrapolate=False)
     near = np.abs(curve(turns) - level) < TOUCHED * (x.max() - x.min())
     doubtful = near & (begin < turns) & (turns < end)
@@ -132,7 +136,7 @@ def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
 def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> Measured:
     """One of the times that `passes` tells, with the error that the rows' spacing leaves."""
     time = float(times[k])
-    others = [passes(t[half::2], x[half::2], level) for half in (0, 1)]
+    others = [crossing_times(t[half::2], x[half::2], level) for half in (0, 1)]
     away = max(abs(o - time).min() if len(o) else math.inf for o in others)
     gap = min(abs(np.delete(times, k) - time), default=math.inf)
     spacing = float(np.diff(t).max())
@@ -140,16 +144,16 @@ def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> M
     return Measured(time, max(float(error), ROUNDING * abs(time)))
 
 
-def passes(t: Samples, x: Samples, level: float) -> Samples:
+def crossing_times(t: Samples, x: Samples, level: float) -> Samples:
     """The times alone, without those that SciPy finds by mistake where x hardly moves, from rest."""
-    curve = figures.spline(t, x)
+    curve = metrics.spline(t, x)
     found = curve.solve(level, extrapolate=False)
     return np.asarray(found[abs(curve(found) - level) <= ON_LEVEL * abs(x - level).max()])
 
 
 def integral(t: Samples, x: Samples) -> Measured:
     """Of x over t, on the spline through its rows."""
-    return measured(lambda t, x: float(figures.spline(t, x).integrate(t[0], t[-1])), t, x)
+    return measured(lambda t, x: float(metrics.spline(t, x).integrate(t[0], t[-1])), t, x)
 
 
 def last_revolutions(phi: Samples, count: int) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ import numpy as np
 
 import cosim
 from cosim import SetupError
-from cosim.commandline import assignment, literal
+from cosim.cli.options import assignment, literal
 from cosim.system import Value
 from cosim.units import QUANTITY, multiples
 
@@ -72,8 +72,8 @@ class Option:
     def words(self) -> str:
         """Meaning, unit and default, for the help."""
         unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
-        shown = f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
-        default = "" if self.default in (None, (), "", False) else f" (default: {shown})"
+        default_text = f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
+        default = "" if self.default in (None, (), "", False) else f" (default: {default_text})"
         return f"{self.meaning}{unit}{default}".replace("%", "%%")
 
     def _one(self, given: Any, key: str) -> Any:
@@ -88,14 +88,14 @@ class Option:
         if self.choices and value not in self.choices:
             start = "; a start value of an FMU is given with --start" * ("=" in str(given))
             raise SetupError(
-                f"{key} = {shown(given)} must be one of {', '.join(self.choices)}{start}"
+                f"{key} = {quoted(given)} must be one of {', '.join(self.choices)}{start}"
             )
         if type(value) is not self.kind:
-            raise SetupError(f"{key} = {shown(given)} must be {KINDS[self.kind]}")
+            raise SetupError(f"{key} = {quoted(given)} must be {KINDS[self.kind]}")
         return self._checked(value, key)
 
     def _number(self, given: Any, key: str) -> float:
-        said = f"{key} = {shown(given)}"
+        said = f"{key} = {quoted(given)}"
         if isinstance(given, str):
             return self._parsed([given], said, self._expected())[0]
         if isinstance(given, bool) or not isinstance(given, Real):
@@ -104,7 +104,7 @@ class Option:
 
     def _list(self, given: Any, key: str) -> list[Any]:
         """Values, "a,b,c", or numbers "20:66:24" (from, to, number); the unit of one is that of all."""
-        said, form = f"{key} = {shown(given)}", "read from:to:number or a,b,c"
+        said, form = f"{key} = {quoted(given)}", "read from:to:number or a,b,c"
         if isinstance(given, str) and self.kind is not float:
             given = given.split(",")
         if not isinstance(given, str):
@@ -162,7 +162,7 @@ class Options:
     def __post_init__(self) -> None:
         for name, told in declared(type(self)).items():
             object.__setattr__(self, name, told.read(getattr(self, name)))
-        object.__setattr__(self, "start", starts(self.start))
+        object.__setattr__(self, "start", parse_starts(self.start))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,28 +196,28 @@ def declared(kind: type[Options]) -> dict[str, Option]:
     return found
 
 
-def shown(value: object) -> str:
+def quoted(value: object) -> str:
     """A value in a message."""
     return "nothing" if value is None else repr(value)
 
 
-def unknown(name: str, known: Iterable[str], who: str) -> SetupError:
+def unknown_option(name: str, known: Iterable[str], who: str) -> SetupError:
     """The error for an option that a question does not have, with the closest that it has."""
     near = get_close_matches(name, list(known), 1)
     hint = f": did you mean {near[0]!r}?" if near else f", only {', '.join(known)}"
     return SetupError(f"{who} has no option {name!r}{hint}")
 
 
-def made(kind: type[Chosen], given: Mapping[str, Any], who: str) -> Chosen:
+def parse_options(kind: type[Chosen], given: Mapping[str, Any], who: str) -> Chosen:
     """The options of these names; raises SetupError for what they cannot be."""
     known = [*declared(kind), "start"]
     for name in given:
         if name not in known:
-            raise unknown(name, known, who)
+            raise unknown_option(name, known, who)
     return kind(**given)
 
 
-def add(parser: ArgumentParser, kind: type[Options]) -> None:
+def add_arguments(parser: ArgumentParser, kind: type[Options]) -> None:
     """The options on a command line, whose values stay texts; what is not given is left out."""
     for name, told in declared(kind).items():
         flag = f"--{name.replace('_', '-')}"
@@ -226,8 +226,12 @@ def add(parser: ArgumentParser, kind: type[Options]) -> None:
         elif told.kind is str and told.many:
             parser.add_argument(flag, action="append", metavar="TEXT", help=told.words())
         else:
-            shown = "|".join(told.choices) or {float: "NUMBER", int: "N"}.get(told.kind, "TEXT")
-            parser.add_argument(flag, metavar="LIST" if told.many else shown, help=told.words())
+            placeholder = "|".join(told.choices) or {float: "NUMBER", int: "N"}.get(
+                told.kind, "TEXT"
+            )
+            parser.add_argument(
+                flag, metavar="LIST" if told.many else placeholder, help=told.words()
+            )
     parser.add_argument(
         "--start",
         action="append",
@@ -236,17 +240,17 @@ def add(parser: ArgumentParser, kind: type[Options]) -> None:
     )
 
 
-def starts(given: Mapping[str, Value] | Iterable[str]) -> Start:
+def parse_starts(given: Mapping[str, Value] | Iterable[str]) -> Start:
     """Start values by name, from a mapping or from texts, ["motor.T=0.05"]."""
     if isinstance(given, Mapping):
         return dict(given)
     if isinstance(given, str) or not isinstance(given, Iterable):
         form = 'a dictionary, {"motor.T": 0.05}'
-        raise SetupError(f"start = {shown(given)} must be start values by name, {form}")
+        raise SetupError(f"start = {quoted(given)} must be start values by name, {form}")
     return {name: literal(text) for name, text in map(assignment, given)}
 
 
-def refuse(start: Mapping[str, Value], own: Iterable[str]) -> None:
+def check_fixed_starts(start: Mapping[str, Value], own: Iterable[str]) -> None:
     """Raise SetupError for a start value that a question sets itself."""
     for name in own:
         if name in start:

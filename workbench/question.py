@@ -21,7 +21,7 @@ from .options import Options, declared
 
 FROM_FILE, FMU, MODULES = "__question__", ".fmu", "wasm"
 FLAVOURS = PYTHON, NATIVE = "python", "native"
-TAKEN = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
+RESERVED_OPTIONS = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
 
 
 class Project(NamedTuple):
@@ -79,7 +79,7 @@ class Project(NamedTuple):
         }
 
 
-ALONE = Project()
+NO_PROJECT = Project()
 
 
 class QuestionError(RuntimeError):
@@ -112,7 +112,7 @@ def summary(home: Path, module: str) -> str:
     return (documentation or "").partition("\n")[0]
 
 
-def asked(page: ModuleType) -> str:
+def title(page: ModuleType) -> str:
     """The question of a page: the first line of its text."""
     return (page.__doc__ or "").strip().partition("\n")[0]
 
@@ -122,7 +122,7 @@ def name(page: ModuleType) -> str:
     return page.__name__.rpartition(".")[2]
 
 
-def where(page: ModuleType) -> str:
+def locator(page: ModuleType) -> str:
     """What `load` takes to load a page again, or in another process."""
     return str(page.__file__) if hasattr(page, FROM_FILE) else page.__name__
 
@@ -138,20 +138,20 @@ def parts(page: ModuleType) -> Mapping[str, str]:
     return found
 
 
-def load(where: str) -> ModuleType:
-    """The page of a module, "scenarios.conveyor.run_up", or of a file, "mine.py".
+def load(locator: str) -> ModuleType:
+    """The page of a module, "scenarios.conveyor.questions.run_up", or of a file, "mine.py".
 
     Raises SetupError for a file that is not there, and for what is no page; QuestionError for one
     whose own code raises.
     """
-    if not where.endswith(".py"):
-        return _checked(importlib.import_module(where), where)
-    path = Path(where).resolve()
+    if not locator.endswith(".py"):
+        return _checked(importlib.import_module(locator), locator)
+    path = Path(locator).resolve()
     if not path.is_file():
-        raise SetupError(f"there is no file {where}")
+        raise SetupError(f"there is no file {locator}")
     known = sys.modules.get(path.stem)
     if known is not None and not hasattr(known, FROM_FILE):
-        raise SetupError(f"{where}: {path.stem!r} is the name of a module; rename the file")
+        raise SetupError(f"{locator}: {path.stem!r} is the name of a module; rename the file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
@@ -159,15 +159,15 @@ def load(where: str) -> ModuleType:
     setattr(page, FROM_FILE, True)
     sys.modules[path.stem] = page
     try:
-        with blamed(page):
+        with attribute_errors(page):
             spec.loader.exec_module(page)
-        return _checked(page, where)
+        return _checked(page, locator)
     except BaseException:
         del sys.modules[path.stem]
         raise
 
 
-loaded = cache(load)
+load_cached = cache(load)
 
 
 def find(home: Path | None, text: str, folder: Path = Path()) -> str:
@@ -183,37 +183,37 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
     raise SetupError(f"{text!r} must be {known}an existing file NAME.py")
 
 
-def _checked(page: ModuleType, where: str) -> ModuleType:
+def _checked(page: ModuleType, locator: str) -> ModuleType:
     """The page, if it has what a page must have."""
     kind = getattr(page, "Options", None)
     if not (isinstance(kind, type) and issubclass(kind, Options)):
-        raise SetupError(f"{where} must define a class Options(workbench.Options)")
+        raise SetupError(f"{locator} must define a class Options(workbench.Options)")
     if not isinstance(parts(page), Mapping):
-        raise SetupError(f"{where}: PARTS must be a dict of FMUs by part")
+        raise SetupError(f"{locator}: PARTS must be a dict of FMUs by part")
     if not hasattr(page, "solve"):
         for wanted, form in (("system", "(o, fmus)"), ("figures", "(o, r)")):
             if not hasattr(page, wanted):
-                raise SetupError(f"{where} must define {wanted}{form}, or solve(o, bench)")
+                raise SetupError(f"{locator} must define {wanted}{form}, or solve(o, context)")
         if not hasattr(kind, "step"):
             raise SetupError(
-                f"{where}: with system and figures, Options must derive from workbench.Run"
+                f"{locator}: with system and figures, Options must derive from workbench.Run"
             )
     if any(isinstance(value, Field) for value in vars(kind).values()):
         raise SetupError(
-            f"{where}: class Options must be decorated with @dataclass(frozen=True, kw_only=True)"
+            f"{locator}: class Options must be decorated with @dataclass(frozen=True, kw_only=True)"
         )
     for name in declared(kind):
-        if name in TAKEN:
+        if name in RESERVED_OPTIONS:
             raise SetupError(
-                f"{where}: no option can be called {name!r}, since every question has one of that name"
+                f"{locator}: no option can be called {name!r}, since every question has one of that name"
             )
-    if not asked(page):
-        raise SetupError(f"{where} must begin with its question as a docstring")
+    if not title(page):
+        raise SetupError(f"{locator} must begin with its question as a docstring")
     return page
 
 
 @contextmanager
-def blamed(page: ModuleType) -> Iterator[None]:
+def attribute_errors(page: ModuleType) -> Iterator[None]:
     """Turn what a page's own code raises into a QuestionError with its file and line, and also what a
     user's own file makes other code raise.
     """

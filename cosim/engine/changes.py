@@ -7,9 +7,8 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from fmpy.model_description import ScalarVariable
-
 from ..system import Network, Port, Value, is_continuous_input
+from ..system.description import Variable
 from ..system.inputs import FunctionInput, Table
 from .part import Part
 from .times import coincide
@@ -20,7 +19,7 @@ class Change(NamedTuple):
 
     time: float
     part: Part
-    variable: ScalarVariable
+    variable: Variable
     value: Value
 
 

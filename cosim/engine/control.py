@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
-from .algorithms import Advance
 from .part import Part
+from .schedule import Advance
 from .snapshot import Snapshot, forget_after
 from .times import coincide
 
@@ -52,7 +52,8 @@ class Adaptive:
 class ErrorScale:
     """The largest size of each wired Real output so far, at least its nominal value."""
 
-    def __init__(self, parts: Sequence[Part], settings: Adaptive) -> None:
+    def __init__(self, parts: Sequence[Part], control: Controller) -> None:
+        settings = control.settings
         self.blocks = [block for part in parts for block in part.outputs if block.real]
         self.names = [name for block in self.blocks for name in block.names]
         self.tolerance = settings.tolerance
@@ -64,8 +65,7 @@ class ErrorScale:
             if v.type == "Real"
         }
         self.largest = [nominal[name] for name in self.names]
-        fed_through = set[str]().union(*(part.fed_through() for part in parts))
-        self.instant = [name in fed_through for name in self.names]
+        self.instant = [name in control.instant for name in self.names]
 
     def values(self) -> list[float]:
         """The outputs as they stand."""
@@ -92,11 +92,15 @@ class ErrorScale:
 class Controller:
     """The steps between times [s], each of which is met; a PI controller chooses their sizes [s].
 
-    The next size follows from how much of the tolerance this step and the last one used.
+    The next size follows from how much of the tolerance this step and the last one used. `instant` are
+    the wired outputs with direct feedthrough.
     """
 
-    def __init__(self, order: int, settings: Adaptive, times: Sequence[float]) -> None:
+    def __init__(
+        self, order: int, settings: Adaptive, times: Sequence[float], instant: Collection[str]
+    ) -> None:
         self.order, self.settings, self.times, self.rejected = order, settings, times, 0
+        self.instant = instant
         self.t, self.span = times[0], times[-1] - times[0]
         first = FIRST * self.span if settings.first is None else settings.first
         self.h = min(first, settings.longest)
@@ -139,7 +143,7 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
 
     The whole step's end serves the halves as a prediction where inputs move within a step.
     """
-    scale, snapshot = ErrorScale(parts, control.settings), Snapshot(parts)
+    scale, snapshot = ErrorScale(parts, control), Snapshot(parts)
     for t, h in control.steps():
         snapshot.take()
         reason = ""
@@ -175,7 +179,7 @@ def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> I
     After the energy-conservation-based co-simulation of Sadjina et al. (2017), with the power that
     a bond may create held to the tolerance times the largest power so far.
     """
-    booked = [end for part in parts for end in part.ends]
+    booked = [end for part in parts for end in part.bond_sides]
     bonds = dict.fromkeys(end.bond for end in booked)
     sides = [[end for end in booked if end.bond == bond] for bond in bonds]
     largest = 0.0

@@ -2,125 +2,51 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
-from types import MappingProxyType
-from typing import Any, NamedTuple
 
-from fmpy.model_description import ScalarVariable
-
-from ..errors import EventReached, FmuError, SetupError, StepDiscarded
-from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, parts_without
-from .algorithms import (
-    EXPLICIT,
-    Advance,
-    convergence_order,
-    explicit,
-    first_order_outputs,
-    iterated,
-    program,
-)
+from ..errors import EventReached, FmuError, StepDiscarded
+from ..report import Statistics
+from ..system import STATE, VARIABLE_STEP, Port, parts_without
+from ..system.description import Variable
+from .algorithms import find_algorithm
+from .buffers import Slot
 from .changes import Change, with_changes
 from .control import Adaptive, Controller, by_energy, doubling
+from .iteration import Iteration
 from .loop import Loop, can_compile
 from .part import Part
 from .recorder import IntermediateValues, OutputGrid, Recorder
+from .schedule import Advance, coupling_context, explicit, schedule
+from .settings import RunSettings
 from .snapshot import Snapshot, forget_after
 from .times import coincide
 
 CHECKPOINT = 1000
-SHORTEST_TIME = 2.0**-46
 SHORTEST = 2.0**-20
 PATIENCE = 0.05
 MOST_ROWS = 1 << 12
-
-
-class RunSettings(NamedTuple):
-    """How a system is run, see `run`: all that a run takes and what may stand in its way judges."""
-
-    stop: float
-    step: float | Adaptive
-    start: float = 0.0
-    algorithm: str = "strang"
-    order: Sequence[str] | None = None
-    input_order: int = 0
-    substeps: Mapping[str, int] = MappingProxyType({})
-    tolerance: float | None = None
-    record: Sequence[str] | None = None
-    output_step: float | None = None
-    stop_time_defined: bool = False
-
-    def ports(self, network: Network) -> list[Port]:
-        """What is recorded, by default all outputs; raises SetupError for what cannot be."""
-        if self.record is None:
-            return [
-                Port(name, v)
-                for name, description in network.descriptions.items()
-                for v in description.modelVariables
-                if v.causality == "output" and v.type in NUMERIC
-            ]
-        ports = [port for name in self.record for port in network.array(name)[1]]
-        for port in ports:
-            if port.type not in NUMERIC:
-                raise SetupError(f"{port} is a {port.type} and cannot be recorded")
-        return ports
-
-    def check(self) -> None:
-        """Raise SetupError for what makes no run."""
-        times: dict[str, float] = {"start": self.start, "stop": self.stop}
-        sizes = {} if isinstance(self.step, Adaptive) else {"step": self.step}
-        sizes |= {} if self.output_step is None else {"output_step": self.output_step}
-        for name, value in (times | sizes).items():
-            if not math.isfinite(value):
-                raise SetupError(f"{name} = {value!r} s must be a finite number")
-        for name, value in sizes.items():
-            if value <= 0.0:
-                raise SetupError(f"{name} = {value!r} s must be above 0")
-            if value < SHORTEST_TIME * max(abs(self.start), abs(self.stop)):
-                raise SetupError(
-                    f"{name} = {value!r} s is too short: its times would differ only by rounding"
-                )
-        if self.stop <= self.start:
-            raise SetupError(f"stop = {self.stop!r} s must be after start = {self.start!r} s")
-        if isinstance(self.step, Adaptive):
-            self.step.check()
-
-    def number(self) -> int:
-        """Fixed steps from start to stop, the last one as long as what is left."""
-        assert not isinstance(self.step, Adaptive)
-        return max(1, math.ceil((self.stop - self.start) / self.step - 1e-6))
-
-    def every(self) -> int | None:
-        """After how many fixed steps a row is due; None if rows lie between steps."""
-        if isinstance(self.step, Adaptive):
-            return 1 if self.output_step is None else None
-        ratio = 1.0 if self.output_step is None else self.output_step / self.step
-        return round(ratio) if ratio > 0.5 and abs(ratio / round(ratio) - 1) < 1e-9 else None
-
-    def text(self) -> str:
-        """How the run steps."""
-        if isinstance(self.step, Adaptive):
-            return f"adaptive steps, tolerance {self.step.tolerance:g}"
-        return f"steps of {self.step:.6g} s"
 
 
 class RowReader:
     """Reads the recorded variables, those that are wired from the wires' buffers."""
 
     def __init__(self, parts: Sequence[Part], ports: Sequence[Port]) -> None:
-        wired = {name: (b, i) for p in parts for b in p.outputs for i, name in enumerate(b.names)}
-        unread: dict[str, dict[str, ScalarVariable]] = {part.name: {} for part in parts}
+        slots: dict[str, Slot] = {}
+        for block in (block for part in parts for block in part.outputs):
+            slots |= block.slots()
+        unread: dict[str, dict[str, Variable]] = {part.name: {} for part in parts}
         for port in ports:
-            if port.name not in wired:
+            if port.name not in slots:
                 unread[port.part][port.name] = port.variable
         self.extra = [b for p in parts for b in p.blocks("Get", [*unread[p.name].values()])]
-        place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
-        self.columns = [place[port.name] for port in ports]
+        for block in self.extra:
+            slots |= block.slots()
+        self.columns = [slots[port.name] for port in ports]
         self.names = [port.name for port in ports]
-        self._cells = [(block.cells, i) for block, i in self.columns]
+        self._cells = [(slot.cells, slot.element) for slot in self.columns]
         self.discrete = [
             k
             for k, port in enumerate(ports, 1)
@@ -146,18 +72,21 @@ class Driver:
         changes: Sequence[Change],
     ) -> None:
         self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
-        algorithm = plan.algorithm
+        algorithm = find_algorithm(plan.algorithm)
         self.t = plan.start
         self.accepted = self.discarded = 0
         self.controller: Controller | None = None
-        steps = program(EXPLICIT[algorithm](parts)) if algorithm in EXPLICIT else None
-        self._advance: Advance = iterated(parts) if steps is None else explicit(steps)
+        by_name = {part.name: part for part in parts}
+        steps = None if algorithm.is_implicit else schedule(algorithm.stages([*by_name]), by_name)
+        self._advance: Advance = Iteration(algorithm, parts) if steps is None else explicit(steps)
         self._advance = with_changes(self._advance, changes)
         self._events = [change.time for change in changes]
+        context = coupling_context(parts, plan.input_order)
         self._order, behind = (
-            convergence_order(algorithm, plan.input_order, parts),
-            first_order_outputs(algorithm, plan.input_order, parts),
+            algorithm.convergence_order(context),
+            algorithm.first_order_outputs(context),
         )
+        self._instant = {each.output for each in context.feedthroughs if each.is_wired}
         self._late = [name for name in recorder.columns if name in behind]
         every = plan.every()
         if plan.output_step is not None and self.row.discrete:
@@ -229,7 +158,7 @@ class Driver:
         start, stop = self.plan.start, self.plan.stop
         jumps = (f.profile.jumps(start, stop) for part in self.parts for f in part.feeds)
         times = [start, *sorted({*self._events, *chain.from_iterable(jumps)}), stop]
-        self.controller = Controller(self._order, settings, times)
+        self.controller = Controller(self._order, settings, times, self._instant)
         method = doubling if self.control == "doubling" else by_energy
         for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)
@@ -334,11 +263,15 @@ class Driver:
 
         return go
 
-    def statistics(self) -> dict[str, Any]:
+    def statistics(self) -> Statistics:
         """What the run took."""
-        return {
-            "control": self.control, "convergence_order": self._order, "first_order": self._late,
-            "steps": self.accepted,
-            "rejected": self.controller.rejected if self.controller else 0, "discarded": self.discarded,
-            "do_steps": {part.name: part.do_steps for part in self.parts}, "loop": self.loop,
-        }  # fmt: skip
+        return Statistics(
+            control=self.control,
+            convergence_order=self._order,
+            first_order=self._late,
+            steps=self.accepted,
+            rejected=self.controller.rejected if self.controller else 0,
+            discarded=self.discarded,
+            do_steps={part.name: part.do_steps for part in self.parts},
+            loop=self.loop,
+        )

@@ -6,17 +6,22 @@ import ctypes
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..errors import SetupError
+from ..report import BondEnergy
 from ..system import Connection, Network, Port, unit_exponents
-from .operations import BOOK, Layout, Operation, address
-
-Slot = tuple[Any, int]
+from .buffers import Slot, address
+from .operations import Code, Layout, Operation
 
 ENERGY, EXCHANGED, BEFORE = range(3)
 POWER = (1, 2, -3, 0, 0, 0, 0)
-NOTICEABLE, NEGLIGIBLE = 0.05, 0.005
+#: Share of the energy carried above which what the coupling made is worth a warning. A convention: the
+#: share of error that engineers accept of an energy balance.
+NOTICEABLE = 0.05
+#: Share of the energy to and fro below which it is not, where little is carried on the whole. A
+#: convention: a tenth of the share above.
+NEGLIGIBLE = 0.005
 
 
 class Bond(NamedTuple):
@@ -33,7 +38,7 @@ class Bond(NamedTuple):
 class BondSide(Operation):
     """One side of a bond: a part's output times its input, integrated by the trapezoidal rule.
 
-    `output` is the place of the output, `first` and `last` those of the input's values in a step;
+    `output` is the slot of the output, `first` and `last` those of the input's values in a step;
     `scale` makes W of their product. `totals` are the energy, that to and fro added up [J], and the
     output at the last booking.
     """
@@ -52,22 +57,25 @@ class BondSide(Operation):
 
     def open(self) -> None:
         """Begin with the output as it stands."""
-        cells, i = self.output
-        self.totals[BEFORE] = cells[i]
+        self.totals[BEFORE] = self.output.value
 
     def __call__(self, t: float, h: float) -> None:
         """Add the work of a step of size h [s] that ends with the output as it stands."""
-        (output, i), (first, j), (last, k), totals = self.output, self.first, self.last, self.totals
-        now = output[i]
-        work = h * 0.5 * (totals[BEFORE] * first[j] + now * last[k]) * self.scale
+        totals, now = self.totals, self.output.value
+        work = h * 0.5 * (totals[BEFORE] * self.first.value + now * self.last.value) * self.scale
         totals[ENERGY] += work
         totals[EXCHANGED] += abs(work)
         totals[BEFORE] = now
 
     def layout(self) -> Layout:
-        ends = {"source": self.output, "first": self.first, "last": self.last}
-        places = {name: address(*place) for name, place in ends.items()}
-        return Layout(BOOK, cells=address(self.totals), factor=self.scale, **places)
+        return Layout(
+            Code.BOOK,
+            cells=address(self.totals),
+            source=self.output.address,
+            first=self.first.address,
+            last=self.last.address,
+            factor=self.scale,
+        )
 
 
 def find_bonds(network: Network) -> list[Bond]:
@@ -110,14 +118,14 @@ def declared_bond(network: Network, text: str) -> Bond:
 
 
 def _is_power(network: Network, there: Connection, back: Connection) -> bool:
-    units = [network.base_unit(wire.source) for wire in (there, back)]
-    if None in units:
+    first, second = (network.base_unit(wire.source) for wire in (there, back))
+    if first is None or second is None:
         return False
     given, taken = (
         into.factor * watts_per_product(network, out.source, into.target)
         for out, into in ((there, back), (back, there))
     )
-    powers = tuple(map(sum, zip(*map(unit_exponents, units))))[:-1]
+    powers = tuple(map(sum, zip(unit_exponents(first), unit_exponents(second))))[:-1]
     return powers == POWER and math.isclose(given, taken, rel_tol=1e-6)
 
 
@@ -127,34 +135,30 @@ def watts_per_product(network: Network, output: Port, entry: Port) -> float:
     return math.prod(1.0 if unit is None else unit.factor for unit in units)
 
 
-def energy_balance(ends: Iterable[BondSide]) -> dict[str, dict[str, float]]:
-    """By bond: what the first side gave, the second took, and the residual that neither has [J].
-
-    `exchanged` is what went to and fro, by the side that saw more of it.
-    """
-    sides: dict[str, list[BondSide]] = {}
-    for end in ends:
-        sides.setdefault(end.bond, []).append(end)
-    found = {}
-    for bond, pair in sides.items():
-        first, second = sorted(pair, key=lambda end: end.side)
-        given, taken = first.energy, second.energy
+def energy_balance(sides: Iterable[BondSide]) -> dict[str, BondEnergy]:
+    """The energy of each bond, from both of its sides."""
+    pairs: dict[str, list[BondSide]] = {}
+    for side in sides:
+        pairs.setdefault(side.bond, []).append(side)
+    balance = {}
+    for bond, pair in pairs.items():
+        first, second = sorted(pair, key=lambda side: side.side)
         exchanged = max(first.totals[EXCHANGED], second.totals[EXCHANGED])
-        found[bond] = {"given": given, "taken": taken, "residual": given - taken}
-        found[bond]["exchanged"] = exchanged
-    return found
+        given, taken = first.energy, second.energy
+        balance[bond] = BondEnergy(given, taken, given - taken, exchanged)
+    return balance
 
 
-def bond_warnings(balance: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+def bond_warnings(balance: Mapping[str, BondEnergy]) -> Iterator[str]:
     """A sentence for every bond on which the coupling made a noticeable share of the energy carried.
 
     Amounts that are negligible compared with the energy exchanged to and fro are not reported.
     """
     for bond, energy in balance.items():
-        made = abs(energy["residual"])
-        carried = max(abs(energy["given"]), abs(energy["taken"]))
-        if made > NOTICEABLE * carried and made > NEGLIGIBLE * energy["exchanged"]:
+        created = abs(energy.residual)
+        carried = max(abs(energy.given), abs(energy.taken))
+        if created > NOTICEABLE * carried and created > NEGLIGIBLE * energy.exchanged:
             yield (
-                f"bond {bond}: the coupling made or took {made:.3g} J, {made / carried:.0%} of the "
+                f"bond {bond}: the coupling made or took {created:.3g} J, {created / carried:.0%} of the "
                 f"{carried:.3g} J carried: take smaller steps, or another algorithm; see diagnose"
             )

@@ -10,14 +10,14 @@ from functools import partial
 from itertools import chain, groupby
 from typing import Any
 
-from fmpy.model_description import ModelDescription
-
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.library import Library
 from ..system import Value
-from ..system.arrays import WIDTHS, Element
+from ..system.arrays import WIDTHS
+from ..system.description import ModelDescription, Variable
+from .buffers import address
 from .instance import CELL, DISCARD, OK, WARNING, Instance, VariableBlock
-from .operations import ENTER, EXCHANGE3, STEP3, Layout, Operation, address
+from .operations import Code, Layout, Operation
 from .part import Part
 from .times import coincide
 
@@ -53,7 +53,7 @@ class VariableBlock3(VariableBlock):
     """
 
     def __init__(
-        self, part: Part3, action: str, variables: Sequence[Element], orders: Sequence[int] = ()
+        self, part: Part3, action: str, variables: Sequence[Variable], orders: Sequence[int] = ()
     ) -> None:
         families = {id(v.family): v.family for v in variables}.values()
         self.part: Part3 = part
@@ -67,7 +67,7 @@ class VariableBlock3(VariableBlock):
         self.cells, self.entered = ((native * len(self.names))() for _ in range(2))
         self._pieces: list[tuple[Callable[[], int], Any, Any]] = []
         first = 0
-        groups: Iterable[tuple[str, Iterable[Element]]]
+        groups: Iterable[tuple[str, Iterable[Variable]]]
         groups = groupby(self.variables, lambda v: v.native)
         groups = [("OutputDerivatives", self.variables)] if orders else groups
         for name, members in groups:
@@ -106,7 +106,7 @@ class VariableBlock3(VariableBlock):
         """None for texts, Float32, and what takes event mode."""
         layout = super().layout() if self._plain and not self.held else None
         if layout is not None:
-            layout.code, layout.values = EXCHANGE3, len(self.cells)
+            layout.code, layout.values = Code.EXCHANGE3, len(self.cells)
         return layout
 
 
@@ -118,7 +118,7 @@ def _reached(time: float, t: float) -> bool:
 class IntervalClock:
     """A clock with an interval, and the time at which it ticks next [s]."""
 
-    def __init__(self, variable: Element, begin: float, interval: float) -> None:
+    def __init__(self, variable: Variable, begin: float, interval: float) -> None:
         self.variable, self.interval = variable, interval
         self.kind = variable.intervalVariability
         self.begin, self.count = begin, 0
@@ -153,9 +153,13 @@ class Part3(Part):
     )
 
     def __init__(
-        self, name: str, description: ModelDescription, fmu: Library, within: Sequence[Element] = ()
+        self,
+        name: str,
+        description: ModelDescription,
+        fmu: Library,
+        within: Sequence[Variable] = (),
     ) -> None:
-        can = getattr(description, self.SIDE)
+        can = description.interface(self.SIDE)
         self.events = self.SIDE == "modelExchange" or bool(can.hasEventMode)
         shown = within if within and can.providesIntermediateUpdate else ()
         self.within = [v for v in shown if v.intermediateUpdate and v.type == "Real"]
@@ -180,7 +184,7 @@ class Part3(Part):
 
         options: dict[str, Any] = {"loggingOn": True, "logMessage": log}
         if self.SIDE == "coSimulation":
-            early = bool(self.description.coSimulation.mightReturnEarlyFromDoStep)
+            early = bool(self.description.interface("coSimulation").mightReturnEarlyFromDoStep)
             options |= {"eventModeUsed": self.events, "earlyReturnAllowed": early}
         if self.within:
             references = dict.fromkeys(v.valueReference for v in self.within)
@@ -204,7 +208,7 @@ class Part3(Part):
 
     def step_layout(self) -> Layout:
         return Layout(
-            STEP3,
+            Code.STEP3,
             function=ctypes.cast(self.library.fmi3DoStep, ctypes.c_void_p).value,
             component=self.component.value,
             cells=ctypes.addressof(self._answer),
@@ -212,16 +216,16 @@ class Part3(Part):
             source=ctypes.cast(self._finish, ctypes.c_void_p).value,
         )
 
-    def blocks(self, action: str, variables: Sequence[Element]) -> list[VariableBlock]:
+    def blocks(self, action: str, variables: Sequence[Variable]) -> list[VariableBlock]:
         """One Block per type, or two where event mode takes a share of the inputs."""
         held = self.events and action == "Set"
-        kinds: dict[Any, list[Element]] = {}
+        kinds: dict[Any, list[Variable]] = {}
         for v in variables:
             name = "Real" if v.type == "Real" else v.native
             kinds.setdefault((name, held and v.variability != "continuous"), []).append(v)
         return [VariableBlock3(self, action, some) for some in kinds.values()]
 
-    def set(self, variable: Element, value: Value) -> None:
+    def set(self, variable: Variable, value: Value) -> None:
         """Set one variable, in event mode if steps have begun."""
         if variable.type == "Binary":
             texts = self._binaries(variable)
@@ -244,7 +248,7 @@ class Part3(Part):
                 other.put(other.names.index(block.names[place]), value)
         self._keep()
 
-    def values(self, variables: Sequence[Element]) -> dict[str, Value]:
+    def values(self, variables: Sequence[Variable]) -> dict[str, Value]:
         """The values of variables, Binary ones as hexadecimal digits."""
         found = super().values([v for v in variables if v.type not in ("Binary", "Clock")])
         for v in variables:
@@ -252,7 +256,7 @@ class Part3(Part):
                 found[v.name] = self._binaries(v)[v.family.index(v)].hex()
         return {v.name: found[v.name] for v in variables if v.name in found}
 
-    def _binaries(self, variable: Element) -> list[bytes]:
+    def _binaries(self, variable: Variable) -> list[bytes]:
         """All elements of a Binary."""
         found = self.call("getBinary", [variable.valueReference], len(variable.family))
         return [each or b"" for each in found]
@@ -274,7 +278,7 @@ class Part3(Part):
             self.call("enterStepMode")
             self._happen(self._now, event=False)
 
-    def _ticking(self, clock: Element) -> IntervalClock:
+    def _ticking(self, clock: Variable) -> IntervalClock:
         """A clock as it starts, with the interval of the description or what the FMU says."""
         counts = clock.intervalVariability == "countdown"
         interval, known = clock.interval, UNCHANGED
@@ -291,9 +295,9 @@ class Part3(Part):
         shown = (v for block in self.outputs for v in block.variables)
         return self.events and any(v.variability != "continuous" for v in shown)
 
-    def turn(self) -> Iterator[Operation]:
+    def step_operations(self) -> Iterator[Operation]:
         held = self._held()
-        *moves, step = super().turn()
+        *moves, step = super().step_operations()
         yield from (move for move in moves if move not in held)
         yield from (EventModeEntry(self, block) for block in held)
         yield step
@@ -366,7 +370,7 @@ class Part3(Part):
         other._kept[id(copy)] = self._kept[id(state)]
         return copy, size
 
-    def slopes(self, unknown: Sequence[Element], known: Element) -> list[float]:
+    def slopes(self, unknown: Sequence[Variable], known: Variable) -> list[float]:
         families = list({id(v.family): v.family for v in unknown}.values())
         references = [family[0].valueReference for family in families]
         seed, count = [float(v is known) for v in known.family], sum(map(len, families))
@@ -433,7 +437,7 @@ class Part3(Part):
         event = time if timed else math.inf
         self.due.value = min([event, *(clock.due for clock in self.clocks)])
 
-    def _interval(self, clock: Element) -> tuple[float, int]:
+    def _interval(self, clock: Variable) -> tuple[float, int]:
         """The interval of a clock [s], and whether the FMU knows it (1) or has changed it (2)."""
         interval, qualifier = (ctypes.c_double * 1)(), (ctypes.c_int * 1)()
         reference = (ctypes.c_uint * 1)(clock.valueReference)
@@ -480,7 +484,7 @@ class EventModeEntry(Operation):
             return None
         entry, size = ctypes.cast(self.part.taking, ctypes.c_void_p).value, ctypes.sizeof(cells)
         places = {"cells": address(cells), "source": address(self.block.entered)}
-        return Layout(ENTER, size, function=entry, **places)
+        return Layout(Code.ENTER, size, function=entry, **places)
 
     def answered(self, t: float, h: float, status: int) -> None:
         self.part.stepped(t, h, status)

@@ -12,22 +12,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FmuError, SetupError
+from ..errors import FmuError
 from ..fmu.library import borrow
-from ..system import Network, Port, Value, declared_start, default_experiment, feedthrough
+from ..system import Network, Port, Value, declared_start, feedthrough
+from .buffers import Slot
 from .changes import continuous_profiles
-from .driver import RunSettings
 from .energy import BondSide, find_bonds, watts_per_product
 from .fmi3 import Part3
-from .instance import VariableBlock
-from .links import CastLink, InputPolynomials, Link, SignalHistory
+from .hermite import SignalHistory
+from .links import CastLink, InputPolynomials, Link
+from .newton import solve_fixed_point
 from .part import Part
+from .settings import RunSettings
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
-MOST_ITERATIONS = 20
-TOLERANCE = 1e-10
-SINGULAR = 1e8
 KINDS: dict[str, type[Part]] = {"2.0": Part, "3.0": Part3}
 
 
@@ -78,12 +77,12 @@ def initialise(
         part.begin()
     _warn_of_lost(given.values(), parts)
     if settings.input_order:
-        _watch(parts, settings.input_order)
-    _open_ledger(network, parts)
+        _interpolate_inputs(parts, settings.input_order)
+    _open_bonds(network, parts)
     for part in parts.values():
-        for operation in part.look():
+        for operation in part.read_operations():
             operation(start, 0.0)
-        for end in part.ends:
+        for end in part.bond_sides:
             end.open()
     return parts
 
@@ -96,7 +95,7 @@ def _set_up(part: Part, settings: RunSettings, again: Callable[[], Part]) -> Par
     """
     tolerance = settings.tolerance
     if tolerance is None and part.SIDE == "coSimulation":
-        tolerance = default_experiment(part.description).tolerance
+        tolerance = part.description.defaultExperiment.tolerance
     stop = settings.stop if settings.stop_time_defined else None
     part.limit(settings.stop)
     try:
@@ -156,21 +155,20 @@ def _connect(network: Network, parts: Mapping[str, Part], start: float) -> None:
             if block.real:
                 block.cells[:] = [float(v.start or 0.0) for v in block.variables]
             for i, v in enumerate(block.variables):
-                if len(getattr(v, "family", ())) > 1:
+                if len(v.family) > 1:
                     block.put(i, given.get(block.names[i], declared_start(v)))
-    place, begun = _places(parts), set[str]()
+    slots, begun = _slots(parts), set[str]()
     for wire in network.wires:
-        (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
-        ends = target.cells, i, source.cells, j, wire.factor, wire.offset
-        alike = target.cells._type_ is source.cells._type_
-        link = Link(*ends) if alike else CastLink(wire.target.name, *ends)
-        link.adds = wire.target.name in begun
-        begun.add(wire.target.name)
+        target, source = slots[wire.target.name], slots[wire.source.name]
+        kind = Link if target.kind is source.kind else CastLink
+        link = kind(target, source, wire.factor, wire.offset)
+        link.adds = target.name in begun
+        begun.add(target.name)
         parts[wire.target.part].links.append(link)
     for port, profile in driven:
-        (target, i), feed = place[port.name], InputSource(port.name, profile, start)
-        parts[port.part].feeds.append(feed)
-        parts[port.part].links.append(Link(target.cells, i, feed.cell, 0))
+        source_over_time = InputSource(port.name, profile, start)
+        parts[port.part].feeds.append(source_over_time)
+        parts[port.part].links.append(Link(slots[port.name], source_over_time.slot))
 
 
 def monitored_outputs(network: Network) -> dict[str, list[Port]]:
@@ -195,42 +193,44 @@ def monitored_outputs(network: Network) -> dict[str, list[Port]]:
     return {name: list(ports) for name, ports in sources.items()}
 
 
-def _places(parts: Mapping[str, Part]) -> dict[str, tuple[VariableBlock, int]]:
-    """Where each wired variable's value stands."""
-    blocks = (block for part in parts.values() for block in chain(part.outputs, part.inputs))
-    return {name: (block, i) for block in blocks for i, name in enumerate(block.names)}
-
-
-def _watch(parts: Mapping[str, Part], degree: int) -> None:
-    """Let Real inputs follow the polynomials of their sources in place of the last values."""
-    signals: dict[tuple[int, int], SignalHistory | InputSource] = {}
+def _slots(parts: Mapping[str, Part]) -> dict[str, Slot]:
+    """Where each wired variable's value stands, by its name."""
+    slots: dict[str, Slot] = {}
     for part in parts.values():
-        entries, shown = (
+        for block in chain(part.outputs, part.inputs):
+            slots |= block.slots()
+    return slots
+
+
+def _interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
+    """Let Real inputs follow the polynomials of their sources in place of the last values."""
+    signals: dict[str, SignalHistory | InputSource] = {}
+    for part in parts.values():
+        inputs, outputs = (
             next((block for block in blocks if block.real), None)
             for blocks in (part.inputs, part.outputs)
         )
-        real = [link for link in part.links if entries and link.cells is entries.cells]
-        part.curves = InputPolynomials(part, degree, entries, real, shown)
-        cells = shown.cells if shown else None
-        signals |= {(id(cells), i): signal for i, signal in enumerate(part.curves.signals)}
-        signals |= {(id(feed.cell), 0): feed for feed in part.feeds}
+        names = set(inputs.names) if inputs else set[str]()
+        links = [link for link in part.links if link.target.name in names]
+        part.curves = InputPolynomials(part, degree, inputs, links, outputs)
+        signals |= part.curves.signals_by_name()
+        signals |= {source.name: source for source in part.feeds}
     for part in parts.values():
         for link in part.curves.links if part.curves else ():
-            link.follow(signals[id(link.source), link.j])
+            link.follow(signals[link.source.name])
 
 
-def _open_ledger(network: Network, parts: Mapping[str, Part]) -> None:
-    """Give every part its sides of the power bonds."""
-    place = _places(parts)
-    links = {(id(link.cells), link.i): link for part in parts.values() for link in part.links}
-
+def _open_bonds(network: Network, parts: Mapping[str, Part]) -> None:
+    """Give every part its sides of the power bonds; where inputs follow polynomials, their links know it."""
+    slots = _slots(parts)
+    links = {link.target.name: link for part in parts.values() for link in part.links}
     for bond in find_bonds(network):
         for side, (out, into) in enumerate([(bond.there, bond.back), (bond.back, bond.there)]):
-            (block, i), (entry, j) = place[out.source.name], place[into.target.name]
-            link = links[id(entry.cells), j]
+            link = links[into.target.name]
             scale = watts_per_product(network, out.source, into.target)
-            end = BondSide(bond.name, side, (block.cells, i), link.first, link.last, scale)
-            parts[out.source.part].ends.append(end)
+            output = slots[out.source.name]
+            bond_side = BondSide(bond.name, side, output, link.first, link.last, scale)
+            parts[out.source.part].bond_sides.append(bond_side)
 
 
 def settle(parts: Sequence[Part], t: float) -> None:
@@ -260,7 +260,9 @@ def settle(parts: Sequence[Part], t: float) -> None:
         if not changed:
             break
     else:
-        newton(response, response(), [name for block in real for name in block.names])
+        names = [name for block in real for name in block.names]
+        nominal = np.array([size for block in real for size in block.nominals()])
+        solve_fixed_point(response, response(), nominal, names)
     for block in shown:
         block(t)
 
@@ -273,28 +275,3 @@ def _listen(part: Part) -> bool:
         if block.real:
             block.cells[:] = [new if isfinite(new) else x for new, x in zip(block.cells, old)]
     return before != [list(block.cells) for block in part.inputs]
-
-
-def newton(response: Callable[[Vector], Vector], z: Vector, names: Sequence[str]) -> None:
-    """Find z = response(z) with finite differences; leaves the system at the solution.
-
-    Raises SetupError with the signals and residuals if there is no solution or no convergence.
-    """
-    residual = response(z) - z
-    for _ in range(MOST_ITERATIONS):
-        if (np.abs(residual) <= TOLERANCE * (1.0 + np.abs(z))).all():
-            return
-        jacobian = np.empty((len(z), len(z)))
-        for i in range(len(z)):
-            step = 1e-6 * (1.0 + abs(z[i]))
-            shifted = z.copy()
-            shifted[i] += step
-            jacobian[:, i] = (response(shifted) - shifted - residual) / step
-        if np.linalg.cond(jacobian) > SINGULAR:
-            break
-        z = z - np.linalg.solve(jacobian, residual)
-        residual = response(z) - z
-    worst = ", ".join(
-        f"{name} by {r:.2g}" for name, r in zip(names, residual) if abs(r) > TOLERANCE
-    )
-    raise SetupError(f"the start values of an algebraic loop were not found; still off: {worst}")

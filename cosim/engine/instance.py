@@ -24,12 +24,13 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 from fmpy.logging import addLoggerProxy
-from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ..errors import FmuError, NonFiniteValueError, SimulationTerminated, StepDiscarded
 from ..fmu.library import Library
 from ..system import Value
-from .operations import EXCHANGE, NOT_FINITE, Layout, Operation, address
+from ..system.description import ModelDescription, Variable
+from .buffers import Slot, address
+from .operations import NOT_FINITE, Code, Layout, Operation
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -94,7 +95,7 @@ class VariableBlock(Operation):
         self,
         part: Instance,
         action: str,
-        variables: Sequence[ScalarVariable],
+        variables: Sequence[Variable],
         orders: Sequence[int] = (),
     ) -> None:
         kind = variables[0].type
@@ -125,6 +126,14 @@ class VariableBlock(Operation):
         if self._text:  # lasts in the FMU's memory only until its next call
             self.cells[:] = [text or b"" for text in self.cells]
 
+    def slots(self) -> dict[str, Slot]:
+        """The slots of its variables by name."""
+        return {name: Slot(name, self.cells, i) for i, name in enumerate(self.names)}
+
+    def nominals(self) -> list[float]:
+        """The sizes of its variables; 1 where the FMU gives none above 0."""
+        return [abs(float(v.nominal or 0.0)) or 1.0 for v in self.variables]
+
     def put(self, i: int, value: Any) -> None:
         """Put a value into a cell."""
         self.cells[i] = value.encode() if isinstance(value, str) else value
@@ -134,7 +143,7 @@ class VariableBlock(Operation):
         if self._text:
             return None
         return Layout(
-            EXCHANGE,
+            Code.EXCHANGE,
             len(self.references),
             len(self.cells) if self.reads and self.real else 0,
             function=ctypes.cast(self.function, ctypes.c_void_p).value,
@@ -179,7 +188,7 @@ class Instance:
         except Exception as error:
             fmu.forget()
             fmu.release()
-            tool = getattr(description, self.SIDE).needsExecutionTool
+            tool = description.interface(self.SIDE).needsExecutionTool
             raise FmuError(
                 f"{name}: instantiate failed: {self.reason()}"
                 + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
@@ -251,12 +260,12 @@ class Instance:
             self._remember(error.status)
             raise FmuError(f"{self.name}: {function}: {self.reason()}") from error
 
-    def set(self, variable: ScalarVariable, value: Value) -> None:
+    def set(self, variable: Variable, value: Value) -> None:
         """Set one variable."""
         kind = CALL.get(variable.type, variable.type)
         self.call(f"set{kind}", [variable.valueReference], [value])
 
-    def values(self, variables: Sequence[ScalarVariable]) -> dict[str, Value]:
+    def values(self, variables: Sequence[Variable]) -> dict[str, Value]:
         """The values of variables, by their names and in their order."""
         found: dict[str, Any] = {}
         for block in self.blocks("Get", variables):
@@ -271,7 +280,7 @@ class Instance:
         self.call("exitInitializationMode")
         self._initialised = True
 
-    def blocks(self, action: str, variables: Sequence[ScalarVariable]) -> list[VariableBlock]:
+    def blocks(self, action: str, variables: Sequence[Variable]) -> list[VariableBlock]:
         """One Block per type, in the order of the variables."""
         kinds = dict.fromkeys(v.type for v in variables)
         return [

@@ -12,11 +12,12 @@ from functools import cache
 from typing import Any
 
 from ..errors import FmuError
-from .algorithms import Timed
+from .buffers import Slot, address
 from .compiler import OPTIONS, SOURCE, compile_loop, file_name
 from .instance import WARNING, VariableBlock
-from .operations import Layout, Operation, address
+from .operations import Layout, Operation
 from .part import StepOperation
+from .schedule import TimedOperation
 from .sources import InputSource
 
 INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
@@ -67,13 +68,13 @@ class Loop:
 
     def __init__(
         self,
-        program: Sequence[Timed],
+        program: Sequence[TimedOperation],
         extra: Sequence[VariableBlock],
-        columns: Sequence[tuple[VariableBlock, int]],
+        columns: Sequence[Slot],
         every: int,
     ) -> None:
         self._advance = library().advance
-        self._operations = [*program, *(Timed(block, 1.0, 0.0) for block in extra)]
+        self._operations = [*program, *(TimedOperation(block, 1.0, 0.0) for block in extra)]
         self._layouts = (Layout * len(self._operations))(*map(_layout, self._operations))
         self._warned = (ctypes.c_longlong * len(self._operations))()
         self._feeds = [
@@ -83,9 +84,7 @@ class Loop:
             timed.operation.part for timed in program if isinstance(timed.operation, StepOperation)
         ]
         self._row_begin = len(program)
-        cells = (
-            Column(address(block.cells, i), ord(block.cells._type_._type_)) for block, i in columns
-        )
+        cells = (Column(slot.address, ord(slot.kind._type_)) for slot in columns)
         self._columns = (Column * len(columns))(*cells)
         self._width = len(columns) + 1
         self._every = every
@@ -134,7 +133,7 @@ def can_compile(operations: Sequence[Operation]) -> bool:
     return all(operation.layout() is not None for operation in operations)
 
 
-def _layout(timed: Timed) -> Layout:
+def _layout(timed: TimedOperation) -> Layout:
     operation, at, size = timed
     layout = operation.layout()
     assert layout is not None

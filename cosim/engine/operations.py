@@ -3,9 +3,35 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
+from enum import IntEnum
 
-COPY, SCALE, ADD, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK = range(10)
+
+class Code(IntEnum):
+    """The operations, numbered as in the enumeration of loop.c."""
+
+    #: target = source
+    COPY = 0
+    #: target = factor * source + offset
+    SCALE = 1
+    #: target += factor * source + offset
+    ADD = 2
+    #: target = the mean of an input over time, laid out step by step
+    FEED = 3
+    #: get or set variables by a function of FMI 2.0
+    EXCHANGE = 4
+    #: the same by FMI 3.0
+    EXCHANGE3 = 5
+    #: enter inputs by event mode, if they have changed
+    ENTER = 6
+    #: a step by FMI 2.0
+    STEP = 7
+    #: a step by FMI 3.0
+    STEP3 = 8
+    #: add the work of a step to a side of a bond
+    BOOK = 9
+
+
+#: The status of an operation that read a value which is not finite. A convention: FMI has none below 0.
 NOT_FINITE = -(2**31)
 
 
@@ -37,8 +63,3 @@ class Operation:
     def answered(self, t: float, h: float, status: int) -> None:
         """Keep a warning of a call; raise FmuError for a worse status, or NOT_FINITE."""
         raise AssertionError("an operation that cannot fail")
-
-
-def address(cells: Any, i: int = 0) -> int:
-    """Where element i of a buffer stands."""
-    return ctypes.addressof(cells) + i * ctypes.sizeof(cells._type_)

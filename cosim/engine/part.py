@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
-
-from fmpy.model_description import ModelDescription
 
 from ..fmu.library import Library
 from ..system import feedthrough
+from ..system.description import ModelDescription
 from .energy import BondSide
 from .instance import OK, Instance, VariableBlock
 from .links import InputPolynomials, Link
-from .operations import STEP, Layout, Operation
+from .operations import Code, Layout, Operation
 from .sources import InputSource
 
 
@@ -35,7 +34,7 @@ class Part(Instance):
         self.links: list[Link] = []
         self.curves: InputPolynomials | None = None
         self.feeds: list[InputSource] = []
-        self.ends: list[BondSide] = []
+        self.bond_sides: list[BondSide] = []
         self.do_steps = 0
         self.stops = False
         self.watched: Sequence[str] = ()
@@ -45,27 +44,21 @@ class Part(Instance):
         """Whether a wire carries what its events alone change, and a step can end there."""
         return False
 
-    def following(self, but: Sequence[Part] = ()) -> set[str]:
-        """The outputs on which a wired input acts at once, as far as declared; inputs driven only by the
-        parts in `but` are left out.
-        """
-        heard = {id(block.cells) for part in but for block in part.outputs}
-        fed = {(id(link.cells), link.i) for link in self.links if id(link.source) not in heard}
-        wired = {
-            name
-            for block in self.inputs
-            for i, name in enumerate(block.names)
-            if (id(block.cells), i) in fed
-        }
-        return {
-            f"{self.name}.{output}"
-            for output, inputs in feedthrough(self.description).items()
-            if any(f"{self.name}.{name}" in wired for name in inputs)
-        }
+    def direct_feedthrough(self, driver: Mapping[str, str]) -> dict[str, frozenset[str]]:
+        """The outputs on which driven inputs act directly, as far as declared, and the parts that drive them.
 
-    def fed_through(self) -> set[str]:
-        """Those of them that are Real and wired themselves."""
-        return self.following() & {n for block in self.outputs if block.real for n in block.names}
+        `driver` is the part of each wired output; an empty name stands for an input over time.
+        """
+        by_input: dict[str, set[str]] = {}
+        for link in self.links:
+            by_input.setdefault(link.target.name, set()).add(driver.get(link.source.name, ""))
+        acting = {
+            f"{self.name}.{output}": frozenset[str]().union(
+                *(by_input.get(f"{self.name}.{name}", ()) for name in inputs)
+            )
+            for output, inputs in feedthrough(self.description).items()
+        }
+        return {output: drivers for output, drivers in acting.items() if drivers}
 
     def bring(self) -> None:
         """Bring the values of the wires into the buffers."""
@@ -77,7 +70,7 @@ class Part(Instance):
         for block in (*self.inputs, *self.outputs):
             block.move()
 
-    def turn(self) -> Iterator[Operation]:
+    def step_operations(self) -> Iterator[Operation]:
         """What the part does in its turn: take what the wires bring, and step."""
         if self.curves is None:
             yield from (*self.feeds, *self.links, *self.inputs)
@@ -96,9 +89,9 @@ class Part(Instance):
     def step_layout(self) -> Layout:
         """What loop.c does in place of `advance`."""
         function = ctypes.cast(self.library.fmi2DoStep, ctypes.c_void_p).value
-        return Layout(STEP, function=function, component=self.component.value)
+        return Layout(Code.STEP, function=function, component=self.component.value)
 
-    def look(self) -> Iterator[Operation]:
+    def read_operations(self) -> Iterator[Operation]:
         """What is read of the part when all of a stage have stepped."""
         yield from self.outputs
         if self.curves is not None:

@@ -10,7 +10,7 @@ import os
 import sys
 import time as clock
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FmuError, SetupError
+from ..report import RunReport, RunSetup
 from ..result import Result, Rows, open_unlinked, partial, read_rows, require_names, write_json
 from .times import coincide
 
@@ -37,8 +38,8 @@ class Recorder:
         self,
         columns: Sequence[str],
         units: dict[str, str],
-        path: Path | None,
-        provenance: Mapping[str, Any],
+        path: Path | None = None,
+        setup: RunSetup | None = None,
     ) -> None:
         self.columns = ["time", *columns]
         self.units = {"time": "s", **units}
@@ -52,7 +53,8 @@ class Recorder:
             require_names(path)
             self._stream = Stream(partial(path))
             self._write(self.columns)
-            facts = {**provenance, "status": "running", "units": self.units}
+            facts = setup.to_json() if setup else {}
+            facts |= {"status": "running", "units": self.units}
             write_json(partial(path).with_suffix(".json"), facts)
 
     def add(self, row: Sequence[float]) -> None:
@@ -79,23 +81,29 @@ class Recorder:
         self._stream.append(text.getvalue())
         self._flushed = clock.perf_counter()
 
-    def finish(self, provenance: dict[str, Any]) -> Result:
+    def finish(self, report: RunReport) -> Result:
         """Close the file; only a run of status "complete" gets the name that was asked for."""
-        width, rows = len(self.columns), self.rows
+        width, rows, provenance = len(self.columns), self.rows, report.to_json()
         if self._stream is None or self._path is None:
             return Result(
-                self.columns, self.units, provenance, lambda: np.array(rows).reshape(-1, width)
+                self.columns,
+                self.units,
+                provenance,
+                lambda: np.array(rows).reshape(-1, width),
+                report=report,
             )
         with suppress(FmuError):
             self.flush()
         target = partial(self._path)
-        if provenance["status"] == "complete":
+        if report.outcome.status == "complete":
             target.with_suffix(".json").unlink(missing_ok=True)
             target = target.replace(self._path)
         with suppress(OSError):
             write_json(target.with_suffix(".json"), {**provenance, "units": self.units})
         self._stream.close()
-        return Result(self.columns, self.units, provenance, lambda: read_rows(target))
+        return Result(
+            self.columns, self.units, provenance, lambda: read_rows(target), report=report
+        )
 
 
 class Stream:

@@ -14,7 +14,7 @@ class Snapshot:
     def __init__(self, parts: Sequence[Part]) -> None:
         self._states = [(part, part.state()) for part in parts]
         self._outputs = [block for part in parts for block in part.outputs]
-        self._ends = [end for part in parts for end in part.ends]
+        self._ends = [end for part in parts for end in part.bond_sides]
         self._cells: list[list[Any]] = []
         self._booked: list[list[Any]] = []
 

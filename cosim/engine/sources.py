@@ -7,15 +7,17 @@ import math
 
 from ..errors import NonFiniteValueError
 from ..system.inputs import FunctionInput, Table
-from .operations import FEED, NOT_FINITE, Layout, Operation, address
+from .buffers import Slot, address
+from .operations import NOT_FINITE, Code, Layout, Operation
 
 
 class InputSource(Operation):
-    """A Real input that follows a table or a function: `cell` holds its mean over the last step."""
+    """A Real input that follows a table or a function: `cell` holds its mean over the last step, `slot` is the same by name."""
 
     def __init__(self, name: str, profile: Table | FunctionInput, t: float) -> None:
         self.name, self.profile = name, profile
         self.cell = (ctypes.c_double * 1)(float(profile.at(t)))
+        self.slot = Slot(name, self.cell, 0)
 
     def __call__(self, t: float, h: float) -> None:
         """Take the mean over the step from t by h [s]; raises NonFiniteValueError."""
@@ -25,7 +27,7 @@ class InputSource(Operation):
 
     def layout(self) -> Layout:
         """The means stand in a list, which is laid out with the steps."""
-        return Layout(FEED, checked=1, cells=address(self.cell))
+        return Layout(Code.FEED, checked=1, cells=address(self.cell))
 
     def answered(self, t: float, h: float, status: int) -> None:
         value = self.cell[0]

@@ -16,11 +16,11 @@ from zipfile import ZipFile
 import fmpy
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
-from fmpy.model_description import ModelDescription
 
 from ..errors import FmuError
 from ..scratch import scratch
-from ..system import version
+from ..system import file_version
+from ..system.description import ModelDescription
 
 MOST_LOADED = 32
 KINDS: dict[str, Any] = {"2.0": (FMU2Slave, FMU2Model), "3.0": (FMU3Slave, FMU3Model)}
@@ -37,8 +37,8 @@ class Library:
     """
 
     def __init__(self, path: Path, description: ModelDescription) -> None:
-        self.path, self.version = path, version(path)
-        interface = description.coSimulation or description.modelExchange
+        self.path, self.version = path, file_version(path)
+        interface = description.interface()
         self.once = bool(interface.canBeInstantiatedOnlyOncePerProcess)
         self.users = 0
         self.abandoned = False
@@ -111,7 +111,7 @@ def borrow(path: Path, description: ModelDescription) -> Library:
     path = path.absolute()
     with LOCK:
         library = LOADED.get(path)
-        if library is None or library.version != version(path) or not library.folder.is_dir():
+        if library is None or library.version != file_version(path) or not library.folder.is_dir():
             if library is not None:
                 library.forget()
             library = Library(path, description)

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 from fmpy.validation import validate_fmu
 
+from ..engine.algorithms import REGISTRY, Turn
 from ..errors import SetupError
 from ..system import Network, Port, System, connect_for_export, feedthrough, require_fmi2
 
 if TYPE_CHECKING:
     from fmu_manipulation_toolbox.container import FMUContainer
 
-ALGORITHMS = ("jacobi", "gauss-seidel")
 TOOL = "fmu_manipulation_toolbox"
 
 
@@ -52,8 +52,7 @@ def write_container(
     sequence = list(order) if order is not None else list(system.parts)
     if sorted(sequence) != sorted(system.parts):
         raise SetupError(f"order {sequence} must name each of {', '.join(system.parts)} once")
-    if algorithm not in ALGORITHMS:
-        raise SetupError(f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}")
+    is_sequential = _is_sequential(algorithm, sequence)
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
     path = path.resolve()
@@ -65,13 +64,34 @@ def write_container(
             _fill(container, network, sequence)
             with _without_repetition(TOOL):
                 _require_order(container, network, sequence)
-                container.make_fmu(whole, step_size=step, sequential=algorithm == "gauss-seidel")
+                container.make_fmu(whole, step_size=step, sequential=is_sequential)
         except (FMUContainerError, FMUError) as error:
             raise SetupError(f"{path.name}: {error}") from error
         problems = validate_fmu(str(whole))
         if problems:
             raise SetupError(f"{path.name} is not valid: {problems[0]}")
         whole.replace(path)
+
+
+def _is_sequential(name: str, parts: Sequence[str]) -> bool:
+    """Whether an algorithm steps the parts one after the other, and not side by side.
+
+    Raises
+    ------
+    SetupError
+        For one that is unknown, or that a container cannot do: with other steps than whole ones, or implicit.
+    """
+    side_by_side = [tuple(Turn(part) for part in parts)]
+    in_turn = [(Turn(part),) for part in parts]
+    schedules = {
+        key: algorithm.stages(parts)
+        for key, algorithm in REGISTRY.items()
+        if not algorithm.is_implicit
+    }
+    possible = [key for key, stages in schedules.items() if stages in (side_by_side, in_turn)]
+    if name not in possible:
+        raise SetupError(f"algorithm {name!r} must be one of {', '.join(possible)}")
+    return len(schedules[name]) > 1
 
 
 @contextmanager

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..engine.instance import quiet
 from ..errors import SetupError
-from ..figures import spline
 from ..master import run
+from ..metrics import spline
 from ..result import Result, SimulationError
 from ..system import ANGLE, Network, System, Value, connect, declared_start, unit_exponents
 from .record import Column

@@ -1,38 +1,49 @@
 """What a user writes of a system, and the network that is checked before a run."""
 
-from .network import (
+from .base_units import (
     ANGLE,
     BASES,
+    unit_conversion,
+    unit_exponents,
+)
+from .description import (
     FALSE_TRUE,
     NUMERIC,
     READ,
     STATE,
-    TERMINALS,
     VARIABLE_STEP,
-    Connection,
-    Network,
-    Port,
-    System,
+    ModelDescription,
     Value,
-    Wire,
-    connect,
-    connect_for_export,
-    conversion_to,
+    Variable,
     declared_start,
-    default_experiment,
-    describe_fmu,
     enumeration,
     feedthrough,
-    is_continuous_input,
-    obstacles,
-    part_name,
     parts_without,
+)
+from .network import (
+    Connection,
+    Network,
+    connect,
+    connect_for_export,
+    obstacles,
     require_cosimulation,
     require_fmi2,
     types_match,
-    unit_conversion,
-    unit_exponents,
-    version,
+)
+from .ports import (
+    Port,
+    conversion_to,
+    is_continuous_input,
+)
+from .reading import (
+    TERMINALS,
+    describe_fmu,
+    file_version,
+    part_name,
+)
+from .wires import (
+    System,
+    Wire,
 )
 
 __all__ = [
@@ -45,19 +56,21 @@ __all__ = [
     "TERMINALS",
     "VARIABLE_STEP",
     "Connection",
+    "ModelDescription",
     "Network",
     "Port",
     "System",
     "Value",
+    "Variable",
     "Wire",
     "connect",
     "connect_for_export",
     "conversion_to",
     "declared_start",
-    "default_experiment",
     "describe_fmu",
     "enumeration",
     "feedthrough",
+    "file_version",
     "is_continuous_input",
     "obstacles",
     "part_name",
@@ -67,5 +80,4 @@ __all__ = [
     "types_match",
     "unit_conversion",
     "unit_exponents",
-    "version",
 ]

@@ -1,9 +1,8 @@
-"""The variables of FMI 3.0 as the master knows all others: each one number, truth value or text."""
+"""Variables as scalars: those of FMI 2.0, and the elements of the arrays of FMI 3.0."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from copy import copy
+from collections.abc import Iterable, Sequence
 from itertools import product
 from math import prod
 from pathlib import Path
@@ -11,89 +10,126 @@ from typing import Any
 from xml.etree import ElementTree
 from zipfile import ZipFile
 
-from fmpy.model_description import ModelDescription, ScalarVariable
-
 from ..errors import SetupError
+from .description import Item, SimpleType, Variable
 
+#: The widths in bits of the integer types of FMI 3.0, and whether they have a sign.
 WIDTHS = {f"{sign}Int{bits}": (bits, not sign) for bits in (8, 16, 32, 64) for sign in ("", "U")}
+#: The types of FMI 2.0 that those of FMI 3.0 are.
 KINDS = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")
 TRUE = ("true", "1")
 #: Elements that the arrays of an FMU may have in all: a convention. Each takes about a kilobyte here.
 MOST_ELEMENTS = 1_000_000
 
 
-class Element:
-    """An FMI 3.0 variable, or an element of one that is an array.
+class Elements:
+    """The variables of an FMU as FMPy has read them, and in their place our scalars.
 
-    It has the attributes of a variable of FMI 2.0. `type` is Real, Integer, Enumeration, Boolean,
-    String, Binary or Clock; `native` that of FMI 3.0. `family` are the elements that are got and set
-    together, in FMI's order.
+    Element [1] of an array is the first, as in the names that FMI 3.0 gives elements.
     """
 
-    name: str
-    type: str
-    causality: str
-    variability: str
-    derivative: Any
-    intervalVariability: str
-    valueReference: int
-    start: str | None
-    family: Sequence[Element]
+    def __init__(self, path: Path, originals: Sequence[Any], *, is_fmi3: bool) -> None:
+        self._root: Any = None
+        self._xml: dict[str | None, Any] = {}
+        if is_fmi3:
+            with ZipFile(path) as archive:
+                self._root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+            self._xml = {x.get("name"): x for x in self._root.iterfind("ModelVariables/*")}
+        _require_countable(originals)
+        self._types: dict[int, SimpleType] = {}
+        self._families: dict[int, Sequence[Variable]] = {}
+        self._open: set[int] = set()
+        self.shapes = {v.name: tuple(v.shape) for v in originals if v.shape}
+        for original in originals:
+            self.of(original)
 
-    def __init__(self, variable: ScalarVariable, place: str, start: str | None, said: Any) -> None:
-        self.__dict__.update((a.name, getattr(variable, a.name)) for a in variable.__attrs_attrs__)
-        self.native = str(variable.type)
-        self.name, self.type = variable.name + place, KINDS.get(self.native, self.native)
-        self.start, self.min, self.max = start, said.get("min"), said.get("max")
-        self.intermediateUpdate = said.get("intermediateUpdate") in TRUE
-        self.interval = _seconds(said, "interval")
-        self.shift = _seconds(said, "shift") or 0.0
+    def of(self, original: Any) -> Sequence[Variable]:
+        """The elements of a variable, or the one variable that it is."""
+        key = id(original)
+        if key not in self._families:
+            if key in self._open:
+                raise SetupError(f"is not a valid FMU: {original.name} is its own derivative")
+            self._open.add(key)
+            self._families[key] = self._made(original)
+        return self._families[key]
+
+    def all(self, originals: Iterable[Any]) -> tuple[Variable, ...]:
+        """The elements of several variables, one after the other."""
+        return tuple(element for original in originals for element in self.of(original))
+
+    def derivatives(self, interface: str) -> bool | None:
+        """Whether an interface gives directional derivatives by FMI 3.0; None by FMI 2.0."""
+        if self._root is None:
+            return None
+        return any(
+            element.get("providesDirectionalDerivatives") in TRUE
+            for element in self._root.iterfind(interface)
+        )
+
+    def _made(self, original: Any) -> Sequence[Variable]:
+        """The elements, states before their derivatives."""
+        states: Sequence[Variable | None] = (
+            self.of(original.derivative) if original.derivative is not None else ()
+        )
+        xml = self._xml.get((original.alias or original).name) if self._xml else None
+        names, starts = _names(original), _starts(original, xml)
+        states = states or [None] * len(names)
+        family: list[Variable] = []
+        common = self._common(original, xml)
+        for name, start, state in zip(names, starts, states):
+            family.append(
+                Variable(name=name, start=start, derivative=state, family=family, **common)
+            )
+        return family
+
+    def _common(self, original: Any, xml: Any) -> dict[str, Any]:
+        """What all elements of a variable share."""
+        native = str(original.type)
+        limits = original if xml is None else None
+        declared = self._type(original.declaredType)
+        common = {
+            "valueReference": original.valueReference,
+            "type": KINDS.get(native, native),
+            "native": native,
+            "causality": str(original.causality),
+            "variability": str(original.variability),
+            "initial": original.initial,
+            "description": original.description,
+            "declaredType": declared,
+            "shape": tuple(original.shape or ()),
+            "unit": original.unit,
+            "nominal": original.nominal,
+            "min": xml.get("min") if limits is None else original.min,
+            "max": xml.get("max") if limits is None else original.max,
+        }
+        if declared is not None:
+            for name in ("unit", "min", "max", "nominal"):
+                if common[name] is None:
+                    common[name] = getattr(declared, name)
+        if xml is not None:
+            common |= {
+                "intermediateUpdate": xml.get("intermediateUpdate") in TRUE,
+                "intervalVariability": original.intervalVariability,
+                "interval": _seconds(xml, "interval"),
+                "shift": _seconds(xml, "shift") or 0.0,
+            }
+        return common
+
+    def _type(self, original: Any) -> SimpleType | None:
+        """A declared type, copied once."""
+        if original is None:
+            return None
+        if id(original) not in self._types:
+            items = tuple(Item(str(i.name), int(i.value)) for i in original.items or ())
+            limits = {name: getattr(original, name) for name in ("unit", "min", "max", "nominal")}
+            self._types[id(original)] = SimpleType(str(original.name), items=items, **limits)
+        return self._types[id(original)]
 
 
-def _seconds(said: Any, what: str) -> float | None:
-    """What a clock says of its interval or shift [s], as a decimal or a fraction."""
-    if f"{what}Decimal" in said.attrib:
-        return float(said.get(f"{what}Decimal"))
-    counter, resolution = said.get(f"{what}Counter"), said.get("resolution")
-    return float(counter) / float(resolution) if counter and resolution else None
-
-
-def expand_arrays(path: Path, description: ModelDescription) -> dict[str, tuple[int, ...]]:
-    """Put elements in place of the variables of an FMI 3.0 description; the shapes of its arrays.
-
-    Element [1] is the first, as in the names that FMI 3.0 gives elements.
-    """
-    with ZipFile(path) as archive:
-        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-    said = {each.get("name"): each for each in root.iterfind("ModelVariables/*")}
-    _require_countable(description)
-    families = {id(v): _family(v, said[(v.alias or v).name]) for v in description.modelVariables}
-    shapes = {v.name: v.shape for v in description.modelVariables if v.shape}
-    for rates in families.values():
-        if (state := rates[0].derivative) is not None:
-            for rate, element in zip(rates, families[id(state)]):
-                rate.derivative = element
-    for tag, side in (("CoSimulation", "coSimulation"), ("ModelExchange", "modelExchange")):
-        for told in root.iterfind(tag):
-            slopes = told.get("providesDirectionalDerivatives") in TRUE
-            getattr(description, side).providesDirectionalDerivative = slopes
-    description.modelVariables = [e for family in families.values() for e in family]
-    structure = description.outputs, description.derivatives, description.initialUnknowns
-    for unknowns in (*structure, description.eventIndicators):
-        whole, unknowns[:] = list(unknowns), []
-        for unknown in whole:
-            if unknown.dependencies is not None:
-                unknown.dependencies = [e for v in unknown.dependencies for e in families[id(v)]]
-            for element in families[id(unknown.variable)]:
-                unknowns.append(copy(unknown))
-                unknowns[-1].variable = element
-    return shapes
-
-
-def _require_countable(description: ModelDescription) -> None:
+def _require_countable(originals: Sequence[Any]) -> None:
     """Raise SetupError for arrays that are too large to name each element."""
     count = 0
-    for v in description.modelVariables:
+    for v in originals:
         count += (size := prod(v.shape or ()))
         if count > MOST_ELEMENTS:
             raise SetupError(
@@ -102,22 +138,34 @@ def _require_countable(description: ModelDescription) -> None:
             )
 
 
-def _family(variable: ScalarVariable, said: Any) -> list[Element]:
-    count = prod(variable.shape)
-    places = [""]
-    if variable.shape:
-        indices = product(*(range(1, n + 1) for n in variable.shape))
-        places = [f"[{','.join(map(str, index))}]" for index in indices]
-    if variable.type in ("String", "Binary"):
-        starts = [start.get("value", "") for start in said.findall("Start")]
+def _names(original: Any) -> list[str]:
+    """The names of the elements."""
+    if not original.shape:
+        return [original.name]
+    indices = product(*(range(1, n + 1) for n in original.shape))
+    return [f"{original.name}[{','.join(map(str, index))}]" for index in indices]
+
+
+def _starts(original: Any, xml: Any) -> Sequence[str | None]:
+    """The start values of the elements; one that is given alone is that of all."""
+    if xml is None:
+        return [original.start]
+    count = prod(original.shape)
+    if original.type in ("String", "Binary"):
+        starts: list[str | None] = [start.get("value", "") for start in xml.findall("Start")]
     else:
-        starts = (variable.start or "").split()
+        starts = list((original.start or "").split())
     starts = starts * count if len(starts) == 1 else starts or [None] * count
     if len(starts) != count:
         raise SetupError(
-            f"is not a valid FMU: {variable.name} has {count} elements and {len(starts)} start values"
+            f"is not a valid FMU: {original.name} has {count} elements and {len(starts)} start values"
         )
-    family = [Element(variable, *each, said) for each in zip(places, starts)]
-    for element in family:
-        element.family = family
-    return family
+    return starts
+
+
+def _seconds(xml: Any, name: str) -> float | None:
+    """What a clock says of its interval or shift [s], as a decimal or a fraction."""
+    if f"{name}Decimal" in xml.attrib:
+        return float(xml.get(f"{name}Decimal"))
+    counter, resolution = xml.get(f"{name}Counter"), xml.get("resolution")
+    return float(counter) / float(resolution) if counter and resolution else None

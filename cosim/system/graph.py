@@ -1,11 +1,37 @@
-"""Which inputs act on themselves at once: algebraic loops in the declared dependencies."""
+"""The wires as a graph: the stepping order, and algebraic loops in the declared dependencies."""
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
+from heapq import heappop, heappush
 
-from .network import Connection, Network, feedthrough
+from .description import feedthrough
+from .network import Connection, Network
+
+
+def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
+    """The parts, each after those that drive it where the wires allow it, else as declared."""
+    if order is not None:
+        return list(order)
+    parts = list(network.descriptions)
+    index = {name: k for k, name in enumerate(parts)}
+    arrows = {(index[wire.source.part], index[wire.target.part]) for wire in network.wires}
+    waits = Counter(target for source, target in arrows if source != target)
+    targets = defaultdict(list)
+    for source, target in arrows:
+        targets[source].append(target)
+    ready, declared = [k for k in range(len(parts)) if not waits[k]], iter(range(len(parts)))
+    sequence: dict[int, str] = {}
+    while len(sequence) < len(parts):
+        k = heappop(ready) if ready else next(declared)
+        if k not in sequence:
+            sequence[k] = parts[k]
+            for target in targets[k]:
+                waits[target] -= 1
+                if not waits[target]:
+                    heappush(ready, target)
+    return list(sequence.values())
 
 
 def algebraic_loops(network: Network) -> list[list[Connection]]:

@@ -197,7 +197,7 @@ class Table:
             return f"ends at {last!r} s, before the stop at {stop!r} s"
         return ""
 
-    def told(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, Any]:
         """What a result says of it."""
         rows = list(zip(self.times, self.values))
         digest = hashlib.sha256(repr(rows).encode()).hexdigest()[:16]
@@ -266,7 +266,7 @@ class FunctionInput:
         """Nothing."""
         return ""
 
-    def told(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, Any]:
         """What a result says of it."""
         return {"function": getattr(self.at, "__qualname__", repr(self.at))}
 

@@ -3,36 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..analysis.coupling_theory import Rows, Unit
 from ..system import System, Value
 
-Matrix = NDArray[np.float64]
-Rows = Sequence[Sequence[float]]
 SIZE = range(1, 5)
-
-
-@dataclass(frozen=True)
-class Unit:
-    """A part; `u` gives for each input its source "part.output", outputs counted from 1, or a value."""
-
-    A: Rows
-    B: Rows
-    C: Rows
-    x: Sequence[float]
-    u: Sequence[str | float]
-    D: Rows | None = None
-
-    @property
-    def feedthrough(self) -> Matrix:
-        """D, or zeros of its shape."""
-        return np.zeros((len(self.C), len(self.u))) if self.D is None else np.array(self.D, float)
 
 
 @dataclass(frozen=True)

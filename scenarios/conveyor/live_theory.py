@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from cosim.system import Value
 from workbench.live import Formulas, Number
 
-from .drive import induction
+from .machine import induction
 
 LINEAR = {"B": "motor.B"}
 #: the slope of Kloss's characteristic at the load of the mean speed, as `drive.linearised` has it

@@ -206,21 +206,21 @@ def orbit(system: System, speed: float, guess: Samples, steps: int) -> Orbit:
                 shift = np.zeros(len(z))
                 shift[k] = PERTURBATION * scales[k]
                 columns.append((end(z + shift, period) - end(z - shift, period)) / (2 * shift[k]))
-            late, early = (end(z, period * (1 + x)) for x in (PERTURBATION, -PERTURBATION))
+            end_after, early = (end(z, period * (1 + x)) for x in (PERTURBATION, -PERTURBATION))
         except SimulationError as error:
             raise NoOrbitError(f"no steady motion was found at {speed:.6g} rad/s") from error
         flow = np.stack(columns, axis=-1)
         returned = flow.copy()
         returned[1:, :4] -= np.eye(4)
-        moved = np.linalg.solve(returned, np.array([TURN, *z[:4]]) - reached)
-        z, change = z + moved, float((abs(moved) / scales).max())
+        newton_step = np.linalg.solve(returned, np.array([TURN, *z[:4]]) - reached)
+        z, change = z + newton_step, float((abs(newton_step) / scales).max())
         if change < CONVERGED:
             break
         if change > DIVERGED:
             raise NoOrbitError(f"no steady motion was found at {speed:.6g} rad/s")
     else:
         raise NoOrbitError(f"no steady motion was found at {speed:.6g} rad/s")
-    rates = (late - early) / (2 * PERTURBATION * period)
+    rates = (end_after - early) / (2 * PERTURBATION * period)
     slope = np.linalg.solve(returned, -rates)[4] * -period / speed
     section = flow[1:, :4] - np.outer(rates[1:], flow[0, :4]) / rates[0]
     multipliers = sorted(np.linalg.eigvals(section).tolist(), key=lambda x: abs(x - 1.0))

@@ -21,7 +21,7 @@ from fmukit.declare.record import start
 from fmukit.runtime import direction as turn
 from fmukit.runtime import hybrid as motion
 from fmukit.runtime import ode
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
 from tests.oracle import monolithic, revolution_samples, symbolic
 from workbench.measure import last_revolutions, order
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cosim.__main__ import main
+from cosim.cli.main import main
 from cosim.engine import driver
 
 Said = Callable[..., str]

@@ -33,7 +33,7 @@ from cosim import (
     run_isolated,
 )
 from cosim.fmu.library import LOADED
-from cosim.judge.isolated import _remains
+from cosim.isolated import _remains
 from cosim.scratch import MARK, _folder_of
 from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten, until
 from tests.cosim.foreign import BINARY, Value, library, pack

@@ -11,10 +11,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cosim import Result, System, certify, diagnose, estimate, run, smallest, time_of_largest
-from cosim.judge.certify import divergence
-from cosim.verification.ideal import Ideal
+from cosim.accuracy.certify import divergence
+from cosim.analysis.coupling_theory import Ideal
 from cosim.verification.systems import couple, drive
-from scenarios.iron import drive as iron
+from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple
 
 

@@ -19,8 +19,9 @@ from fmpy import simulate_fmu
 from numpy.testing import assert_array_equal
 
 from cosim import System, run, write_ssp
-from cosim.__main__ import main, parser
-from scenarios.conveyor.theory import SETS
+from cosim.cli import commands
+from cosim.cli.main import main, parser
+from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack
@@ -283,3 +284,21 @@ def test_times_and_start_values_take_units_and_either_option(
     assert "motor.T [s] = 0.005" in said("info", drive, "--start", "motor.T=5ms")
     rpm = said("info", drive, "--set", "motor.w=60rpm")
     assert f"motor.w [rad/s] = {2 * np.pi!r}" in rpm
+
+
+def test_a_command_is_added_by_one_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Said
+) -> None:
+    module = tmp_path / "greet.py"
+    module.write_text(
+        "from cosim.cli.command import Command\n"
+        "def run(options):\n"
+        "    print('hello', options.name)\n"
+        "    return 0\n"
+        "def add_options(parser):\n"
+        "    parser.add_argument('name')\n"
+        "COMMAND = Command('greet', 'greet a person', run, add_options, 0, reads_system=False)\n"
+    )
+    monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
+    assert said("greet", "Ada") == "hello Ada\n"
+    assert next(iter(parser()._actions[-1].choices or ())) == "greet"

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from cosim import Result, SetupError, compare, run
-from cosim.judge.compare import Band
+from cosim.analysis.compare import Band
 from examples import measured_drive as drive
 from tests.cosim.conftest import Said
 from tests.cosim.test_measured import geared

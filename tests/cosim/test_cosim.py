@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmpy.model_description import BaseUnit
 from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, System, Wire, linearize, oracle, run
+from cosim.describe import info
 from cosim.engine.energy import find_bonds
-from cosim.judge.describe import info
 from cosim.system import connect, unit_conversion
-from scenarios.conveyor.theory import SETS
+from cosim.system.base_units import BaseUnit
+from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import idle, pack
 from tests.oracle import monolithic

@@ -9,9 +9,9 @@ from xml.etree import ElementTree
 import pytest
 
 from cosim import Crosscheck, SetupError, crosscheck
+from cosim.analysis.crosscheck import checks
+from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED, Subject
 from cosim.engine.instance import quiet
-from cosim.judge.crosscheck import checks
-from cosim.judge.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED, Subject
 from tests.conftest import described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.faulty import DEADLY, FAULTS, FAULTS3, pack

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from cosim import SetupError, System, diagnose, linearize
-from cosim.judge.modes import fit
-from cosim.verification.ideal import Ideal, Scheme
-from cosim.verification.systems import DC_MOTOR, OSCILLATOR, Unit, couple, drive, twisting_drive
-from scenarios.conveyor.drive import conveyor_drive
-from scenarios.conveyor.theory import SETS
+from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
+from cosim.analysis.free_response import fit
+from cosim.verification.systems import DC_MOTOR, OSCILLATOR, couple, drive, twisting_drive
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT
 from tests.cosim.test_linearize import conveyor, two_masses
 

@@ -12,11 +12,11 @@ import pytest
 from scipy.linalg import expm
 
 from cosim import SetupError, System, linearize, oracle, run, true_errors
-from scenarios.packing_line import packing_line
+from scenarios.packing_line.questions import packing_line
 from tests.conftest import described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.test_linearize import DRIVE
-from tests.cosim.test_oracle import HYBRID
+from tests.cosim.test_reference import HYBRID
 from tests.cosim.vector import pack
 from tests.fmukit.test_fmi3 import built
 

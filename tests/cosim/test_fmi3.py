@@ -30,9 +30,9 @@ from cosim import (
     write_osp,
     write_ssp,
 )  # fmt: skip
-from cosim.engine.driver import RunSettings
+from cosim.describe import info
 from cosim.engine.initialise import initialise
-from cosim.judge.describe import info
+from cosim.engine.settings import RunSettings
 from cosim.system import connect
 from tests.conftest import rewritten
 from tests.cosim import foreign

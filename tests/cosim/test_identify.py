@@ -16,7 +16,7 @@ from cosim.identification.evidence import alike, close_by, covariance, looking, 
 from cosim.identification.model import build, frees, independent
 from cosim.identification.record import columns, told
 from cosim.system import connect
-from examples.measured_conveyor import Samples, moved
+from examples.measured_conveyor import Samples, simulated
 
 WIRES = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
 MACHINE = {
@@ -47,7 +47,7 @@ def system(fmus: Path, **off: float) -> System:
 def record() -> dict[str, Samples]:
     """One second of the machine at 1 kHz, without noise."""
     t = np.arange(1001) * 1e-3
-    phi, w, tau = moved({"conveyor.crank.r": 0.01} | MACHINE, t)
+    phi, w, tau = simulated({"conveyor.crank.r": 0.01} | MACHINE, t)
     return {"t": t, "phi": phi, "w": w, "tau": tau}
 
 
@@ -240,7 +240,7 @@ def test_what_a_next_record_would_tell_is_what_it_tells(
     best, other = advise(fit, experiments, resonance)
     assert (best.name, other.name) == ("run-up", "steady")
     assert best.error < 0.5 * other.error < 0.5 * fit.derived["resonance"].error
-    _, w, _ = moved({"conveyor.crank.r": 0.01} | MACHINE | rest, record["t"])
+    _, w, _ = simulated({"conveyor.crank.r": 0.01} | MACHINE | rest, record["t"])
     following = identify(
         system(fmus, **{**fit.model.values(fit.local.p), **rest}),
         {"conveyor.w": Table(record["t"], noisy(w, 0.1, 5))},

@@ -29,7 +29,8 @@ from cosim import (
     write_osp,
     write_ssp,
 )
-from cosim.__main__ import alone, main
+from cosim.cli.main import main
+from cosim.cli.system_file import single_fmu_system
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack
 
@@ -173,7 +174,7 @@ def test_a_frame_and_a_file_give_the_same_rows(fmus: Path, tmp_path: Path) -> No
 def echo(tmp_path: Path, **more: Any) -> System:
     """x' = -x + u from x = 1, which shows what it hears, and whose rate is tunable."""
     capabilities = more.pop("capabilities", {})
-    return replace(alone(pack(tmp_path / "A.fmu", **capabilities)), **more)
+    return replace(single_fmu_system(pack(tmp_path / "A.fmu", **capabilities)), **more)
 
 
 @pytest.mark.parametrize("step", [0.1, 0.07, Adaptive(1e-3, first=0.1)])

@@ -21,11 +21,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cosim import Interrupted, SetupError, SimulationError, run, run_isolated
-from cosim import __main__ as main_module
-from cosim.__main__ import alone, main
-from cosim.engine import stepping, surroundings
-from cosim.judge import isolated
+from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
+from cosim.cli.commands import run as run_command
+from cosim.cli.main import main
+from cosim.cli.system_file import single_fmu_system
+from cosim.engine import driver, process_state
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack
@@ -52,13 +52,13 @@ def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
     first = start(*long(tmp_path, "--out", out))
     until((tmp_path / "r.partial.csv").exists)
     with pytest.raises(SetupError, match=r"another run is writing .*r\.partial\.csv"):
-        run(alone(tmp_path / "A.fmu"), stop=1.0, step=0.1, csv=out)
+        run(single_fmu_system(tmp_path / "A.fmu"), stop=1.0, step=0.1, csv=out)
     until(lambda: (tmp_path / "r.partial.csv").stat().st_size > 100_000)
     first.send_signal(signal.SIGINT)
     first.communicate(timeout=60)
     rows = pd.read_csv(tmp_path / "r.partial.csv")
     assert np.diff(rows["time"]) == pytest.approx(1e-4, rel=1e-6)
-    run(alone(tmp_path / "A.fmu"), stop=1.0, step=0.1, csv=out)
+    run(single_fmu_system(tmp_path / "A.fmu"), stop=1.0, step=0.1, csv=out)
     assert len(pd.read_csv(out)) == 11
 
 
@@ -153,7 +153,7 @@ def test_files_that_could_not_be_written_are_refused_before_the_run(
 
 
 def test_csv_must_be_a_csv_file(tmp_path: Path) -> None:
-    system = alone(pack(tmp_path / "A.fmu"))
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
     with pytest.raises(SetupError, match=r"must be a file that ends in \.csv"):
         run(system, stop=1.0, step=0.1, csv=tmp_path / "a.parquet")
     assert len(run(system, stop=1.0, step=0.1, csv=str(tmp_path / "a.csv")).data) == 11
@@ -187,7 +187,7 @@ def test_a_folder_that_goes_ends_a_run(tmp_path: Path) -> None:
         time.sleep(0.02)
 
     with pytest.raises(SimulationError, match=r"cannot be written: No such file or directory"):
-        part = alone(pack(tmp_path / "A.fmu"))
+        part = single_fmu_system(pack(tmp_path / "A.fmu"))
         run(part, stop=2000.0, step=1e-3, csv=folder / "r.csv", progress=go)
 
 
@@ -196,7 +196,7 @@ def test_an_fmu_that_changes_the_folder_does_not_move_the_rows(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     run(
-        alone(pack(tmp_path / "A.fmu")), stop=1.0, step=0.1, csv="a.csv",
+        single_fmu_system(pack(tmp_path / "A.fmu")), stop=1.0, step=0.1, csv="a.csv",
         progress=lambda _: os.chdir("/"),
     )  # fmt: skip
     assert (tmp_path / "a.csv").exists()
@@ -205,7 +205,7 @@ def test_an_fmu_that_changes_the_folder_does_not_move_the_rows(
 @pytest.fixture
 def watched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder to be in, and a master that looks after every step."""
-    monkeypatch.setattr(surroundings, "BETWEEN", 0.0)
+    monkeypatch.setattr(process_state, "BETWEEN", 0.0)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -223,12 +223,18 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
         if share > 0.55:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(stepping, "possible", lambda _: False)
+    monkeypatch.setattr(driver, "can_compile", lambda _: False)
     meddler, other = (pack(watched / f"{k}.fmu", meddle_at=t) for k, t in ((1, when), (2, 9.0)))
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(Interrupted) as caught:
-            run(alone(meddler), stop=1.0, step=0.1, record=["part_1.y"], progress=interrupt)
+            run(
+                single_fmu_system(meddler),
+                stop=1.0,
+                step=0.1,
+                record=["part_1.y"],
+                progress=interrupt,
+            )
     finally:
         signal.signal(signal.SIGINT, handler)
     assert locale.setlocale(locale.LC_ALL) == before
@@ -237,7 +243,7 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
     assert caught.value.result.warnings == [
         told.format(what) for what in ("the working directory", "the locale")
     ]
-    calm = run(alone(other), stop=1.0, step=0.1, record=["part_2.y"])
+    calm = run(single_fmu_system(other), stop=1.0, step=0.1, record=["part_2.y"])
     assert calm.warnings == []
     assert np.array_equal(calm.data[:7], caught.value.result.data)
 
@@ -245,11 +251,16 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
 def test_numbers_that_are_rounded_otherwise_end_a_run(watched: Path) -> None:
     """In an FMU's steps; what it does while it starts is brought back before the first one."""
     with pytest.raises(SimulationError, match=r"has changed the rounding .* stopped at") as caught:
-        run(alone(pack(watched / "A.fmu", round_at=0.35)), stop=1.0, step=0.1, csv="a.csv")
+        run(
+            single_fmu_system(pack(watched / "A.fmu", round_at=0.35)),
+            stop=1.0,
+            step=0.1,
+            csv="a.csv",
+        )
     assert (watched / "a.partial.csv").read_text().count("\n") == len(caught.value.result.data) + 1
-    started = run(alone(pack(watched / "B.fmu", round_at=0.0)), stop=1.0, step=0.1)
+    started = run(single_fmu_system(pack(watched / "B.fmu", round_at=0.0)), stop=1.0, step=0.1)
     assert "the rounding of floating-point numbers" in started.warnings[0]
-    calm = run(alone(pack(watched / "C.fmu")), stop=1.0, step=0.1)
+    calm = run(single_fmu_system(pack(watched / "C.fmu")), stop=1.0, step=0.1)
     assert np.array_equal(calm["C.y"], started["B.y"])
 
 
@@ -259,11 +270,11 @@ def test_numbers_that_are_rounded_otherwise_end_a_run(watched: Path) -> None:
 def test_numbers_whose_subnormal_ones_vanish_end_a_run(watched: Path) -> None:
     """In an FMU's steps; what it sets while it starts is brought back before the first one."""
     with pytest.raises(SimulationError, match=r"subnormal .*\(FTZ, DAZ\) of the whole process"):
-        run(alone(pack(watched / "A.fmu", flush_at=0.35)), stop=1.0, step=0.1)
+        run(single_fmu_system(pack(watched / "A.fmu", flush_at=0.35)), stop=1.0, step=0.1)
     assert sys.float_info.min * float("0.5") > 0.0, "it was restored"
-    started = run(alone(pack(watched / "B.fmu", flush_at=0.0)), stop=1.0, step=0.1)
+    started = run(single_fmu_system(pack(watched / "B.fmu", flush_at=0.0)), stop=1.0, step=0.1)
     assert "subnormal" in started.warnings[0]
-    calm = run(alone(pack(watched / "C.fmu")), stop=1.0, step=0.1)
+    calm = run(single_fmu_system(pack(watched / "C.fmu")), stop=1.0, step=0.1)
     assert np.array_equal(calm["C.y"], started["B.y"])
 
 
@@ -285,7 +296,7 @@ def test_results_are_not_written_through_links(name: str, tmp_path: Path, said: 
             f"{tmp_path / link} is a symbolic link, and results are not written through" in errors
         )
     with pytest.raises(SetupError, match="is a symbolic link"):
-        run(alone(tmp_path / "A.fmu"), stop=1.0, step=0.1).write(tmp_path / "r.csv")
+        run(single_fmu_system(tmp_path / "A.fmu"), stop=1.0, step=0.1).write(tmp_path / "r.csv")
     assert precious.read_text() == "precious"
     assert not (tmp_path / "r.csv").exists()
 
@@ -329,7 +340,9 @@ def test_an_fmu_that_hangs_is_ended_on_request(tmp_path: Path) -> None:
     with pytest.raises(
         SimulationError, match=r"A did not respond for 2 s and was ended after t = 0"
     ):
-        run_isolated(alone(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv", timeout=2.0)
+        run_isolated(
+            single_fmu_system(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv", timeout=2.0
+        )
     assert json.loads((tmp_path / "r.partial.json").read_text())["status"] == "failed"
 
 
@@ -339,7 +352,7 @@ def test_an_fmu_that_is_never_freed_does_not_hold_the_result(
     monkeypatch.setattr(isolated, "GRACE", 0.5)
     fmu = pack(tmp_path / "A.fmu", hang_at_end=True)
     with pytest.raises(SimulationError, match=r"was ended when it closed them after t = 1.0 s"):
-        run_isolated(alone(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv")
+        run_isolated(single_fmu_system(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv")
     assert len(pd.read_csv(tmp_path / "r.csv")) == 11
     assert json.loads((tmp_path / "r.json").read_text())["status"] == "complete"
 
@@ -368,7 +381,7 @@ def test_rows_for_which_there_is_no_room_at_the_end_are_kept_elsewhere(
     for name in ("to_csv", "to_parquet"):
         monkeypatch.setattr(pd.DataFrame, name, full)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(main_module, "scratch", lambda: tmp_path)
+    monkeypatch.setattr(run_command, "scratch", lambda: tmp_path)
     told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "full" / options[0])]
     assert main(["run", str(pack(tmp_path / "A.fmu")), *told, *options[1:]]) == 1
     said = capsys.readouterr().err.splitlines()

@@ -11,8 +11,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from cosim import SetupError, System, linearize
-from scenarios.conveyor.drive import linearised, start_values
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import linearised, start_values
 from tests.conftest import described, rewritten
 
 DRIVE = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]

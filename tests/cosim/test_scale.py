@@ -12,12 +12,11 @@ from typing import Any
 
 import pytest
 
-from cosim import System, run
-from cosim.engine.driver import RunSettings
-from cosim.judge import describe
-from cosim.master import setup_problems, stepping_order
+from cosim import System, describe, run
+from cosim.engine.settings import RunSettings
+from cosim.requirements import setup_problems
 from cosim.system import connect
-from cosim.system.graph import strongly_connected
+from cosim.system.graph import stepping_order, strongly_connected
 from tests.conftest import described, rewritten
 from tests.cosim.foreign import pack
 

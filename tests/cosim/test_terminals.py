@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cosim import SetupError, System, run
-from cosim.judge.describe import info
+from cosim.describe import info
 from cosim.system import TERMINALS, connect
 from tests.conftest import rewritten
 
@@ -87,7 +87,7 @@ def test_what_cannot_be_joined_is_refused(wire: str, message: str, parts: dict[s
 def test_terminals_that_cannot_be_read_hinder_nobody(
     parts: dict[str, Path], tmp_path: Path
 ) -> None:
-    """They are told as a blemish; a terminal of other members has nothing to join."""
+    """They are told as a schema warning; a terminal of other members has nothing to join."""
 
     def edit(text: bytes) -> Any:
         def change(files: dict[str, Any]) -> None:
@@ -99,7 +99,7 @@ def test_terminals_that_cannot_be_read_hinder_nobody(
         "motor": rewritten(parts["motor"], tmp_path / "broken.fmu", edit(b"<fmiTerminals"))
     }
     system = joined(broken, "motor", "conveyor", wires=("motor.tau -> conveyor.tau",))
-    assert TERMINALS in connect(system).blemishes["motor"]
+    assert TERMINALS in connect(system).schema_warnings["motor"]
     other = (
         b'<a><Terminals><Terminal name="flange"><TerminalMemberVariable memberName="torque" '
         b'variableName="tau"/></Terminal></Terminals></a>'

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from cosim import Adaptive, Result, SetupError, System, run
-from cosim.__main__ import alone as single
-from cosim.__main__ import main
+from cosim.cli.main import main
+from cosim.cli.system_file import single_fmu_system
 from cosim.engine.recorder import OutputGrid
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
@@ -33,7 +33,7 @@ def edited(path: Path, old: str, new: str) -> Path:
 
 def alone(path: Path, **start: float) -> System:
     """The FMU by itself, with these start values."""
-    system = single(path)
+    system = single_fmu_system(path)
     return replace(system, start={**system.start, **{f"A.{k}": v for k, v in start.items()}})
 
 
@@ -79,8 +79,9 @@ def test_an_fmu_may_log_from_a_thread_of_its_own(tmp_path: Path) -> None:
     """Its step waits for the thread, and the thread for Python, which must not be locked."""
     fmu = pack(tmp_path / "A.fmu", chats=True)
     program = (
-        "from cosim.__main__ import alone; from cosim import run; from pathlib import Path; import sys\n"
-        "print(run(alone(Path(sys.argv[1])), stop=1.0, step=0.1).warnings)"
+        "from cosim.cli.system_file import single_fmu_system; from cosim import run\n"
+        "from pathlib import Path; import sys\n"
+        "print(run(single_fmu_system(Path(sys.argv[1])), stop=1.0, step=0.1).warnings)"
     )
     command = [sys.executable, "-c", program, str(fmu)]
     how: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 120}
@@ -198,7 +199,7 @@ def test_a_run_without_files_shows_where_it_ends(tmp_path: Path, said: Said) -> 
     assert f"A.y   {math.exp(-1):.6g}" in said(
         "run", fmu, "--stop", "1", "--step", "0.1", "--record", "A.y"
     )
-    result = run(single(fmu), stop=1.0, step=0.1, record=["A.y"])
+    result = run(single_fmu_system(fmu), stop=1.0, step=0.1, record=["A.y"])
     assert repr(result) == "Result(complete, 0 to 1 s: A.y [])"
     shown = result._repr_html_()
     for text in ("complete, 0 to 1 s", "data:image/png;base64,iV", f"<td>{math.exp(-1):.6g}</td>"):

@@ -16,14 +16,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cosim.engine.algorithms
+import cosim.engine.driver
 import cosim.engine.initialise
 from cosim import ALGORITHMS, SetupError, System, run, verification
+from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
+from cosim.engine.algorithms import REGISTRY
 from cosim.engine.energy import BondSide
 from cosim.verification import checks
 from cosim.verification.checks import HOLDING, MOTOR, SCHEMES, SUBSTEPS, Row, orders, simulate
-from cosim.verification.ideal import Ideal, Scheme
-from cosim.verification.systems import BENCHMARKS, SPRING_AND_MASS, Unit, couple, states
+from cosim.verification.systems import BENCHMARKS, SPRING_AND_MASS, couple, states
 
 ALL = SCHEMES | HOLDING | SUBSTEPS
 
@@ -64,11 +65,11 @@ def wrong_sign(patch: pytest.MonkeyPatch) -> None:
 
 
 def whole_steps_for_halves(patch: pytest.MonkeyPatch) -> None:
-    patch.setitem(cosim.engine.algorithms.EXPLICIT, "strang", cosim.engine.algorithms.gauss_seidel)
+    patch.setattr(cosim.engine.driver, "find_algorithm", lambda _: REGISTRY["gauss-seidel"])
 
 
 def late_by_a_step(patch: pytest.MonkeyPatch) -> None:
-    patch.setitem(cosim.engine.algorithms.EXPLICIT, "strang", cosim.engine.algorithms.jacobi)
+    patch.setattr(cosim.engine.driver, "find_algorithm", lambda _: REGISTRY["jacobi"])
 
 
 def ledger_of_the_wrong_sign(patch: pytest.MonkeyPatch) -> None:

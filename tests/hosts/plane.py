@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import workbench
-from workbench import Bench, Figure, Findings, option
+from workbench import Context, Figure, Findings, option
 
 DEATH_SIGNAL_OF_PARENT = 1
 
@@ -88,7 +88,7 @@ class Options(workbench.Options):
     ledger: str = option("", "where each run leaves a line")
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Height 3 x + times y over the point."""
     if o.ledger:
         with Path(o.ledger).open("a") as file:
@@ -98,7 +98,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     MOODS[o.mood]()
     if o.mood == "warn":
         logging.getLogger("cosim").warning(f"the plane is steep, {(o.x + 3) / 3!r} rad")
-    root = Figure(o.x**0.5, "m1/2", 0.0) if o.x >= 0.0 else Figure.refused("m1/2", "x < 0")
+    root = Figure(o.x**0.5, "m1/2", 0.0) if o.x >= 0.0 else Figure.undetermined("m1/2", "x < 0")
     height = Figure(3.0 * o.x + o.times * o.y, "m", 1e-3 * abs(o.x))
     high = Figure(float(o.x > 0.0), "1", 0.0)
     return Findings({"height": height, "y": Figure(o.y, "m", 0.0), "root": root, "high": high})

@@ -18,14 +18,14 @@ from fmpy.model_description import read_model_description
 import scenarios
 from cosim import SetupError, System
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.theory import FIELDS, Machine
-from scenarios.iron import drive as iron
-from scenarios.iron import iron_orders
+from scenarios.conveyor.first_order import FIELDS, Machine
+from scenarios.iron import machine as iron
+from scenarios.iron.questions import iron_orders
 from scenarios.orientator import machine as orientator
-from scenarios.packing_line import packing_line
+from scenarios.packing_line.questions import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.answer import content, finish, write
-from workbench.command import main
+from workbench.cli import main
 from workbench.figure import Figure, rounded
 from workbench.measure import harmonics
 from workbench.question import find, load, names
@@ -291,7 +291,7 @@ def test_warnings_of_fmus_are_told_once_after_the_answer(
     said, errors = capfd.readouterr()
     assert errors == ""
     assert said.splitlines()[-3] == f"Warning: {warning}"
-    assert said.startswith("The cam shoots up to")
+    assert said.startswith("The cam peaks at")
     assert json.loads((tmp_path / "iron_start.json").read_text())["warnings"] == [warning]
     assert "cam follower lifts off" in (tmp_path / "report.html").read_text()
     assert plain("orientation_time").warnings == []
@@ -322,7 +322,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> None:
     part = CHANGED[name][0].split(".")[0]
-    own = getattr(load(find(PROJECT.home, name)), "OWN", ())
+    own = getattr(load(find(PROJECT.home, name)), "FIXED_STARTS", ())
     refused = [(f"{x}=1", f"start value {x}: this question sets it itself") for x in own]
     for wrong, message in (
         (f"{part}.nonsense=1", f"{part} has no variable 'nonsense'"),

@@ -14,14 +14,14 @@ from scipy.optimize import brentq
 
 from cosim import SetupError
 from examples import measured_conveyor, measured_iron
-from scenarios.conveyor import identify
-from scenarios.conveyor.theory import Machine
+from scenarios.conveyor.first_order import Machine
+from scenarios.conveyor.questions import identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.ask import row
-from workbench.recorded import prior
+from workbench.fitting import prior
+from workbench.run import row
 
-TRUTH = measured_conveyor.seen()
+TRUTH = measured_conveyor.equivalent_drive()
 MACHINE = Machine(
     B=TRUTH["motor.B"], T=TRUTH["motor.T"], theta1=0.52, m=196.0, r=0.01, c=7.1e5, d=4300.0
 )
@@ -43,12 +43,12 @@ def test_the_record_of_the_conveyor_has_counts_of_an_encoder_and_a_belt_that_cre
     rows = measured_conveyor.record()
     counts = rows["n [rpm]"] / 60 * measured_conveyor.SAMPLE * measured_conveyor.COUNTS
     assert np.abs(counts - counts.round()).max() < 0.01
-    _, w, M = measured_conveyor.moved(
+    _, w, M = measured_conveyor.simulated(
         measured_conveyor.TRUTH, np.array([0.0, 1.2]), measured_conveyor.CREEP
     )
-    _, plain, other = measured_conveyor.moved(TRUTH, np.array([0.0, 1.2]))
+    _, plain, other = measured_conveyor.simulated(TRUTH, np.array([0.0, 1.2]))
     assert abs(w[1] - plain[1]) < 1e-3 * w[1] and abs(M[1] - other[1]) < 0.5
-    _, stiff, _ = measured_conveyor.moved(measured_conveyor.TRUTH, np.array([0.0, 1.2]))
+    _, stiff, _ = measured_conveyor.simulated(measured_conveyor.TRUTH, np.array([0.0, 1.2]))
     assert abs(stiff[1] - w[1]) > 5 * abs(w[1] - plain[1])
 
 
@@ -157,6 +157,6 @@ def test_what_is_known_is_read_in_shares_too() -> None:
 
 @pytest.mark.slow
 def test_a_study_varies_the_record() -> None:
-    page = "scenarios.conveyor.identify"
+    page = "scenarios.conveyor.questions.identify"
     told = row(page, fmus_of(identify), QUICK["identify"])
     assert told["figures"]["nu_res"][0] == pytest.approx(MACHINE.nu_res, rel=0.01)

@@ -13,12 +13,12 @@ import pytest
 from benchmarks.identify_machines import KINDS, trial
 from cosim import Experiment, SetupError, System, run
 from examples import measured_iron, measured_orientator
-from scenarios.iron import drive as iron
-from scenarios.iron import iron_identify
-from scenarios.orientator import orientator_identify
+from scenarios.iron import machine as iron
+from scenarios.iron.questions import iron_identify
+from scenarios.orientator.questions import orientator_identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.recorded import planned
+from workbench.fitting import planned_experiments
 
 IRON, ORIENTATOR = measured_iron.TRUTH, measured_orientator.TRUTH
 MU = "orientator_chute_mu"
@@ -34,7 +34,7 @@ def products() -> Answer:
 def test_further_records_bring_the_torque_where_the_record_is_without_it() -> None:
     starts = {"run-up": {"w": 0.0}, "other supply": {"motor.A": 3.0}}
     noise, torque = {"w": 0.1}, {"tau": 2.0}
-    found = planned(starts, "motor.A", 5.0, noise, torque)
+    found = planned_experiments(starts, "motor.A", 5.0, noise, torque)
     assert found == {
         "run-up": Experiment({"w": 0.0}, noise, 5.0),
         "run-up, with the torque": Experiment({"w": 0.0}, noise | torque, 5.0),
@@ -43,7 +43,7 @@ def test_further_records_bring_the_torque_where_the_record_is_without_it() -> No
             {"motor.A": 3.0}, noise | torque, 5.0, ("motor.A",)
         ),
     }
-    assert list(planned(starts, "motor.A", 5.0, noise | torque, torque)) == list(starts)
+    assert list(planned_experiments(starts, "motor.A", 5.0, noise | torque, torque)) == list(starts)
 
 
 def test_the_iron_of_the_examples_moves_as_the_fmu_does() -> None:
@@ -52,7 +52,7 @@ def test_the_iron_of_the_examples_moves_as_the_fmu_does() -> None:
     off = []
     for step in (2e-3, 1e-3):
         found = run(system, stop=0.5, step=step)
-        mine = measured_iron.moved(IRON, found["time"])
+        mine = measured_iron.simulated(IRON, found["time"])
         off.append([abs(mine[k] - found[x]).max() for k, x in enumerate(measured_iron.STATES)])
     assert np.divide(*off) == pytest.approx(4.0, abs=0.2)
     assert max(off[1]) < 3e-3
@@ -109,7 +109,7 @@ def test_the_turn_of_the_iron_is_found_before_the_fit() -> None:
     o = iron_identify.Options(**given)
     system = iron_identify.guess(o, fmus_of(iron_identify), o.columns("iron.w")["iron.w"])
     at = measured_iron.FIRST + measured_iron.SAMPLE / 2
-    phi = measured_iron.moved(IRON, np.array([0.0, at]))[0, -1]
+    phi = measured_iron.simulated(IRON, np.array([0.0, at]))[0, -1]
     assert abs(system.start["iron.phi"] - phi) < 0.5  # type: ignore[operator]
 
 

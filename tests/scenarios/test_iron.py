@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 from components.iron_drive import model as iron
 from cosim import SetupError
 from fmukit.declare.record import declarations, start
-from scenarios.iron import iron_kinematics
+from scenarios.iron.questions import iron_kinematics
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
 from tests.components.iron_oracle import by_material_points, tables
 from tests.conftest import QUICK, ask

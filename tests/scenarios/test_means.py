@@ -14,9 +14,10 @@ import sympy
 from scipy.integrate import solve_ivp
 
 from cosim import SetupError
-from scenarios.conveyor import induction_motor
-from scenarios.conveyor.classical import worst
-from scenarios.conveyor.theory import SETS, Machine, classical, drift, flux_lag, means, settling
+from scenarios.conveyor.first_order import SETS, Machine, classical, flux_lag
+from scenarios.conveyor.questions import induction_motor
+from scenarios.conveyor.questions.classical import worst
+from scenarios.conveyor.second_order import drift, means, settling
 from tests.conftest import QUICK, ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, Orbit, angles, orbit
 from workbench.answer import Answer
@@ -462,7 +463,7 @@ def test_breakdown_slip_moves_the_damping_and_not_the_resonance() -> None:
                 "resistances": "4",
                 "start": {"conveyor.spring.c": 183375.0, "conveyor.trough.d": 4.0},
             },
-            "rad/s: the load ripple nearly vanishes there",
+            "rad/s: the load ripple is almost zero there",
         ),
         ({"slips": "0"}, "slips = 0 must be a finite number above 0"),
     ],

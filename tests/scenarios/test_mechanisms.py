@@ -12,8 +12,7 @@ import pytest
 import sympy
 
 from cosim import System
-from scenarios.conveyor.resonance import SPEEDS
-from scenarios.conveyor.theory import (
+from scenarios.conveyor.first_order import (
     ANGLES,
     SETS,
     Machine,
@@ -23,9 +22,10 @@ from scenarios.conveyor.theory import (
     crank,
     slotted_link,
 )
+from scenarios.conveyor.rows import SPEEDS
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.measure import harmonics
-from workbench.orbit import steady
+from workbench.periodic import periodic_orbit
 
 Real = np.typing.NDArray[np.float64]
 LINK = 0.05
@@ -186,7 +186,7 @@ def test_coupled_link_has_the_ripple_of_exact_orbits_and_that_of_theory(
             return System(fmus_, wires, {**start, **at})
 
         near = {"conveyor.w": nu, "motor.tau": mean}
-        turns = steady(system, near, "conveyor.phi", nu, 512, ["conveyor.f_pin"])
+        turns = periodic_orbit(system, near, "conveyor.phi", nu, 512, ["conveyor.f_pin"])
         phi, torque = (turns.result[key][turns.window()] for key in ("conveyor.phi", "motor.tau"))
         found, theory = harmonics(phi, torque, 12)[:4], link.ripples(nu).torque[:4]
         true = exact(drive(machine, Link, l=LINK), nu)[1][:4]

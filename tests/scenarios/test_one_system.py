@@ -23,8 +23,8 @@ from components.slotted_link import model as load
 from components.speed_controller import model as controller
 from cosim import SetupError
 from fmukit.declare.record import declarations, start
-from scenarios.chain import speed_step
-from scenarios.conveyor.theory import SETS
+from scenarios.chain.questions import speed_step
+from scenarios.conveyor.first_order import SETS
 from tests.components.iron_oracle import OneSystem
 from tests.components.orientator_oracle import Jam, passage
 from tests.components.test_iron_drive import quantities

@@ -11,9 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import cosim
-from scenarios.conveyor import drive as drives
-from scenarios.conveyor import resonance, response
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor import machine as drives
+from scenarios.conveyor import orbits
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.questions import resonance
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import (
     Drive,
@@ -21,13 +22,16 @@ from tests.scenarios.orbit_oracle import (
     drawn,
     edges,
     f_rod_peak,
-    features,
     orbit,
     question,
 )
-from workbench import Bench
+from tests.scenarios.orbit_oracle import (
+    features as exact_features,
+)
+from workbench import Context
 from workbench.figure import Figure, percent
-from workbench.orbit import NotSteady, at_angles, return_map, steady
+from workbench.periodic import NoOrbitError as NoPeriodicOrbitError
+from workbench.periodic import at_angles, periodic_orbit, return_map
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 FMUS = fmus_of(resonance)
@@ -61,7 +65,7 @@ def test_stated_errors_hold_on_drives_drawn_at_random(seed: list[int]) -> None:
         drive = drawn(rng)
         sweep = question(rng, drive)
         try:
-            truth = features(drive, *sweep[:2])
+            truth = exact_features(drive, *sweep[:2])
         except NoOrbitError:
             continue
         break
@@ -82,7 +86,7 @@ def test_stated_errors_hold_on_drives_drawn_at_random(seed: list[int]) -> None:
 def test_a_sharp_resonance_between_the_points_of_the_sweep_is_found() -> None:
     drive = Drive(B=4230, T=0.247, J=1.86, m=15.4, r=0.0316, c=0.0, d=16.8)
     told = asked(drive, 29, 72, 11)
-    for name, exact in features(drive, 29.0, 72.0).items():
+    for name, exact in exact_features(drive, 29.0, 72.0).items():
         assert held(told[name], exact) <= 1.0
         assert told[name].error < 1e-3 * exact
 
@@ -158,7 +162,7 @@ def test_speeds_to_avoid_whose_error_is_not_known_are_about_right() -> None:
 @pytest.mark.parametrize(("nu", "where"), [(40.0, "above"), (60.0, "below")])
 def test_a_sweep_of_one_speed_is_above_the_limit_or_below(nu: float, where: str) -> None:
     told = ask("resonance", speeds=[nu])
-    assert told.figures["nu_90"].reason == "the sweep has fewer than two steady orbits"
+    assert told.figures["nu_90"].reason == "fewer than two speeds reached a steady state"
     words = {"above": "is above the limit", "below": "stays below the limit"}[where]
     assert f"The torque ripple {words} at every speed of the sweep." in told.verdict
 
@@ -171,14 +175,14 @@ def test_the_verdict_tells_how_far_the_resonance_is_from_the_speed(speed: float,
     assert abs(share) == pytest.approx(0.5, abs=2e-3)
 
 
-def drive_case(nu: float, **start: Any) -> response.Case:
+def drive_case(nu: float, **start: Any) -> orbits.OrbitTask:
     changes = {name.replace("__", "."): value for name, value in start.items()}
-    return response.Setup(Bench(FMUS), changes, "strang", 512).case(SETS["A"], nu)
+    return orbits.OrbitRunner(Context(FMUS), changes, "strang", 512).task(SETS["A"], nu)
 
 
 def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -> None:
     for nu in (24.0, 40.0, 57.0):
-        point = response.simulate(drive_case(nu))
+        point = orbits.simulate(drive_case(nu))
         exact = orbit(Drive(), nu)
         assert_allclose(point.torque, exact.tau2, rtol=1e-3)
         assert_allclose(point.speed, exact.w2, rtol=1e-3)
@@ -188,27 +192,27 @@ def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -
 def test_runs_are_over_before_their_orbits_are_told_and_none_is_made_twice() -> None:
     told = []
 
-    class Watched(Bench):
+    class Watched(Context):
         def each(self, function: Any, cases: Any, title: str, probes: bool = False) -> Any:
             yield from super().each(function, cases, title, probes)
             told.append((title, len(cases)))
 
-    setup = response.Setup(Watched(FMUS), {}, "strang", 64)
-    slow, fast = (SETS["A"], 30.0, 1), (SETS["A"], 50.0, 1)
-    first = next(setup.orbits([slow, slow], "first"))
+    runner = orbits.OrbitRunner(Watched(FMUS), {}, "strang", 64)
+    slow, fast = (orbits.OperatingPoint(SETS["A"], nu) for nu in (30.0, 50.0))
+    first = next(runner.orbits([slow, slow], "first"))
     assert told == [("first", 1)]
-    assert list(setup.orbits([fast, slow], "second"))[1] is first
+    assert list(runner.orbits([fast, slow], "second"))[1] is first
     assert told[1:] == [("second", 1)]
 
 
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
-    turns = response.orbit(drive_case(60.0), response.RECORD)
+    turns = orbits.run_to_orbit(drive_case(60.0), orbits.RECORD)
     rates = abs(orbit(Drive(), 60.0).multipliers)
-    assert turns.left == pytest.approx(rates.max(), rel=1e-3)
+    assert turns.contraction == pytest.approx(rates.max(), rel=1e-3)
 
 
 def test_a_motor_that_stalls_has_no_orbit() -> None:
-    stalled = response.simulate(drive_case(5.0, motor__B=1.0, motor__A=5.0))
+    stalled = orbits.simulate(drive_case(5.0, motor__B=1.0, motor__A=5.0))
     assert stalled.problem and math.isnan(stalled.mean)
     told = ask("resonance", speeds="3,4,5", start=["motor.B=1"], speed=3.0)
     assert all(told.figures[name].error is None for name in FIGURES)
@@ -230,16 +234,18 @@ def test_an_orbit_that_deviations_leave_is_refused() -> None:
         line = {"motor.A": 45.0 - 60.0, "motor.B": 0.0, "conveyor.trough.d": 0.0}
         return cosim.System(FMUS, drives.WIRES, line | dict(start))
 
-    with pytest.raises(NotSteady):
-        steady(system, {"conveyor.w": 40.0, "motor.tau": 0.0}, "conveyor.phi", 40.0, 128, ())
+    with pytest.raises(NoPeriodicOrbitError):
+        periodic_orbit(
+            system, {"conveyor.w": 40.0, "motor.tau": 0.0}, "conveyor.phi", 40.0, 128, ()
+        )
 
 
 def test_return_map_of_a_linear_sequence_is_its_matrix() -> None:
     matrix = np.array([[0.5, 0.3], [-0.4, 0.6]])
     deviations = [np.linalg.matrix_power(matrix, k) @ [1.0, 0.2] for k in range(4)]
-    found, left = return_map(np.array(deviations) + np.array([3.0, -1.0]))
-    assert_allclose(found, matrix, rtol=1e-10)
-    assert left == pytest.approx(abs(np.linalg.eigvals(matrix)).max())
+    map_ = return_map(np.array(deviations) + np.array([3.0, -1.0]))
+    assert_allclose(map_.jacobian, matrix, rtol=1e-10)
+    assert map_.contraction == pytest.approx(abs(np.linalg.eigvals(matrix)).max())
 
 
 def test_values_between_rows_lie_on_the_polynomial_through_them() -> None:
@@ -252,7 +258,7 @@ def test_values_between_rows_lie_on_the_polynomial_through_them() -> None:
 @pytest.mark.parametrize(
     ("start", "words"),
     [
-        (["conveyor.trough.d=1", "motor.T=0.0278"], "the load ripple nearly vanishes there"),
+        (["conveyor.trough.d=1", "motor.T=0.0278"], "the load ripple is almost zero there"),
         (
             [],
             "The sweep from 50 to 70 rad/s does not include the 40 rad/s of the resonance formula (22).",

@@ -10,7 +10,7 @@ import pytest
 
 from components.crank_conveyor import model as crank_conveyor
 from fmukit.declare.record import start
-from scenarios.conveyor.theory import SETS, Machine
+from scenarios.conveyor.first_order import SETS, Machine
 from tests.oracle import monolithic
 from tests.scenarios.orbit_oracle import (
     Drive,

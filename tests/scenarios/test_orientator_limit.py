@@ -14,9 +14,9 @@ from scipy.integrate import solve_ivp
 
 from cosim import System
 from scenarios.orientator import machine as orientator
-from scenarios.orientator import orientator_limit, orientator_neglect
-from scenarios.orientator.orientation_time import fastest, run, simulate
-from scenarios.orientator.theory import DOWN, UP, Machine, rpm
+from scenarios.orientator.limit_formula import DOWN, UP, Machine, rpm
+from scenarios.orientator.products import fastest, run_product, simulate
+from scenarios.orientator.questions import orientator_limit, orientator_neglect
 from tests.conftest import ask, fmus_of
 
 LIMITS = {0.1: 126.38634, 0.2: 100.23145, 0.3: 84.54107, 0.35: 77.75026, 0.4: 71.75820,
@@ -84,7 +84,7 @@ def jacobi(m: Machine, W: float) -> tuple[float, float, float] | None:
     """Angles of catcher and cup and the square of the cup's speed at its release, from the equation
     of motion over phi2 and the energy at the hook contact; None where the catcher comes back first."""
     slope, a, b, share = m.laid
-    phi1, phi2, _ = m.begun
+    phi1, phi2, _ = m.pose
     k = m.hook(phi1, phi2)
     mass = (k["M11"] * slope + 2 * k["M12"]) * slope + k["M22"]
     half, (F_1, F_2) = m.l1 / 2, (W * x for x in m.forces)
@@ -135,7 +135,7 @@ def test_an_integration_over_the_angle_jams_where_the_simulation_does(mu: float)
 
 def test_the_release_is_that_of_the_simulation() -> None:
     n, machine = 60.0, Machine.of(system(0.5))
-    result = run(system(0.5), 0.5, n, 1e-4)
+    result = run_product(system(0.5), 0.5, n, 1e-4)
     W = (n * math.pi / 30) ** 2
     phi1, phi2, square = jacobi(machine, W) or (0.0, 0.0, 0.0)
     row = int(np.flatnonzero(result["orientator.stage"] == 3)[0])
@@ -143,7 +143,7 @@ def test_the_release_is_that_of_the_simulation() -> None:
     assert result["orientator.phi2"][row] == pytest.approx(phi2, abs=1e-4 * w2)
     assert result["orientator.phi1"][row] == pytest.approx(phi1, abs=1e-4 * 10)
     assert w2**2 == pytest.approx(square, rel=1e-3)
-    assert machine.begun[1] - machine.begun[0] == pytest.approx(UP, abs=1e-12)
+    assert machine.pose[1] - machine.pose[0] == pytest.approx(UP, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -210,8 +210,8 @@ def test_what_is_neglected_has_the_same_bits_in_both_flavours() -> None:
         orientator.system(fmus_of(orientator_neglect, flavour), 0.0, 0.35, start)
         for flavour in ("native", "python")
     )
-    one, other = (run(x, 0.35, 40.0, 5e-3) for x in (native, python))
+    one, other = (run_product(x, 0.35, 40.0, 5e-3) for x in (native, python))
     assert one.data.tobytes() == other.data.tobytes()
-    plain = run(replace(native, start=system(0.35).start), 0.35, 40.0, 5e-3)
+    plain = run_product(replace(native, start=system(0.35).start), 0.35, 40.0, 5e-3)
     assert plain["orientator.orientation_time"][-1] == pytest.approx(0.2638050034, abs=1e-9)
     assert one["orientator.orientation_time"][-1] == pytest.approx(0.254603, abs=2e-5)

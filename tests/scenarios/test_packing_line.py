@@ -18,8 +18,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import simpson
 
 from cosim import System, run
-from scenarios.conveyor.theory import SETS
-from scenarios.packing_line import packing_line
+from scenarios.conveyor.first_order import SETS
+from scenarios.packing_line.questions import packing_line
 from tests.conftest import ROOT, ask, fmus_of
 from workbench.answer import Answer
 

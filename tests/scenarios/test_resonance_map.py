@@ -18,18 +18,27 @@ import pytest
 from scipy.optimize import brentq
 
 import cosim
-from scenarios.conveyor import resonance_map
-from scenarios.conveyor.plane import Built, Plane, axis, judged, on_edge, shares
-from scenarios.conveyor.response import COARSER, LAG, Point, Setup, places
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.features import LAG, NOT_IN_RANGE, locate
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.orbits import STEP_MULTIPLES, Orbit, OrbitRunner
+from scenarios.conveyor.parameter_plane import (
+    Built,
+    Plane,
+    axis,
+    coupling_error,
+    judged,
+    on_edge,
+    shares,
+)
+from scenarios.conveyor.questions import resonance_map
 from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c, until
 from tests.scenarios.orbit_oracle import Drive, features
-from workbench import Bench
+from workbench import Context
 from workbench.answer import finish
 
 A = SETS["A"]
 FMUS = fmus_of(resonance_map)
-SETUP = Setup(Bench(FMUS), {}, "strang", 256)
+RUNNER = OrbitRunner(Context(FMUS), {}, "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 SPEEDS = np.linspace(24.0, 64.0, 11).tolist()
@@ -45,18 +54,18 @@ def plane(x: str, y: str, speed: float = 60.0) -> Plane:
 def mapped() -> Points:
     """Speed and motor.T, with the reference machine in the middle row."""
     there = plane("speed=24:64:11", "motor.T=0.05:0.075:3")
-    return there, resonance_map.swept(there, SETUP, None)
+    return there, resonance_map.swept(there, RUNNER, None)
 
 
 @pytest.fixture(scope="module")
 def ridges(mapped: Points) -> pd.DataFrame:
-    return resonance_map.ridges(mapped[0], SETUP)
+    return resonance_map.ridges(mapped[0], RUNNER)
 
 
 def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> None:
     """Within the coupling error that the map states."""
     there, points = mapped
-    error = resonance_map.coupling_error(there, SETUP)
+    error = coupling_error(there, RUNNER)
     assert error < 2e-3
     for nu, ripple in MONOLITHIC.items():
         at = points["ripple"][11 + SPEEDS.index(nu)]
@@ -65,11 +74,11 @@ def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> 
 
 def test_gain_is_theorys_closest_far_from_resonance(mapped: Points) -> None:
     there, points = mapped
-    spots = there.spots()
-    damped = [m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J for m, nu, _ in spots]
+    points_ = there.points()
+    damped = [m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J for m, nu, _ in points_]
     gain, theory = points["gain"].to_numpy(), A.B / np.abs(damped)
     assert gain == pytest.approx(theory, rel=4e-3)
-    far = np.array([abs(nu / m.nu_res - 1) > 0.2 for m, nu, _ in spots])
+    far = np.array([abs(nu / m.nu_res - 1) > 0.2 for m, nu, _ in points_])
     assert 10 < far.sum() < 25
     assert gain[far] == pytest.approx(theory[far], rel=2e-3)
 
@@ -89,17 +98,17 @@ def test_ridges_lie_where_theory_and_exact_orbits_have_them(ridges: pd.DataFrame
 
 def test_ridges_do_not_depend_on_the_points_of_the_map(ridges: pd.DataFrame) -> None:
     there = plane("speed=21:66:5", "motor.T=0.0625:0.075:2")
-    coarse = resonance_map.ridges(there, SETUP)
+    coarse = resonance_map.ridges(there, RUNNER)
     for name in ("lag_90", "peak"):
         assert coarse[name][0] == pytest.approx(ridges[name][1], rel=1e-5)
 
 
 def test_torque_of_the_wrong_sign_has_no_phase_ridge(mapped: Points) -> None:
     there, _ = mapped
-    orbits = SETUP.orbits(there.spots(), "map")
-    known = [(x, point._replace(torque=-point.torque)) for x, point in zip(SPEEDS, orbits)]
-    ((figure, _),) = places([(there.line(0.05), LAG, known)], COARSER, "rad/s", SETUP)
-    assert figure.reason == "no speed of the sweep has it"
+    orbits = RUNNER.orbits(there.points(), "map")
+    known = [(x, orbit._replace(torque=-orbit.torque)) for x, orbit in zip(SPEEDS, orbits)]
+    ((figure, _),) = locate([(there.line(0.05), LAG, known)], STEP_MULTIPLES, "rad/s", RUNNER)
+    assert figure.reason == NOT_IN_RANGE
 
 
 def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
@@ -122,7 +131,7 @@ def test_any_two_parameters_have_a_ridge_where_formula_22_has_it(
     x: str, y: str, speed: float
 ) -> None:
     there = plane(x, y, speed)
-    found = resonance_map.ridges(there, SETUP)
+    found = resonance_map.ridges(there, RUNNER)
     assert found["formula"].notna().all()
     assert found["lag_90"].to_list() == pytest.approx(found["formula"].to_list(), rel=1.5e-3)
     for row in found.itertuples():
@@ -135,10 +144,10 @@ def test_points_without_a_steady_orbit_are_told_and_left_out(
 ) -> None:
     """A motor too weak to turn the crank over its spring stands still at every slow speed."""
     there = plane("speed=4:60:4", "motor.T=0.05:0.06:2")._replace(machine=replace(A, B=2.0))
-    points = resonance_map.swept(there, SETUP, None)
+    points = resonance_map.swept(there, RUNNER, None)
     assert points["ripple"].isna().any() and not points["ripple"].isna().all()
     assert "No steady orbit at motor.T = 0.05 s, speed of 4 rad/s" in caplog.text
-    assert math.isnan(resonance_map.ridges(there, SETUP)["lag_90"][0])
+    assert math.isnan(resonance_map.ridges(there, RUNNER)["lag_90"][0])
 
 
 def test_a_tolerance_is_given_in_percent() -> None:
@@ -204,14 +213,14 @@ def test_probability_in_the_range_is_that_of_the_worst_speed(mapped: Points) -> 
     assert (over.expected >= np.max(at, axis=0) * (1 - 1e-12)).all()
     assert over.expected == pytest.approx(np.max(at, axis=0), rel=0.1)
     assert 40.0 <= over.x.min() < over.x.max() <= 60.0
-    spots = [machines(mapped).at(0, over.x[k], k) for k in range(99)]
-    again = [abs(machine.torque_ripple(nu)) for machine, nu, _ in spots]
+    points_ = [machines(mapped).at(0, over.x[k], k) for k in range(99)]
+    again = [abs(machine.torque_ripple(nu)) for machine, nu, _ in points_]
     assert over.expected[:99] == pytest.approx(np.array(again), rel=0.01)
 
 
 def test_cosimulated_machines_agree_with_the_probability(mapped: Points) -> None:
     samples = [built(mapped, 44.0), built(mapped, np.linspace(48.0, 60.0, 61))]
-    for check in machines(mapped).check(samples, 32, LIMIT, SETUP):
+    for check in machines(mapped).check(samples, 32, LIMIT, RUNNER):
         assert check["samples"] == 32
         assert check["interval"][0] <= check["probability"] <= check["interval"][1]
         assert 0.0 < check["off_max"] < 4e-3
@@ -221,8 +230,8 @@ def test_cosimulated_machines_agree_with_the_probability(mapped: Points) -> None
 
 def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points) -> None:
     sample = built(mapped, 44.0)
-    orbits = [Point(44.0, torque=complex(value)) for value in sample.expected[:8]]
-    orbits[2] = Point(44.0, problem="it does not turn")
+    orbits = [Orbit(44.0, torque=complex(value)) for value in sample.expected[:8]]
+    orbits[2] = Orbit(44.0, problem="it does not turn")
     check = judged(sample, orbits, LIMIT)
     names = ("samples", "not_steady", "judged_above", "judged_below", "off_max")
     assert [check[name] for name in names] == [7, 1, 0, 0, 0.0]
@@ -231,7 +240,7 @@ def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points)
 def test_check_sees_a_prediction_that_is_wrong(mapped: Points) -> None:
     right = built(mapped, 44.0)
     wrong = right._replace(expected=0.8 * right.expected)
-    (check,) = machines(mapped).check([wrong], 32, LIMIT, SETUP)
+    (check,) = machines(mapped).check([wrong], 32, LIMIT, RUNNER)
     assert check["judged_above"] > 5 and check["judged_below"] == 0
     assert check["off_rms"] == pytest.approx(1 / 0.8 - 1, abs=5e-3)
     more = check["judged_above"] / 32

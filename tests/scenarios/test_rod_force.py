@@ -13,20 +13,20 @@ import sympy
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
-from scenarios.conveyor import rod_force as page
-from scenarios.conveyor.resonance import SPEEDS
-from scenarios.conveyor.resonance_map import coupling_error
-from scenarios.conveyor.response import Setup
-from scenarios.conveyor.rod import ORDER, course, largest, peak, unloading
-from scenarios.conveyor.theory import ANGLES, SETS, Machine, rod_force
+from scenarios.conveyor.first_order import ANGLES, SETS, Machine, rod_force
+from scenarios.conveyor.orbits import OrbitRunner
+from scenarios.conveyor.parameter_plane import coupling_error
+from scenarios.conveyor.questions import rod_force as page
+from scenarios.conveyor.rod_waveform import ORDER, largest_force_of, peak, unloading, waveform
+from scenarios.conveyor.rows import SPEEDS
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, orbit
 from tests.scenarios.test_mechanisms import drive, weakened
-from workbench import Bench
+from workbench import Context
 from workbench.answer import Answer
 
 QUICK = {"speeds": "30:60:4", "springs": "1e5:1e6:4"}
-SETUP = Setup(Bench(fmus_of(page)), {}, "strang", 256)
+RUNNER = OrbitRunner(Context(fmus_of(page)), {}, "strang", 256)
 
 
 class Short(Drive):
@@ -77,7 +77,8 @@ def test_theory_is_off_by_the_order_that_it_neglects(name: str) -> None:
             true = orbit(drive(machine), nu).f_rod(ANGLES)
             errors.append(
                 [
-                    np.abs(course(machine, math.inf, nu, steady) - true).max() / np.abs(true).max()
+                    np.abs(waveform(machine, math.inf, nu, steady) - true).max()
+                    / np.abs(true).max()
                     for steady in (True, False)
                 ]
             )
@@ -93,7 +94,7 @@ def test_the_force_of_a_short_rod_is_along_it(name: str) -> None:
     for share in (0.1, 0.05):
         machine = weakened(SETS[name], share)
         true = orbit(drive(machine, Short, l=0.03, finite=True), 35.0).f_rod(ANGLES)
-        off = np.abs(course(machine, 0.03, 35.0) - true).max() / np.abs(true).max()
+        off = np.abs(waveform(machine, 0.03, 35.0) - true).max() / np.abs(true).max()
         errors.append(off)
     assert errors[1] < 1e-3
     assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
@@ -106,7 +107,7 @@ def test_cosimulated_forces_are_those_of_exact_orbits_and_of_theory(
     """At every point of a map, within the errors that are told."""
     rows, told = answers[name].tables["rod_force.csv"].frame, answers[name].figures
     data, off = answers[name].data, abs(told["theory_off"].value) / 100
-    error = coupling_error(data.plane, data.setup, largest, ORDER)
+    error = coupling_error(data.plane, data.runner, largest_force_of, ORDER)
     assert 0.0 < error < 3e-3 and off < 0.01
     exact = [0.0]
     for row in rows.itertuples():
@@ -142,7 +143,7 @@ def test_peak_of_the_force_is_that_of_one_system(answers: dict[str, Answer]) -> 
     told = answers["A"].figures["f_rod"]
     assert one == pytest.approx(4651.8145, rel=1e-6)
     assert told.error is not None and abs(told.value - one) < told.error < 3e-4 * one
-    assert peak(course(SETS["A"], math.inf, nu)) == pytest.approx(one, rel=1e-3)
+    assert peak(waveform(SETS["A"], math.inf, nu)) == pytest.approx(one, rel=1e-3)
     assert abs(rod_force(SETS["A"], nu)) < 0.95 * one
 
 
@@ -161,7 +162,7 @@ def test_the_spring_that_unloads_the_rod_is_that_of_exact_orbits(
     """Within its error; (17) misses it where the speed swings, and no spring near by is better."""
     finite = {"finite": True, "l": rod} if math.isfinite(rod) else {}
     start = {"conveyor.rod.finite": True, "conveyor.rod.l": rod} if finite else {}
-    told = unloading(replace(SETUP, start=start, known={}), machine, nu)
+    told = unloading(replace(RUNNER, start=start, cache={}), machine, nu)
     formula = machine.m * nu**2
 
     def exact(c: float) -> float:

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from scenarios.iron import iron_bounce
-from scenarios.orientator import orientator_limit
+from scenarios.iron.questions import iron_bounce
+from scenarios.orientator.questions import orientator_limit
 from tests.conftest import ask
 from workbench.figure import Figure
 
@@ -70,7 +70,7 @@ def test_one_landing_is_once_and_one_dimension_is_named_once() -> None:
         ("follower_limit", "cycles", "flight", "speed", "impulse", "force", "loss"), one
     )
     verdict = iron_bounce.verdict(iron_bounce.Options(), f | {"landings": one}, None)
-    assert "lands once, at up to" in verdict
+    assert "lands once (impact speed up to" in verdict
     gains = {f"gain_{x.replace('.', '_').lower()}": 0.1 for x in orientator_limit.LENGTHS}
     names = ("limit", "formula", "off", "above_least", "above_most")
     said = []

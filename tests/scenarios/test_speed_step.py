@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad, simpson
 
 from tests.conftest import ask
-from workbench.measure import passes
+from workbench.measure import crossing_times
 
 PUSHED = {
     "controller.tau_max": 3.0, "controller.K": 50.0, "motor.k": 0.01, "gear.eta": 1.0,
@@ -25,7 +25,7 @@ def test_the_shaft_swings_at_the_frequency_of_two_inertias() -> None:
         answer = ask("speed_step", stop=0.6, start=PUSHED | {"shaft.c": c})
         rows = answer.tables["speed_step.csv"].frame
         t, slip = rows["time"].to_numpy(), (rows["gear.w_b"] - rows["load.w"]).to_numpy()
-        extremes = [x for x in passes(t, slip, 0.0) if x > 0.1]
+        extremes = [x for x in crossing_times(t, slip, 0.0) if x > 0.1]
         found.append((len(extremes) - 1) / (2 * (extremes[-1] - extremes[0])))
         told = answer.figures["free_frequency"]
         assert told.error == 0.0

@@ -16,18 +16,19 @@ from scipy.optimize import brentq
 
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor import rod_force
-from scenarios.conveyor.resonance_map import coupling_error
-from scenarios.conveyor.response import COARSER
-from scenarios.conveyor.rod import ORDER, largest
-from scenarios.conveyor.theory import SETS, settling
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.orbits import STEP_MULTIPLES
+from scenarios.conveyor.parameter_plane import coupling_error
+from scenarios.conveyor.questions import rod_force
+from scenarios.conveyor.rod_waveform import ORDER, largest_force_of
+from scenarios.conveyor.second_order import settling
 from tests.conftest import LONG, QUICK, ask, plain
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
-from workbench.ask import refused
-from workbench.command import REFUSED, main
+from workbench.cli import REFUSED, main
 from workbench.figure import ERROR_SCOPE, Figure
 from workbench.limit import coupling
+from workbench.run import is_refused
 
 SPEEDS = "34:46:7"
 
@@ -166,7 +167,7 @@ def test_a_load_of_exactly_nothing_is_answered() -> None:
     answer = ask("resonance", speeds="30:60:7", speed=60.0, start=start)
     assert answer.figures["tau2_operating"].value == 0.0
     assert answers(answer) == ("not determined", "no")
-    assert "the load ripple nearly vanishes at 60 rad/s" in answer.figures["lag_operating"].reason
+    assert "the load ripple is almost zero at 60 rad/s" in answer.figures["lag_operating"].reason
     assert answer.figures["nu_90"].value == pytest.approx(40.0, rel=1e-3)
 
 
@@ -180,14 +181,14 @@ def test_a_limit_within_the_error_of_the_ripple_decides_nothing() -> None:
 def test_a_refused_answer_has_its_own_exit_status(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for number, (words, is_refused) in enumerate(
+    for number, (words, expected) in enumerate(
         (("--steps-per-rev 128", False), ("--algorithm jacobi --steps-per-rev 128", True))
     ):
         out = tmp_path / str(number)
         command = f"run resonance --flavour native --jobs 1 --speeds 38:42:3 {words} --out {out}"
-        assert main(command.split(), PROJECT, "scenarios") == (REFUSED if is_refused else 0)
+        assert main(command.split(), PROJECT, "scenarios") == (REFUSED if expected else 0)
         assert ERROR_SCOPE in capsys.readouterr().out
-        assert json.loads((out / "resonance.json").read_text())["refused"] is is_refused
+        assert json.loads((out / "resonance.json").read_text())["refused"] is expected
         assert ERROR_SCOPE in (out / "report.html").read_text().replace("&#39;", "'")
     assert REFUSED == 3
 
@@ -205,7 +206,7 @@ def test_no_option_is_left_without_the_value_that_was_used(name: str) -> None:
 
 def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_formula() -> None:
     known, formula = Figure(1.0, "N", 0.1), Figure(1.0, "N", 0.0)
-    unknown = Figure.refused("N", "it stuck")
+    unknown = Figure.undetermined("N", "it stuck")
     declared = SimpleNamespace(DECISIVE=("a",), __file__="mine.py")
     free = SimpleNamespace(__file__="mine.py")
     for page, figures, wanted in (
@@ -216,9 +217,9 @@ def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_form
         (free, {"a": formula}, False),
         (free, {}, False),
     ):
-        assert refused(page, figures) is wanted  # type: ignore[arg-type]
+        assert is_refused(page, figures) is wanted  # type: ignore[arg-type]
     with pytest.raises(SetupError, match="DECISIVE names 'a', which is no figure"):
-        refused(declared, {"b": known})  # type: ignore[arg-type]
+        is_refused(declared, {"b": known})  # type: ignore[arg-type]
 
 
 def test_where_the_power_goes_is_told_with_its_signs() -> None:
@@ -276,10 +277,10 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_own_point() -> 
     data, figure = answer.data, answer.figures["formula_off"]
     ratio = (data.points["f_rod_formula"] / data.points["f_rod"]).to_numpy()
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
-    spots = [(*data.plane.spots()[at][:2], k) for k in COARSER]
-    runs = [largest(orbit) for orbit in data.setup.orbits(spots, "test")]
+    points = [data.plane.points()[at]._replace(step_multiple=k) for k in STEP_MULTIPLES]
+    runs = [largest_force_of(orbit) for orbit in data.runner.orbits(points, "test")]
     own = 100 * ratio[at] * coupling(runs, ORDER) / runs[0]
-    assert own > 200 * coupling_error(data.plane, data.setup, largest, ORDER)
+    assert own > 200 * coupling_error(data.plane, data.runner, largest_force_of, ORDER)
     assert figure.error is not None and figure.error >= 0.999 * own
 
 

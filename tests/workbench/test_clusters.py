@@ -23,9 +23,9 @@ from cosim import SetupError, SimulationError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
-from workbench.command import main
-from workbench.runs.engine import Engine
+from workbench.cli import main
 from workbench.runs.journal import NAME, Journal
+from workbench.runs.runner import Runner
 
 PLANE = """
 scenario = "plane.py"
@@ -50,7 +50,7 @@ seed = 1
 speed = { from = "10rpm", to = "70rpm" }
 "orientator.chute.mu" = { nominal = 0.35, normal = "10 %" }
 """
-OWN = """
+FIXED_STARTS = """
 'What does the motor give in the end?'
 import os
 import cosim, workbench
@@ -60,12 +60,12 @@ class Options(workbench.Options): pass
 def end(case):
     result = cosim.run(cosim.System(*case), stop=0.01, step=1e-3, record=["motor.tau"])
     return result["motor.tau"][-1], {{os.getpid(), __file__, case[0]["motor"]}}
-def solve(o, bench):
-    cases = [(bench.fmus, [], {{"motor.w": w}}) for w in (10.0, 20.0, 30.0)]
-    found = list(bench.each(end, cases, "motor"))
-    here = {{os.getpid(), __file__, bench.fmus["motor"]}}
+def solve(o, context):
+    cases = [(context.fmus, [], {{"motor.w": w}}) for w in (10.0, 20.0, 30.0)]
+    found = list(context.each(end, cases, "motor"))
+    here = {{os.getpid(), __file__, context.fmus["motor"]}}
     for tau, there in found:
-        assert there == here if bench.engine.jobs == 1 else not there & here
+        assert there == here if context.runner.jobs == 1 else not there & here
     units = {{"tau": "N.m"}}
     return Findings({{}}, tables={{"mine.csv": Table.of_rows([[tau] for tau, _ in found], units)}})
 """
@@ -176,7 +176,7 @@ def test_a_run_that_ends_its_process_costs_no_worker(cluster: Any, tmp_path: Pat
 def test_a_cluster_that_is_not_there_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("workbench.runs.dask.CONNECT", 1.0)
+    monkeypatch.setattr("workbench.runs.cluster.CONNECT", 1.0)
     plan = study.load(written(tmp_path, PLANE.format(tmp_path)))
     with pytest.raises(SetupError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         study.run(plan, out=tmp_path / "out", scheduler="tcp://127.0.0.1:9")
@@ -257,7 +257,7 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
 def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
     elsewhere: tuple[str, Path, Callable[[], None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("workbench.runs.dask.GRACE", 2.0)
+    monkeypatch.setattr("workbench.runs.cluster.GRACE", 2.0)
     address, _, vanish = elsewhere
     path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
     kept, add = [], Journal.__setitem__
@@ -285,7 +285,7 @@ def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
     """A question of the project, and one of one's own, on workers that have neither file nor FMU."""
     address, home, _ = elsewhere
     mine = tmp_path / "mine.py"
-    mine.write_text(OWN.format(ROOT / "fmus" / "native" / "DriveMotor.fmu"))
+    mine.write_text(FIXED_STARTS.format(ROOT / "fmus" / "native" / "DriveMotor.fmu"))
     for question, words in (
         ("orientation_time", "--speeds 40rpm,80rpm --frictions 0.35 --flavour native"),
         (str(mine), ""),
@@ -301,8 +301,8 @@ def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
 
 
 def test_a_scheduler_with_tls_needs_certificates_and_the_message_says_where() -> None:
-    engine = Engine(scheduler="tls://127.0.0.1:1")
+    runner = Runner(scheduler="tls://127.0.0.1:1")
     with pytest.raises(
         SetupError, match=r"'tls://127.0.0.1:1' needs the certificates .*CLIENT__KEY"
     ):
-        list(engine.outcomes(abs, {0: -1.0}, "numbers"))
+        list(runner.outcomes(abs, {0: -1.0}, "numbers"))

@@ -80,7 +80,7 @@ def test_arrays_numbers_and_records_are_the_same_to_the_last_bit() -> None:
             )
     records = [
         Point(1.0, complex(-0.0, math.inf), (0.1, math.nan)),
-        (Machine(0.3, ("a", "!b")), Figure.refused("N", "it jams")),
+        (Machine(0.3, ("a", "!b")), Figure.undetermined("N", "it jams")),
         {"up": Measured(math.nan, math.inf), "!down": [Measured(1.0, 5e-324)]},
     ]
     for record in records:
@@ -109,7 +109,7 @@ HOSTILE = (
     '{"!record":["subprocess:Popen",{"args":["touch","owned"]}]}',
     '{"!record":["workbench.runs.codec:Records",{}]}',
     '{"!record":["workbench.runs.codec:sys.modules",{}]}',
-    '{"!record":["workbench.runs.cargo:sealed",{}]}',
+    '{"!record":["workbench.runs.transport:sealed",{}]}',
     '{"!record":["workbench.figure:Figure",{"value":1.0}]}',
     '{"!record":["workbench.figure:Figure.text",{}]}',
     '{"!record":"workbench.figure:Figure"}',

@@ -8,10 +8,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from cosim import Result
-from scenarios.conveyor import run_up
+from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
-from workbench.figure import whole
+from workbench.figure import drop_undetermined
 from workbench.limit import certified, converged, coupling, limit
 
 
@@ -144,7 +144,7 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
     told = [ends(course(steps)) for steps in (4.0, 2.0, 1.0)]
     error = certified(ends, course(), told)["x"].error
     assert error is not None and 0.12 < error < 0.18
-    refused = {"x": Figure.refused("N", "it never was", "force")}
+    refused = {"x": Figure.undetermined("N", "it never was", "force")}
     assert certified(ends, course(), [*told[:2], refused]) == refused
     assert certified(ends, course(), [refused, *told[1:]])["x"].error is None
 
@@ -167,10 +167,10 @@ def test_no_sentence_has_a_hole(said: str, left: str) -> None:
     """Where a refused figure stands in another place than after "is" or "are"."""
     figures = {"t": Figure(2.0, "s", 0.1)}
     figures |= {
-        x: Figure.refused("N", why) for x, why in {"f": "it stuck", "g": "it broke"}.items()
+        x: Figure.undetermined("N", why) for x, why in {"f": "it stuck", "g": "it broke"}.items()
     }
     text = said.format(**{name: figure.text() for name, figure in figures.items()})
-    assert whole(text, figures) == left
+    assert drop_undetermined(text, figures) == left
 
 
 def test_figures_of_outputs_of_order_1_have_the_errors_of_order_1() -> None:
@@ -248,9 +248,9 @@ def test_rows_of_a_result_are_thinned_as_a_whole() -> None:
 
     def tell(r: Result) -> dict[str, Figure]:
         area = float(np.trapezoid(r["a.x"], r["time"]))
-        return {"sum": Figure(area, "m.s", 0.0), "none": Figure.refused("m", "why")}
+        return {"sum": Figure(area, "m.s", 0.0), "none": Figure.undetermined("m", "why")}
 
-    found = measure.over_rows(tell, r)
+    found = measure.with_row_errors(tell, r)
     assert found["sum"].value == pytest.approx(1 / 3, abs=1e-3)
     assert abs(found["sum"].value - 1 / 3) < found["sum"].error
     assert found["none"].reason == "why"

@@ -34,7 +34,7 @@ def test_a_sentence_has_four_digits_or_the_error(value: float, error: float, wor
 
 
 def test_a_refused_figure_says_why_in_a_sentence() -> None:
-    assert Figure.refused("N", "it jams").brief() == "not determined (it jams)"
+    assert Figure.undetermined("N", "it jams").brief() == "not determined (it jams)"
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, until
 from workbench.answer import Table, stream
-from workbench.command import main
+from workbench.cli import main
 
 ROWS = 2000
 QUESTION = '''
@@ -35,15 +35,15 @@ class Options(workbench.Options):
     scale: float = option(1.0, "scale of the rows")
     gate: str = option("", "file for which the picture waits")
 def scaled(task): return task[0] * task[1]
-def solve(o, bench):
+def solve(o, context):
     if o.kind == "run":
-        path = bench.out / "rows.csv"
-        run = cosim.run(System(bench.fmus, [], {"motor.w": o.scale}), stop=ROWS * 1e-3, step=1e-3, csv=path)
+        path = context.out / "rows.csv"
+        run = cosim.run(System(context.fmus, [], {"motor.w": o.scale}), stop=ROWS * 1e-3, step=1e-3, csv=path)
         table = Table(run.frame, run.units)
     else:
         tasks = [(o.scale, float(k)) for k in range(ROWS if o.kind == "kept" else 20)]
-        numbers = map(scaled, tasks) if o.kind == "kept" else bench.each(scaled, tasks, "rows")
-        table = bench.kept("rows.csv", {"x": "1"}, ([x] for x in numbers))
+        numbers = map(scaled, tasks) if o.kind == "kept" else context.each(scaled, tasks, "rows")
+        table = context.record_rows("rows.csv", {"x": "1"}, ([x] for x in numbers))
     return Findings({"scale": Figure(o.scale, "1", 0.0)}, o, tables={"rows.csv": table})
 def show(o, f, r):
     if o.gate:

@@ -16,10 +16,10 @@ import pytest
 from cosim import SetupError
 from tests.conftest import ROOT
 from workbench import study
-from workbench.ask import answer
 from workbench.question import load
+from workbench.run import answer
 from workbench.runs import journal
-from workbench.runs.engine import Engine
+from workbench.runs.runner import Runner
 from workbench.runs.worker import Outcome
 
 SWEEP = """
@@ -48,9 +48,9 @@ def work(k):
     with open(LEDGER, "a") as file:
         file.write(f"{k}\\n")
     return ANSWERS[k]
-def solve(o, bench):
+def solve(o, context):
     results = []
-    for k, one in enumerate(bench.each(work, [*ANSWERS], "answers")):
+    for k, one in enumerate(context.each(work, [*ANSWERS], "answers")):
         if k == STOP:
             raise KeyboardInterrupt
         results.append(one)
@@ -74,7 +74,7 @@ class Sweep:
         """The answers of its runs, none if it is interrupted after `stop` of them."""
         self.page.STOP = stop
         with suppress(KeyboardInterrupt):
-            answer(self.page, self.page.Options(), {}, engine=Engine(1), out=self.folder)
+            answer(self.page, self.page.Options(), {}, runner=Runner(1), out=self.folder)
         return list(self.page.answers)
 
     def runs(self) -> list[str]:
@@ -141,7 +141,7 @@ def test_a_journal_of_an_earlier_version_is_refused_and_not_read(
     before = path.read_bytes()
     with (
         pytest.raises(SetupError, match="is a journal of an earlier version, whose rows may") as no,
-        journal.opened(tmp_path, {}, passing=passing) as rows,
+        journal.open_journal(tmp_path, {}, passing=passing) as rows,
     ):
         rows[0]
     assert "\n" not in str(no.value)
@@ -158,14 +158,14 @@ def test_a_journal_with_other_tables_views_or_triggers_is_refused(tmp_path: Path
         "DROP TABLE rows",
     )):  # fmt: skip
         folder = tmp_path / str(number)
-        with journal.opened(folder, {}):
+        with journal.open_journal(folder, {}):
             pass
         with closing(sqlite3.connect(folder / journal.NAME)) as base:
             base.execute(command)
             base.commit()
         with (
             pytest.raises(SetupError, match="is damaged: it does not have the tables of a journal"),
-            journal.opened(folder, {}),
+            journal.open_journal(folder, {}),
         ):
             pass
 
@@ -259,16 +259,16 @@ def test_damaged_rows_of_a_study_are_done_again(
 def test_damaged_rows_are_named(
     keys: Sequence[int], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with journal.opened(tmp_path, {}) as rows:
+    with journal.open_journal(tmp_path, {}) as rows:
         for key in range(20):
             rows[key] = Outcome("ok", key / 3)
     with closing(sqlite3.connect(tmp_path / journal.NAME, isolation_level=None)) as base:
         base.executemany("UPDATE rows SET row = row || ' ' WHERE key = ?", [(key,) for key in keys])
-    with journal.opened(tmp_path, {}) as rows:
+    with journal.open_journal(tmp_path, {}) as rows:
         assert {key: rows[key].answer for key in range(20) if key in rows} == {
             key: key / 3 for key in range(20) if key not in keys
         }
     assert capsys.readouterr().err == f"{tmp_path / journal.NAME}: {said} done again\n"
-    with journal.opened(tmp_path, {}) as rows:
+    with journal.open_journal(tmp_path, {}) as rows:
         assert len(rows) == 20 - len(keys)
     assert capsys.readouterr().err == ""

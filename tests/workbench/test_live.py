@@ -21,8 +21,8 @@ import pytest
 import cosim
 from cosim.system import connect
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.resonance import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
-from scenarios.conveyor.response import simulate
+from scenarios.conveyor.orbits import simulate
+from scenarios.conveyor.questions.resonance import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
 from scenarios.fmu_files import FMUS
 from tests.conftest import ask
 from tests.workbench.browser import Browser
@@ -30,9 +30,9 @@ from tests.workbench.firefox import Firefox, firefox
 from tests.workbench.test_report import one, shown
 from workbench.answer import Answer
 from workbench.live.build import WORKER, script
-from workbench.options import add, made
+from workbench.options import add_arguments, parse_options
+from workbench.page import html
 from workbench.question import load, names
-from workbench.report import html
 
 __all__ = ["shown"]
 LIVE: dict[str, Mapping[str, Any]] = {
@@ -153,12 +153,12 @@ def moved(shown: Browser, name: str, values: Mapping[str, float], number: int = 
     answered(shown, number)
     words = shlex.split(shown.value(f"{PART}.querySelector('code').textContent"))
     kind, parser = load(names(PROJECT.home)[name]).Options, ArgumentParser()
-    add(parser, kind)
+    add_arguments(parser, kind)
     begin = words.index(name) + 1 + 2 * ("--flavour" in words)
     asked = {k: x for k, x in vars(parser.parse_args(words[begin:])).items() if x is not None}
     starts = {key: value for key, value in values.items() if "." in key}
     given = {**LIVE[name], **{key: x for key, x in values.items() if key not in starts}}
-    assert made(kind, asked, name) == made(kind, {**given, "start": starts}, name)
+    assert parse_options(kind, asked, name) == parse_options(kind, {**given, "start": starts}, name)
     agrees(shown, ask(name, **asked))
 
 

@@ -21,14 +21,15 @@ import cosim
 from cosim import Result, SetupError, System
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor import live_theory
-from scenarios.conveyor.drive import conveyor_drive, linearised
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive, linearised
 from scenarios.fmu_files import FMUS
-from scenarios.iron import iron_bounce
+from scenarios.iron.questions import iron_bounce
 from tests.conftest import ROOT, ask, fmus_of
 from tests.workbench.javascript import Evaluate, evaluator
 from workbench import live
 from workbench.answer import Findings
+from workbench.charts.motion import Shape, line
 from workbench.figure import Figure
 from workbench.live import (
     REVOLUTION,
@@ -47,9 +48,8 @@ from workbench.live import (
 from workbench.live.build import FOLDER, PAGE, WORKER, script
 from workbench.live.formula import FUNCTIONS, Formula
 from workbench.live.readers import READERS, Rows, revolution, since
-from workbench.options import made
+from workbench.options import parse_options
 from workbench.question import load, names
-from workbench.report.motion import Shape, line
 
 #: bytes of the scripts of a page without plotly
 LARGEST_SCRIPT = 40_000
@@ -285,7 +285,7 @@ def declared_live(name: str, **moved: Any) -> Live:
     page, given = load(names(PROJECT.home)[name]), QUICKLY.get(name, {}) | {"start": moved}
     answer = ask(name, **given)
     declaration = page.LIVE
-    o = made(page.Options, given, name)
+    o = parse_options(page.Options, given, name)
     live = declaration(o, answer.figures, answer.data) if callable(declaration) else declaration
     assert isinstance(live, Live)
     return live
@@ -314,7 +314,7 @@ def test_all_these_questions_are_live() -> None:
 def built(declaration: Any) -> Any:
     """The live part of a product in the orientator, with another declaration."""
     page = load(names(PROJECT.home)["orientator_cycle"])
-    o, modules = made(page.Options, {}, "it"), PROJECT.modules(page)
+    o, modules = parse_options(page.Options, {}, "it"), PROJECT.modules(page)
     figures = {"orientation_time": Figure(0.26, "s", 0.0, "time from drop to end")}
     findings = Findings(figures, None, page.system(o, fmus_of(page)))
     copy: Any = SimpleNamespace(__file__="it.py", Options=page.Options, LIVE=declaration)
@@ -389,7 +389,7 @@ def test_the_example_of_the_guide_makes_a_question_live() -> None:
     scope: dict[str, Any] = {}
     exec(example, scope)  # noqa: S102
     page = load(str(ROOT / "examples" / "run_down.py"))
-    o, fmus = made(page.Options, {}, "it"), fmus_of(page)
+    o, fmus = parse_options(page.Options, {}, "it"), fmus_of(page)
     modules = {part: FMUS / "wasm" / f"{fmu}.wasm" for part, fmu in page.PARTS.items()}
     figures = {
         "tenth": Figure(0.1, "s", 0.0, "until a tenth of the speed is left"),

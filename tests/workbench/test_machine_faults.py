@@ -18,9 +18,9 @@ from cosim import SetupError, SimulationError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, until
 from workbench import study
-from workbench.ask import answer
 from workbench.question import load
-from workbench.runs.engine import Engine
+from workbench.run import answer
+from workbench.runs.runner import Runner
 from workbench.runs.worker import Worker
 
 QUESTION = '''
@@ -53,12 +53,12 @@ def gate():
     while (HOME / "fault").exists():
         time.sleep(0.01)
     (HOME / "motor_needed").touch()
-def solve(o, bench):
+def solve(o, context):
     with open(HOME / "ledger", "a") as file:
         file.write(f"{o.x!r}\\n")
     if o.x == 2.0 and (HOME / "fault").exists():
         globals()[(HOME / "fault").read_text()]()
-    if (HOME / "motor_needed").exists() and not Path(bench.fmus["motor"]).exists():
+    if (HOME / "motor_needed").exists() and not Path(context.fmus["motor"]).exists():
         raise SetupError("part motor: there is no file Motor.fmu")
     return Findings({"y": Figure(3.0 * o.x, "1", 0.0)})
 '''
@@ -162,9 +162,9 @@ def test_a_study_with_another_fmu_of_the_same_guid_is_another_study(home: Path) 
 
 SWEEP = """
 def five(k): return 5 * k
-def solve(o, bench):
+def solve(o, context):
     answers = []
-    for k in bench.each(five, range(4), "fives"):
+    for k in context.each(five, range(4), "fives"):
         if k == 10 and (HOME / "fault").exists():
             raise KeyboardInterrupt
         answers.append(k)
@@ -180,11 +180,11 @@ def test_a_sweep_with_another_fmu_of_the_same_guid_takes_no_rows(
     (home / "fault").touch()
     page: Any = load(str(path))
     with pytest.raises(KeyboardInterrupt):
-        answer(page, page.Options(), {"motor": fmu}, engine=Engine(1), out=home / "out")
+        answer(page, page.Options(), {"motor": fmu}, runner=Runner(1), out=home / "out")
     (home / "fault").unlink()
     changed(fmu)
     capsys.readouterr()
-    answer(page, page.Options(), {"motor": fmu}, engine=Engine(1), out=home / "out")
+    answer(page, page.Options(), {"motor": fmu}, runner=Runner(1), out=home / "out")
     assert "contains the rows of other runs: contents.motor has changed; they are dropped" in (
         capsys.readouterr().err
     )
@@ -199,10 +199,10 @@ def descriptors() -> list[int]:
 def test_without_a_process_the_error_is_one_line_and_nothing_is_left(tmp_path: Path) -> None:
     """A worker that cannot be started has nothing to end."""
     from tests.hosts import light
-    from workbench.runs.cargo import Call, sealed
+    from workbench.runs.transport import Call, pickled_call
 
     worker = Worker()
-    assert worker.do(Call(sealed(light.modules, None)), None).status == "ok"
+    assert worker.do(Call(pickled_call(light.modules, None)), None).status == "ok"
     worker.close()
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     top = max(descriptors())
@@ -214,7 +214,7 @@ def test_without_a_process_the_error_is_one_line_and_nothing_is_left(tmp_path: P
     for limit in range(fillers[-1] + 1, fillers[-1] + 25):
         resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
         try:
-            ends.append(worker.do(Call(sealed(light.modules, None)), None).status)
+            ends.append(worker.do(Call(pickled_call(light.modules, None)), None).status)
         except SetupError as error:
             assert re.match("no process for runs can be started: (Too many open|.*Errno 24|.*exit)",
                             str(error)), error  # fmt: skip

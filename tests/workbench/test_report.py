@@ -26,23 +26,24 @@ from PIL import Image
 
 from cosim.system import connect
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor import mechanism as conveyor
-from scenarios.conveyor import resonance
-from scenarios.conveyor.drive import conveyor_drive
-from scenarios.conveyor.theory import SETS
-from scenarios.iron import mechanism as iron_mechanism
+from scenarios.conveyor import motion as conveyor
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive
+from scenarios.conveyor.questions import resonance
+from scenarios.iron import motion as iron_mechanism
 from tests.conftest import SAMPLED, ask, fmus_of, plain
 from tests.workbench.browser import Browser, browser
 from workbench.answer import Answer, Parameter, Show, Table, write
+from workbench.charts import model as pictures
+from workbench.charts import mpl, plotly
+from workbench.charts.gif import gif
+from workbench.charts.layout import across, decades
+from workbench.charts.model import Chart, Curve, Field, Lanes, Mark, Panel, SecondUnit, Span
+from workbench.charts.motion import Motion, Shape
 from workbench.figure import Figure
+from workbench.page import html
 from workbench.question import load, names
-from workbench.report import chart as pictures
-from workbench.report import html, plot, png
-from workbench.report.chart import Chart, Curve, Field, Lanes, Mark, Panel, Second, Span
-from workbench.report.gif import gif
-from workbench.report.layout import across, decades
-from workbench.report.motion import Motion, Shape
-from workbench.study import show as study_show
+from workbench.study import charts as study_charts
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 QUESTIONS = names(PROJECT.home)
@@ -87,7 +88,7 @@ def named(drawn: Any, screen: str = "wide") -> dict[str, Any]:
 
 def curves(picture: Chart | Field) -> Values:
     """The values of plotly's traces by label of their panel and name; the last of those of a name."""
-    drawn = plot.figure(picture)
+    drawn = plotly.figure(picture)
     labels = {axis["key"].replace("axis", ""): label for label, axis in named(drawn).items()}
     return {
         (labels[trace["yaxis"]], trace["name"]): np.array(
@@ -118,12 +119,12 @@ def sample_chart() -> Chart:
             Lanes({"stage": [Span(1.0, 9.0, "falling"), Span(9.0, 9.2, "turning", "red")]}),
         ],
         [Mark(3.0, "peak"), Mark(3.1, "crossing")], [Span(2.0, 4.0, "avoid", "red")],
-        Second("rpm", 30 / math.pi),
+        SecondUnit("rpm", 30 / math.pi),
     )  # fmt: skip
 
 
 def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
-    chart, drawn = sample_chart(), plot.figure(sample_chart())
+    chart, drawn = sample_chart(), plotly.figure(sample_chart())
     seen, axes, data = curves(chart), named(drawn), drawn["data"]
     for panel in (panel for panel in chart.panels if isinstance(panel, Panel)):
         for curve in panel.curves:
@@ -148,11 +149,11 @@ def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
 
 
 def test_marks_spans_and_lanes_have_their_words_and_legends_only_what_is_outside() -> None:
-    drawn = plot.figure(sample_chart())
+    drawn = plotly.figure(sample_chart())
     wide, data = drawn["wide"], drawn["data"]
     words = {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
     assert words == {"peak", "crossing", "avoid", "falling"}
-    legend = plot.listed(data)
+    legend = plotly.legend_names(data)
     assert "turning" in legend and "falling" not in legend and "force" not in legend
     shapes = {(s["yref"], s["x0"], s["x1"]) for s in wide["shapes"]}
     rows = [f"y{k} domain" for k in range(1, 6)]
@@ -160,7 +161,7 @@ def test_marks_spans_and_lanes_have_their_words_and_legends_only_what_is_outside
 
 
 def test_the_image_is_what_the_words_of_plotly_say() -> None:
-    drawn, words = png.drawn([sample_chart()], "A title"), plot.figure(sample_chart())
+    drawn, words = mpl.drawn([sample_chart()], "A title"), plotly.figure(sample_chart())
     axes, paper = drawn.subfigs[0].axes, words["paper"]
     assert drawn._suptitle.get_text() == "A title"
     assert [a.get_ylabel() for a in axes] == [y["title"]["text"] for y in named(words).values()]
@@ -171,25 +172,25 @@ def test_the_image_is_what_the_words_of_plotly_say() -> None:
         lines = [x for x in own if "mode" in x and "fill" not in x]
         for line, trace in zip(axis.lines, lines, strict=True):
             assert_allclose(line.get_ydata(), np.array(trace["y"], float))
-            assert line.get_drawstyle() == png.STEPS[trace["line"].get("shape", "linear")]
+            assert line.get_drawstyle() == mpl.STEPS[trace["line"].get("shape", "linear")]
         tops = [bar.get_width() for bars in axis.containers for bar in bars]
         assert tops == [trace["width"] for trace in own if trace.get("type") == "bar"]
         filled = sum("fill" in trace for trace in own)
         assert len(axis.patches) == filled + len(tops) + len(words["wide"]["shapes"]) / 5
         legend = axis.get_legend().get_texts() if axis.get_legend() else []
-        assert [text.get_text() for text in legend] == plot.listed(own)
+        assert [text.get_text() for text in legend] == plotly.legend_names(own)
     placed = {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
     assert placed == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
     assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
 
 
-@pytest.mark.parametrize("screen", plot.SCREENS)
+@pytest.mark.parametrize("screen", plotly.SCREENS)
 def test_words_above_a_picture_do_not_meet(screen: str) -> None:
     near = [Mark(39.0 + k / 3, f"a mark with a long text {k}") for k in range(5)]
     chart = Chart("", "", [Panel("", "", [Curve("", [20.0, 66.0], [0.0, 1.0], "red")])],
                   [*near, Mark(22.0, "far")], [Span(30.0, 45.0, "span")])  # fmt: skip
-    x, letters = across(chart), plot.SCREENS[screen]
-    words = plot.figure(chart)[screen]["annotations"]
+    x, letters = across(chart), plotly.SCREENS[screen]
+    words = plotly.figure(chart)[screen]["annotations"]
     lanes: dict[float, list[tuple[float, float]]] = {}
     for flag in words:
         long, at = len(flag["text"]) / letters, float(x.share(flag["x"]))
@@ -205,14 +206,14 @@ def test_words_above_a_picture_do_not_meet(screen: str) -> None:
 def test_long_labels_break_and_rows_shrink_to_the_paper() -> None:
     long = "largest torque that the motor of the crank conveyor gives"
     flat = [Panel(long, "N.m", [Curve("a", [0.0, 1.0], [0.0, 1.0], "red")]) for _ in range(5)]
-    drawn = plot.figure(Chart("", "x", [*flat, Lanes({"lane": [Span(0.0, 1.0, "all")]})]), 6.0)
+    drawn = plotly.figure(Chart("", "x", [*flat, Lanes({"lane": [Span(0.0, 1.0, "all")]})]), 6.0)
     assert drawn["paper"]["height"] == pytest.approx(600.0)
     assert drawn["wide"]["height"] > 900.0
-    for screen in plot.SCREENS:
-        axis, height = drawn[screen]["yaxis1"], drawn[screen]["height"] - plot.BELOW
+    for screen in plotly.SCREENS:
+        axis, height = drawn[screen]["yaxis1"], drawn[screen]["height"] - plotly.BELOW
         room = (axis["domain"][1] - axis["domain"][0]) * height
         assert max(map(len, axis["title"]["text"].split("<br>"))) <= max(10, room / 7.5)
-    lanes = [(y["domain"][1] - y["domain"][0]) * (d["height"] - plot.BELOW)
+    lanes = [(y["domain"][1] - y["domain"][0]) * (d["height"] - plotly.BELOW)
              for d in (drawn["paper"], drawn["wide"]) for y in [d["yaxis6"]]]  # fmt: skip
     assert lanes == pytest.approx([30.0, 30.0])
 
@@ -230,13 +231,13 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     limit = pictures.Level(2.0, "limit", np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]]))
     field = Field("Gain", x, y, "gain", values, [ridge], True, [limit], [Span(0.5, 1.5, "range")])
     assert curves(field)["T [s]", "ridge"].tolist() == [1.5]
-    heat, rim, line, *_ = plot.figure(field)["data"]
+    heat, rim, line, *_ = plotly.figure(field)["data"]
     assert heat["z"] == [[-1.0, 0.0, None], [1.0, 2.0, -2.0]]
     assert heat["customdata"] == [[0.1, 1.0, None], [10.0, 100.0, 0.01]]
-    bar = plot.figure(field)["wide"]["coloraxis"]["colorbar"]
+    bar = plotly.figure(field)["wide"]["coloraxis"]["colorbar"]
     assert (bar["tickvals"][0], bar["ticktext"][0], bar["ticktext"][-1]) == (-2.0, "0.01", "100")
     assert [set(trace["x"]) - {None} for trace in (rim, line)] == [{0.5}, {0.5}]
-    drawn = png.drawn([field], "")
+    drawn = mpl.drawn([field], "")
     axes, colors = drawn.subfigs[0].axes
     assert axes.collections[0].get_clim() == (-2.0, 2.0)
     assert axes.get_yscale() == "log"
@@ -290,7 +291,7 @@ def test_every_curve_is_the_column_that_it_claims_to_be(where: str) -> None:
         assert panels
         for chart, panel in panels:
             unit = table.units[column]
-            scale = 1.0 if panel.unit == unit else pictures.SHOWN[unit, panel.unit]
+            scale = 1.0 if panel.unit == unit else pictures.DISPLAY_FACTORS[unit, panel.unit]
             (value,) = (np.asarray(c.y) for c in panel.curves if c.name == curve)
             assert np.isin(value, scale * table.frame[column].to_numpy()).all()
             y = curves(chart)[panel.label, curve]
@@ -326,8 +327,8 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
         "nu_res": Figure(40.0, "rad/s", 0.0),
         "zeta": Figure(0.1, "1", 0.0),
         "nu_90": Figure(40.0034, "rad/s", 0.0012),
-        "nu_peak_tau": Figure.refused("rad/s", "no peak"),
-        "nu_peak_w": Figure.refused("rad/s", "no peak"),
+        "nu_peak_tau": Figure.undetermined("rad/s", "no peak"),
+        "nu_peak_w": Figure.undetermined("rad/s", "no peak"),
     }
     charts = []
     for speed, lag in ((40.0, 90.0), (57.0, 160.0)):
@@ -370,11 +371,11 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
         Panel("way", "m", [Curve("way", x, x**2, "blue")], [Mark(50.0, "half")]),
     ]  # fmt: skip
     middle = [Mark(5.0, "middle")]
-    chart = Chart("Force & way", "time [s]", panels, middle, second=Second("ms", 1e3))
+    chart = Chart("Force & way", "time [s]", panels, middle, second=SecondUnit("ms", 1e3))
     figures: dict[str, Any] = {
         "told": Figure(2.0, "N", 0.01, "a force"),
         "formula": Figure(1.25, "1", 0.0),
-        "lost": Figure.refused("m", "the runs contradict each other"),
+        "lost": Figure.undetermined("m", "the runs contradict each other"),
     }
     made_up = Answer(
         scenario="sample",
@@ -501,7 +502,7 @@ def prints_well(shown: Browser, answer: Answer, charts: Sequence[Chart | Field])
     headings = shown.headings()
     for k, chart in enumerate(charts):
         sheet, y = headings["".join(chart.title.split())]
-        height = plot.figure(chart, html.LATER if k else html.first_sheet(answer))["paper"][
+        height = plotly.figure(chart, html.LATER if k else html.first_sheet(answer))["paper"][
             "height"
         ]
         assert y - 0.75 * height > MARGIN
@@ -657,11 +658,11 @@ def test_the_page_is_dark_where_the_screen_is(opened: Browser) -> None:
 def test_thinning_keeps_ends_and_peaks() -> None:
     y = np.random.default_rng(1).normal(size=100_000)
     y[[777, 54_321]] = 99.0, -99.0
-    kept = plot.thinned(y)
-    assert len(kept) <= plot.MOST
+    kept = plotly.thinned(y)
+    assert len(kept) <= plotly.MOST
     assert {777, 54_321, 0, 99_999} <= set(kept)
     assert (np.diff(kept) > 0).all()
-    assert y[:10][plot.thinned(y[:10])].tolist() == y[:10].tolist()
+    assert y[:10][plotly.thinned(y[:10])].tolist() == y[:10].tolist()
 
 
 def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
@@ -683,19 +684,21 @@ def test_a_study_draws_flags_as_steps_and_no_share_below_0() -> None:
     columns = {"w": [1.0, 2.0, 3.0], "oriented": [1.0, 1.0, 0.0], "time": [0.2, 0.3, np.nan]}
     table = pd.DataFrame(columns)
     study: Any = SimpleNamespace(varied=["w"], grid={"w": table["w"]}, tolerances={})
-    (chart,) = study_show.overview(study, table, ["oriented", "time"], {"w": "rad/s", "time": "s"})
+    (chart,) = study_charts.overview(
+        study, table, ["oriented", "time"], {"w": "rad/s", "time": "s"}
+    )
     assert isinstance(chart, Chart)
     assert [curve.look for panel in chart.panels for curve in panel.curves] == ["step", "linked"]
-    assert list(named(plot.figure(chart))) == ["oriented", "time [s]"]
+    assert list(named(plotly.figure(chart))) == ["oriented", "time [s]"]
     assert chart.x == "w [rad/s]"
     indices = pd.DataFrame(
         [("time", "T", "S1", -0.09, 0.15), ("time", "J", "S1", 0.7, 0.1)],
         columns=["figure", "input", "kind", "value", "confidence"],
     )
     study = SimpleNamespace(grid={}, tolerances={"T": 0, "J": 0})
-    (shares,) = study_show.sensitivity(study, indices, {})
+    (shares,) = study_charts.sensitivity(study, indices, {})
     assert_allclose(curves(shares)["share of time [1]", "S1, alone"], [0.0, 0.7])
-    assert named(plot.figure(shares))["share of time [1]"]["range"][0] == 0.0
+    assert named(plotly.figure(shares))["share of time [1]"]["range"][0] == 0.0
 
 
 def test_a_gif_has_the_frames_of_its_motion(tmp_path: Path) -> None:

@@ -15,15 +15,15 @@ from typing import Any
 import pytest
 
 from cosim import SetupError, SimulationError
-from cosim.commandline import exit_code
+from cosim.cli.options import exit_code
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.hosts import light, plane
-from workbench import Bench
-from workbench.ask import answer
+from workbench import Context
 from workbench.question import load
-from workbench.runs import identity, journal
-from workbench.runs.cargo import Call, Cargo, sealed
-from workbench.runs.engine import Engine
+from workbench.run import answer
+from workbench.runs import fingerprint, journal
+from workbench.runs.runner import Runner
+from workbench.runs.transport import Bundle, Call, pickled_call
 from workbench.runs.worker import Worker
 
 LONG = 100.0
@@ -37,7 +37,7 @@ def worker() -> Iterator[Worker]:
 
 
 def call(function: Any, task: Any) -> Call:
-    return Call(sealed(function, task))
+    return Call(pickled_call(function, task))
 
 
 def lines(ledger: Path) -> list[str]:
@@ -78,7 +78,7 @@ def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
 CALL = """
 import sys
 from tests.hosts import light, plane
-from workbench.runs.cargo import Call, sealed
+from workbench.runs.transport import Call, sealed
 from workbench.runs.worker import Worker
 Worker().do(Call(sealed(plane.be, tuple(sys.argv[1:]))), None)
 """
@@ -111,9 +111,9 @@ def test_a_sweep_is_the_same_for_any_number_of_jobs(tmp_path: Path) -> None:
     tasks = [(x, str(tmp_path / "ledger")) for x in (3.0, 1.0, 2.0, 5.0, 4.0, 1.0)]
     expected = [9.0, 3.0, 6.0, 15.0, 12.0, 3.0]
     for jobs in (1, 2, 8):
-        assert list(Engine(jobs).each(plane.height, tasks, "heights")) == expected
+        assert list(Runner(jobs).each(plane.height, tasks, "heights")) == expected
     assert len(lines(tmp_path / "ledger")) == 18
-    assert list(Engine(2).each(plane.height, [], "heights")) == []
+    assert list(Runner(2).each(plane.height, [], "heights")) == []
 
 
 MINE = """
@@ -124,8 +124,8 @@ class Options(workbench.Options): pass
 class Point(NamedTuple):
     x: float
 def double(point): return Point(2.0 * point.x)
-def solve(o, bench):
-    list(bench.each(double, [Point(1.0)], "double"))
+def solve(o, context):
+    list(context.each(double, [Point(1.0)], "double"))
     raise KeyboardInterrupt
 """
 
@@ -135,9 +135,9 @@ def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(tmp_path: 
     path = tmp_path / "tabnanny.py"
     path.write_text(MINE)
     page = load(str(path))
-    bench = Bench({}, Engine(2, page=str(path)))
+    context = Context({}, Runner(2, page=str(path)))
     points = [page.Point(1.0), page.Point(3.0)]
-    assert list(bench.each(page.double, points, "double")) == [(2.0,), (6.0,)]
+    assert list(context.each(page.double, points, "double")) == [(2.0,), (6.0,)]
 
 
 def test_a_question_of_ones_own_that_was_changed_takes_no_rows_of_the_one_before(
@@ -159,7 +159,7 @@ def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(
 ) -> None:
     def sweep(x: float) -> int:
         tasks = [(1.0, str(tmp_path / "ledger")), (x, "/dev/null")]
-        return exit_code(lambda: len(list(Engine(2).each(plane.height, tasks, "heights"))))
+        return exit_code(lambda: len(list(Runner(2).each(plane.height, tasks, "heights"))))
 
     assert sweep(7.5) == 1
     said = "error: heights, 2 of 2 ((7.5, '/dev/null')): the run ended its process: SIGSEGV\n"
@@ -176,8 +176,8 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     tasks = [(float(x), str(ledger)) for x in (1, 2, 3, 4, 5, 5)]
 
     def sweep(who: dict[str, Any], stop: float) -> None:
-        with journal.opened(tmp_path, who, passing=True) as kept:
-            for height in Engine(jobs).each(plane.height, tasks, "heights", kept):
+        with journal.open_journal(tmp_path, who, passing=True) as kept:
+            for height in Runner(jobs).each(plane.height, tasks, "heights", kept):
                 if height == stop:
                     raise KeyboardInterrupt
 
@@ -203,12 +203,12 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
 
 SWEEP = """
 import sys
-from cosim.commandline import exit_code
+from cosim.cli.options import exit_code
 from tests.hosts import light, plane
-from workbench.runs.engine import Engine
+from workbench.runs.runner import Runner
 ledger = sys.argv[1]
 tasks = [("good", ledger), ("hang", ledger), ("hang", ledger)]
-sys.exit(exit_code(lambda: len(list(Engine(2).each(plane.be, tasks, "moods")))))
+sys.exit(exit_code(lambda: len(list(Runner(2).each(plane.be, tasks, "moods")))))
 """
 
 
@@ -260,7 +260,7 @@ def test_a_killed_session_keeps_every_row_and_shuts_out_a_second_one(tmp_path: P
 
 
 def opened(folder: Path, who: dict[str, Any]) -> dict[Any, Any]:
-    with journal.opened(folder, who) as kept:
+    with journal.open_journal(folder, who) as kept:
         return {n: kept[n].answer for n in range(len(kept))}
 
 
@@ -280,7 +280,7 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
     who = {
         "file": {"grid": {"motor.T": [0.05, 0.06]}, "timeout": 3.0},
         "fmus": {"motor": "{12345678-1234-1234-1234-123456789abc}"},
-        **identity.computation("some", {}),
+        **fingerprint.computation("some", {}),
         "inputs": "f" * 16,
     }
     who = json.loads(json.dumps(who))
@@ -291,14 +291,14 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
             opened(tmp_path, other)
         said = str(refusal.value)
         assert said.startswith(f"{tmp_path} contains the rows of other runs: {name} "), said
-        assert not identity.DIGEST.search(said.replace(str(tmp_path), ""))
+        assert not fingerprint.DIGEST.search(said.replace(str(tmp_path), ""))
     assert opened(tmp_path, who) == {}
 
 
 def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = identity.code("cosim", "workbench", "scenarios")
+    here = fingerprint.code("cosim", "workbench", "scenarios")
     assert {
         "cosim/engine/loop.c",
         "workbench/runs/worker.py",
@@ -309,11 +309,11 @@ def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
     monkeypatch.syspath_prepend(tmp_path)
-    before = identity.code("some")
+    before = fingerprint.code("some")
     assert set(before) == {"some/__init__.py", "some/b.c", "some/d/e.py"}
     for name in before:
         (tmp_path / name).write_text("2")
-        after = identity.code.__wrapped__("some")
+        after = fingerprint.code.__wrapped__("some")
         assert [key for key in before if before[key] != after[key]] == [name]
         (tmp_path / name).write_text("1")
 
@@ -343,15 +343,15 @@ def test_no_process_for_runs_is_one_sentence(
 def test_a_failure_in_a_child_brings_its_traceback(tmp_path: Path) -> None:
     tasks = [("fail", str(tmp_path / "ledger"))] * 2
     with pytest.raises(SimulationError, match=r"(?s)ZeroDivisionError: no plane.*in fail"):
-        list(Engine(2).each(plane.be, tasks, "moods"))
+        list(Runner(2).each(plane.be, tasks, "moods"))
     with pytest.raises(ZeroDivisionError):
-        list(Engine(1).each(plane.be, tasks, "moods"))
+        list(Runner(1).each(plane.be, tasks, "moods"))
 
 
 def test_a_damaged_file_among_the_inputs_is_written_anew(tmp_path: Path) -> None:
     """Runs would be refused for it, for ever."""
     (tmp_path / "A.fmu").write_bytes(b"an FMU")
-    cargo = Cargo.of([tmp_path / "A.fmu"])
+    cargo = Bundle.of([tmp_path / "A.fmu"])
     place = cargo.unpacked(tmp_path / "inputs")
     for spoil in (lambda file: file.write_bytes(b"an"), lambda file: file.unlink()):
         spoil(place / "A.fmu")

@@ -29,14 +29,14 @@ import scenarios
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
-from workbench import ask, study
-from workbench.command import main
-from workbench.question import ALONE, find, load
-from workbench.runs import identity as identities
+from workbench import run, study
+from workbench.cli import main
+from workbench.question import NO_PROJECT, find, load
+from workbench.runs import fingerprint
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
-from workbench.study.outcome import _causes
-from workbench.study.plan import Sampling
+from workbench.study.file import Sampling
+from workbench.study.report import _causes
 from workbench.study.run import identity
 
 GRID = """
@@ -284,7 +284,7 @@ def test_a_study_without_any_answer_says_so_by_its_exit_code(
     write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = "scenario = 'plane.py'\n[fixed]\nmood = 'refuse'\n[grid]\nx = [1.0]"
-    assert main(["study", str(write(text)), "--out", str(tmp_path / "out")], ALONE, "x") == 1
+    assert main(["study", str(write(text)), "--out", str(tmp_path / "out")], NO_PROJECT, "x") == 1
     assert "Run 0: refused: this point is refused" in capsys.readouterr().out
 
 
@@ -293,7 +293,7 @@ def test_the_table_tells_inputs_figures_errors_and_units(
 ) -> None:
     out = tmp_path / "out"
     path = write(GRID.replace("from = 0.0", "from = -1.0"))
-    assert main(["study", str(path), "--out", str(out)], ALONE, "x") == 0
+    assert main(["study", str(path), "--out", str(out)], NO_PROJECT, "x") == 0
     said = capsys.readouterr().out
     rows = table(out)
     assert list(rows[0]) == [
@@ -462,7 +462,11 @@ def test_whatever_changes_makes_another_study_but_for_what_is_shown(
     seeds = study.plan.Study.samples
     for part, name, other in (
         ("versions", "cosim.versions", lambda: before["versions"] | {"numpy": "9.9"}),
-        ("code", "workbench.runs.identity.code", lambda *_: {**before["code"], "cosim/a.py": "0"}),
+        (
+            "code",
+            "workbench.runs.fingerprint.code",
+            lambda *_: {**before["code"], "cosim/a.py": "0"},
+        ),
         (
             "inputs",
             f"{study.plan.__name__}.Study.samples",
@@ -480,7 +484,7 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
 
     def answers() -> list[dict[str, Any]]:
         return [
-            ask.row(find(PROJECT.home, name), fmus_of(page(name), "python"), o)
+            run.row(find(PROJECT.home, name), fmus_of(page(name), "python"), o)
             for name, o in cases.items()
         ]
 
@@ -493,7 +497,7 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
     for function in filter(inspect.isfunction, gc.get_objects()):
         path = Path(function.__code__.co_filename)
         inside = path.is_relative_to(ROOT) and path.relative_to(ROOT).as_posix()
-        if inside and any(fnmatch(inside, pattern) for pattern in identities.PRESENTATION):
+        if inside and any(fnmatch(inside, pattern) for pattern in fingerprint.PRESENTATION):
             free = function.__code__.co_freevars
             monkeypatch.setattr(function, "__code__", fail.__code__) if not free else None
             broken += not free

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from cosim import SimulationError, System, certify, quiet, run, run_isolated, write_ssp
-from cosim.__main__ import alone, main
+from cosim.cli.main import main
+from cosim.cli.system_file import single_fmu_system
 from cosim.verification.systems import SPRING_AND_MASS, couple
 from tests.cosim.foreign import pack
 from tests.cosim.test_cosim import WIRES
@@ -86,14 +87,14 @@ def test_every_way_to_run_carries_the_warnings(fmus: Path, tmp_path: Path) -> No
 
 def test_a_run_that_fails_and_a_process_that_dies_keep_their_warnings(tmp_path: Path) -> None:
     for runner, end in ((run, {"error_at": 0.5}), (run_isolated, {"crash_at": 0.55})):
-        system = alone(pack(tmp_path / "A.fmu", warn_at=0.2, **end))
+        system = single_fmu_system(pack(tmp_path / "A.fmu", warn_at=0.2, **end))
         with pytest.raises(SimulationError) as caught:
             runner(system, stop=1.0, step=0.1, csv=tmp_path / "a.csv")
         assert caught.value.result.warnings == ["A: t = 0.2 s in A"]
 
 
 def test_probing_runs_may_be_quiet(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    system = alone(pack(tmp_path / "A.fmu", warn_at=0.2))
+    system = single_fmu_system(pack(tmp_path / "A.fmu", warn_at=0.2))
     with quiet():
         assert run(system, stop=1.0, step=0.1).warnings == ["A: t = 0.2 s in A"]
         isolated = run_isolated(system, stop=1.0, step=0.1, csv=tmp_path / "a.csv")

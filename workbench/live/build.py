@@ -16,7 +16,7 @@ from cosim import SetupError
 from cosim.system import connect
 
 from ..options import Options, declared
-from ..report.script import compact
+from ..page.script import compact
 from .content import Content, numeric
 from .declare import (
     Live,

@@ -11,13 +11,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cosim import SetupError
-from cosim.master import stepping_order
 from cosim.system import Network, Port, Value
+from cosim.system.graph import stepping_order
 
+from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, Panel
+from ..charts.plotly import Words, figure
+from ..charts.svg import letter_sizes
 from ..options import Options, declared
-from ..report.chart import SHOWN, Chart, Curve, Mark, Panel
-from ..report.plot import Words, figure
-from ..report.svg import letter_sizes
 from . import drawing
 from .declare import (
     REVOLUTION,
@@ -315,12 +315,12 @@ class Content:
         unit, target = self.unit_of(text, where), self.unit(panel, where)
         if unit in ("", target):
             return 1.0
-        if (unit, target) not in SHOWN:
+        if (unit, target) not in DISPLAY_FACTORS:
             raise SetupError(
                 f"LIVE: {where}: {text} is in {unit}, and the panel {panel.quantity!r} in {target}: "
                 "no conversion is known"
             )
-        return SHOWN[unit, target]
+        return DISPLAY_FACTORS[unit, target]
 
     def picture(self, chart: LiveChart, runs: Sequence[LiveRun]) -> dict[str, Any]:
         """Return plotly's traces and layouts without data, with the texts of marks."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..report.motion import Columns, Shape
+from ..charts.motion import Columns, Shape
 
 Text = str | float
 Look = tuple[str, ...] | str

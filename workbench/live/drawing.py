@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..report.chart import COLORS
-from ..report.motion import Columns, Motion, Shape
-from ..report.svg import placed_shapes
+from ..charts.model import COLORS
+from ..charts.motion import Columns, Motion, Shape
+from ..charts.svg import placed_shapes
 from .declare import Coordinate, LiveMotion
 
 Samples = NDArray[np.float64]

@@ -22,7 +22,7 @@ from cosim.errors import pluralize
 from ..figure import listed
 from . import codec
 from .codec import Records
-from .identity import differences
+from .fingerprint import differences
 from .worker import STATUSES, Outcome
 
 NAME = "journal.sqlite"
@@ -130,7 +130,7 @@ def _any(_outcome: Outcome) -> bool:
 
 
 @contextmanager
-def opened(
+def open_journal(
     folder: Path,
     identity: Mapping[str, Any],
     *,

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import THREADS
-from .cargo import Call
+from .transport import Call
 
 OK = "ok"
 STATUSES = (OK, "refused", "failed", "crashed", "timeout")
@@ -45,9 +45,9 @@ FAULTS = frozenset(
         errno.ESTALE,
     }
 )
-LOST = 3
+MAX_DEATHS = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
-WORDS = "words"
+OUTPUT_FILE = "words"
 TRACE = 4000
 LAST_MOMENTS = 2.0
 PARENT_DEATH_SIGNAL = 1
@@ -148,7 +148,7 @@ class Worker:
         with contextlib.ExitStack() as undo:
             folder = Path(tempfile.mkdtemp(dir=scratch()))
             undo.callback(shutil.rmtree, folder, ignore_errors=True)
-            words = undo.enter_context((folder / WORDS).open("a+", errors="replace"))
+            words = undo.enter_context((folder / OUTPUT_FILE).open("a+", errors="replace"))
             pipe, end = _SPAWN.Pipe()
             undo.callback(pipe.close)
             process = _SPAWN.Process(target=_main, args=(end, str(folder)), daemon=True)
@@ -162,7 +162,7 @@ class Worker:
         words, death = self._bury()
         outside, began = death in OUTSIDE, self._began
         self._lost += 1
-        if (outside or began is None) and self._lost < LOST:
+        if (outside or began is None) and self._lost < MAX_DEATHS:
             self._send()
             return None
         if began is None:
@@ -170,7 +170,9 @@ class Worker:
 
             why = "".join(words.strip().splitlines()[-1:]) or death
             raise SetupError(f"no process for runs can be started: {why}")
-        what = f"its process was killed {LOST} times" if outside else "the run ended its process"
+        what = (
+            f"its process was killed {MAX_DEATHS} times" if outside else "the run ended its process"
+        )
         return Outcome("crashed", None, f"{what}: {death}", time.monotonic() - began, words)
 
     def _bury(self, at_once: bool = False) -> tuple[str, str]:
@@ -218,7 +220,7 @@ def _quietly() -> Iterator[None]:
 def _main(pipe: Connection, folder: str) -> None:
     """The life of a child."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    words = os.open(Path(folder) / WORDS, os.O_WRONLY | os.O_APPEND)
+    words = os.open(Path(folder) / OUTPUT_FILE, os.O_WRONLY | os.O_APPEND)
     for stream in (1, 2):
         os.dup2(words, stream)
     _die_with_parent(folder)

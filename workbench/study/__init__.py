@@ -1,6 +1,6 @@
 """Design studies: a TOML file says which inputs of a scenario vary, and a table shows the results."""
 
-from .plan import Study, load
+from .file import Study, load
 from .run import run
 
 __all__ = ["Study", "load", "run"]

@@ -16,16 +16,16 @@ from cosim.system import connect
 
 from .. import question
 from ..answer import Answer, write
-from ..ask import is_row, row
 from ..options import declared
-from ..runs.cargo import Cargo, digest
-from ..runs.engine import Engine
+from ..run import is_row, row
+from ..runs.fingerprint import computation
 from ..runs.folder import reservation
-from ..runs.identity import computation
-from ..runs.journal import opened
+from ..runs.journal import open_journal
+from ..runs.runner import Runner
+from ..runs.transport import Bundle, digest
 from ..runs.worker import OK, Outcome
-from .outcome import conclude
-from .plan import Study, ends
+from .file import Study, ends
+from .report import conclude
 
 PRESENTATION = "figures"
 
@@ -47,21 +47,21 @@ def run(
     Raises KeyboardInterrupt after Ctrl-C; what is done is kept in the journal.
     """
     began = time.perf_counter()
-    engine = Engine(jobs, scheduler, study.project.packages)
+    runner = Runner(jobs, scheduler, study.project.packages)
     flavour = flavour or study.project.flavour(study.module)
     fmus = study.project.fmus(study.module, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
-    with reservation(folder), opened(folder, who, sound=_sound) as journal:
+    with reservation(folder), open_journal(folder, who, sound=_sound) as journal:
         (folder / "study.toml").write_bytes(study.path.read_bytes())
         before, own = len(journal), question.files(study.module)
-        inputs = Cargo.of([*fmus.values(), *own])
+        inputs = Bundle.of([*fmus.values(), *own])
         home = inputs.unpacked(folder / "inputs")
-        page = home / own[0].name if own else question.where(study.module)
+        page = home / own[0].name if own else question.locator(study.module)
         answers = partial(row, page, {part: home / path.name for part, path in fmus.items()})
-        engine = replace(engine, page=str(page), files=[home / name for name in inputs.files])
+        runner = replace(runner, page=str(page), files=[home / name for name in inputs.files])
         cases = dict(enumerate(study.cases()))
-        outcomes = dict(engine.outcomes(answers, cases, study.name, journal, timeout=study.timeout))
+        outcomes = dict(runner.outcomes(answers, cases, study.name, journal, timeout=study.timeout))
         session = len(cases) - before, time.perf_counter() - began
         done = [outcomes[number] for number in cases]
         answer, figures = conclude(study, done, units, who, session)
@@ -85,7 +85,7 @@ def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, 
     return {
         "file": {key: value for key, value in study.content.items() if key != PRESENTATION},
         "flavour": flavour,
-        **computation(question.where(study.module), fmus, *study.project.packages),
+        **computation(question.locator(study.module), fmus, *study.project.packages),
         "inputs": digest(json.dumps(study.cases()).encode()),
     }
 

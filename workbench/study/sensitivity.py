@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from .plan import Samples, Sampling, Study, problem
+from .file import Samples, Sampling, Study, problem
 
 HARMONICS = 6
 STRAIGHT = 0.9

@@ -7,10 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from fmpy.model_description import ScalarVariable
-
 from ...errors import SetupError
 from ...system import FALSE_TRUE, READ, Value, enumeration
+from ...system.description import Variable
 from .files import Element, children, parse, plain, qualified, validate
 from .units import Definitions, Step, Unit, definitions
 
@@ -30,7 +29,7 @@ class Parameter(NamedTuple):
     unit: Unit | None
     step: Step = Step("", None)
 
-    def fit(self, variable: ScalarVariable) -> Value:
+    def fit(self, variable: Variable) -> Value:
         """The value for a variable, not yet scaled; raises SetupError for a wrong type or item."""
         kind = str(variable.type)
         scaled = (self.step.factor, self.step.offset) != (1.0, 0.0)

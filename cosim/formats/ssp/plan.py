@@ -12,10 +12,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from fmpy.model_description import ModelDescription, ScalarVariable
-
 from ...errors import SetupError
 from ...system import Value, Wire, enumeration, part_name
+from ...system.description import ModelDescription, Variable
 from .files import ELEMENT, LINK, Element, Room
 from .parameters import Parameter
 from .units import Step, Unit, chain, defined, unit_of
@@ -68,7 +67,7 @@ class Plan:
     connectors: dict[Node, Connector] = field(default_factory=dict)
     fmus: dict[str, Path] = field(default_factory=dict)
     descriptions: dict[str, ModelDescription] = field(default_factory=dict)
-    variables: dict[Node, ScalarVariable] = field(default_factory=dict)
+    variables: dict[Node, Variable] = field(default_factory=dict)
     into: dict[Node, Arrow] = field(default_factory=dict)
     declared: set[Node] = field(default_factory=set)
     out: dict[Node, list[Arrow]] = field(default_factory=lambda: defaultdict(list))

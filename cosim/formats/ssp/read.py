@@ -15,10 +15,9 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import unquote, urldefrag
 
-from fmpy.model_description import ModelDescription
-
 from ...errors import SetupError, pluralize
 from ...system import System, connect, describe_fmu, types_match
+from ...system.description import ModelDescription
 from .files import BOND, NAMELESS, NAMESPACES, Element, Room, children, locate, parse, plain, unpack
 from .geometry import Geometry, geometry
 from .parameters import bound, linear

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from fmpy.model_description import BaseUnit, ModelDescription, ScalarVariable
-
 from ...errors import SetupError
-from ...system import BASES, unit_conversion, unit_exponents
+from ...system import BASES, unit_conversion
+from ...system.base_units import BaseUnit
+from ...system.description import ModelDescription, Variable
 from .files import Element, children
 
 SCALE = {"factor": 1.0, "offset": 0.0}
@@ -57,9 +58,9 @@ def definitions(root: Element, file: str) -> Definitions:
     for unit in children(root, "{*}Units", "ssc:Unit"):
         (base,) = children(unit, "ssc:BaseUnit")
         powers = {key: int(base.get(key, 0)) for key in BASES}
-        scale = {key: float(base.get(key, default)) for key, default in SCALE.items()}
+        factor, offset = (float(base.get(key, default)) for key, default in SCALE.items())
         name = _new(unit, units, file)
-        units[name] = Unit(name, BaseUnit(**powers, **scale))
+        units[name] = Unit(name, BaseUnit(**powers, factor=factor, offset=offset))
     for enumeration in children(root, "{*}Enumerations", "ssc:Enumeration"):
         items[_new(enumeration, items, file)] = {
             item.get("name"): int(item.get("value")) for item in children(enumeration, "ssc:Item")
@@ -74,7 +75,7 @@ def _new(element: Element, known: Iterable[str], file: str) -> str:
     return name
 
 
-def unit_of(variable: ScalarVariable, description: ModelDescription) -> Unit | None:
+def unit_of(variable: Variable, description: ModelDescription) -> Unit | None:
     """The unit that an FMU gives a variable."""
     return defined(Unit(variable.unit), description) if variable.unit else None
 
@@ -90,10 +91,11 @@ def _known(description: ModelDescription) -> dict[str, Unit]:
     known = {}
     for unit in description.unitDefinitions:
         base = unit.baseUnit
-        for shown in unit.displayUnits if base is not None else ():
-            factor = base.factor / shown.factor
-            offset = base.offset - factor * shown.offset
-            known[shown.name] = Unit(shown.name, BaseUnit(*unit_exponents(base), factor, offset))
+        for shown in unit.displayUnits:
+            if base is not None:
+                factor = base.factor / shown.factor
+                offset = base.offset - factor * shown.offset
+                known[shown.name] = Unit(shown.name, replace(base, factor=factor, offset=offset))
     return known | {
         unit.name: Unit(unit.name, unit.baseUnit) for unit in description.unitDefinitions
     }

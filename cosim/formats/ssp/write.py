@@ -174,15 +174,14 @@ def _omsimulator(notes: Element, network: Network, step: float | None) -> None:
 
     Its C++ program reads the child element, its Python API the attributes of the parent.
     """
-    experiments = [d.defaultExperiment for d in network.descriptions.values()]
-    stated = [x for x in experiments if x is not None]
+    stated = [d.defaultExperiment for d in network.descriptions.values()]
     if step is None:
-        preferred = [float(x.stepSize) for x in stated if x.stepSize]
+        preferred = [x.step for x in stated if x.step]
         if not preferred:
             log.warning("no step is given and no FMU prefers one: OMSimulator cannot read the .ssp")
             return
         step = min(preferred)
-    tolerances = [float(x.tolerance) for x in stated if x.tolerance]
+    tolerances = [x.tolerance for x in stated if x.tolerance]
     tolerance = repr(min(tolerances, default=OMS_TOLERANCE))
     note = SubElement(notes, qualified("ssc:Annotation"), type="org.openmodelica")
     information = SubElement(
@@ -241,7 +240,8 @@ def _type(prefix: str, task: Task, port: Port, known: Enumerations) -> Element:
     """The element of a port's type; an enumeration becomes known, under a name of its own."""
     element = Element(qualified(f"{prefix}:{OLDER.get(port.native, port.native)}"))
     if port.type == "Enumeration":
-        name, items = str(port.variable.declaredType.name), enumeration(port.variable)
+        declared = port.variable.declaredType
+        name, items = declared.name if declared else "", enumeration(port.variable)
         while known.setdefault(name, items) != items:
             name += "_"
         element.set("name", name)
@@ -303,7 +303,8 @@ def _text(port: Port, value: Value) -> str:
     for item, number in enumeration(port.variable).items():
         if number == value:
             return item
-    raise SetupError(f"{port} = {value!r} has no name in {port.variable.declaredType.name}")
+    declared = port.variable.declaredType
+    raise SetupError(f"{port} = {value!r} has no name in {declared.name if declared else 'it'}")
 
 
 def scaled(wire: Connection) -> bool:

@@ -1,0 +1,389 @@
+"""The model-exchange sides of all parts of a system, coupled as one ordinary differential equation."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import time as clock
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from itertools import chain
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.changes import discrete_changes
+from ..engine.fmi3 import Part3
+from ..engine.initialise import initialise
+from ..engine.instance import DISCARD, ERROR, OK, Instance, VariableBlock
+from ..engine.part import Part
+from ..engine.settings import RunSettings
+from ..errors import FmuError, SetupError
+from ..fmu.library import Library
+from ..system import Network, Port, is_continuous_input
+from ..system.description import ModelDescription, Variable
+from ..system.graph import algebraic_loops, describe_loop, stepping_order
+from ..system.inputs import Table
+
+Array = NDArray[np.float64]
+DIFFERENCE, SINGULAR = 6e-6, 1e12
+CLOSED, MOST_ITERATIONS = 1e-12, 20
+
+
+class Refused(FmuError):
+    """A part cannot compute with the state that was tried."""
+
+
+class Blocks(NamedTuple):
+    """Derivatives of rates (A, B) and outputs (C, D) by states and inputs, block by block of the
+    parts, and what the wires bring of the outputs to the inputs (F).
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    F: Array
+
+
+class Model(Part):
+    """A part's model-exchange side: continuous states `x`, rates `dx`, event indicators `z`."""
+
+    SIDE = "modelExchange"
+    RATES, UPDATE = "GetDerivatives", "newDiscreteStates"
+
+    def __init__(self, name: str, description: ModelDescription, *more: Any) -> None:
+        super().__init__(name, description, *more)
+        self.rates: list[Variable] = [u.variable for u in description.derivatives]
+        self.states: list[Variable] = [
+            rate.derivative for rate in self.rates if rate.derivative is not None
+        ]
+        numbers = (len(self.states), len(self.states), description.numberOfEventIndicators)
+        self.x, self.dx, self.z = ((ctypes.c_double * (n or 0))() for n in numbers)
+        self.running = False
+        self.next_time = math.inf
+
+    def unit(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
+        model = fmu.model(self.name, self.description)
+        return model, ctypes.PyDLL(None, handle=model.dll._handle)
+
+    def step_call(self) -> Callable[[], int]:
+        """None: the library need not have one."""
+        return lambda: ERROR
+
+    def begin(self) -> None:
+        Instance.begin(self)
+
+    def close(self) -> None:
+        first = not self.closed
+        super().close()
+        if first and not self.fmu.abandoned:
+            self.slave.freeLibrary()
+
+    def array(self, function: str, cells: Any) -> None:
+        """Call "SetContinuousStates" and the like with this array; raises Refused, FmuError."""
+        if len(cells):
+            place = ctypes.c_size_t(len(cells))
+            status = getattr(self.library, self.FMI + function)(self.component, cells, place)
+            if status == DISCARD:
+                raise Refused(str(self.failure(function, status)))
+            if status != OK:
+                self.answered(function, status)
+
+    def put(self) -> None:
+        """Hand over the states."""
+        self.array("SetContinuousStates", self.x)
+
+    def inputs_that_move(self) -> list[Variable]:
+        """The Real inputs; by FMI 3.0 those that are continuous."""
+        variables = self.description.modelVariables
+        return [v for v in variables if is_continuous_input(Port(self.name, v))]
+
+    def real_outputs(self) -> list[Variable]:
+        variables = self.description.modelVariables
+        return [v for v in variables if v.causality == "output" and v.type == "Real"]
+
+    def jacobian(self) -> tuple[Array, Array]:
+        """Derivatives of rates and outputs by the states and by the inputs that move."""
+        unknown = [*self.rates, *self.real_outputs()]
+        inputs = self.inputs_that_move()
+        nudges: list[tuple[Variable, Any, int, Callable[[], None]]]
+        nudges = [(v, self.x, i, self.put) for i, v in enumerate(self.states)]
+        for block in self.blocks("Set", inputs):
+            block.cells[:] = list(self.values(block.variables).values())
+            places = {v.name: i for i, v in enumerate(block.variables)}
+            nudges += [(v, block.cells, places[v.name], block.move) for v in inputs]
+        self.array("GetContinuousStates", self.x)
+        offers = self.description.interface("modelExchange").providesDirectionalDerivative
+        columns: list[Any] = []
+        for variable, cells, i, move in nudges if unknown else ():
+            if offers:
+                columns.append(self.slopes(unknown, variable))
+                continue
+            here = cells[i]
+            h = DIFFERENCE * max(abs(here), abs(float(variable.nominal or 1.0)) or 1.0)
+            sides = []
+            for cells[i] in (here - h, here + h):
+                move()
+                got = self.values(unknown)
+                sides.append(np.array([got[v.name] for v in unknown]))
+            cells[i] = here
+            move()
+            columns.append((sides[1] - sides[0]) / (2 * h))
+        whole = np.array(columns).reshape(len(nudges), len(unknown)).T
+        return whole[:, : len(self.states)], whole[:, len(self.states) :]
+
+
+class Model3(Model, Part3):
+    """The same by FMI 3.0, whose states, rates and inputs may be arrays."""
+
+    RATES, UPDATE = "GetContinuousStateDerivatives", "updateDiscreteStates"
+
+    def _event(
+        self, t: float, blocks: Iterable[VariableBlock] = (), clocks: Sequence[int] = ()
+    ) -> None:
+        for block in blocks:  # in event mode, which `Whole` enters
+            block.move()
+
+
+class Whole:
+    """A coupled system at a time `t` [s], from `opened`.
+
+    `states`, `inputs` and `outputs` are its Real ports, part by part; `stops` are the times at which
+    something changes from outside. After the `deadline`, a reading of the monotonic clock [s], no rates are
+    computed any more.
+    """
+
+    def __init__(
+        self, network: Network, models: dict[str, Model], start: float, stop: float
+    ) -> None:
+        self.network, self.models, self.t = network, models, start
+        self.parts = list(models.values())
+        self.states = [Port(p.name, v) for p in self.parts for v in p.states]
+        self.inputs = [Port(p.name, v) for p in self.parts for v in p.inputs_that_move()]
+        self.outputs = [Port(p.name, v) for p in self.parts for v in p.real_outputs()]
+        self.feeds = [feed for part in self.parts for feed in part.feeds]
+        self.changes = discrete_changes(network, dict(models), start, stop)
+        knots = [f.profile.times for f in self.feeds if isinstance(f.profile, Table)]
+        self.stops = sorted({change.time for change in self.changes}.union(*knots))
+        self.until = math.inf
+        self.deadline = math.inf
+        self.jump(start)
+
+    @property
+    def x(self) -> Array:
+        """The continuous states."""
+        return np.array([value for part in self.parts for value in part.x])
+
+    @property
+    def nominals(self) -> Array:
+        """The nominal values of the states, as the parts give them; 1 for what cannot be a nominal value.
+
+        FMI wants them above 0, and some tools give 0.
+        """
+        found = []
+        for part in self.parts:
+            cells = (ctypes.c_double * len(part.x))()
+            part.array("GetNominalsOfContinuousStates", cells)
+            found += list(cells)
+        sizes = np.abs(found)
+        return np.where((sizes > 0.0) & (sizes < math.inf), sizes, 1.0)
+
+    def at(self, t: float, x: Array) -> None:
+        """Be at a time [s] and a state, all wires settled; raises Refused, FmuError."""
+        self.t = t
+        values = iter(x.tolist())
+        for part in self.parts:
+            part.call("setTime", t)
+            part.x[:] = [next(values) for _ in part.x]
+            part.put()
+        self._settle(lambda block: block.real)
+
+    def slopes(self, t: float, x: Array) -> Array:
+        """The rates of the states; NaN where a part refuses them. Raises FmuError after the deadline."""
+        if clock.monotonic() > self.deadline:
+            raise FmuError(f"no end within the timeout; the integrator is at t = {t!r} s")
+        try:
+            self.at(t, x)
+            for part in self.parts:
+                part.array(part.RATES, part.dx)
+        except Refused:
+            return np.full(len(x), math.nan)
+        return np.array([value for part in self.parts for value in part.dx])
+
+    def signs(self) -> list[float]:
+        """Values whose change is an event: which indicators are at least zero, and the outputs on wires
+        that are not Real, in case no indicator guards them.
+        """
+        found: list[float] = []
+        for part in self.parts:
+            part.array("GetEventIndicators", part.z)
+            found += [value >= 0.0 for value in part.z]
+            for block in part.outputs:
+                if not block.real:
+                    block.move()
+                    found += list(block.cells)
+        return found
+
+    def completed(self) -> bool:
+        """Notify the parts that a step of the integrator is complete; returns whether one wants an event."""
+        wants = False
+        for part in self.parts:
+            if part.description.interface("modelExchange").needsCompletedIntegratorStep:
+                event, end = part.call("completedIntegratorStep")
+                self._require_going(part, end)
+                wants = wants or event
+        return wants
+
+    def jump(self, t: float) -> None:
+        """An event at a time [s]: changes from outside, then discrete states until all agree."""
+        self.t, again = t, True
+        for part in self.parts:
+            if part.running:
+                part.call("enterEventMode")
+        for change in self.changes:
+            if change.time == t:
+                change.part.set(change.variable, change.value)
+        for block in chain.from_iterable(part.inputs for part in self.parts):
+            block.move()  # what arrived on the way to the event, when only Real inputs are set
+        while again:
+            again = self._settle(lambda block: True)
+            for part in self.parts:
+                more, end, _, _, timed, time = part.call(part.UPDATE)
+                self._require_going(part, end)
+                part.next_time = time if timed else math.inf
+                again = again or more
+            again = self._settle(lambda block: True) or again
+        for part in self.parts:
+            part.call("enterContinuousTimeMode")
+            part.running = True
+            part.array("GetContinuousStates", part.x)
+
+    def next_stop(self, stop: float) -> float:
+        """The next time [s] of an event that is known in advance, at most `stop`."""
+        known = chain(self.stops, (part.next_time for part in self.parts), [stop])
+        return min(time for time in known if time > self.t)
+
+    def blocks(self) -> Blocks:
+        """The derivatives of all parts as they stand."""
+        from scipy.linalg import block_diag
+
+        pieces = []
+        for part in self.parts:
+            n, (by_states, by_inputs) = len(part.rates), part.jacobian()
+            pieces.append((by_states[:n], by_inputs[:n], by_states[n:], by_inputs[n:]))
+        F = np.zeros((len(self.inputs), len(self.outputs)))
+        row, column = (
+            {port.name: k for k, port in enumerate(p)} for p in (self.inputs, self.outputs)
+        )
+        for source, target, factor, _ in self.network.wires:
+            if target.name in row:
+                F[row[target.name], column[source.name]] = factor
+        A, B, C, D = (block_diag(*each) for each in zip(*pieces))
+        return Blocks(A, B, C, D, F)
+
+    def closure(self, blocks: Blocks) -> Array:
+        """I - F D, by which the inputs follow what is put on them; SetupError if it is singular."""
+        from scipy.linalg import matrix_balance
+
+        loop = blocks.F @ blocks.D
+        place = {port.name: k for k, port in enumerate(self.inputs)}
+        for ring in algebraic_loops(self.network):
+            own = [place[w.target.name] for w in ring if w.target.name in place]
+            if not own:
+                continue
+            inner, _ = matrix_balance(loop[np.ix_(own, own)])
+            if np.linalg.cond(np.eye(len(own)) - inner) > SINGULAR:
+                raise SetupError(f"the algebraic loop has no solution: {describe_loop(ring)}")
+        return np.eye(len(self.inputs)) - loop
+
+    def _settle(self, moved: Callable[[VariableBlock], bool]) -> bool:
+        """Bring outputs over the wires until the inputs agree with them; whether any has changed."""
+        for feed in self.feeds:
+            feed.cell[0] = float(
+                feed.profile.at(min(self.t, math.nextafter(self.until, -math.inf)))
+            )
+        inputs = [(part, [b for b in part.inputs if moved(b)]) for part in self.parts]
+        shown = {p.name: [b for b in p.outputs if moved(b)] for p in self.parts}
+        for block in chain.from_iterable(shown.values()):
+            block.move()
+        entered = [list(block.cells) for _, blocks in inputs for block in blocks]
+        changed = False
+        for _ in range(2 + len(self.network.wires)):
+            again = False
+            for part, blocks in inputs:
+                before = [list(block.cells) for block in blocks]
+                part.bring()
+                fresh = [b for b, old in zip(blocks, before) if list(b.cells) != old]
+                for block in fresh:
+                    block.move()
+                if fresh:
+                    again = True
+                    for block in shown[part.name]:
+                        block.move()
+            if not again:
+                return changed
+            changed = True
+        self._solve()
+        left = [list(block.cells) for _, blocks in inputs for block in blocks]
+        return any(
+            abs(new - old) > CLOSED * (1.0 + abs(old)) if isinstance(new, float) else new != old
+            for before, after in zip(entered, left)
+            for old, new in zip(before, after)
+        )
+
+    def _solve(self) -> None:
+        """The Real inputs of an algebraic loop by Newton's method; raises FmuError."""
+        blocks = [b for part in self.parts for b in part.inputs if b.real]
+        names = [name for block in blocks for name in block.names]
+        place = {port.name: k for k, port in enumerate(self.inputs)}
+        own = [place[name] for name in names]
+        for _ in range(MOST_ITERATIONS):
+            had = np.array([value for block in blocks for value in block.cells])
+            if not np.isfinite(had).all():
+                raise Refused("the values of an algebraic loop are no longer finite")
+            for part in self.parts:
+                part.bring()
+            off = np.array([value for block in blocks for value in block.cells]) - had
+            near = CLOSED * (1.0 + np.abs(had).max())
+            step = np.linalg.solve(self.closure(self.blocks())[np.ix_(own, own)], off)
+            values = iter((had + step).tolist())
+            for block in blocks:
+                block.cells[:] = [next(values) for _ in block.cells]
+                block.move()
+            for part in self.parts:
+                for block in part.outputs:
+                    block.move()
+            if np.abs(step).max() <= near:
+                return
+        loops = "; ".join(describe_loop(loop) for loop in algebraic_loops(self.network))
+        raise FmuError(f"the algebraic loop was not solved at t = {self.t!r} s: {loops}")
+
+    def _require_going(self, part: Model, end: bool) -> None:
+        if end:
+            raise FmuError(f"{part.name} ended the simulation at t = {self.t!r} s: {part.reason()}")
+
+
+KINDS = {"2.0": Model, "3.0": Model3}
+
+
+@contextmanager
+def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
+    """The system at `start` [s], its start values consistent.
+
+    Raises SetupError for a part without model exchange or with a clock that is to tick, FmuError
+    where an FMU refuses.
+    """
+    for name, description in network.descriptions.items():
+        if description.modelExchange is None:
+            raise SetupError(f"{name}: {network.system.parts[name]} offers no model exchange")
+        for v in description.modelVariables:
+            if v.type == "Clock" and v.causality == "input":
+                raise SetupError(f"{name}.{v.name} is a clock, which ticks in co-simulation only")
+    with ExitStack() as stack:
+        sequence = stepping_order(network, None)
+        settings = RunSettings(stop, math.inf, start)
+        parts = initialise(network, settings, sequence, stack, kinds=KINDS)
+        models = cast(dict[str, Model], parts)
+        yield Whole(network, {name: models[name] for name in network.system.parts}, start, stop)

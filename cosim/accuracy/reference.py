@@ -1,0 +1,257 @@
+"""The solution of a coupled system without any coupling error, and how far a run is from it.
+
+The model-exchange sides of all parts form one ordinary differential equation, which SciPy integrates
+with tight tolerances and events located to the last digits.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..engine.control import Adaptive
+from ..engine.driver import RowReader
+from ..engine.settings import RunSettings
+from ..errors import FmuError, SetupError
+from ..master import versions
+from ..result import Result, SimulationError
+from ..system import System, connect, require_cosimulation
+from .certify import Estimate, certify, summary
+from .coupled_ode import Array, Whole, opened
+
+METHODS = ("DOP853", "Radau", "LSODA")
+TOLERANCE, LOOSER, ROWS, MOST_AT_ONCE = 1e-12, 10.0, 1000, 100
+
+
+class Piece(NamedTuple):
+    """The states over time from `begin` to `end` [s]; no curve just after an event."""
+
+    begin: float
+    end: float
+    curve: Callable[[float], Array] | None
+
+
+class Compared(NamedTuple):
+    """A figure as certified by runs of the master, and its value by the oracle."""
+
+    certified: Estimate
+    true: float
+
+    @property
+    def error(self) -> float:
+        """The true error of the certified value."""
+        return abs(self.certified.value - self.true)
+
+
+class Judged(NamedTuple):
+    """The oracle's result, and every figure next to the certified one."""
+
+    result: Result
+    figures: dict[str, Compared]
+
+
+def oracle(
+    system: System,
+    *,
+    stop: float,
+    start: float = 0.0,
+    output_step: float | None = None,
+    record: Sequence[str] | None = None,
+    method: str = "DOP853",
+    tolerance: float = TOLERANCE,
+    timeout: float = math.inf,
+) -> Result:
+    """Integrate the coupled system from `start` to `stop` [s] as one ordinary differential equation.
+
+    `method` is one of SciPy's: DOP853, or Radau or LSODA for stiff systems. `tolerance` is relative to
+    each state, or to its nominal value where that is larger. Rows are `output_step` [s] apart, by default
+    a thousandth of the time, with one more where a recorded discrete variable changes. `record` lists the
+    columns (default: all outputs).
+
+    The system is integrated twice. `provenance["errors"]` gives, by column, the largest distance of the
+    rows from those with a tolerance LOOSER times as large; `provenance["events"]` gives the times [s] of
+    all events. Inputs over time act continuously, as do the wires. An event that begins and ends within
+    half a step of the integrator may be missed.
+
+    Raises SetupError for a part without model exchange and for settings that cannot be run, and
+    SimulationError if a part or the integrator fails, or if an integration takes longer than `timeout`
+    [s] of real time.
+    """
+    if not timeout > 0.0:
+        raise SetupError(f"timeout = {timeout!r} s must be above 0")
+    network = connect(system)
+    spacing = (stop - start) / ROWS if output_step is None else output_step
+    RunSettings(stop, 1.0, start, output_step=output_step).check()
+    plan = RunSettings(stop, spacing, start, record=record)
+    ports = plan.ports(network)
+    if method not in METHODS:
+        raise SetupError(f"method {method!r} must be one of {', '.join(METHODS)}")
+    if not 1e-13 <= tolerance <= 1e-3:
+        raise SetupError(f"tolerance = {tolerance!r} must be at least 1e-13 and at most 1e-3")
+    for port, profile in network.inputs:
+        if lack := profile.lacks(start, stop):
+            raise SetupError(f"{port.name}: its table {lack}")
+    began = clock.perf_counter()
+    provenance: dict[str, Any] = {
+        "algorithm": "oracle", "communication": f"{method}, tolerance {tolerance:g}",
+        "start": start, "stop": stop, "wires": [str(wire) for wire in system.wires],
+        "start_values": dict(system.start), "versions": versions(), "bonds": {}, "warnings": [],
+    }  # fmt: skip
+
+    def once(allowed: float) -> Result:
+        with opened(network, start, stop) as whole:
+            whole.deadline = clock.monotonic() + timeout
+            rows: list[list[float]] = []
+            events: list[float] = []
+            told = {"status": "complete", "reason": "", "reached": stop, "events": events}
+            try:
+                pieces = travel(whole, stop, method, allowed)
+                rows.extend(_rows(whole, RowReader(whole.parts, ports), plan, pieces, events))
+            except FmuError as failure:
+                told |= {"status": "failed", "reason": str(failure), "reached": whole.t}
+            told["warnings"] = [
+                f"{part.name}: {text}" for part in whole.parts for text in part.warnings
+            ]
+        units = {"time": "s"} | {port.name: port.unit for port in ports}
+        result = Result(
+            [*units], units, provenance | told, lambda: np.array(rows).reshape(-1, len(units))
+        )
+        if told["status"] == "failed":
+            raise SimulationError(f"{told['reason']}; stopped at t = {told['reached']!r} s", result)
+        return result
+
+    try:
+        loose, result = once(LOOSER * tolerance), once(tolerance)
+    except FmuError as failure:
+        raise SetupError(str(failure)) from failure
+    ours, theirs = result.data, loose.data
+    _, here, there = np.intersect1d(ours[:, 0], theirs[:, 0], return_indices=True)
+    off = np.abs(ours[here] - theirs[there]).max(axis=0)
+    result.provenance["errors"] = dict(zip(result.columns[1:], off[1:].tolist()))
+    result.provenance["wall_time"] = clock.perf_counter() - began
+    return result
+
+
+def true_errors(
+    system: System,
+    figures: Callable[[Result], Mapping[str, float]] = summary,
+    *,
+    stop: float,
+    step: float,
+    start: float = 0.0,
+    record: Sequence[str] | None = None,
+    method: str = "DOP853",
+    timeout: float = math.inf,
+    **settings: Any,
+) -> Judged:
+    """Certify figures of runs with a communication step [s], and compare them with the oracle's.
+
+    The oracle's rows are as far apart as those of the runs, and each of its two integrations may take
+    `timeout` [s] of real time. `settings` are those of `run`. Raises what
+    `oracle` and `certify` raise; parts for model exchange only are refused, since they cannot be run.
+    """
+    require_cosimulation(connect(system).descriptions, system.parts)
+    rows = settings.get("output_step", step)
+    exact = oracle(
+        system,
+        stop=stop,
+        start=start,
+        output_step=rows,
+        record=record,
+        method=method,
+        timeout=timeout,
+    )
+    truth = figures(exact)
+    found = certify(
+        system, figures, stop=stop, step=step, start=start, record=record, **settings
+    ).figures
+    return Judged(exact, {name: Compared(e, float(truth[name])) for name, e in found.items()})
+
+
+def travel(whole: Whole, stop: float, method: str, tolerance: float) -> Iterator[Piece]:
+    """Integrate to `stop` [s], piece by piece; after an event, the state that it left."""
+    from scipy import integrate
+
+    at_once = 0
+    floor = tolerance * whole.nominals
+    while whole.t < stop:
+        begin, x = whole.t, whole.x
+        whole.until = end = whole.next_stop(stop)
+        if not len(x):
+            raise FmuError("no part has a continuous state")
+        solver = getattr(integrate, method)(whole.slopes, begin, x, end, rtol=tolerance, atol=floor)
+        whole.at(begin, x)
+        signs, found = whole.signs(), None
+        while solver.status == "running" and found is None:
+            message = solver.step()
+            if solver.status == "failed":
+                raise FmuError(f"{method} stopped at t = {solver.t!r} s: {message}")
+            curve = solver.dense_output()
+            found = _crossing(whole, signs, curve, float(solver.t_old), float(solver.t))
+            last = float(solver.t) if found is None else found
+            yield Piece(float(solver.t_old), last, curve)
+            whole.at(last, solver.y if found is None else curve(last))
+            if found is None and whole.completed():
+                found = last
+        if found is not None or end < stop or end in whole.stops:
+            at_once = at_once + 1 if whole.t - begin <= 64 * math.ulp(whole.t) else 0
+            if at_once > MOST_AT_ONCE:
+                raise FmuError(f"events follow each other without end at t = {whole.t!r} s")
+            whole.until = math.inf
+            whole.jump(whole.t)
+            yield Piece(whole.t, whole.t, None)
+
+
+def _crossing(
+    whole: Whole, signs: list[float], curve: Callable[[float], Array], a: float, b: float
+) -> float | None:
+    """The first time [s] after `a`, to the last digits, at which an indicator has changed its sign."""
+
+    def changed(t: float) -> bool:
+        whole.at(t, curve(t))
+        return whole.signs() != signs
+
+    if not signs:
+        return None
+    for end in (0.5 * (a + b), b):
+        if changed(end):
+            while end - a > 2 * math.ulp(end):
+                middle = 0.5 * (a + end)
+                a, end = (a, middle) if changed(middle) else (middle, end)
+            return end
+        a = end
+    return None
+
+
+def _rows(
+    whole: Whole, row: RowReader, plan: RunSettings, pieces: Iterable[Piece], events: list[float]
+) -> Iterator[list[float]]:
+    """The rows of a plan, and those at which a discrete column changes."""
+    assert not isinstance(plan.step, Adaptive)
+
+    def look(t: float) -> list[float]:
+        for part in whole.parts:
+            for block in part.outputs:
+                block.move()
+        return row(t)
+
+    before = look(plan.start)
+    yield before
+    times = iter([*(plan.start + k * plan.step for k in range(1, plan.number())), plan.stop])
+    due = next(times)
+    for _, end, curve in pieces:
+        while curve is not None and due <= end:
+            whole.at(due, curve(due))
+            before = look(due)
+            yield before
+            due = next(times, math.inf)
+        if curve is None:
+            events.append(end)
+            now = look(end)
+            if end != before[0] and any(now[k] != before[k] for k in row.discrete):
+                before = now
+                yield now

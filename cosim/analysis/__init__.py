@@ -1,0 +1,1 @@
+"""Analysis of coupled systems and of results: damping, linearisation, coupling theory, comparison, crosscheck."""

@@ -1,0 +1,383 @@
+"""Compare a result with another or with a measurement: does it stay in a band around the reference?
+
+The band is that of the FMI cross-check. A rectangle, twice as wide as the tolerance in time and twice as
+high as that in value, is moved along the reference, which is interpolated linearly between its rows.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..describe import table
+from ..errors import SetupError
+from ..result import Result, Rows
+from ..system.inputs import COLUMN, Reading, separator
+from ..units import QUANTITY, multiples
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    Source = Result | pd.DataFrame | Path | str
+
+SHARE = 0.002
+ERROR = "_error"
+INDEX = re.compile(r".*\S\[[\d, ]*\]")
+UNSCALED = (1.0, 0.0)
+DRAWN = 2000
+
+
+@dataclass(frozen=True)
+class Band:
+    """Where a column may be: within `width` [s] and `height` of the reference, plus its error there."""
+
+    t: Rows
+    y: Rows
+    error: Rows
+    width: float
+    height: float
+
+    def around(self, t: Rows) -> tuple[Rows, Rows]:
+        """The least and the largest value of the reference within its width around times t [s].
+
+        Beyond its ends the reference is extended in a straight line, over the width.
+        """
+        ends = self.t[[0, -1]]
+        inner = np.interp(ends + np.array([self.width, -self.width]), self.t, self.y)
+        outer = 2.0 * self.y[[0, -1]] - inner
+        known = np.concatenate([ends[:1] - self.width, self.t, ends[1:] + self.width])
+        y = np.concatenate([outer[:1], self.y, outer[1:]])
+        i = np.searchsorted(known, t - self.width, "left")
+        j = np.searchsorted(known, t + self.width, "right")
+        rims = [np.interp(t + side * self.width, known, y) for side in (-1.0, 1.0)]
+        places = np.stack([i, j], axis=1).ravel()
+        low, high = (
+            np.where(i < j, pick.reduceat(np.append(y, y[-1]), places)[::2], rims[0])
+            for pick in (np.minimum, np.maximum)
+        )
+        return np.minimum.reduce([low, *rims]), np.maximum.reduce([high, *rims])
+
+    def room(self, t: Rows) -> Rows:
+        """How far beyond these values the column may be."""
+        return np.asarray(self.height + np.interp(t, self.t, self.error), float)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a column is from its reference, in the reference's unit.
+
+    `deviation` is the distance to the nearest value that the reference takes within the tolerance in
+    time. It is given at the `time` [s] at which it exceeds the `allowed` deviation most or, if it never
+    does, comes closest to it. `outside` marks the rows (t [s], y) that exceed it.
+    """
+
+    name: str
+    reference: str
+    unit: str
+    deviation: float
+    time: float
+    allowed: float
+    t: Rows = field(repr=False)
+    y: Rows = field(repr=False)
+    outside: NDArray[np.bool_] = field(repr=False)
+    band: Band = field(repr=False)
+
+    @property
+    def passed(self) -> bool:
+        """Whether no row is outside."""
+        return not self.outside.any()
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All compared columns, from `start` to `stop` [s] in bands of `width` [s] to either side."""
+
+    columns: tuple[Deviation, ...]
+    start: float
+    stop: float
+    width: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether all columns stay in their bands."""
+        return all(column.passed for column in self.columns)
+
+    def __getitem__(self, name: str) -> Deviation:
+        """The column of this name."""
+        for column in self.columns:
+            if column.name == name:
+                return column
+        raise KeyError(f"{name} was not compared, only {', '.join(c.name for c in self.columns)}")
+
+    def text(self) -> str:
+        """What was compared, a line for each column, and the verdict."""
+        first = (
+            f"from {self.start:g} to {self.stop:g} s, bands of {self.width:.3g} s to either side"
+        )
+        outside = [column.name for column in self.columns if not column.passed]
+        last = f"outside: {', '.join(outside)}" if outside else "every column stays in its band"
+        return "\n".join([first, *self.notes, *table([_line(c) for c in self.columns]), last])
+
+    def plot(self, path: Path | str | None = None) -> Figure:
+        """A panel per column: both curves, the band and the rows outside; `path` also writes a file."""
+        from ..picture import Picture
+
+        number = len(self.columns)
+        figure = Picture(figsize=(9, 1.0 + 2.2 * number), layout="constrained")
+        axes = figure.subplots(number, sharex=True, squeeze=False)[:, 0]
+        for axis, column in zip(axes, self.columns):
+            _draw(axis, column, np.linspace(self.start, self.stop, DRAWN))
+        axes[-1].set_xlabel("time / s")
+        if path is not None:
+            figure.savefig(path, dpi=150)
+        return figure
+
+
+def compare(
+    result: Source,
+    reference: Source,
+    *,
+    columns: Mapping[str, str] | Sequence[str] | None = None,
+    value: float = SHARE,
+    time: float | None = None,
+    errors: Mapping[str, str | float] | None = None,
+    gap: float = np.inf,
+) -> Comparison:
+    """Check for each column whether the result stays in a band around the reference.
+
+    Both are results, pandas frames or files (.csv or .parquet) whose first column is the time. Their rows
+    need not be at the same times; they are compared at the rows of the result. `columns` are names, or
+    maps columns of the result to those of the reference, with a factor, an offset and a unit where
+    needed: "n:rpm", "M * 0.73:N.m". By default, all names that both have are compared.
+
+    Units come from a result, from the JSON next to a file, or from headings, "speed [rpm]". A column
+    without a unit fits every unit.
+
+    `value` is half the height of the band, as a share of the range of the reference, or of its value if
+    it is constant. `time` is half its width [s], by default 0.2 % of the time that both cover. Errors add
+    to the height: those in a column NAME_error of either, and `errors` by the result's names, in the
+    reference's unit or as "7.3 rpm". Nothing is compared between rows of the reference that are further
+    apart than `gap` [s].
+
+    Raises SetupError if there is nothing to compare, for units of different quantities, and for values
+    that are not finite numbers.
+    """
+    ours, theirs = _read(result, "the result"), _read(reference, "the reference")
+    start = float(max(ours.time[0], theirs.time[0]))
+    stop = float(min(ours.time[-1], theirs.time[-1]))
+    width = max(0.0, SHARE * (stop - start)) if time is None else time
+    for word, number in (("value", value), ("time", width)):
+        if not 0.0 <= number < np.inf:
+            raise SetupError(
+                f"the tolerance in {word} = {number!r} must be a finite number of at least 0"
+            )
+    if not gap > 0.0:
+        raise SetupError(f"gap = {gap!r} s must be above 0")
+    shared = (ours.time >= start) & (ours.time <= stop)
+    lost = theirs.lost(ours.time, gap)
+    if np.count_nonzero(shared & ~lost) < 2:
+        raise SetupError(f"{ours} and {theirs} have fewer than two rows to compare")
+    pairs = _pairs(ours, theirs, columns)
+    given = dict(errors or {})
+    if strange := [name for name in given if name not in pairs]:
+        raise SetupError(f"error of {strange[0]}: only {', '.join(pairs)} are compared")
+    found = []
+    for name, other in pairs.items():
+        unit = theirs.units[other] or ours.units[name]
+        y, error = theirs.column(other, unit)
+        height = value * (float(np.ptp(y)) or abs(float(y[0]))) + _error(name, given, unit)
+        rows = (ours.time, *ours.column(name, unit))
+        t, own, wide = (values[shared & ~lost] for values in rows)
+        band = Band(theirs.time, y, error, width, height)
+        low, high = band.around(t)
+        apart = np.maximum(0.0, np.maximum(own - high, low - own))
+        allowed = band.room(t) + wide
+        k, outside = int(np.argmax(apart - allowed)), apart > allowed
+        worst = float(apart[k]), float(t[k]), float(allowed[k])
+        found.append(Deviation(name, other, unit, *worst, t, own, outside, band))
+    notes = [*_notes(ours, theirs, pairs)]
+    if gaps := np.count_nonzero(shared & lost):
+        notes.append(f"{gaps} rows are not compared: they lie in gaps of {theirs.label}")
+    return Comparison(tuple(found), start, stop, width, tuple(notes))
+
+
+class Record:
+    """A result, frame or file: its times [s], its columns and their units by name."""
+
+    def __init__(self, label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> None:
+        if not len(frame) or len(frame.columns) < 2:
+            raise SetupError(f"{label} has no rows with a time and values")
+        self.label = label
+        self.series: dict[str, Any] = {}
+        self.units: dict[str, str] = {}
+        self.scales: dict[str, tuple[float, float]] = {}
+        for place, heading in enumerate(map(str, frame.columns)):
+            match = COLUMN.fullmatch(heading)
+            name, unit = heading, units.get(heading, "")
+            if heading not in units and match is not None and not INDEX.fullmatch(heading):
+                name, unit = match["name"], match["unit"] or ""
+            if name in self.series:
+                raise SetupError(f"{label} has two columns named {name!r}")
+            self.series[name], self.units[name] = frame.iloc[:, place], unit
+        first, *self.names = self.series
+        self.time = self._in(first, "s")
+        if (falls := np.flatnonzero(np.diff(self.time) < 0.0)).size:
+            before, t = self.time[falls[0] :][:2].tolist()
+            raise SetupError(f"{label}: time {t!r} s after {before!r} s must not fall")
+
+    def __str__(self) -> str:
+        return f"{self.label} from {self.time[0]:g} to {self.time[-1]:g} s"
+
+    def named(self, text: str) -> str:
+        """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit."""
+        name, factor, offset, unit = Reading.read(text, self.names, self.label)
+        if text != name:
+            self.scales[name] = factor, offset
+        if unit is not None:
+            self.units[name] = unit
+        return name
+
+    def column(self, name: str, unit: str) -> tuple[Rows, Rows]:
+        """Values and their errors in a unit; raises SetupError for values that are not finite."""
+        values = self._in(name, unit)
+        if name + ERROR not in self.names:
+            return values, np.zeros(len(values))
+        self.units[name + ERROR] = self.units[name + ERROR] or self.units[name]
+        self.scales.setdefault(name + ERROR, (self.scales.get(name, UNSCALED)[0], 0.0))
+        return values, np.abs(self._in(name + ERROR, unit))
+
+    def _in(self, name: str, unit: str) -> Rows:
+        import pandas as pd
+
+        own = self.units[name]
+        scale = 1.0 if not own or not unit or own == unit else multiples(unit).get(own)
+        if scale is None:
+            raise SetupError(f"{self.label}: {name} [{own}] cannot be converted to {unit}")
+        values = self.series[name]
+        numbers = np.asarray(pd.to_numeric(values, errors="coerce"), float)
+        if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
+            row = int(bad[0])
+            raise SetupError(
+                f"{self.label}, row {row + 1}: {name} = {values.iloc[row]} must be a finite number"
+            )
+        factor, offset = self.scales.get(name, UNSCALED)
+        return scale * (factor * numbers + offset)
+
+    def lost(self, t: Rows, gap: float) -> NDArray[np.bool_]:
+        """Which times lie between rows further apart than a gap [s]."""
+        after = np.clip(np.searchsorted(self.time, t, "left"), 1, len(self.time) - 1)
+        met = np.isin(t, self.time)
+        return (self.time[after] - self.time[after - 1] > gap) & ~met
+
+
+def _read(source: Source, label: str) -> Record:
+    """Read a record from a result, a frame or a file."""
+    import pandas as pd
+
+    if isinstance(source, Result):
+        return Record(label, source.frame, source.units)
+    if isinstance(source, pd.DataFrame):
+        return Record(label, source, {})
+    path = Path(source)
+    beside = path.with_suffix(".json")
+    units: dict[str, str] = {}
+    try:
+        if path.suffix == ".parquet":
+            frame = pd.read_parquet(path)
+        else:
+            mark = separator(path)
+            point = "." if mark == "," else ","
+            how: Any = {"skipinitialspace": True, "encoding": "utf-8-sig"}
+            frame = pd.read_csv(path, sep=mark, decimal=point, **how)
+        if beside.is_file():
+            told = json.loads(beside.read_text())
+            units = told.get("units", {}) if isinstance(told, dict) else {}
+    except (OSError, ValueError, ImportError) as error:
+        raise SetupError(f"{path} cannot be read as a table: {error}") from error
+    return Record(str(path), frame, units)
+
+
+def _pairs(
+    ours: Record, theirs: Record, columns: Mapping[str, str] | Sequence[str] | None
+) -> dict[str, str]:
+    """Columns of the reference by those of the result."""
+    if columns is None:
+        both = [n for n in ours.names if n in theirs.names]
+        pairs = {n: n for n in both if n.removesuffix(ERROR) not in both or not n.endswith(ERROR)}
+    elif isinstance(columns, Mapping):
+        pairs = {ours.named(name): theirs.named(other) for name, other in columns.items()}
+    else:
+        pairs = {ours.named(name): theirs.named(name) for name in columns}
+    for other in pairs.values():
+        if list(pairs.values()).count(other) > 1:
+            raise SetupError(f"column {other!r} of {theirs.label} is mapped twice")
+    if not pairs:
+        raise SetupError(
+            f"no column in common: {ours.label} has {', '.join(ours.names)}, "
+            f"{theirs.label} has {', '.join(theirs.names)}"
+        )
+    return pairs
+
+
+def _error(name: str, given: Mapping[str, str | float], unit: str) -> float:
+    """The error of a column in this unit."""
+    told = given.get(name, 0.0)
+    match = QUANTITY.fullmatch(told) if isinstance(told, str) else None
+    scale = multiples(unit).get(match[2] or unit) if match else 1.0
+    try:
+        error = float(match[1] if match else told) * (scale or np.nan)
+    except ValueError:
+        error = np.nan
+    if not 0.0 <= error < np.inf:
+        raise SetupError(
+            f"error of {name} = {told!r} must be at least 0, in {' or '.join(multiples(unit))}"
+        )
+    return error
+
+
+def _notes(ours: Record, theirs: Record, pairs: Mapping[str, str]) -> Iterator[str]:
+    """What the comparison leaves out."""
+    spans = [(record.time[0], record.time[-1]) for record in (ours, theirs)]
+    if spans[0] != spans[1]:
+        yield f"{ours}, {theirs}"
+    for record, used in ((ours, pairs.keys()), (theirs, pairs.values())):
+        rest = [n for n in record.names if n not in used and n.removesuffix(ERROR) not in used]
+        if rest:
+            yield f"not compared in {record.label}: {', '.join(rest)}"
+
+
+def _line(column: Deviation) -> tuple[str, ...]:
+    """A row of the text."""
+    unit = f" {column.unit}" if column.unit not in ("", "1") else ""
+    name = column.name if column.name == column.reference else f"{column.name} = {column.reference}"
+    verdict = "pass"
+    if not column.passed:
+        t = column.t[column.outside]
+        verdict = f"FAIL: {len(t)} of {len(column.t)} rows outside, {t[0]:.6g} to {t[-1]:.6g} s"
+    off = f"{column.deviation:.4g}{unit} at {column.time:.6g} s"
+    return name, off, f"allowed {column.allowed:.4g}{unit}", verdict
+
+
+def _draw(axis: Axes, column: Deviation, t: Rows) -> None:
+    low, high = column.band.around(t)
+    room = column.band.room(t)
+    axis.fill_between(t, low - room, high + room, color="0.85", label="band", linewidth=0)
+    axis.plot(column.band.t, column.band.y, color="0.4", linewidth=1, label=column.reference)
+    axis.plot(column.t, column.y, color="C0", linewidth=1, label=column.name)
+    if not column.passed:
+        where = column.outside
+        axis.plot(column.t[where], column.y[where], ".", color="C3", markersize=3, label="outside")
+    axis.set_xlim(t[0], t[-1])
+    axis.set_ylabel(column.unit or "1")
+    axis.grid(alpha=0.3)
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")

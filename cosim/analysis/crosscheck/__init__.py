@@ -1,0 +1,83 @@
+"""Does an FMU keep its promises? The checks run in a separate process, which may crash or hang."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from ...engine.instance import quiet
+from ...errors import SetupError
+from ...isolated import child, death
+from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Subject, Verdict, checked
+from .report import Crosscheck
+
+
+def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 60.0) -> Crosscheck:
+    """Check what a co-simulation FMU of FMI 2.0 or 3.0 promises; one verdict for each of CHECKS.
+
+    Steps are of `step` [s], by default the one that the FMU prefers, or a hundredth of its default
+    experiment. A check fails if it takes longer than `timeout` [s] or ends the process. Raises
+    SetupError for a file that is not such an FMU, or not for this platform. As always with child
+    processes, a script needs `if __name__ == "__main__"`.
+    """
+    path = Path(fmu).absolute()
+    for name, number in (("step", step), ("timeout", timeout)):
+        if number is not None and not 0.0 < number < float("inf"):
+            raise SetupError(f"{name} = {number!r} s must be a finite number above 0")
+    subject = Subject(path, step)
+    version = subject.description.fmiVersion
+    verdicts: list[Verdict] = []
+    while names := list(CHECKS)[len(verdicts) :]:
+        found = _some(path, version, step, names, timeout)
+        verdicts += found
+        if found[-1].check == "run":  # after which the process ended
+            rest = (CHECKS[name] for name in names[len(found) :])
+            verdicts += [
+                c.verdict(version, NOT_RUN, f"the check run failed: {found[-1].said}") for c in rest
+            ]
+    name, standard = subject.description.modelName, STANDARD[version]
+    return Crosscheck(str(fmu), name, standard, subject.how(), tuple(verdicts))
+
+
+def _some(
+    path: Path, version: str, step: float | None, names: Sequence[str], timeout: float
+) -> list[Verdict]:
+    """Verdicts of these checks, up to the first that does not come to its end."""
+    verdicts: list[Verdict] = []
+    with child(_work, path, step, names) as (process, pipe):
+        for name in names:
+            said = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
+            try:
+                if pipe.poll(timeout):
+                    verdicts.append(pipe.recv())
+                    continue
+            except EOFError:
+                process.join()
+                said = f"the process {death(process)}"
+            verdicts.append(CHECKS[name].verdict(version, FAILED, said))
+            _end_group(process.pid)
+            break
+    return verdicts
+
+
+def _end_group(leader: int | None) -> None:
+    """End a process that has not answered, and the copies of it that run instances."""
+    if leader is not None and hasattr(os, "killpg"):
+        with suppress(OSError):
+            os.killpg(leader, signal.SIGKILL)
+
+
+def _work(pipe: Connection, path: Path, step: float | None, names: Sequence[str]) -> None:
+    """Run in the child process and send each verdict."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "setpgid"):
+        os.setpgid(0, 0)
+    os.dup2(2, 1)  # what an FMU prints is no part of the answer
+    subject = Subject(path, step)
+    with quiet():
+        for name in names:
+            pipe.send(checked(subject, name))

@@ -1,0 +1,114 @@
+"""The findings of a crosscheck as text, as JUnit XML for a test server, and as an HTML page."""
+
+from __future__ import annotations
+
+import html
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from ...describe import table
+from ...errors import SetupError
+from .checks import FAILED, NOT_OFFERED, NOT_RUN, PASSED, Verdict
+
+COLORS = {PASSED: "#1a7f37", FAILED: "#cf222e", NOT_OFFERED: "#6e7781", NOT_RUN: "#9a6700"}
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
+body {{ font: 15px/1.4 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #1f2328 }}
+table {{ border-collapse: collapse; width: 100% }}
+td, th {{ text-align: left; vertical-align: top; padding: .35em .8em .35em 0; border-bottom: 1px solid #d0d7de }}
+td:nth-child(3) {{ white-space: nowrap; font-weight: bold }}
+</style></head><body><h1>{title}</h1><p>{summary}; {how}</p>
+<table><tr><th>Check</th><th>{standard}</th><th>Verdict</th><th>Found</th><th>By hand</th></tr>
+{rows}
+</table></body></html>
+"""
+
+
+@dataclass(frozen=True)
+class Crosscheck:
+    """The verdicts on an FMU, and how it was run for them."""
+
+    fmu: str
+    model: str
+    standard: str
+    how: str
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return all(verdict.status != FAILED for verdict in self.verdicts)
+
+    def __getitem__(self, check: str) -> Verdict:
+        """The verdict of the check of this name."""
+        return next(verdict for verdict in self.verdicts if verdict.check == check)
+
+    def summary(self) -> str:
+        """How many checks ended how."""
+        counts = Counter(verdict.status for verdict in self.verdicts)
+        return ", ".join(f"{counts[status]} {status}" for status in COLORS if counts[status])
+
+    def text(self) -> str:
+        """A line for each check, and how to repeat each failed one by hand."""
+        rows = [(v.check, v.clause, v.status.upper() if v.status == FAILED else v.status, v.said)
+                for v in self.verdicts]  # fmt: skip
+        failed = (v for v in self.verdicts if v.status == FAILED)
+        again = [f"{v.check}, {self.standard}, {v.clause}: {v.again}" for v in failed]
+        first = f"{self.model}, {self.fmu}"
+        return "\n".join([first, self.how, *table(rows), *again, self.summary()])
+
+    def junit(self) -> str:
+        """JUnit's XML; what is not offered or not run is skipped."""
+        counts = Counter(verdict.status for verdict in self.verdicts)
+        skipped = counts[NOT_OFFERED] + counts[NOT_RUN]
+        suite = ElementTree.Element(
+            "testsuite", name=f"crosscheck of {self.model}", tests=str(len(self.verdicts)),
+            failures=str(counts[FAILED]), errors="0", skipped=str(skipped),
+        )  # fmt: skip
+        for v in self.verdicts:
+            case = ElementTree.SubElement(suite, "testcase", classname=self.fmu, name=v.check)
+            if v.status == FAILED:
+                failure = ElementTree.SubElement(case, "failure", message=v.said)
+                failure.text = f"{self.standard}, {v.clause}\n{v.again}\n{self.how}"
+            elif v.status == PASSED:
+                ElementTree.SubElement(case, "system-out").text = v.said
+            else:
+                ElementTree.SubElement(case, "skipped", message=f"{v.status}: {v.said}")
+        ElementTree.indent(suite)
+        return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+    def html(self) -> str:
+        """A page that needs nothing else."""
+        rows = []
+        for v in self.verdicts:
+            check, clause, status, said, again = map(html.escape, v)
+            color = COLORS[v.status]
+            rows.append(
+                f'<tr><td>{check}</td><td>{clause}</td><td style="color:{color}">{status}</td>'
+                f"<td>{said}</td><td>{again}</td></tr>"
+            )
+        title = html.escape(f"{self.model}: crosscheck of {Path(self.fmu).name}")
+        told = {"title": title, "summary": self.summary(), "how": html.escape(self.how)}
+        return PAGE.format(**told, standard=self.standard, rows="\n".join(rows))
+
+    def write(self, path: Path | str) -> None:
+        """Write a .txt, JUnit's .xml or a page .html; raises SetupError for another suffix."""
+        path = Path(path)
+        path.write_text(writer(path)(self), encoding="utf-8")
+
+
+WRITERS: dict[str, Callable[[Crosscheck], str]] = {
+    ".txt": lambda found: found.text() + "\n",
+    ".xml": Crosscheck.junit,
+    ".html": Crosscheck.html,
+}
+
+
+def writer(path: Path) -> Callable[[Crosscheck], str]:
+    """What makes the content of a file; raises SetupError for a suffix that is not known."""
+    if path.suffix not in WRITERS:
+        raise SetupError(f"{path} must end in {' or '.join(WRITERS)}")
+    return WRITERS[path.suffix]

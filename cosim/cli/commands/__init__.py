@@ -1,0 +1,1 @@
+"""The commands of `cosim`, a module each; `cosim.cli.main` finds every module that has a COMMAND."""

@@ -1,0 +1,39 @@
+"""cosim crosscheck: whether an FMU keeps its promises."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...analysis.crosscheck import crosscheck
+from ...analysis.crosscheck.report import writer
+from ..command import Command
+from ..options import Parser
+from ..output import require_writable
+
+
+def check_fmu(options: argparse.Namespace) -> int:
+    """Print and write the report of an FMU; return 1 if a check failed."""
+    for path in options.out:
+        writer(path)
+        require_writable(path)
+    report = crosscheck(options.fmu, step=options.step, timeout=options.timeout)
+    for path in options.out:
+        report.write(path)
+    print(report.text())
+    return 0 if report.passed else 1
+
+
+def add_options(parser: Parser) -> None:
+    """Add the FMU, the step and the reports."""
+    parser.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0", metavar="fmu")
+    parser.time("--step", "communication step [s]; by default the one the FMU prefers")
+    parser.time("--timeout", "longest time that a check may take [s]", 60.0)
+    text = "report file: .txt, .xml (JUnit) or .html"
+    parser.several("--out", text, metavar="FILE", type=Path)
+
+
+COMMAND = Command(
+    "crosscheck", "check whether an FMU keeps its promises", check_fmu, add_options, rank=7,
+    reads_system=False,
+)  # fmt: skip

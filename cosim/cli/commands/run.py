@@ -1,0 +1,145 @@
+"""cosim run: a run of a system, its rows, and on request its coupling errors."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from ...accuracy.certify import Estimate, certify, summary
+from ...engine.instance import quiet
+from ...errors import pluralize
+from ...isolated import run_isolated
+from ...progress import bar
+from ...result import Interrupted, Result, SimulationError
+from ...result import partial as partial_file
+from ...scratch import scratch
+from ..command import Command
+from ..options import Parser
+from ..output import (
+    claimed,
+    new_folders,
+    print_new_files,
+    print_table,
+    print_warnings,
+    require_files,
+    summary_columns,
+    write_result,
+)
+from ..system_file import SystemFile, add_stepping_options, open_system
+
+
+def run_system(options: argparse.Namespace) -> int:
+    """Run a system, write its rows and print what the run did."""
+    with open_system(options) as file, TemporaryDirectory(dir=scratch()) as folder:
+        settings = file.settings(options)
+        arguments = {k: value for k, value in vars(settings).items() if value is not None}
+        folders = new_folders(options)
+        require_files(options, file.system)
+        runner = partial(run_isolated, csv=Path(folder) / "rows.csv", timeout=options.timeout)
+        outcome = _run_and_write(file, options, arguments, runner)
+        result = outcome.result
+        if options.plot is not None:
+            result.plot(path=options.plot)
+        print("\n".join(run_summary(result)))
+        print_new_files(options, folders)
+        if options.out is None and options.plot is None:
+            last = zip(result.columns, result.data[-1])
+            print_table((name, f"{value:.6g} {result.units[name]}") for name, value in last)
+    if outcome.estimates:
+        print_estimates(result, outcome.estimates, is_adaptive=options.adaptive is not None)
+    print_warnings(result)
+    return 0
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """A result and, if it was certified, the estimates of its metrics by their names."""
+
+    result: Result
+    estimates: Mapping[str, Estimate]
+
+
+def _run_and_write(
+    file: SystemFile, options: argparse.Namespace, arguments: dict[str, Any], runner: Any
+) -> RunOutcome:
+    """Run with a progress bar; a run that breaks off leaves the rows that it has."""
+    is_streamed = options.out is not None and options.part is None and options.out.suffix == ".csv"
+    path_at_end = None if is_streamed else options.out
+    if is_streamed:
+        arguments["csv"] = options.out
+    estimates: Mapping[str, Estimate] = {}
+    with claimed(path_at_end):
+        try:
+            start, stop = arguments["start"], arguments["stop"]
+            with quiet(), bar(options.file.stem, start, stop) as progress:
+                arguments["progress"] = progress
+                if options.certify:
+                    result, estimates = certify(file.system, summary, runner=runner, **arguments)
+                else:
+                    result = runner(file.system, **arguments)
+        except (SimulationError, Interrupted) as broken_off:
+            print_warnings(broken_off.result)
+            if path_at_end is not None:
+                write_result(broken_off.result, partial_file(path_at_end), options.part)
+            raise
+        if path_at_end is not None:
+            write_result(result, path_at_end, options.part)
+    return RunOutcome(result, estimates)
+
+
+def run_summary(result: Result) -> Iterator[str]:
+    """Yield what a run did, in a few lines."""
+    facts = result.provenance
+    steps = pluralize(facts["steps"], "step")
+    for kind in ("rejected", "discarded"):
+        steps += f", {facts[kind]} {kind}" if facts[kind] else ""
+    pace = (facts["reached"] - facts["start"]) / facts["wall_time"]
+    if facts["reason"]:
+        yield str(facts["reason"])
+    yield (
+        f"{facts['algorithm']}, {facts['communication']}: {steps} in {facts['wall_time']:.3g} s "
+        f"({pace:.3g} x real time), {pluralize(facts['rows'], 'row')}"
+    )
+    for bond, energy in result.energy.items():
+        yield (
+            f"{bond}: {energy['given']:.6g} J given, {energy['taken']:.6g} J taken, "
+            f"{-energy['residual']:+.2g} J made by the coupling"
+        )
+
+
+def print_estimates(
+    result: Result, estimates: Mapping[str, Estimate], *, is_adaptive: bool
+) -> None:
+    """Print the metrics of the summary with their coupling errors and observed orders."""
+    runs = "tolerance, a tenth and a hundredth" if is_adaptive else "step, a half and a quarter"
+    print(f"coupling errors, from runs with the {runs} of it")
+    rows = []
+    for name, column in summary_columns(result):
+        estimate = estimates[name]
+        order = "" if estimate.error is None else f"order {estimate.order:.1f}"
+        rows.append((name, estimate.text(result.units[column]), order))
+    print_table(rows)
+
+
+def add_options(parser: Parser) -> None:
+    """Add how the system is stepped and what is written."""
+    add_stepping_options(parser)
+    parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units and provenance")
+    text = "longest time that a step may take [s]; no limit by default"
+    parser.time("--timeout", text, math.inf)
+    text = "write only this part's columns, under their bare names"
+    parser.add_argument("--part", metavar="NAME", help=text)
+    parser.path("--plot", "image file with a plot of all columns")
+    text = "also run with smaller steps and state the coupling errors"
+    parser.add_argument("--certify", action="store_true", help=text)
+
+
+COMMAND = Command(
+    "run", "run a system and write its rows", run_system, add_options, rank=3, is_timed=True
+)

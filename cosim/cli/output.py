@@ -1,0 +1,122 @@
+"""What a command writes and prints: files that are checked before a run, tables, warnings."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryFile, mkdtemp
+
+from .. import describe
+from ..accuracy.certify import SUMMARY
+from ..engine.recorder import Stream
+from ..errors import SetupError
+from ..result import Result, require_names
+from ..result import partial as partial_file
+from ..system import System
+from .options import require
+
+
+def write_result(result: Result, path: Path, part: str | None) -> None:
+    """Write a result at the end of its run, into a folder for temporary files if its own is full."""
+    try:
+        result.write(path, part=part)
+    except OSError as error:
+        rescue = Path(mkdtemp(prefix="rows_")) / f"{path.stem}.csv"
+        result.write(rescue, part=part)
+        raise OSError(
+            f"{path} cannot be written: {error.strerror or error}; the rows are in {rescue}"
+        ) from error
+
+
+@contextmanager
+def claimed(path: Path | None) -> Iterator[None]:
+    """Keep other runs from a file that is written at the end; SetupError if one writes it now."""
+    if path is None:
+        yield
+        return
+    claim = Stream(partial_file(path.with_suffix(".csv")))
+    try:
+        yield
+    finally:
+        if claim.path.exists() and not claim.path.stat().st_size:
+            claim.path.unlink()
+        claim.close()
+
+
+def require_files(options: argparse.Namespace, system: System) -> None:
+    """Raise SetupError, before a run, for files that it could not write at its end."""
+    require_image(options.plot)
+    if options.out is not None:
+        require_writable(options.out)
+        require_names(options.out)
+        if options.out.suffix not in (".csv", ".parquet"):
+            raise SetupError(f"{options.out} must end in .csv or .parquet")
+        if options.out.suffix == ".parquet":
+            require("pyarrow", f"{options.out}: Parquet")
+    if options.certify:
+        require("scipy", "--certify")
+    if options.part is not None and options.part not in system.parts:
+        raise SetupError(f"there is no part {options.part!r}, only {', '.join(system.parts)}")
+
+
+def require_writable(path: Path) -> None:
+    """Raise SetupError for a path that no file can have; make its folder."""
+    if path.is_dir():
+        raise SetupError(f"{path} is a folder")
+    folder = path.absolute().parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise SetupError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def require_image(path: Path | None) -> None:
+    """Raise SetupError for an image that could not be written."""
+    if path is None:
+        return
+    require_writable(path)
+    require("matplotlib", "--plot")
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    if path.suffix[1:] not in (kinds := FigureCanvasBase.get_supported_filetypes()):
+        raise SetupError(f"{path} must end in one of {', '.join(kinds)}")
+
+
+def new_folders(options: argparse.Namespace) -> list[Path]:
+    """Return the folders that must be made for the files to write, the outermost of each."""
+    folders = []
+    for path in filter(None, (options.out, options.plot)):
+        missing = [folder for folder in path.parents if not folder.exists()]
+        folders += missing[-1:]
+    return list(dict.fromkeys(folders))
+
+
+def print_new_files(options: argparse.Namespace, folders: Sequence[Path]) -> None:
+    """Print which files and folders a command has made."""
+    if options.out is not None:
+        facts = options.out.with_suffix(".json")
+        print(f"rows written to {options.out}, units and provenance to {facts}")
+    if options.plot is not None:
+        print(f"plot written to {options.plot}")
+    for folder in folders:
+        print(f"new folder: {folder}")
+
+
+def print_warnings(result: Result) -> None:
+    """Print the warnings of a result to the standard error."""
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+
+
+def print_table(rows: Iterable[Sequence[str]]) -> None:
+    """Print rows in aligned columns."""
+    print("\n".join(f"  {line}" for line in describe.table(list(rows))))
+
+
+def summary_columns(result: Result) -> Iterator[tuple[str, str]]:
+    """Yield the names of the metrics of `summary`, each with its column."""
+    return ((f"{column}{metric}", column) for column in result.columns[1:] for metric in SUMMARY)

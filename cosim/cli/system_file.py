@@ -1,0 +1,233 @@
+"""The file that a command reads: its system, with the start values and inputs of the command line."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from .. import describe
+from ..engine.algorithms import ALGORITHMS
+from ..engine.control import Adaptive
+from ..engine.settings import RunSettings
+from ..errors import SetupError
+from ..formats.osp import FILE, read_osp
+from ..formats.ssp.read import Package, read_ssp
+from ..formats.values import read_values
+from ..scratch import scratch
+from ..system import (
+    Network,
+    System,
+    Value,
+    connect,
+    conversion_to,
+    describe_fmu,
+    part_name,
+)
+from ..system.inputs import Table
+from ..units import QUANTITY
+from .options import Parser, StartAction, assignment, literal, seconds
+
+#: The longest step as a fraction of a run: derived from 1 + the rounding of a difference of times.
+MAX_STEP_FRACTION = 1.0 + 1e-9
+FIELDS = {field.name for field in fields(RunSettings)}
+
+
+@dataclass(frozen=True)
+class SystemFile:
+    """A system that has been read and checked, and the package that it came from."""
+
+    network: Network
+    package: Package
+
+    @property
+    def system(self) -> System:
+        """The system with the values of the command line."""
+        return self.network.system
+
+    @property
+    def start(self) -> float:
+        """The start time of the file [s], 0 where it states none."""
+        return self.package.start or 0.0
+
+    def step(self, requested: float | None) -> float:
+        """Return the step [s] that was requested, or the file's, or the shortest that an FMU prefers."""
+        preferred = min(describe.preferred_steps(self.network).values(), default=None)
+        for step in (requested, self.package.step, preferred):
+            if step is not None:
+                return step
+        raise SetupError("no FMU prefers a communication step: give --step")
+
+    def times(self, options: argparse.Namespace) -> tuple[float, float]:
+        """Return start and stop [s] of the options or of the file; raise SetupError without a stop."""
+        start = self.start if options.start is None else options.start
+        stop = self.package.stop if options.stop is None else options.stop
+        if stop is None:
+            raise SetupError(f"{options.file} states no stop time: give --stop")
+        return start, stop
+
+    def substeps(self, options: argparse.Namespace, step: float | Adaptive) -> dict[str, int]:
+        """Return the sub-steps of the options over those of the file, which hold for its own step."""
+        requested = substep_counts(vars(options).get("substeps", []))
+        stated = {name: n for name, n in self.package.substeps.items() if name not in requested}
+        if stated and step != self.package.step:
+            print(
+                f"warning: the file's own steps of {', '.join(stated)} hold for its step of "
+                f"{self.package.step!r} s only and are ignored; give --substeps",
+                file=sys.stderr,
+            )
+            stated = {}
+        return stated | requested
+
+    def settings(self, options: argparse.Namespace) -> RunSettings:
+        """Return how to run: by the options, else by the file, else as the FMUs prefer."""
+        start, stop = self.times(options)
+        if options.step is not None and options.adaptive is not None:
+            raise SetupError("--step and --adaptive exclude each other")
+        is_adaptive = options.adaptive is not None
+        step = Adaptive(options.adaptive) if is_adaptive else self.step(options.step)
+        if options.step is not None and start < stop < start + options.step / MAX_STEP_FRACTION:
+            span = f"the time from start to stop, {stop - start!r} s"
+            raise SetupError(f"step = {options.step!r} s must be at most {span}")
+        requested = {k: value for k, value in vars(options).items() if k in FIELDS}
+        requested |= {"substeps": self.substeps(options, step)}
+        return RunSettings(**requested | {"start": start, "stop": stop, "step": step})
+
+
+@contextmanager
+def open_system(options: argparse.Namespace, *, runnable: bool = True) -> Iterator[SystemFile]:
+    """Read the system of the file, with the values of --parameters and of --set over its own."""
+    with TemporaryDirectory(dir=scratch()) as folder:
+        package = read_package(options.file, Path(folder) / "ssp")
+        system = package.system
+        network = connect(system, runnable=runnable)
+        values = read_values(options.parameters, network) if options.parameters else {}
+        for name, text in map(assignment, options.start_values):
+            values[name] = start_value(network, name, text)
+        system = replace(system, start={**system.start, **values})
+        network = connect(with_inputs(system, options), runnable=runnable)
+        for part, schema_warning in network.schema_warnings.items() if options.strict else ():
+            raise SetupError(f"part {part}: {schema_warning}")
+        yield SystemFile(network, package)
+
+
+def with_inputs(system: System, options: argparse.Namespace) -> System:
+    """Return the system with the columns of --input on the inputs that --map names, and with --at."""
+    if "input" not in options:
+        return system
+    columns = dict(assignment(text) for text in options.map)
+    if columns and options.input is None:
+        raise SetupError("--map needs an --input")
+    inputs = {
+        name: Table.read(options.input, column, held=options.held)
+        for name, column in columns.items()
+    }
+    if options.input is not None and not inputs:
+        raise SetupError("--input needs a --map NAME=COLUMN")
+    return replace(system, inputs=inputs, changes=options.at)
+
+
+def start_value(network: Network, name: str, text: str) -> Value:
+    """Return the value that a text gives a variable; that of a Real may be in any unit that fits."""
+    port = network.port(name)
+    quantity = QUANTITY.fullmatch(text) if port.type == "Real" else None
+    if quantity and quantity[2]:
+        factor, offset = conversion_to(network, port, quantity[2], "be given")
+        return factor * float(quantity[1]) + offset
+    return text if port.type in ("String", "Binary") else literal(text)
+
+
+def read_package(path: Path, folder: Path) -> Package:
+    """Read the system of a file or a folder; packages are unpacked into `folder`."""
+    if path.suffix == ".fmu":
+        system = single_fmu_system(path)
+        ((name, fmu),) = system.parts.items()
+        experiment = describe_fmu(name, fmu, runnable=False).defaultExperiment
+        return Package(system, experiment.start, experiment.stop)
+    if path.suffix == ".xml" or (path / FILE).is_file():
+        return read_osp(path)
+    if path.suffix in (".ssp", ".ssd") or path.is_dir():
+        return read_ssp(path, folder)
+    raise SetupError(f"{path} must be an .ssp, an .ssd, an {FILE}, a folder with one, or an .fmu")
+
+
+def single_fmu_system(path: Path) -> System:
+    """Return a single FMU as a system; its part is named like the file as far as that is a name."""
+    return System({part_name(path.stem): path})
+
+
+def name_list(text: str) -> list[str]:
+    """Split "a,b" into names; commas in brackets, as in A[2,1], belong to the name."""
+    return [name.strip() for name in re.split(r",(?![^\[]*\])", text) if name.strip()]
+
+
+def substep_counts(texts: Sequence[str]) -> dict[str, int]:
+    """Return "motor=4" as the number of sub-steps by part."""
+    counts = dict(map(assignment, texts))
+    for name, count in counts.items():
+        if not count.isdecimal():
+            raise SetupError(f"substeps of {name} = {count} must be a whole number")
+    return {name: int(count) for name, count in counts.items()}
+
+
+def add_options(parser: Parser, *, is_timed: bool) -> None:
+    """Add the file, its start values and how strictly it is read."""
+    parser.path("file", f".ssp, .ssd, {FILE}, a folder with one, or a single .fmu", metavar="file")
+    text = "start values: an .ssv, or a .csv with the columns name, value and unit"
+    parser.path("--parameters", text)
+    text = "start value of a parameter or input, by its dotted name"
+    text += ", with a unit if need be: motor.T=5ms"
+    parser.several("--set", text, dest="start_values", metavar="NAME=VALUE")
+    text = "start value, as with --set (repeatable)"
+    if is_timed:
+        text += "; or start time [s], as with --from"
+        parser.time("--from", "start time [s]; the file's by default", dest="start")
+    parser.add_argument(
+        "--start", help=text, action=StartAction,
+        metavar="NAME=VALUE", default=None if is_timed else argparse.SUPPRESS,
+    )  # fmt: skip
+    text = "refuse an FMU whose model description is not valid"
+    parser.add_argument("--strict", action="store_true", help=text)
+
+
+def add_shared_options(parser: Parser, *options: str) -> None:
+    """Add options that several commands have, by their names."""
+    arguments: dict[str, dict[str, Any]] = {
+        "--stop": {"type": seconds, "metavar": "TIME", "help": "stop time [s]; the file's by default"},
+        "--step": {"type": seconds, "metavar": "TIME", "help": "communication step [s]; by default the file's, or the one the FMUs prefer"},
+        "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
+        "--record": {"type": name_list, "metavar": "LIST", "help": "columns to record, by dotted names a,b,c; all outputs by default"},
+    }  # fmt: skip
+    for option in options:
+        parser.add_argument(option, **arguments[option])
+
+
+def add_stepping_options(parser: Parser) -> None:
+    """Add the options of how a system is stepped."""
+    add_shared_options(parser, "--stop", "--step")
+    text = "choose the steps so that the coupling error stays within this tolerance"
+    parser.number("--adaptive", text, metavar="TOLERANCE")
+    add_shared_options(parser, "--algorithm")
+    add = parser.add_argument
+    add("--order", type=name_list, metavar="LIST", help="order in which parts step: a,b,c")
+    text = "polynomial order of inputs within a step"
+    add("--input-order", type=int, default=0, metavar="N", help=text)
+    text = "sub-steps of a part within a communication step"
+    parser.several("--substeps", text, metavar="PART=N")
+    text = "relative tolerance passed to the FMUs; by default the one that each FMU states"
+    parser.number("--tolerance", text)
+    text = "tell the FMUs the stop time before the start; by default only those that need it"
+    add("--stop-time-defined", action="store_true", help=text)
+    parser.path("--input", "CSV file of inputs over time; its first column is the time [s]")
+    parser.several("--map", "input, and the column that drives it", metavar="NAME=COLUMN")
+    text = "hold the values of --input until the next row; do not interpolate"
+    add("--held", action="store_true", help=text)
+    parser.several("--at", "change during the run", metavar="'TIME NAME=VALUE'")
+    add_shared_options(parser, "--record")
+    parser.time("--output-step", "time between rows [s]; a row at every step by default")

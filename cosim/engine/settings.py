@@ -1,0 +1,85 @@
+"""How a system is run: all that a run takes, and what in it makes no run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ..errors import SetupError
+from ..system import NUMERIC, Network, Port
+from .control import Adaptive
+
+#: The shortest step over the largest time of a run. Derived: 64 units in the last place of a double,
+#: the distance below which two times are the same.
+SHORTEST_TIME = 2.0**-46
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How a system is run, see `run`: all that a run takes and what may stand in its way judges."""
+
+    stop: float
+    step: float | Adaptive
+    start: float = 0.0
+    algorithm: str = "strang"
+    order: Sequence[str] | None = None
+    input_order: int = 0
+    substeps: Mapping[str, int] = field(default_factory=dict)
+    tolerance: float | None = None
+    record: Sequence[str] | None = None
+    output_step: float | None = None
+    stop_time_defined: bool = False
+
+    def ports(self, network: Network) -> list[Port]:
+        """What is recorded, by default all outputs; raises SetupError for what cannot be."""
+        if self.record is None:
+            return [
+                Port(name, v)
+                for name, description in network.descriptions.items()
+                for v in description.modelVariables
+                if v.causality == "output" and v.type in NUMERIC
+            ]
+        ports = [port for name in self.record for port in network.array(name)[1]]
+        for port in ports:
+            if port.type not in NUMERIC:
+                raise SetupError(f"{port} is a {port.type} and cannot be recorded")
+        return ports
+
+    def check(self) -> None:
+        """Raise SetupError for what makes no run."""
+        times: dict[str, float] = {"start": self.start, "stop": self.stop}
+        sizes = {} if isinstance(self.step, Adaptive) else {"step": self.step}
+        sizes |= {} if self.output_step is None else {"output_step": self.output_step}
+        for name, value in (times | sizes).items():
+            if not math.isfinite(value):
+                raise SetupError(f"{name} = {value!r} s must be a finite number")
+        for name, value in sizes.items():
+            if value <= 0.0:
+                raise SetupError(f"{name} = {value!r} s must be above 0")
+            if value < SHORTEST_TIME * max(abs(self.start), abs(self.stop)):
+                raise SetupError(
+                    f"{name} = {value!r} s is too short: its times would differ only by rounding"
+                )
+        if self.stop <= self.start:
+            raise SetupError(f"stop = {self.stop!r} s must be after start = {self.start!r} s")
+        if isinstance(self.step, Adaptive):
+            self.step.check()
+
+    def number(self) -> int:
+        """Fixed steps from start to stop, the last one as long as what is left."""
+        assert not isinstance(self.step, Adaptive)
+        return max(1, math.ceil((self.stop - self.start) / self.step - 1e-6))
+
+    def every(self) -> int | None:
+        """After how many fixed steps a row is due; None if rows lie between steps."""
+        if isinstance(self.step, Adaptive):
+            return 1 if self.output_step is None else None
+        ratio = 1.0 if self.output_step is None else self.output_step / self.step
+        return round(ratio) if ratio > 0.5 and abs(ratio / round(ratio) - 1) < 1e-9 else None
+
+    def text(self) -> str:
+        """How the run steps."""
+        if isinstance(self.step, Adaptive):
+            return f"adaptive steps, tolerance {self.step.tolerance:g}"
+        return f"steps of {self.step:.6g} s"

@@ -1,0 +1,271 @@
+"""Run FMUs in a separate process, so that a crash of one ends only that process."""
+
+from __future__ import annotations
+
+import functools
+import json
+import logging
+import math
+import multiprocessing
+import os
+import signal
+import tempfile
+import threading
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from shutil import rmtree
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from .engine.instance import log
+from .errors import SetupError, pluralize
+from .master import run
+from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
+from .scratch import scratch
+from .signals import collect_interrupts
+from .system import System
+
+PATIENCE = 0.1
+GRACE = 10.0
+BETWEEN = 0.05
+CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL")
+
+
+def run_isolated(
+    system: System,
+    *,
+    csv: Path | str,
+    progress: Callable[[float], None] | None = None,
+    timeout: float = math.inf,
+    **settings: Any,
+) -> Result:
+    """Do what `run` does with these settings, but in a child process; the rows are streamed to `csv`.
+
+    Raises what `run` raises. If an FMU ends the process, or takes longer than `timeout` [s] for a step
+    or than GRACE to close, raises SimulationError with the rows that reached the file, or SetupError
+    before the first step. Ctrl-C ends the child, a second one kills it, and so does SIGTERM or SIGHUP
+    after a while; the rows are kept in each case. If this process dies, so does the child. As always
+    with child processes, a script needs `if __name__ == "__main__"`.
+    """
+    if not timeout > 0.0:
+        raise SetupError(f"timeout = {timeout!r} s must be above 0")
+    csv = Path(csv).absolute()
+    before = _stamps(csv)
+    heard: list[logging.LogRecord] = []
+    ended = ""
+    with (
+        collect_interrupts() as pressed,
+        child(_work, system, csv, settings, grace=GRACE) as (process, ours),
+    ):
+        for kind, content in _messages(ours, process, pressed, timeout, csv, before):
+            if kind == "progress" and progress is not None:
+                progress(content)
+            elif kind == "log":
+                heard.append(content)
+                if (logger := logging.getLogger(content.name)).isEnabledFor(content.levelno):
+                    logger.handle(content)
+            elif kind == "end":
+                error, text, columns, units, facts, path = content
+                result = Result(columns, units, facts, functools.partial(read_rows, path))
+                if error is not None:
+                    raise error(text, result)
+                return result
+            elif kind == "error":
+                raise content
+            elif kind == "silent":
+                ended = f"did not respond for {content:g} s and was ended"
+                process.kill()
+    dead = f"the process that ran the parts {', '.join(system.parts)} {ended or death(process)}"
+    after = _stamps(csv)
+    if before == after:
+        if pressed:
+            raise KeyboardInterrupt(dead)
+        raise SetupError(f"{dead} before the first step")
+    warnings = [record.getMessage() for record in heard if record.name == log.name]
+    path = csv if before[1] != after[1] else partial(csv)
+    raise _remains(path, dead, warnings, pressed=bool(pressed))
+
+
+@contextmanager
+def child(
+    work: Callable[..., None], *arguments: Any, grace: float = 0.0
+) -> Iterator[tuple[BaseProcess, Connection]]:
+    """A process that does work(pipe, *arguments), and our end of the pipe; it is ended after a while [s].
+
+    Its temporary files go with it. It ignores Ctrl-C until it wants to hear it.
+    """
+    context = multiprocessing.get_context("spawn")
+    with TemporaryDirectory(dir=scratch()) as folder:
+        ours, its = context.Pipe(duplex=False)
+        process = context.Process(target=_begin, args=(folder, work, its, *arguments))
+        with _deaf():
+            process.start()
+        its.close()
+        try:
+            yield process, ours
+        finally:
+            ours.close()
+            process.join(grace)
+            process.kill()
+            process.join()
+
+
+def _begin(folder: str, work: Callable[..., None], *arguments: Any) -> None:
+    threading.Thread(target=_die_with_parent, args=(folder,), daemon=True).start()
+    tempfile.tempdir = os.environ["TMPDIR"] = folder
+    work(*arguments)
+
+
+def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any]) -> None:
+    """Run in the child and tell the parent of the progress, the log and the end."""
+    signal.signal(signal.SIGINT, lambda *_: None)
+    logging.getLogger().addHandler(_Forward(pipe))
+    told = clock.perf_counter()
+    pipe.send(("progress", 0.0))
+
+    def progress(share: float) -> None:
+        nonlocal told
+        if clock.perf_counter() > told + BETWEEN:
+            pipe.send(("progress", share))
+            told = clock.perf_counter()
+
+    with suppress(BrokenPipeError):
+        ended: SimulationError | Interrupted | None = None
+        try:
+            result = run(system, csv=csv, progress=progress, **settings)
+        except (SimulationError, Interrupted) as error:
+            ended, result = error, error.result
+        except BrokenPipeError:
+            raise
+        except Exception as error:  # noqa: BLE001
+            pipe.send(("error", error))
+            return
+        else:
+            pipe.send(("progress", 1.0))
+        facts = (result.columns, result.units, result.provenance)
+        path = partial(csv) if ended else csv
+        pipe.send(("end", (ended and type(ended), str(ended), *facts, path)))
+
+
+def _die_with_parent(folder: str) -> None:
+    """Leave no trace when the parent is gone."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    rmtree(folder, ignore_errors=True)
+    os._exit(1)
+
+
+class _Forward(logging.Handler):
+    """Hands log records to the parent."""
+
+    def __init__(self, pipe: Connection) -> None:
+        super().__init__()
+        self._pipe = pipe
+
+    def emit(self, record: logging.LogRecord) -> None:
+        record.msg, record.args, record.exc_info = record.getMessage(), None, None
+        self._pipe.send(("log", record))
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Ignore Ctrl-C, as a child that is started then does until it is ready to hear it."""
+    try:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # only the main thread may, and only there Ctrl-C is heard
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _messages(
+    pipe: Connection,
+    process: BaseProcess,
+    pressed: Sequence[int],
+    timeout: float,
+    csv: Path,
+    before: list[int],
+) -> Iterator[Any]:
+    """What the child sends until it ends, or that it is silent; passes Ctrl-C on until it reacts."""
+    asked = heard = math.inf
+    while True:
+        ready = wait([pipe, process.sentinel], PATIENCE)
+        silent = clock.monotonic() - heard
+        if ready:
+            heard = clock.monotonic()
+        elif silent > timeout:
+            yield "silent", timeout
+        elif silent > GRACE and _over(csv, before):
+            yield "silent", GRACE
+        if pressed and pressed[0] != signal.SIGINT:
+            asked = min(asked, clock.monotonic())
+        if len(pressed) > 1 or clock.monotonic() > asked + GRACE:
+            process.kill()
+        elif pressed and process.pid is not None:
+            os.kill(process.pid, signal.SIGINT)
+        if pipe in ready:
+            try:
+                yield pipe.recv()
+            except (EOFError, OSError):
+                return
+        elif ready:
+            return
+
+
+def death(process: BaseProcess) -> str:
+    """How a process ended."""
+    code = process.exitcode or 0
+    if code >= 0:
+        return f"ended with exit code {code} (an FMU ended it)"
+    name = signal.Signals(-code).name
+    return f"was killed by signal {name}" + (" (an FMU crashed)" if name in CRASHES else "")
+
+
+def _stamps(csv: Path) -> list[int]:
+    """When the facts of a partial and of a complete run were written last [ns]."""
+    facts = [path.with_suffix(".json") for path in (partial(csv), csv)]
+    return [path.stat().st_mtime_ns if path.exists() else 0 for path in facts]
+
+
+def _over(csv: Path, before: list[int]) -> bool:
+    """Whether the run has come to an end and only closes its parts."""
+    after = _stamps(csv)
+    if after[1] != before[1]:
+        return True
+    with suppress(OSError, ValueError):
+        facts = partial(csv).with_suffix(".json")
+        return after[0] != before[0] and json.loads(facts.read_text())["status"] != "running"
+    return False
+
+
+def _remains(
+    path: Path, dead: str, warnings: list[str], *, pressed: bool
+) -> SimulationError | Interrupted:
+    """The error for a child that died, with the rows in its file, which is left readable."""
+    content = path.read_bytes()
+    whole = content[: content.rfind(b"\n") + 1]
+    path.write_bytes(whole)
+    header, *rows = whole.decode().splitlines()
+    facts = json.loads(path.with_suffix(".json").read_text())
+    facts = {"bonds": {}, "warnings": warnings} | facts
+    reached = float(rows[-1].split(",")[0]) if rows else facts["start"]
+    if facts["status"] == "running":
+        facts["status"] = "interrupted" if pressed else "failed"
+        facts |= {"reason": dead, "reached": reached}
+    elif facts["status"] == "complete":
+        dead = f"{dead} when it closed them"
+    else:
+        dead = f"{facts['reason']}; {dead}"
+    write_json(path.with_suffix(".json"), facts)
+    units = facts.pop("units")
+    result = Result(header.split(","), units, facts, lambda: read_rows(path))
+    text = f"{dead} after t = {reached!r} s, {pluralize(len(rows), 'row')} in {path.name}"
+    return Interrupted(text, result) if pressed else SimulationError(text, result)

@@ -1,0 +1,131 @@
+"""What a run says of itself: what was set, what it took, how it ended, and what the coupling made of the energy.
+
+`to_json` gives the entries of the JSON file beside the rows; their names do not change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from .system import Value
+
+
+@dataclass(frozen=True)
+class PartIdentity:
+    """An FMU of a run: file, model, unique identifier, relative tolerance, tool, and its parameters' values."""
+
+    fmu: str
+    model: str
+    guid: str
+    tolerance: float | None
+    tool: str | None
+    parameters: Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class BondEnergy:
+    """What went over a power bond [J].
+
+    Attributes
+    ----------
+    given, taken
+        What the first side gave and the second took.
+    residual
+        What neither side has: what the coupling made, or took where it is below 0.
+    exchanged
+        What went to and fro, by the side that saw more of it.
+    """
+
+    given: float
+    taken: float
+    residual: float
+    exchanged: float
+
+
+@dataclass(frozen=True)
+class RunSetup:
+    """What was run, complete enough to run it again; times in s."""
+
+    algorithm: str
+    communication: str
+    order: Sequence[str]
+    input_order: int
+    substeps: Mapping[str, int]
+    start: float
+    stop: float
+    tolerance: float | None
+    stop_time_defined: bool
+    wires: Sequence[str]
+    inputs: Mapping[str, Mapping[str, Any]]
+    changes: Sequence[str]
+    start_values: Mapping[str, Value]
+    open_inputs: Mapping[str, Value]
+    parts: Mapping[str, PartIdentity]
+    versions: Mapping[str, str]
+
+    def to_json(self) -> dict[str, Any]:
+        """Its entries of the JSON file."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a run took, and the orders with which its results converge.
+
+    Attributes
+    ----------
+    control
+        "fixed", or the step control of adaptive steps.
+    convergence_order
+        That of the states; `first_order` are the recorded outputs that converge with order 1 nevertheless.
+    steps, rejected, discarded
+        Communication steps taken, rejected by the step control, and refused by FMUs.
+    do_steps
+        By part, the steps that its FMU was asked for.
+    loop
+        "compiled" or "Python", with the reason where one is known.
+    """
+
+    control: str
+    convergence_order: int
+    first_order: Sequence[str]
+    steps: int
+    rejected: int
+    discarded: int
+    do_steps: Mapping[str, int]
+    loop: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended: "complete", "interrupted" or "failed", why, at which time [s], with how many rows."""
+
+    status: str
+    reason: str
+    reached: float
+    rows: int
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """All that a run says of itself; `wall_time` [s] is what it took, without reading the FMUs."""
+
+    setup: RunSetup
+    statistics: Statistics
+    outcome: Outcome
+    bonds: Mapping[str, BondEnergy]
+    warnings: Sequence[str]
+    wall_time: float
+
+    def to_json(self) -> dict[str, Any]:
+        """The entries of the JSON file."""
+        return {
+            **self.setup.to_json(),
+            **asdict(self.statistics),
+            **asdict(self.outcome),
+            "bonds": {bond: asdict(energy) for bond, energy in self.bonds.items()},
+            "warnings": list(self.warnings),
+            "wall_time": self.wall_time,
+        }

@@ -1,0 +1,132 @@
+"""What a system must be to be run with these settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from .engine.algorithms import REGISTRY, find_algorithm
+from .engine.changes import continuous_profiles
+from .engine.control import Adaptive
+from .engine.energy import find_bonds
+from .engine.initialise import monitored_outputs
+from .engine.settings import RunSettings
+from .engine.times import coincide
+from .errors import SetupError
+from .system import STATE, VARIABLE_STEP, Network, parts_without, require_cosimulation
+from .system.graph import algebraic_loops, describe_loop
+
+#: Sub-steps of a part in a communication step. A convention: more than a million are a mistake.
+MOST_SUBSTEPS = 1 << 20
+#: Degree of the inputs' polynomials. A convention: extrapolation of a higher degree amplifies every rounding error.
+HIGHEST_INPUT_DEGREE = 8
+
+
+def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
+    """The reasons why this system cannot be run with these settings, a sentence each."""
+    try:
+        require_cosimulation(network.descriptions, network.system.parts)
+        settings.ports(network)
+        settings.check()
+        find_algorithm(settings.algorithm)
+    except SetupError as error:
+        yield str(error)
+        return
+    yield from _wrong_settings(network, settings)
+    yield from _instances_of_one_process(network)
+    yield from _missing_for_algorithm(network, settings)
+    if isinstance(settings.step, Adaptive):
+        yield from _missing_for_control(network, settings.step)
+    else:
+        yield from _times_between_steps(network, settings, settings.step)
+    for port, profile in network.inputs:
+        if lack := profile.lacks(settings.start, settings.stop):
+            yield f"{port.name}: its table {lack}"
+
+
+def require_runnable(network: Network, settings: RunSettings) -> None:
+    """Raise SetupError for a system that cannot be run with these settings."""
+    for problem in setup_problems(network, settings):
+        raise SetupError(problem)
+
+
+def _wrong_settings(network: Network, settings: RunSettings) -> Iterator[str]:
+    """Settings out of range, or that name no part."""
+    parts, order, tolerance = ", ".join(network.descriptions), settings.order, settings.tolerance
+    if order is not None and sorted(order) != sorted(network.descriptions):
+        yield f"order {list(order)} must name each of {parts} once"
+    if tolerance is not None and not tolerance > 0.0:
+        yield f"tolerance = {tolerance!r} must be above 0"
+    if not 0 <= settings.input_order <= HIGHEST_INPUT_DEGREE:
+        yield (
+            f"input_order = {settings.input_order!r} must be at least 0 and at most "
+            f"{HIGHEST_INPUT_DEGREE}"
+        )
+    for name, count in settings.substeps.items():
+        if name not in network.descriptions:
+            yield f"substeps: there is no part {name!r}, only {parts}"
+        if not 1 <= count < MOST_SUBSTEPS:
+            yield f"substeps of {name} = {count!r} must be at least 1 and below {MOST_SUBSTEPS}"
+
+
+def _instances_of_one_process(network: Network) -> Iterator[str]:
+    """FMUs of several parts that allow one instance only."""
+    by_guid: dict[str, str] = {}
+    for name, description in network.descriptions.items():
+        twin = by_guid.setdefault(description.guid, name)
+        if (
+            twin != name
+            and description.interface("coSimulation").canBeInstantiatedOnlyOncePerProcess
+        ):
+            yield f"{name}: its FMU allows only one instance per process, and {twin} is another"
+
+
+def _missing_for_algorithm(network: Network, settings: RunSettings) -> Iterator[str]:
+    """Parts that cannot be stepped back for an implicit algorithm; loops that an explicit one cannot solve."""
+    algorithm = find_algorithm(settings.algorithm)
+    if algorithm.is_implicit:
+        for name in parts_without(network.descriptions, STATE):
+            yield f"{algorithm.name} needs the FMU state, which {name} cannot save"
+        return
+    implicit = [each.name for each in REGISTRY.values() if each.is_implicit]
+    for loop in algebraic_loops(network):
+        yield (
+            f"algebraic loop: {describe_loop(loop)} act on each other by direct feedthrough; "
+            f"{algorithm.name} cannot solve that, but {' and '.join(implicit)} can"
+        )
+
+
+def _missing_for_control(network: Network, step: Adaptive) -> Iterator[str]:
+    """What adaptive steps need and the parts, or the bonds, lack."""
+    for name in parts_without(network.descriptions, VARIABLE_STEP):
+        yield f"adaptive steps: {name} cannot vary its step"
+    without_state = parts_without(network.descriptions, STATE)
+    if step.control == "doubling":
+        for name in without_state:
+            yield f"step doubling needs the FMU state, which {name} cannot save"
+    elif (step.control == "energy" or without_state) and not find_bonds(network):
+        yield "step control by energy needs a power bond, and the system has none"
+    outputs = monitored_outputs(network).values()
+    monitored = [port.name for ports in outputs for port in ports if port.type == "Real"]
+    for name in step.absolute:
+        if name not in monitored:
+            yield f"absolute tolerance of {name}: only {', '.join(monitored)} can have one"
+
+
+def _times_between_steps(network: Network, settings: RunSettings, step: float) -> Iterator[str]:
+    """Times at which a step must end, and cannot, since a part takes no other steps."""
+    fixed = parts_without(network.descriptions, VARIABLE_STEP)
+    if not fixed:
+        return
+    start, stop = settings.start, settings.stop
+    continuous, times = [port for port, _ in continuous_profiles(network)], {"stop": [stop]}
+    for port, profile in network.inputs:
+        if port not in continuous:
+            times[port.name] = profile.jumps(start, stop)
+    for name, ends in times.items():
+        for time in ends:
+            steps = max(1, round((time - start) / step))
+            if not coincide(start + steps * step, time):
+                yield (
+                    f"{name} = {time!r} s must be a whole number of steps of {step!r} s "
+                    f"after start, since {fixed[0]} cannot vary its step"
+                )

@@ -1,0 +1,137 @@
+"""Variables of a system by name: ports, and the parts they belong to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from ..errors import SetupError
+from ..units import multiples
+from .base_units import BaseUnit, unit_conversion
+from .description import Fmu, ModelDescription, Value, Variable
+from .wires import Name, System, dotted
+
+
+class Port(NamedTuple):
+    """A variable of a part; `type` is that of FMI 2.0, `native` that of the FMU's own version."""
+
+    part: str
+    variable: Variable
+
+    @property
+    def name(self) -> str:
+        return f"{self.part}.{self.variable.name}"
+
+    @property
+    def type(self) -> str:
+        return self.variable.type
+
+    @property
+    def native(self) -> str:
+        return self.variable.native
+
+    @property
+    def unit(self) -> str:
+        return self.variable.unit or ""
+
+    def text(self, value: Value) -> str:
+        """A value of it as XML spells it."""
+        return str(bool(value)).lower() if self.type == "Boolean" else str(value)
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class Catalog:
+    """The parts of a system with their FMUs, whose variables it finds by name."""
+
+    system: System
+    fmus: Mapping[str, Fmu]
+
+    @cached_property
+    def descriptions(self) -> dict[str, ModelDescription]:
+        """The model descriptions by part."""
+        return {name: fmu.description for name, fmu in self.fmus.items()}
+
+    @cached_property
+    def schema_warnings(self) -> dict[str, str]:
+        """By part, what is wrong in its model description but does not affect a run."""
+        return {name: fmu.schema_warning for name, fmu in self.fmus.items() if fmu.schema_warning}
+
+    def port(self, name: Name) -> Port:
+        """The port of a name; raises SetupError if there is none."""
+        candidates = split_name(name.strip()) if isinstance(name, str) else [name]
+        candidates = [candidate for candidate in candidates if candidate[0] in self.fmus]
+        for part, variable in candidates:
+            if variable in self.fmus[part].variables:
+                return Port(part, self.fmus[part].variables[variable])
+            if shape := self.fmus[part].shapes.get(variable):
+                first = ",".join("1" for _ in shape)
+                raise SetupError(
+                    f"{part}.{variable} is an array of {size_text(shape)}: name one, {variable}[{first}]"
+                )
+        if not candidates:
+            text, choices = dotted(name).strip(), ", ".join(self.fmus)
+            part = text.partition(".")[0] if isinstance(name, str) else name[0]
+            raise SetupError(f"{text}: there is no part {part!r}, only {choices}")
+        part, variable = candidates[0]
+        choices = ", ".join(self.fmus[part].variables)
+        raise SetupError(f"{part} has no variable {variable!r}, only {choices}")
+
+    def array(self, name: Name) -> tuple[tuple[int, ...], list[Port]]:
+        """The dimensions and elements of an array, none and the port of another name; SetupError."""
+        for part, variable in split_name(name.strip()) if isinstance(name, str) else [name]:
+            if part in self.fmus and variable in self.fmus[part].shapes:
+                variables = self.fmus[part].variables.values()
+                elements = [Port(part, v) for v in variables if v.name.startswith(f"{variable}[")]
+                return self.fmus[part].shapes[variable], elements
+        return (), [self.port(name)]
+
+    def base_unit(self, port: Port) -> BaseUnit | None:
+        """The unit of a port in SI base units, None if its model description does not say."""
+        return self.fmus[port.part].units.get(port.unit)
+
+
+def conversion_to(catalog: Catalog, port: Port, unit: str, purpose: str) -> tuple[float, float]:
+    """Factor and offset from a unit to that of a port, which is to do `purpose` in that unit.
+
+    The port's display units, common multiples of its own unit and all units that an FMU of the system
+    defines are known. Raises SetupError for others.
+    """
+    if unit in ("", port.unit):
+        return 1.0, 0.0
+    units = [known for d in catalog.descriptions.values() for known in d.unitDefinitions]
+    for display in (s for known in units if known.name == port.unit for s in known.displayUnits):
+        if display.name == unit:
+            return 1.0 / display.factor, -display.offset / display.factor
+    common = multiples(port.unit)
+    if unit in common:
+        return common[unit], 0.0
+    source = next((known.baseUnit for known in units if known.name == unit), None)
+    target = catalog.base_unit(port)
+    if source is None or target is None:
+        raise SetupError(f"{port} cannot {purpose} in {unit}: no FMU here defines that unit")
+    factors = unit_conversion(source, target)
+    if factors is None:
+        raise SetupError(f"{port} cannot {purpose} in {unit}")
+    return factors
+
+
+def split_name(name: str) -> list[tuple[str, str]]:
+    """The two pieces of a name, cut at each of its dots, the last one first."""
+    return [(name[: dot.start()], name[dot.end() :]) for dot in re.finditer(r"\.", name)][::-1]
+
+
+def size_text(shape: Sequence[int]) -> str:
+    """Dimensions in words."""
+    return f"{' x '.join(map(str, shape))} elements" if shape else "one element"
+
+
+def is_continuous_input(port: Port) -> bool:
+    """Whether it is an input that moves within steps: a Real one, in FMI 3.0 if it is continuous."""
+    real = port.type == "Real" and port.variable.causality == "input"
+    return real and (port.native == "Real" or port.variable.variability == "continuous")

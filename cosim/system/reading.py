@@ -1,0 +1,292 @@
+"""Read an FMU's description from its file: FMPy parses the XML, and what it gives is copied into our own view."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.parsers import expat
+from zipfile import ZipFile
+
+import fmpy
+from fmpy.model_description import read_model_description
+
+from ..errors import SetupError
+from .arrays import Elements
+from .base_units import BaseUnit, DisplayUnit, Unit
+from .description import (
+    Experiment,
+    Fmu,
+    Interface,
+    ModelDescription,
+    Unknown,
+    Variable,
+    is_positive,
+)
+
+#: The file of an FMU that describes it, by FMI.
+XML = "modelDescription.xml"
+#: The file of terminals, by FMI 3.0; FMI 2.0 has it as a layered standard.
+TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
+#: Bytes of a description. A convention: FMUs of hundreds of thousands of variables have a tenth of it.
+MOST_BYTES = 128 * 2**20
+#: FMUs whose descriptions are kept. A convention: more than a system of different machines has.
+MOST_KEPT = 64
+WANTED = "this master runs co-simulation by FMI 2.0 and 3.0"
+#: What reading a description raises where it lacks something: errors of Python, not of the file.
+INTERNAL = (TypeError, AttributeError, LookupError, NameError, MemoryError, ArithmeticError)
+NO_NUMBER = re.compile(r"(?:could not convert string to float:|invalid literal for int.*:) ('.*')")
+PIECE = r"[^\W\d][\w\[\]-]*"
+PART = re.compile(rf"{PIECE}(\.{PIECE})*")
+
+
+def describe_fmu(name: str, path: Path, *, runnable: bool = True) -> ModelDescription:
+    """The description of a part's FMU; raises SetupError if name or file cannot be used, or if it cannot
+    run here but is to be `runnable`.
+    """
+    return read_fmu(name, path, runnable=runnable).description
+
+
+def read_fmu(name: str, path: Path, *, runnable: bool = True) -> Fmu:
+    if PART.fullmatch(name) is None:
+        raise SetupError(
+            f"part name {name!r} must begin with a letter, then letters, digits, _, - and [], "
+            "or be such names with dots between"
+        )
+    if not path.is_file():
+        raise SetupError(f"part {name}: there is no file {path}")
+    try:
+        fmu = _read(path, file_version(path))
+    except SetupError as error:
+        raise SetupError(f"part {name}: {path} {error}") from error
+    if runnable and fmu.obstacle:
+        raise SetupError(f"part {name}: {path} {fmu.obstacle}")
+    return fmu
+
+
+def part_name(name: str) -> str:
+    """A name as it stands if a part may have it, else the nearest that it may have."""
+    if PART.fullmatch(name):
+        return name
+    name = re.sub(r"[^\w-]+", "_", name).strip("_")
+    return name if PART.fullmatch(name) else f"part_{name}"
+
+
+def file_version(path: Path) -> tuple[int, int]:
+    """The time of change [ns] and the size of a file, which show whether it has been replaced."""
+    file = path.stat()
+    return file.st_mtime_ns, file.st_size
+
+
+@lru_cache(maxsize=MOST_KEPT)
+def _read(path: Path, _: tuple[int, int]) -> Fmu:
+    """An FMU, kept as long as its file has this version."""
+    files = _files(path)
+    try:
+        original, schema_warning = _parsed(path)
+    except Exception as error:
+        raise SetupError(f"is not a valid FMU: {XML}: {_reason(error)}") from error
+    if original.fmiVersion not in ("2.0", "3.0"):
+        raise SetupError(f"is FMI {original.fmiVersion}; {WANTED}")
+    try:
+        elements = Elements(path, original.modelVariables, is_fmi3=original.fmiVersion == "3.0")
+        description = _copied(original, elements)
+    except SetupError:
+        raise
+    except Exception as error:
+        raise SetupError(f"is not a valid FMU: {XML}: {_reason(error)}") from error
+    variables: dict[str, Variable] = {}
+    for variable in description.modelVariables:
+        if variables.setdefault(variable.name, variable) is not variable:
+            raise SetupError(f"is not a valid FMU: it has two variables named {variable.name}")
+    units = {unit.name: unit.baseUnit for unit in reversed(description.unitDefinitions)}
+    terminals, wrong = _terminals(path) if TERMINALS in files else ({}, "")
+    return Fmu(
+        description,
+        variables,
+        units,
+        schema_warning or wrong,
+        terminals,
+        elements.shapes,
+        _obstacle(path, files, description),
+    )
+
+
+def _files(path: Path) -> list[str]:
+    """The names of the files in an FMU; raises SetupError if it cannot be read, or not safely."""
+    try:
+        with ZipFile(path) as archive:
+            files = archive.namelist()
+            sizes = [f.file_size for f in archive.infolist() if f.filename == XML]
+            is_long = any(size > MOST_BYTES for size in sizes)
+            is_typed = XML in files and not is_long and _has_document_type(archive.read(XML))
+    except Exception as error:
+        raise SetupError(
+            f"is not a valid FMU: it cannot be opened as a zip file: {error}"
+        ) from error
+    if XML not in files or is_long:
+        which = f"a {XML} of more than {MOST_BYTES >> 20} MiB" if is_long else f"no {XML}"
+        raise SetupError(f"is not a valid FMU: it has {which}")
+    if is_typed:
+        raise SetupError(
+            f"is not a valid FMU: {XML} has a document type, which may define entities: remove it"
+        )
+    return files
+
+
+def _copied(original: Any, elements: Elements) -> ModelDescription:
+    """Our view of what FMPy has read."""
+
+    def unknowns(of: Sequence[Any]) -> tuple[Unknown, ...]:
+        return tuple(
+            Unknown(
+                variable,
+                None if u.dependencies is None else elements.all(u.dependencies),
+                None if u.dependenciesKind is None else tuple(u.dependenciesKind),
+            )
+            for u in of
+            for variable in elements.of(u.variable)
+        )
+
+    return ModelDescription(
+        fmiVersion=original.fmiVersion,
+        modelName=original.modelName,
+        guid=original.guid,
+        description=original.description,
+        generationTool=original.generationTool,
+        coSimulation=_interface(original.coSimulation, elements.derivatives("CoSimulation")),
+        modelExchange=_interface(original.modelExchange, elements.derivatives("ModelExchange")),
+        defaultExperiment=_experiment(original.defaultExperiment),
+        unitDefinitions=tuple(map(_unit, original.unitDefinitions)),
+        modelVariables=elements.all(original.modelVariables),
+        outputs=unknowns(original.outputs),
+        derivatives=unknowns(original.derivatives),
+        initialUnknowns=unknowns(original.initialUnknowns),
+        eventIndicators=unknowns(original.eventIndicators),
+        numberOfEventIndicators=int(original.numberOfEventIndicators or 0),
+    )
+
+
+def _interface(original: Any, provides_derivatives: bool | None) -> Interface | None:
+    """An interface that an FMU offers; what it does not say of itself it cannot do."""
+    if original is None:
+        return None
+    said = {
+        name: getattr(original, name)
+        for name in Interface.__dataclass_fields__
+        if getattr(original, name, None) is not None
+    }
+    if provides_derivatives is not None:
+        said["providesDirectionalDerivative"] = provides_derivatives
+    return Interface(**said)
+
+
+def _experiment(original: Any) -> Experiment:
+    if original is None:
+        return Experiment()
+    names = ("startTime", "stopTime", "stepSize", "tolerance")
+    texts = (getattr(original, name) for name in names)
+    start, stop, step, tolerance = (None if text is None else float(text) for text in texts)
+    return Experiment(
+        start,
+        stop,
+        step if is_positive(step) else None,
+        tolerance if is_positive(tolerance) else None,
+    )
+
+
+def _unit(original: Any) -> Unit:
+    base = original.baseUnit
+    if base is not None:
+        base = BaseUnit(**{name: getattr(base, name) for name in BaseUnit.__dataclass_fields__})
+    shown = tuple(DisplayUnit(d.name, d.factor, d.offset) for d in original.displayUnits)
+    return Unit(original.name, base, shown)
+
+
+def _obstacle(path: Path, files: Sequence[str], description: ModelDescription) -> str:
+    """Why an FMU with these files cannot run here; empty if it can."""
+    interface = description.coSimulation or description.modelExchange
+    if interface is None:
+        return f"offers scheduled execution only; {WANTED}: export it for that, too"
+    platform = fmpy.platform_tuple if description.fmiVersion == "3.0" else fmpy.platform
+    folder = f"binaries/{platform}/"
+    binary = f"{folder}{interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    if binary in files:
+        return ""
+    others = [name.removeprefix(folder) for name in files if re.fullmatch(f"{folder}[^/]+", name)]
+    if others:
+        return f"has no {binary}, the name that its modelIdentifier gives; {folder} has {', '.join(others)}"
+    there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"
+    return f"has no binary for this platform, {binary}; it is for {there}"
+
+
+class _Prologue(Exception):
+    """The end of what precedes the first element of a document, or its document type."""
+
+
+def _has_document_type(content: bytes) -> bool:
+    """Whether an XML document has a document type; nothing in it is expanded."""
+
+    def end(*_: Any) -> None:
+        raise _Prologue
+
+    def document_type(*_: Any) -> None:
+        raise _Prologue("document type")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = end, document_type
+    try:
+        parser.Parse(content, True)
+    except _Prologue as prologue:
+        return bool(prologue.args)
+    except (expat.ExpatError, ValueError, LookupError):  # who reads the elements says what is wrong
+        return False
+    return False
+
+
+def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], str]:
+    """The variables of each terminal by member, without terminals within terminals; what is wrong."""
+    try:
+        with ZipFile(path) as archive:
+            root = ElementTree.fromstring(archive.open(TERMINALS).read(MOST_BYTES))
+    except (OSError, ElementTree.ParseError) as error:
+        return {}, f"{TERMINALS} cannot be read: {error}"
+    return {
+        terminal.get("name", ""): {
+            member.get("memberName", ""): member.get("variableName", "")
+            for member in terminal.findall("TerminalMemberVariable")
+        }
+        for terminal in root.findall("Terminals/Terminal")
+    }, ""
+
+
+def _parsed(path: Path) -> tuple[Any, str]:
+    """What FMPy reads of an FMU, and what is wrong in it if it can be read all the same."""
+    try:
+        return read_model_description(str(path)), ""
+    except Exception as error:  # noqa: BLE001
+        reason = _reason(error)
+    try:
+        return read_model_description(str(path), validate=False), f"{XML} is not valid: {reason}"
+    except Exception as error:
+        if isinstance(error, INTERNAL):
+            raise SetupError(reason) from error
+        raise
+
+
+def _reason(error: Exception) -> str:
+    """The last lines of an error as one; errors of the reader itself, of which a user knows nothing, in
+    other words.
+    """
+    text = str(error)
+    if isinstance(error, ValueError) and (value := NO_NUMBER.search(text)):
+        return f"{value[1]} is not a number"
+    if isinstance(error, INTERNAL) or not text.strip("-0123456789 "):
+        return (
+            "an element or an attribute is missing, has a value of another type, or is not known to FMPy, "
+            "which reads it"
+        )
+    return "; ".join(line.removeprefix("- ") for line in text.splitlines()[-3:])

@@ -1,0 +1,91 @@
+"""What a user writes: a system as a value, of parts, wires and start values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from ..errors import SetupError
+from .description import Value
+from .inputs import NUMBER, Table
+
+Name = str | tuple[str, str]
+WIRE = re.compile(
+    rf"\s*(?P<source>[^*+\s]+)\s*(?:\*\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?"
+    r"\s*(?P<arrow>->|=>|\+>|\+=>)\s*(?P<target>[^*+\s]+)\s*"
+)
+SHAFT = re.compile(r"\s*(?P<one>[^*+\s]+)\s+--\s+(?P<other>[^*+\s]+)\s*")
+
+
+class Wire(NamedTuple):
+    """A wire as a value. Its ends may have any names: "motor.tau" or ("motor", "tau").
+
+    Factor and offset apply in the source's unit. Unless the wire `converts`, the target takes the
+    number unchanged, whatever the units. A wire that `adds` is added to the earlier wires into the
+    same input.
+    """
+
+    source: Name
+    target: Name
+    factor: float = 1.0
+    offset: float = 0.0
+    converts: bool = True
+    adds: bool = False
+
+    def __str__(self) -> str:
+        factor = "" if self.factor == 1.0 else f" * {self.factor!r}"
+        sign = "-" if self.offset < 0.0 else "+"
+        offset = "" if self.offset == 0.0 else f" {sign} {abs(self.offset)!r}"
+        arrow = ("+>" if self.converts else "+=>") if self.adds else "->" if self.converts else "=>"
+        return f"{dotted(self.source)}{factor}{offset} {arrow} {dotted(self.target)}"
+
+    @classmethod
+    def read(cls, text: str) -> Wire:
+        """Read a wire from text; raises SetupError if it is not one."""
+        match = WIRE.fullmatch(text)
+        if match is None:
+            raise SetupError(
+                f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input', "
+                "=> to convert no units, +> or +=> to add to another wire, "
+                "or 'part.terminal -- part.terminal'"
+            )
+        factor, offset = (
+            float(re.sub(r"\s", "", match[key] or default))
+            for key, default in (("factor", "1"), ("offset", "0"))
+        )
+        converts, adds = "=" not in match["arrow"], "+" in match["arrow"]
+        return cls(match["source"], match["target"], factor, offset, converts, adds)
+
+
+def dotted(name: Name) -> str:
+    """A name as one text."""
+    return name if isinstance(name, str) else ".".join(name)
+
+
+@dataclass(frozen=True)
+class System:
+    """FMU files by part name, wires, start values by variable.
+
+    A wire reads "motor.tau -> conveyor.tau" or, with a factor and an offset in the source's unit,
+    "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s). With "=>" the
+    target takes the number unchanged, whatever the units. A `Wire` is the same as a value; names
+    with a blank, * or + need it. "motor.flange -- conveyor.flange" joins two terminals: it stands
+    for a wire for each member that both have, from the output to the input. A bond names two outputs
+    that are wired there and back and whose product is a power: "motor.tau * conveyor.w". Bonds that
+    are clear from the units of the wires need not be named. A part of a subsystem has a dotted name,
+    "line.motor".
+
+    `inputs` are inputs over time by variable: a Table, or a function of time [s]. A change of an
+    input or a tunable parameter reads "at 2 s motor.A = 7500". Within a step, a Real input is held at
+    its mean, or follows a line if its FMU can interpolate; everything else changes between steps.
+    """
+
+    parts: Mapping[str, Path]
+    wires: Sequence[str | Wire] = ()
+    start: Mapping[str, Value] = field(default_factory=dict)
+    bonds: Sequence[str] = ()
+    inputs: Mapping[str, Table | Callable[[float], float]] = field(default_factory=dict)
+    changes: Sequence[str] = ()

@@ -1,0 +1,418 @@
+"""How does a controlled drive reach a new speed through an elastic shaft?
+
+A motor with a speed controller and a gearbox brings a slotted link from rest to its set speed. An
+elastic shaft with backlash connects gearbox and link.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim import Result, System
+from workbench import Chart, Context, Figure, Findings, Mark, Run, Show, Table, option
+from workbench.charts import motion
+from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, result_panel
+from workbench.charts.motion import Motion, Shape, line
+from workbench.live import (
+    Caption,
+    Coordinate,
+    Live,
+    LiveChart,
+    LiveMotion,
+    LivePanel,
+    Number,
+    Reader,
+    Slider,
+)
+from workbench.measure import (
+    Measured,
+    Samples,
+    crossing,
+    harmonics,
+    largest,
+    measured,
+    smallest,
+)
+
+PARTS = {
+    "controller": "SpeedController",
+    "motor": "DCMotor",
+    "gear": "Gearbox",
+    "shaft": "ShaftLink",
+    "load": "SlottedLink",
+}
+WIRES = (
+    "controller.tau * 2.5 => motor.v",
+    "gear.w_a -> motor.w",
+    "gear.w_a -> controller.w",
+    "motor.tau -> gear.tau_a",
+    "shaft.tau_a -> gear.tau_b",
+    "gear.w_b -> shaft.w_a",
+    "load.w -> shaft.w_b",
+    "shaft.tau_b -> load.tau",
+)
+FIXED_STARTS = ("controller.w_ref", "gear.i")
+MACHINE = {
+    "controller.T_i": 0.2,
+    "gear.w_a": 0.0,
+    "shaft.b": 0.002,
+    "shaft.twist": 0.0,
+    "load.crank.r": 0.004,
+    "load.w": 0.0,
+}
+NEAR = 0.9
+TITLE = "Both ends of the shaft"
+NOTE = "The thin hand is the gearbox end of the shaft, the crank the load end. Their angle is the twist."
+TURN = 2 * math.pi
+#: Largest change of the ripple or the mean over the last turn, over the set speed, of a steady motion.
+STEADY = 0.01
+#: Largest share of a change that is taken to be left after a turn; changes of rounding have any share.
+SLOWEST = 0.9
+#: Smallest overshoot of the mean, over the set speed, whose time is named; a flat top has none.
+LEAST_OVERSHOOT = 1e-3
+#: Smallest ripple, over the mean speed, that is named; a convention.
+LEAST_RIPPLE = 1e-4
+#: Frequencies over a natural one between which an undamped oscillator responds at least twice: derived
+#: from 1 / |1 - x^2| = 2.
+AMPLIFIED = (math.sqrt(0.5), math.sqrt(1.5))
+#: Angles for the mean inertia of the load, which is smooth over a turn.
+ANGLES = 720
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Run):
+    speed: float = option(20.0, "set speed of the load", "rad/s", above=0.0)
+    ratio: float = option(5.0, "ratio of the gearbox", "1", above=0.0)
+    stop: float = option(3.0, "simulated time", "s", above=0.0)
+    step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
+
+
+class Turn(NamedTuple):
+    """A turn of the crank: mean speed, ripple (half of largest less smallest speed) [rad/s], and the
+    strongest order of the ripple.
+    """
+
+    mean: float
+    ripple: float
+    order: int
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """One start."""
+    drive = system(o, context.fmus)
+    result, peaks = context.certify(drive, partial(figures, o), o, None, "speed_step.csv")
+    tables = {"speed_step.csv": Table.of(result)}
+    return Findings(peaks | frequencies(result), result, drive, result.provenance, tables=tables)
+
+
+def system(o: Options, fmus: Mapping[str, Path]) -> System:
+    """The drive at rest, with the shaft in the middle of its play."""
+    fixed = {"controller.w_ref": o.ratio * o.speed, "gear.i": o.ratio}
+    return System(fmus, WIRES, {**MACHINE, **fixed, **o.start})
+
+
+def figures(o: Options, r: Result) -> dict[str, Figure]:
+    """How fast, how far beyond, at which torque and current, and what is left at the end."""
+    t, torque, rad = r["time"], r.units["shaft.tau_b"], r.units["load.w"]
+    fast, shaft = largest(t, r["load.w"]), largest(t, r["shaft.tau_b"])
+    return {
+        "near_time": crossing(t, r["load.w"], NEAR * o.speed).figure(
+            "s", f"time until the load first reaches {NEAR:.0%} of its set speed"
+        ),
+        "w_max": fast.figure(rad, f"largest speed of the load up to {o.stop:g} s"),
+        **means(o, r),
+        **ripples(o, r),
+        "tau_max": shaft.figure(torque, "largest torque in the shaft"),
+        "tau_max_time": shaft.at.figure("s", "time of the largest torque in the shaft"),
+        "tau_min": smallest(t, r["shaft.tau_b"]).figure(torque, "smallest torque in the shaft"),
+        "i_max": largest(t, r["motor.i"]).figure(r.units["motor.i"], "largest current"),
+    }
+
+
+def turning(r: Result) -> tuple[Samples, Samples, Samples]:
+    """Time, angle and speed of the load in the rows since it last stood or turned back."""
+    t, phi, w = r["time"], r["load.phi"], r["load.w"]
+    first = int(np.flatnonzero(w <= 0.0).max(initial=0))
+    return t[first:], phi[first:], w[first:]
+
+
+def means(o: Options, r: Result) -> dict[str, Figure]:
+    """The largest mean speed over a turn, which has no ripple of whole orders, and when that turn ends."""
+    t, phi, _ = turning(r)
+    rad = r.units["load.w"]
+    meaning = f"largest mean speed of the load over a turn, up to {o.stop:g} s"
+    ending = "end of the turn with this mean"
+    if phi[-1] - phi[0] <= TURN:
+        why = f"the load does not make a whole turn up to {o.stop:g} s"
+        return {
+            "mean_max": Figure.undetermined(rad, why, meaning),
+            "mean_max_time": Figure.undetermined("s", why, ending),
+        }
+    later = phi >= phi[0] + TURN
+    mean = TURN / (t[later] - CubicSpline(phi, t)(phi[later] - TURN))
+    peak = largest(t[later], mean)
+    at = peak.at.figure("s", ending)
+    if peak.value <= (1.0 + LEAST_OVERSHOOT) * o.speed:
+        at = Figure.undetermined("s", "the mean does not overshoot", ending)
+    return {"mean_max": peak.figure(rad, meaning), "mean_max_time": at}
+
+
+def last_turn(t: Samples, phi: Samples, w: Samples, back: int) -> Turn:
+    """What the last turn of the crank, or one so many before it, shows."""
+    ends = phi[-1] - TURN * np.array([back + 1.0, float(back)])
+    began, ended = CubicSpline(phi, t)(ends).tolist()
+    inside = (phi >= ends[0]) & (phi <= ends[1])
+    sizes = np.abs(harmonics(phi[inside], w[inside]))
+    high, low = largest(t[inside], w[inside]).value, smallest(t[inside], w[inside]).value
+    return Turn(TURN / (ended - began), (high - low) / 2, 1 + int(np.argmax(sizes)))
+
+
+def ripples(o: Options, r: Result) -> dict[str, Figure]:
+    """Mean and ripple of the speed in the last turn, its strongest order and frequency.
+
+    What the last turn still changes, taken as a geometric series with the change of the turn before, is
+    what may follow. A motion that changes by more than STEADY is not steady, and has no such figures.
+    """
+    t, phi, w = turning(r)
+    rad, when = r.units["load.w"], f"in the last turn before {o.stop:g} s"
+    meanings = {
+        "mean": (rad, f"mean speed of the load {when}"),
+        "ripple": (rad, f"ripple of the speed {when}, half of largest less smallest"),
+        "ripple_order": ("1", "strongest order of this ripple, over the angle of the crank"),
+        "ripple_frequency": ("Hz", "frequency of this order"),
+    }
+    why = f"the motion is not steady at {o.stop:g} s"
+    if phi[-1] - phi[0] <= 3 * TURN:
+        why = f"the load turns less than three times up to {o.stop:g} s"
+        return {
+            name: Figure.undetermined(unit, why, text) for name, (unit, text) in meanings.items()
+        }
+    last, before, first = (last_turn(t, phi, w, back) for back in (0, 1, 2))
+    rests = [
+        rest(last.mean, before.mean, first.mean),
+        rest(last.ripple, before.ripple, first.ripple),
+    ]
+    if max(rests) > STEADY * o.speed:
+        return {
+            name: Figure.undetermined(unit, why, text) for name, (unit, text) in meanings.items()
+        }
+    pace = measured(lambda t, phi, w: last_turn(t, phi, w, 0).mean, t, phi, w)
+    size = measured(lambda t, phi, w: last_turn(t, phi, w, 0).ripple, t, phi, w)
+    scale = last.order / TURN
+    peaks = {
+        "mean": Measured(pace.value, pace.error + rests[0]),
+        "ripple": Measured(size.value, size.error + rests[1]),
+        "ripple_order": Measured(float(last.order), 0.0),
+        "ripple_frequency": Measured(scale * pace.value, scale * (pace.error + rests[0])),
+    }
+    figures = {name: peaks[name].figure(*meanings[name]) for name in peaks}
+    if last.ripple < LEAST_RIPPLE * last.mean:
+        for name in ("ripple_order", "ripple_frequency"):
+            figures[name] = Figure.undetermined(
+                meanings[name][0], "there is no ripple", meanings[name][1]
+            )
+    return figures
+
+
+def rest(last: float, before: float, first: float) -> float:
+    """What a value may still change that took these values in three turns, as a geometric series."""
+    change, earlier = abs(last - before), abs(before - first)
+    share = min(change / earlier, SLOWEST) if earlier > 0.0 else SLOWEST
+    return change * max(1.0, share / (1.0 - share))
+
+
+def frequencies(r: Result) -> dict[str, Figure]:
+    """At which gearbox and load swing against each other on the undamped shaft, pressed to one flank,
+    and the load alone while the controller holds the gearbox [Hz], with the mean inertia of the load.
+    """
+    gear, shaft, load = (r.provenance["parts"][x]["parameters"] for x in ("gear", "shaft", "load"))
+    J_1 = gear["J"] * gear["i"] ** 2
+    J_2 = load["rotor.J"] + (load["trough.m"] + load["load.m"]) * mean_square(load)
+    free, held = math.sqrt(shaft["c"] * (1 / J_1 + 1 / J_2)), math.sqrt(shaft["c"] / J_2)
+    meanings = {"free": "gearbox and load on the shaft", "held": "the load with the gearbox held"}
+    fixed, mean = "natural frequency of", "at the load's mean inertia over a turn"
+    return {
+        f"{word}_frequency": Figure(w / TURN, "Hz", 0.0, f"{fixed} {meanings[word]}, {mean}")
+        for word, w in (("free", free), ("held", held))
+    }
+
+
+def mean_square(load: Mapping[str, float]) -> float:
+    """The mean over a turn of the square of the trough's travel per angle of the crank [m2/rad2]."""
+    phi, tilt = np.arange(ANGLES) * TURN / ANGLES, 0.0
+    if load["link.swings"]:
+        tilt = load["crank.r"] / load["link.l"]
+    travel = load["crank.r"] * (np.cos(phi) + tilt) / (1.0 + tilt * np.cos(phi)) ** 2
+    return float((travel**2).mean())
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
+    """How the load reaches its speed, what is left at the end, and what that takes."""
+    texts = {name: figure.text() for name, figure in f.items()}
+    return (
+        f"{reaching(o, f)} {remaining(o, f)} The shaft carries up to {texts['tau_max']}, and the motor "
+        f"draws up to {texts['i_max']}. Gearbox and load oscillate on the shaft at "
+        f"{texts['free_frequency']}. While the controller holds the gearbox, the load oscillates alone at "
+        f"{texts['held_frequency']}."
+    )
+
+
+def reaching(o: Options, f: Mapping[str, Figure]) -> str:
+    """When the load is near its speed, and how far its mean over a turn goes beyond."""
+    set_speed, until = f"{NEAR:.0%} of its set speed of {o.speed:g} rad/s", f"{o.stop:g} s"
+    fast, mean = f["w_max"], f["mean_max"]
+    first = f"The load reaches {set_speed} after {f['near_time'].text()}."
+    if f["near_time"].error is None:
+        within = f"within the {until} of observation"
+        first = f"The load does not reach {set_speed} {within}; its largest speed is {fast.text()}."
+        if fast.value > NEAR * o.speed:
+            first = (
+                f"The largest speed of the load is {fast.text()}; the time at which it first reaches "
+                f"{set_speed} is {f['near_time'].text()}."
+            )
+        return first
+    if mean.error is None:
+        return f"{first} Up to {until}, its largest speed is {fast.text()}."
+    beyond = f"Up to {until}, its mean over a turn is at most {mean.text()}."
+    if f["mean_max_time"].error is not None and mean.value - mean.error > o.speed:
+        beyond = f"Its mean over a turn overshoots to {mean.text()} at {f['mean_max_time'].text()}."
+    return f"{first} {beyond}"
+
+
+def remaining(o: Options, f: Mapping[str, Figure]) -> str:
+    """The mean and the ripple at the end, and the natural frequency that the ripple is near to."""
+    if f["ripple"].error is None:
+        return f"A steady ripple is not stated: {f['ripple'].reason}."
+    mean = f"At {o.stop:g} s the load turns steadily at {f['mean'].text()}"
+    if f["ripple_frequency"].error is None:
+        return f"{mean}, without a ripple."
+    low, high = AMPLIFIED
+    ripple, frequency = f["ripple"].text(), f["ripple_frequency"]
+    near = [
+        f"{f[name].text()} {who}"
+        for name, who in (
+            ("free_frequency", "of gearbox and load"),
+            ("held_frequency", "of the load"),
+        )
+        if low < frequency.value / f[name].value < high
+    ]
+    close = f", near the natural frequency of {' and '.join(near)}" if near else ""
+    return (
+        f"{mean} with a ripple of {ripple} to either side. Its strongest order is "
+        f"{f['ripple_order'].value:g} of the crank, {frequency.text()}{close}."
+    )
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
+    """Speeds, torques and current over time, and both ends of the shaft in motion."""
+    panel = partial(result_panel, result=r, x=r["time"])
+    speeds = {"gear.w_b": ("gearbox", SPEED), "load.w": ("load", LIFT)}
+    torques = {"controller.tau": ("requested", THEORY, "theory"), "motor.tau": ("motor", TORQUE)}
+    wanted = [Mark(o.speed, "set speed")]
+    panels = [
+        panel("speed", curves=speeds, levels=wanted),
+        panel("torque in the shaft", curves={"shaft.tau_b": FORCE}),
+        panel("torque of the motor", curves=torques),
+        panel("current", curves={"motor.i": TORQUE}),
+    ]
+    chart = Chart(f"From rest to {o.speed:g} rad/s", "time [s]", panels)
+    return Show([chart], [moving(r)])
+
+
+def moving(r: Result) -> Motion:
+    """The crank and the link that it moves, and the other end of the shaft as a second hand."""
+    t = r["time"]
+    picked = motion.rows(t, 0.0, float(t[-1]), 480)
+    at = {
+        name: r[name][picked] for name in ("load.phi", "load.w", "load.x", "gear.phi_b", "gear.w_b")
+    }
+    rows = zip(t[picked], at["gear.w_b"], at["load.w"])
+    captions = [f"{s:.3f} s: gearbox {w:.1f} rad/s; load {v:.1f} rad/s" for s, w, v in rows]
+    return Motion(
+        TITLE,
+        t[picked],
+        5.0,
+        captions,
+        link_shapes(r.provenance["parts"]["load"]["parameters"], at),
+        NOTE,
+    )
+
+
+def link_shapes(p: Mapping[str, Any], at: motion.Columns) -> list[Shape]:
+    """The lines by columns with the names of the system, and the parameters of the load."""
+    a, x, phi, ahead = p["crank.r"], at["load.x"], at["load.phi"], at["gear.phi_b"]
+    tilt = 1.0 / p["link.l"] if p["link.swings"] else 0.0
+    pin, high = (a * np.sin(phi), a * np.cos(phi)), 1.4 * a
+    slot = line((x * (1.0 - high * tilt), -high), (x * (1.0 + high * tilt), high))
+    near, far = x + 3.0 * a, x + 6.0 * a
+    trough = line((near, -a), (far, -a), (far, a), (near, a))
+    hand = line((0.0, 0.0), (1.8 * a * np.sin(ahead), 1.8 * a * np.cos(ahead)))
+    return [
+        Shape("ground", motion.ground(1.6 * a, -1.2 * a, 7.4 * a, -1.2 * a, 0.3 * a), "grey", 1.5),
+        Shape("slot", slot, "green", 5.0),
+        Shape("rod", line((x, 0.0), (near, 0.0)), "green", 3.0),
+        Shape("trough", trough, "green", 3.0, closed=True, label=2),
+        Shape("gearbox", hand, "blue", 2.0, label=1),
+        Shape("crank", line((0.0, 0.0), pin), "red", 4.0),
+        Shape("pin", line(pin, pin), "red", 12.0),
+    ]
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
+    """The start from rest."""
+    p = r.provenance["parts"]["load"]["parameters"]
+    a = p["crank.r"]
+    panels = [
+        LivePanel(
+            "speed",
+            {"gear.w_b": ("gearbox", SPEED), "load.w": ("load", LIFT)},
+            levels={"set speed": "speed"},
+        ),
+        LivePanel("torque in the shaft", {"shaft.tau_b": FORCE}),
+        LivePanel(
+            "torque of the motor",
+            {"controller.tau": ("requested", THEORY, "theory"), "motor.tau": ("motor", TORQUE)},
+        ),
+        LivePanel("current", {"motor.i": TORQUE}),
+    ]
+    moving_part = LiveMotion(
+        TITLE,
+        partial(link_shapes, p),
+        [
+            Coordinate("load.phi", 0.0, 2 * math.pi, (1.0,)),
+            Coordinate("load.x", -a, a),
+            Coordinate("gear.phi_b", 0.0, 2 * math.pi, (1.0,)),
+        ],
+        [Caption("gearbox", "gear.w_b", "rad/s"), Caption("load", "load.w", "rad/s")],
+        5.0,
+        NOTE,
+    )
+    return Live(
+        sliders=(
+            Slider("speed", 10.0, 40.0),
+            Slider("ratio", 3.0, 8.0),
+            Slider("controller.K", 0.5, 5.0),
+            Slider("controller.T_i", 0.05, 1.0),
+            Slider("shaft.c", 300.0, 4000.0),
+            Slider("shaft.b", 0.0, 0.05),
+        ),
+        start={"controller.w_ref": "ratio * speed", "gear.i": "ratio"},
+        numbers=[
+            Number("near_time", Reader("first_crossing", "load.w", level=f"{NEAR} * speed")),
+            Number("w_max", Reader("max", "load.w")),
+            Number("tau_max", Reader("max", "shaft.tau_b")),
+            Number("tau_min", Reader("min", "shaft.tau_b")),
+            Number("i_max", Reader("max", "motor.i")),
+        ],
+        charts=[LiveChart("From rest to the set speed", "time [s]", panels)],
+        motion=moving_part,
+    )
+
+
+LIVE = live_part

@@ -1,0 +1,72 @@
+"""Options that questions about the conveyor share, and how a sweep of its speed begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import workbench
+from workbench import Context, option
+
+from .first_order import SETS, Machine
+from .machine import followed
+from .orbits import ALGORITHMS, OrbitRunner
+
+#: Rated torque of the motors of the sets, at the crank [N.m].
+RATED = {"A": 100.0, "B": 88.0}
+#: Start values that a question on the speeds of a linear motor sets itself.
+LINEAR_MOTOR_STARTS = ("motor.characteristic", "motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+
+
+def by_set(values: Mapping[str, float]) -> str:
+    """Return the values of the sets for a help text, "100 in set A and 88 in set B by default"."""
+    return (
+        " and ".join(f"{value:g} in set {name}" for name, value in values.items()) + " by default"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RippleOptions(workbench.Options):
+    """Options of the torque ripple, at one speed or in a plane."""
+
+    set: str = option("A", "parameter set", choices=SETS)
+    limit: float = option(
+        50.0, "limit of the torque ripple, as a share of the rated torque", "%", above=0.0
+    )
+    rated_torque: float | None = option(
+        None, f"rated motor torque at the crank, {by_set(RATED)}", "N.m", above=0.0
+    )
+    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
+
+    @property
+    def rated(self) -> float:
+        """The rated torque [N.m]."""
+        return self.rated_torque or RATED[self.set]
+
+    @property
+    def ripple_limit(self) -> float:
+        """The limit of the torque ripple [N.m]."""
+        return self.limit / 100 * self.rated
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(workbench.Options):
+    """The machine, its speeds, and how it is run."""
+
+    set: str = option("A", "parameter set", choices=SETS)
+    steps_per_rev: int = option(512, "communication steps per revolution", least=1)
+    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
+    speeds: tuple[float, ...] = option(
+        (), "speeds of the sweep, those of the set by default", "rad/s", above=0.0
+    )
+
+
+def speeds_of(text: str) -> tuple[float, ...]:
+    """Return the numbers of a text with commas."""
+    return tuple(map(float, text.split(",")))
+
+
+def linear_runner(o: SweepOptions, context: Context) -> tuple[Machine, OrbitRunner]:
+    """Return the machine of the options, and how it is run; raises SetupError for what FMUs or theory refuse."""
+    machine = followed(context.fmus, SETS[o.set], o.start)
+    return machine, OrbitRunner(context, o.start, o.algorithm, o.steps_per_rev)

@@ -1,0 +1,288 @@
+"""A plane of two parameters of motor and conveyor: every point is a machine at a speed, and machines
+like it as they are built, every part anywhere within its tolerance, equally likely.
+
+First-order theory, times what co-simulation made of it at the nominal machine, judges thousands of
+built machines; co-simulation judges some of them again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest, qmc
+
+from cosim import CONVERGENCE_ORDERS, SetupError
+from workbench.answer import Parameter, parameters
+from workbench.charts.model import Direction
+from workbench.limit import coupling
+from workbench.options import at_least
+
+from .features import ResponseLine
+from .first_order import FIELDS, Machine
+from .machine import conveyor_drive
+from .orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
+
+Real = NDArray[np.float64]
+SPEED = "speed"
+#: Seed of the scrambled Sobol points, a convention: the same machines in every run.
+SEED = 1
+#: Level of the interval of a counted share, a convention.
+CONFIDENCE = 0.95
+#: Probabilities between which the outcome at a point is open.
+OPEN = (0.05, 0.95)
+#: Points along either axis at which the coupling error of a map is sampled.
+GRID = 5
+
+
+class Axis(NamedTuple):
+    """A parameter and its values."""
+
+    name: str
+    along: Direction
+
+
+class Plane(NamedTuple):
+    """Two axes; all else is as in `machine`, which turns at `speed` [rad/s] unless x is the speed."""
+
+    x: Axis
+    y: Axis
+    machine: Machine
+    speed: float
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Those of both axes, by name."""
+        return {axis.name: axis.along.unit for axis in (self.x, self.y)}
+
+    def at(self, x: Any, y: Any) -> tuple[Machine, Any]:
+        """The machine at a point, or machines at arrays of points, and its mean speed [rad/s]."""
+        coordinates = {self.x.name: x, self.y.name: y}
+        nu = coordinates.pop(SPEED, self.speed)
+        return replace(self.machine, **{FIELDS[name]: v for name, v in coordinates.items()}), nu
+
+    def nodes(self) -> list[tuple[float, float]]:
+        """x and y of all points, row by row."""
+        x, y = self.x.along.values.tolist(), self.y.along.values.tolist()
+        return [(one, level) for level in y for one in x]
+
+    def points(self) -> list[OperatingPoint]:
+        """The machines of these and their mean speeds."""
+        return [OperatingPoint(*self.at(*node)) for node in self.nodes()]
+
+    def line(self, y: float) -> ResponseLine:
+        """The machines of equal y."""
+        first, last = self.x.along.values[[0, -1]].tolist()
+        return ResponseLine(lambda x: self.at(x, y), first, last)
+
+
+class Sample(NamedTuple):
+    """Built machines of a row: the x that is worst for each, and the torque ripple [N.m] expected
+    there, of shape (samples,).
+    """
+
+    position: dict[str, float]
+    row: int
+    x: Real
+    expected: Real
+
+    def probability(self, limit: float) -> float:
+        """Share of the machines whose ripple is above the limit [N.m]; nan where none is known."""
+        if np.isnan(self.expected).any():
+            return float("nan")
+        return float((self.expected > limit).mean())
+
+
+class Built(NamedTuple):
+    """Machines like those of a plane: the co-simulated ripple of these over that of theory, of shape
+    (rows, columns), and what each part's nominal value is multiplied with, of shape (samples,).
+    """
+
+    plane: Plane
+    ratio: Real
+    factors: Mapping[str, Real]
+
+    @classmethod
+    def within(
+        cls, plane: Plane, ratio: Real, tolerances: Mapping[str, float], samples: int
+    ) -> Built:
+        """As many as scrambled Sobol points, a power of 2; a tolerance of 0.05 spreads a part's
+        parameter evenly over 0.95 .. 1.05 times its value.
+        """
+        columns = qmc.Sobol(len(tolerances), rng=SEED).random(samples).T
+        spread = zip(tolerances.items(), columns)
+        factors = {name: 1.0 + share * (2.0 * x - 1.0) for (name, share), x in spread}
+        return cls(plane, ratio, factors)
+
+    def at(self, row: int, x: Any, number: Any) -> OperatingPoint:
+        """One of the machines at a point and its mean speed, or several at an array of x."""
+        machine, nu = self.plane.at(x, float(self.plane.y.along.values[row]))
+        parts = {FIELDS[name]: factor[number] for name, factor in self.factors.items()}
+        changed: dict[str, Any] = {name: getattr(machine, name) * x for name, x in parts.items()}
+        return OperatingPoint(replace(machine, **changed), nu)
+
+    def sample(self, row: int, x: Real) -> Sample:
+        """All machines of a row, each at its worst x."""
+        machines, nu, _ = self.at(row, x, (slice(None), None))
+        ratio = np.interp(x, self.plane.x.along.values, self.ratio[row])
+        expected = np.atleast_2d(np.abs(machines.torque_ripple(nu)) * ratio)
+        position = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
+        position[self.plane.y.name] = float(self.plane.y.along.values[row])
+        return Sample(position, row, x[expected.argmax(axis=1)], expected.max(axis=1))
+
+    def check(
+        self, samples: Sequence[Sample], runs: int, limit: float, runner: OrbitRunner
+    ) -> list[dict[str, Any]]:
+        """Co-simulate the first machines of each sample."""
+        points = [self.at(one.row, float(one.x[k]), k) for one in samples for k in range(runs)]
+        orbits = runner.orbits(points, "check of the probability")
+        groups = [(sample, list(islice(orbits, runs))) for sample in samples]
+        steady = [group for group in groups if any(not orbit.problem for orbit in group[1])]
+        return [judged(sample, group, limit) for sample, group in steady]
+
+
+def coupling_error(
+    plane: Plane,
+    runner: OrbitRunner,
+    quantity: Callable[[Orbit], float] = torque_amplitude,
+    order: float | None = None,
+) -> float:
+    """Return the largest relative coupling error of a quantity of orbits, by runs with longer steps.
+
+    The runs are spread over the plane, GRID by GRID. The error vanishes with the order of the
+    algorithm, unless another one is given.
+
+    Raises
+    ------
+    SetupError
+        If none of these orbits is steady with all step multiples.
+    """
+    x, y = (
+        sorted({round(k) for k in np.linspace(0, len(axis.along.values) - 1, GRID).tolist()})
+        for axis in (plane.x, plane.y)
+    )
+    every, width = plane.points(), len(plane.x.along.values)
+    points = [
+        every[n * width + k]._replace(step_multiple=multiple)
+        for n in y
+        for k in x
+        for multiple in STEP_MULTIPLES
+    ]
+    values = [quantity(orbit) for orbit in runner.orbits(points, "coupling error")]
+    runs = np.array(values).reshape(-1, len(STEP_MULTIPLES))
+    runs = runs[np.isfinite(runs).all(axis=1)]
+    if not len(runs):
+        raise SetupError(
+            "no orbit is steady with a quarter of the steps per revolution: take more steps"
+        )
+    order = order or CONVERGENCE_ORDERS[runner.algorithm]
+    return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
+
+
+def on_edge(probabilities: Any, count: int) -> list[int]:
+    """Numbers of places where the outcome is open, spread over them all."""
+    open_ = np.flatnonzero((probabilities > OPEN[0]) & (probabilities < OPEN[1]))
+    chosen = np.linspace(0, len(open_) - 1, min(count, len(open_))).round().astype(int)
+    return sorted({int(open_[k]) for k in chosen})
+
+
+def judged(sample: Sample, orbits: Sequence[Orbit], limit: float) -> dict[str, Any]:
+    """What co-simulation makes of the first machines of a sample; those without an orbit are left out.
+
+    By brute force the probability lies in the interval with CONFIDENCE.
+    """
+    steady = np.array([not orbit.problem for orbit in orbits])
+    expected = sample.expected[: len(orbits)][steady]
+    ripples = np.abs([orbit.torque for orbit in orbits])[steady]
+    hits, total = int((ripples > limit).sum()), len(ripples)
+    deviation = ripples / expected - 1.0
+    return {
+        "place": sample.position,
+        "probability": sample.probability(limit),
+        "brute_force": hits / total,
+        "interval": interval(hits, total),
+        "samples": total,
+        "judged_above": int(((ripples > limit) & (expected <= limit)).sum()),
+        "judged_below": int(((ripples <= limit) & (expected > limit)).sum()),
+        "not_steady": len(orbits) - total,
+        "off_rms": float(np.sqrt(np.mean(deviation**2))),
+        "off_max": float(np.abs(deviation).max()),
+    }
+
+
+def interval(hits: int, samples: int) -> tuple[float, float]:
+    """Of a share that was counted, with CONFIDENCE, by Wilson."""
+    bounds = binomtest(hits, samples).proportion_ci(CONFIDENCE, "wilson")
+    return float(bounds.low), float(bounds.high)
+
+
+def part(fmus: Mapping[str, Path], name: str) -> Parameter:
+    """A parameter as its FMU has it; raises SetupError for names not in FIELDS."""
+    if name not in FIELDS:
+        raise SetupError(f"{name!r} is not a parameter of the drive, only {', '.join(FIELDS)}")
+    return parameters(conveyor_drive(fmus, {}))[name]
+
+
+def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
+    """Read NAME=FROM:TO:NUMBER[:log], at least so many values; raises SetupError."""
+    name, _, numbers = text.partition("=")
+    if name == SPEED and option != "x":
+        raise SetupError(f"--{option} {text}: the speed belongs on x")
+    label, unit = "Operating speed", "rad/s"
+    if name != SPEED:
+        _, unit, meaning = part(fmus, name)
+        label = f"{meaning}\n{name}"
+    log = numbers.endswith(":log")
+    form = "NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
+    low, high, number = read(option, text, numbers.removesuffix(":log"), form, float, float, int)
+    for value in (low, high):
+        if not 0.0 < value < math.inf:
+            raise SetupError(
+                f"--{option} {name} = {value!r} {unit} must be a finite number above 0"
+            )
+    if high <= low:
+        raise SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
+    at_least(f"--{option} number of values of {name}", number, least)
+    values = np.geomspace(low, high, number) if log else np.linspace(low, high, number)
+    return Axis(name, Direction(label, unit, values, log))
+
+
+def shares(
+    fmus: Mapping[str, Path], option: str, texts: Sequence[str], default: Mapping[str, float]
+) -> dict[str, float]:
+    """Read NAME=PERCENT, several, over the defaults, as shares of 1; raises SetupError."""
+    ripples = dict(default)
+    for text in texts:
+        name, _, percent = text.partition("=")
+        part(fmus, name)
+        (value,) = read(option, text, percent, "NAME=PERCENT", float)
+        if not 0.0 <= value < 100.0:
+            raise SetupError(f"--{option} {name} = {value!r} % must be at least 0 and below 100")
+        ripples[name] = value / 100.0
+    return ripples
+
+
+def span(option: str, text: str, within: Direction) -> tuple[float, float]:
+    """Read FROM:TO inside an axis; raises SetupError."""
+    low, high = read(option, text, text, "FROM:TO", float, float)
+    first, last = within.values[[0, -1]]
+    if not first <= low < high <= last:
+        raise SetupError(
+            f"--{option} {low:g}:{high:g} {within.unit} must rise and lie inside the map, "
+            f"{first:g} .. {last:g} {within.unit}"
+        )
+    return low, high
+
+
+def read(option: str, text: str, numbers: str, form: str, *kinds: type) -> list[Any]:
+    """Numbers between colons; raises SetupError for others than these kinds of them."""
+    try:
+        return [kind(number) for kind, number in zip(kinds, numbers.split(":"), strict=True)]
+    except ValueError:
+        raise SetupError(f"--{option} {text!r} must read {form}") from None

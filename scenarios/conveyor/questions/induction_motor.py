@@ -1,0 +1,389 @@
+"""Where does an induction motor put the resonance, given its data sheet, its slip and its load?
+
+The lag of (2) is that of the rotor flux, T = 1 / (2 pi f s_b), and its slope is that of Kloss's
+characteristic at the working point. The speed of the 90 degree lag with the full characteristic is
+compared with that of a linear motor of this slope, over the load and over the breakdown slip.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+import workbench
+from cosim import SetupError
+from cosim.system import Value
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import LIFT, THEORY
+from workbench.figure import SHARE_DIGITS, concise
+
+from .. import motion
+from ..features import LAG, FeatureNotFoundError, ResponseLine, locate
+from ..first_order import SETS, Machine, flux_lag
+from ..machine import KLOSS, conveyor_drive, followed, linearised
+from ..machine import PARTS as DRIVE
+from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
+from ..rows import OVERDAMPED, rows_of
+
+PARTS = DRIVE
+PARALLEL = True
+DECISIVE = ("nu_kloss",)
+FIXED_STARTS = (
+    "motor.characteristic",
+    "motor.A",
+    "motor.B",
+    "motor.tau",
+    "conveyor.phi",
+    "conveyor.w",
+)
+TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
+RANGE, GUIDE_SPEEDS = (0.6, 1.4), 5
+MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("full characteristic", "gold")}
+COLUMNS = {
+    "resistance": "N.s/m", "breakdown_slip": "1", "load": "N.m", "slip": "1", "slope": "N.m.s/rad",
+    "lag": "s", "zeta": "1", "nu_res": "rad/s", "nu_flux": "rad/s", "nu_linear": "rad/s",
+    "nu_linear_error": "rad/s", "nu_kloss": "rad/s", "nu_kloss_error": "rad/s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(workbench.Options):
+    frequency: float = option(
+        50.0, "supply frequency that gives motor.kloss.w_s without load", "Hz", above=0.0
+    )
+    resistances: tuple[float, ...] = option(
+        "4000:40000:5", "resistances of the trough", "N.s/m", above=0.0
+    )
+    slips: tuple[float, ...] = option(
+        "0.08,0.1,0.13,0.16,0.22,0.35", "breakdown slips", "1", above=0.0
+    )
+    steps_per_rev: int = option(512, "communication steps per revolution", least=1)
+    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
+
+
+class Motor(NamedTuple):
+    """A motor with its conveyor: start values that choose Kloss, the machine with the motor's lag, and
+    how it is run.
+    """
+
+    fmus: Mapping[str, Path]
+    start: Mapping[str, Value]
+    machine: Machine
+    algorithm: str
+    steps_per_rev: int
+
+    @property
+    def tau_b(self) -> float:
+        """The breakdown torque [N.m]."""
+        return float(self.start["motor.kloss.tau_b"])
+
+    @property
+    def breakdown(self) -> float:
+        """The slip speed there [rad/s]."""
+        return float(self.start["motor.kloss.s_b"]) * float(self.start["motor.kloss.w_s"])
+
+    @property
+    def stiff(self) -> Machine:
+        """The machine with the slope without slip."""
+        return replace(self.machine, B=2 * self.tau_b / self.breakdown)
+
+    @property
+    def line(self) -> ResponseLine:
+        """The machine with the slope at its slip, over speeds around the resonance without slip."""
+        first, last = (share * float(self.stiff.nu_res) for share in RANGE)
+        return ResponseLine(lambda nu: (linearised(self.machine, self.start, nu), nu), first, last)
+
+    def slip(self, nu: Any) -> Any:
+        """The slip at the load of nu [rad/s], in shares of the breakdown slip."""
+        load = self.machine.load_slope * nu / self.tau_b
+        return load / (1 + np.sqrt(1 - load**2))
+
+    @property
+    def nu_res(self) -> float:
+        """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
+        try:
+            return self.line.expected(LAG).x
+        except FeatureNotFoundError as reason:
+            where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
+            raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {reason}") from None
+
+    @property
+    def tangent(self) -> Machine:
+        """The machine with the slope at that speed."""
+        return linearised(self.machine, self.start, self.nu_res)
+
+    def flux(self) -> float:
+        """The speed of 90 degrees lag with the rotor's flux in the place of (2) [rad/s]; nan for none."""
+        m, stiff = self.machine, self.stiff.B
+
+        def behind(nu: float) -> float:
+            through = flux_lag(m, self.slip(nu), stiff, nu)
+            return float((1 + (2j * nu * m.theta0 + m.load_slope) / through).real)
+
+        first, last = self.line.first, self.line.last
+        return brentq(behind, first, last) if behind(first) > 0 > behind(last) else math.nan
+
+    def runner(self, kloss: bool) -> OrbitRunner:
+        """How it is run, or the linear motor of the machine in its place."""
+        start = {x: y for x, y in self.start.items() if kloss or not x.startswith("motor.")}
+        return OrbitRunner(Context(self.fmus), start, self.algorithm, self.steps_per_rev)
+
+
+LagSpeeds = tuple[Figure, Figure]
+
+
+def located(motor: Motor) -> LagSpeeds:
+    """The speeds of 90 degrees lag with Kloss's characteristic, and with a line of the slope at the
+    speed where formula (22) holds.
+    """
+    tangent = motor.tangent
+    lines = {True: motor.line, False: replace(motor.line, at=lambda nu: (tangent, nu))}
+    speeds = []
+    for kloss, line in lines.items():
+        runner, nus = motor.runner(kloss), np.linspace(line.first, line.last, GUIDE_SPEEDS).tolist()
+        for nu in (line.first, line.last):
+            runner.check(*line.at(nu), STEP_MULTIPLES[-1])
+        guides = list(zip(nus, runner.orbits([line.point(nu) for nu in nus], "orbits")))
+        steady = [(nu, point) for nu, point in guides if not point.problem]
+        ((figure, _),) = locate([(line, LAG, steady)], STEP_MULTIPLES, "rad/s", runner)
+        speeds.append(figure)
+    return speeds[0], speeds[1]
+
+
+class MotorData(NamedTuple):
+    """The motor of the data sheet, how many rows follow it over the load before those over the
+    breakdown slip, and rows over the speed.
+    """
+
+    motor: Motor
+    loads: int
+    rows: Any
+    speeds: Any
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """All motors, each a task, and the one of the data sheet over the speed."""
+    start = {**KLOSS, **o.start, "motor.characteristic": 1}
+
+    def motor(changed: Mapping[str, Value]) -> Motor:
+        start_ = {**start, **changed}
+        lag = 1 / (2 * math.pi * o.frequency * float(start_["motor.kloss.s_b"]))
+        machine = replace(SETS["B"], T=lag).follow(start_)
+        return Motor(context.fmus, start_, machine, o.algorithm, o.steps_per_rev)
+
+    followed(context.fmus, SETS["B"], start)
+    sheet = motor({})
+    loads = [motor({"conveyor.trough.d": d}) for d in o.resistances]
+    slips = [motor({"motor.kloss.s_b": s}) for s in o.slips]
+    each = [sheet, *loads, *slips]
+    lag_speeds = list(context.each(located, each, "motors"))
+    table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds)], COLUMNS)
+    speeds = swept(sheet)
+    heavy = max(zip(each, lag_speeds), key=lambda it: it[0].machine.d)
+    small = min(zip(each, lag_speeds), key=lambda it: it[0].breakdown)
+    return Findings(
+        sheet_figures(sheet, *lag_speeds[0]) | extremes(heavy, small),
+        MotorData(sheet, len(loads), table.frame, speeds.frame),
+        conveyor_drive(context.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
+        communication=f"{o.steps_per_rev} steps per revolution",
+        algorithm=o.algorithm,
+        tables={TABLE: table, SWEEP: speeds},
+    )
+
+
+def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
+    """A motor in the table."""
+    nu, machine = motor.nu_res, motor.tangent
+    errors = [math.nan if x.error is None else x.error for x in (line, kloss)]
+    return [
+        machine.d, float(motor.start["motor.kloss.s_b"]), machine.load_slope * nu, motor.slip(nu),
+        machine.B, machine.T, machine.zeta, nu, motor.flux(),
+        line.value, errors[0], kloss.value, errors[1],
+    ]  # fmt: skip
+
+
+def swept(motor: Motor) -> Table:
+    """Ripple and lag over the speed, with the characteristic and with the line of its slope."""
+    tangent = motor.tangent
+    nus = np.linspace(motor.line.first, motor.line.last, 2 * GUIDE_SPEEDS + 1).tolist()
+    units, rows = {"nu": "rad/s"}, [[nu] for nu in nus]
+    for name, kloss in (("kloss", True), ("linear", False)):
+        runner = motor.runner(kloss)
+        machines = [(motor.line.at(nu)[0] if kloss else tangent, nu) for nu in nus]
+        for cells, row in zip(rows, rows_of(machines, runner, STEP_MULTIPLES)):
+            cells += [row[column] for column in ("tau2", "tau2_error", "lag", "lag_error")]
+        units |= {f"tau2_{name}{x}": "N.m" for x in ("", "_error")}
+        units |= {f"lag_{name}{x}": "deg" for x in ("", "_error")}
+    return Table.of_rows(rows, units)
+
+
+def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
+    """The figures of the motor of the data sheet."""
+    nu, machine = motor.nu_res, motor.tangent
+    shift = Figure.undetermined(
+        "%", kloss.reason or line.reason, "shift due to the curvature of the characteristic"
+    )
+    if kloss.error is not None and line.error is not None:
+        ratio = kloss.value / line.value
+        error = 100 * ratio * (kloss.error / kloss.value + line.error / line.value)
+        shift = Figure(100 * (ratio - 1), "%", error, shift.meaning)
+    return {
+        "motor_lag": Figure(machine.T, "s", 0.0, "lag T of (2)"),
+        "slope": Figure(machine.B, "N.m.s/rad", 0.0, "slope B at the slip of the resonance"),
+        "slip": Figure(
+            100 * motor.slip(nu), "%", 0.0, "slip there, as a share of the breakdown slip"
+        ),
+        "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
+        "nu_res": Figure(nu, "rad/s", 0.0, "resonance by formula (22) with this slope"),
+        "nu_flux": fluxed(motor, "first order"),
+        "nu_linear": line._replace(meaning="speed of 90 deg lag, linear motor of this slope"),
+        "nu_kloss": kloss._replace(meaning="speed of 90 deg lag, full characteristic"),
+        "shift": shift,
+    }
+
+
+def extremes(heavy: tuple[Motor, LagSpeeds], small: tuple[Motor, LagSpeeds]) -> dict[str, Figure]:
+    """The figures of the motors with the most load and with the least breakdown slip."""
+    (loaded, (full, _)), (stiff, (sharp, _)) = heavy, small
+    most, least = loaded.machine.d, float(stiff.start["motor.kloss.s_b"])
+    condition = f"with {most:g} N.s/m"
+    return {
+        "most_resistance": Figure(most, "N.s/m", 0.0, "largest resistance of the trough"),
+        "heavy_res": Figure(loaded.nu_res, "rad/s", 0.0, f"resonance by formula (22), {condition}"),
+        "heavy_flux": fluxed(loaded, condition),
+        "heavy_kloss": full._replace(
+            meaning=f"speed of 90 deg lag, full characteristic, {condition}"
+        ),
+        "least_slip": Figure(least, "1", 0.0, "smallest breakdown slip"),
+        "small_kloss": sharp._replace(
+            meaning="speed of 90 deg lag, full characteristic, with that slip"
+        ),
+    }
+
+
+def fluxed(motor: Motor, where: str) -> Figure:
+    """The speed of 90 degrees lag with the rotor's flux in the place of (2)."""
+    nu, meaning = motor.flux(), f"speed of 90 deg lag, rotor flux instead of (2), {where}"
+    if math.isnan(nu):
+        return Figure.undetermined("rad/s", "no speed near (22) has it", meaning)
+    return Figure(nu, "rad/s", 0.0, meaning)
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: MotorData) -> str:
+    """Where the resonance is, how far the data sheet's formula is off, and what moves it."""
+    text = {name: figure.brief() for name, figure in f.items()}
+    name = "resonance" if f["zeta"].value <= OVERDAMPED else "90 degree lag"
+    lines = []
+    if f["nu_kloss"].error is None:
+        lines.append(
+            f"The {name} with the full characteristic is not determined: {f['nu_kloss'].reason}."
+        )
+    else:
+        lines.append(
+            f"The {name} is at {text['nu_kloss']} with the full characteristic. The resonance formula (22) with "
+            f"the motor lag of {text['motor_lag']} and the slope of {text['slope']} at the slip there puts it at "
+            f"{text['nu_res']}, {deviation_text(f['nu_res'], f['nu_kloss'])}."
+        )
+    if name != "resonance":
+        lines.append(
+            f"That is no resonance: by formula the damping ratio is {text['zeta']}, and above {OVERDAMPED:.4f} "
+            f"the ratio of torque to load has no peak over the speed."
+        )
+    if f["shift"].error is not None:
+        lines.append(
+            f"A linear motor of this slope has it at {text['nu_linear']}: the curvature of the characteristic "
+            f"moves it by {text['shift']}."
+        )
+    if f["heavy_kloss"].error is not None:
+        lines.append(
+            f"With a trough resistance of {text['most_resistance']} it is at {text['heavy_kloss']}; formula (22) is "
+            f"{deviation_text(f['heavy_res'], f['heavy_kloss'])}{rotor_flux(f['heavy_flux'], f['heavy_kloss'])}."
+        )
+    if f["small_kloss"].error is not None:
+        lines.append(
+            f"With a breakdown slip of {text['least_slip']} it is at {text['small_kloss']}."
+        )
+    reasons = {f[x].reason: 0 for x in ("heavy_kloss", "small_kloss") if f[x].error is None}
+    lines += [
+        f"That of another load or breakdown slip is not determined: {reason}." for reason in reasons
+    ]
+    return "\n".join(lines)
+
+
+def rotor_flux(theory: Figure, truth: Figure) -> str:
+    """How far the theory with the flux of the rotor as a state is off, in words."""
+    if theory.error is None:
+        return ""
+    return f", and theory with the flux of the rotor as a state is {deviation_text(theory, truth)}"
+
+
+def deviation_text(theory: Figure, truth: Figure) -> str:
+    """How far a value is from another, in words, "0.7 % too high"."""
+    share = theory.value / truth.value - 1.0
+    error = (truth.error or 0.0) / truth.value
+    if abs(share) <= error:
+        return "right within the error"
+    size = concise(Figure(100.0 * abs(share), "%", 100.0 * error), SHARE_DIGITS)
+    return f"{size} too {'high' if share > 0.0 else 'low'}"
+
+
+def show(o: Options, f: Mapping[str, Figure], r: MotorData) -> Show:
+    """What load and breakdown slip do, ripple and lag over the speed, a revolution at the resonance."""
+    loads, slips = np.split(np.arange(1, len(r.rows)), [r.loads])
+    charts = [
+        dependence("load", "load", "mean load torque at the resonance [N.m]", r.rows.iloc[loads]),
+        dependence("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
+        over_speed(f, r),
+    ]
+    case = r.motor.runner(True).task(r.motor.tangent, r.motor.nu_res)
+    return Show(charts, *motion.revolution(case))
+
+
+def dependence(column: str, name: str, x: str, rows: Any) -> Chart:
+    """The place of the resonance and its damping over what moves them."""
+    rows = rows.sort_values(column)
+    at = rows[column]
+    lag_curves = [
+        Curve("formula (22), slope at the slip", at, rows["nu_res"], THEORY, "theory"),
+        Curve("rotor flux instead of (2)", at, rows["nu_flux"], "black", "theory"),
+    ]
+    for key, (label, color) in MOTORS.items():
+        nu = rows[f"nu_{key}"]
+        lag_curves.append(Curve(label, at, nu, color, "points", rows[f"nu_{key}_error"]))
+    damping = [Curve("formula", at, rows["zeta"], LIFT, "linked")]
+    first, last = (float(rows["nu_kloss"].iloc[k]) for k in (0, -1))
+    title = f"The 90 degree lag over the {name}"
+    if math.isfinite(first) and math.isfinite(last) and first != last:
+        title = f"From the smallest {name} to the largest, the 90 degree lag moves from {first:.4g} to {last:.4g} rad/s"
+    return Chart(
+        title,
+        x,
+        [
+            Panel("speed of 90 deg lag", "rad/s", lag_curves),
+            Panel("damping ratio", "1", damping, includes=(0.0,)),
+        ],
+    )
+
+
+def over_speed(f: Mapping[str, Figure], r: MotorData) -> Chart:
+    """Ripple and lag of both motors, and first-order theory."""
+    nu, tangent = np.linspace(r.motor.line.first, r.motor.line.last, 300), r.motor.tangent
+    torque = tangent.torque_ripple(nu)
+    lag = np.angle(tangent.load_ripple(nu) / torque, deg=True) % 360.0
+    panels = []
+    for name, quantity, unit, theory in (
+        ("tau2", "torque ripple", "N.m", abs(torque)),
+        ("lag", "lag behind the load", "deg", lag),
+    ):
+        curves = [Curve("first-order theory", nu, theory, THEORY, "theory")]
+        for motor, (label, color) in MOTORS.items():
+            y, error = (r.speeds[f"{name}_{motor}{x}"] for x in ("", "_error"))
+            curves.append(Curve(label, r.speeds["nu"], y, color, "points", error))
+        panels.append(Panel(quantity, unit, curves, [Mark(90.0, "90 deg")] * (name == "lag")))
+    marks = [Mark.of(MOTORS[x][0], f[f"nu_{x}"]) for x in MOTORS if f[f"nu_{x}"].error is not None]
+    title = "The full characteristic and a linear motor of its slope"
+    return Chart(title, "operating speed [rad/s]", panels, marks)

@@ -1,0 +1,405 @@
+"""How does the ripple change the mean values, how much more must the motor give, and where does it go?
+
+Mean speed and torque of steady orbits are compared with (18), (19) and (24), which neglect the ripple,
+and with second-order theory. The power of the supply is followed into trough and motor. The drift of
+the mean speed after a change of the supply is compared with (16), over starts at evenly spaced crank
+angles.
+"""
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+import cosim
+from cosim import System
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
+from workbench.measure import Measured, Samples, largest, measured, smallest
+from workbench.periodic import TURN, NoOrbitError, Revolutions
+
+from .. import motion
+from ..features import converged
+from ..first_order import Machine
+from ..machine import PARTS as DRIVE
+from ..machine import WIRES, conveyor_drive
+from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
+from ..orbits import EDGE_ROWS, OrbitRunner, OrbitTask, run_to_orbit
+from ..rows import SPEEDS
+from ..second_order import Means, drift, means, settling
+
+PARTS = DRIVE
+PARALLEL = True
+FIXED_STARTS = LINEAR_MOTOR_STARTS
+DECISIVE = ("torque", "supply_more")
+TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
+RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
+MEANT = {
+    "speed": ("rad/s", "mean speed over time"),
+    "angle": ("rad/s", "mean speed over the crank angle"),
+    "torque": ("N.m", "mean torque"),
+    "supply": ("W", "power from the supply"),
+    "trough": ("W", "power into the resistance of the trough"),
+    "motor": ("W", "power into heat in the motor"),
+}
+DRIFT = ("overshoot", "off_16", "off_whole")
+STARTS, SLOWER, LASTS = 8, 0.05, 3.0
+#: Length of the drift over the time at which its overshoot is largest; a convention, so that it lies inside.
+PAST_OVERSHOOT = 1.1
+#: Overshoot, as a share of the step, that is too small to make the drift longer; below all stated errors.
+NO_OVERSHOOT = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(SweepOptions):
+    speed: float | None = option(
+        None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
+    )
+
+
+class MeanData(NamedTuple):
+    """The machine and how it is run, the operating speed [rad/s], rows of both tables."""
+
+    machine: Machine
+    runner: OrbitRunner
+    operating: float
+    rows: Any
+    step_response: Any
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError."""
+    machine, runner = linear_runner(o, context)
+    nus, operating = o.speeds or speeds_of(SPEEDS[o.set]), o.speed or float(machine.nu_res)
+    for nu in nus:
+        runner.check(machine, nu)
+    multiples = runner.step_multiples(machine, nus[0])
+    runner.check(machine, operating, multiples[-1])
+    wanted = sorted({*nus, operating})
+    cases = [runner.task(machine, nu, k) for nu in wanted for k in multiples]
+    orbits = context.each(balance, cases, "orbits")
+    rows = {nu: mean_figures(list(islice(orbits, len(multiples))), o.algorithm) for nu in wanted}
+    units = {"nu": "rad/s"}
+    for name, (unit, _) in MEANT.items():
+        units |= {name: unit, f"{name}_error": unit, f"{name}_theory": unit, f"{name}_plain": unit}
+    table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
+    step_response, figures = drifts(machine, runner, multiples, operating)
+    torque = rows[operating]["torque"]
+    for name in DRIFT:
+        if torque.error is None:  # nothing that the mean speed could settle at
+            figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
+    return Findings(
+        compared(machine, operating, rows[operating]) | figures,
+        MeanData(machine, runner, operating, table.frame, step_response.frame),
+        conveyor_drive(context.fmus, {**machine.start(operating), **o.start}),
+        communication=f"{o.steps_per_rev} steps per revolution",
+        algorithm=o.algorithm,
+        tables={TABLE: table, STEP_TABLE: step_response},
+        facts={"operating_speed": operating},
+        defaults={"speed": operating, "speeds": nus},
+    )
+
+
+def balance(task: OrbitTask) -> dict[str, Measured] | str:
+    """The means of a steady orbit by name, with what rows and settling leave open, or why none is."""
+    try:
+        turns = run_to_orbit(task, RECORD)
+    except NoOrbitError as problem:
+        return str(problem)
+    now, before = (revolution(turns, task.start, back) for back in (0, 1))
+    left = {name: turns.settling_error(abs(now[name].value - before[name].value)) for name in now}
+    return {name: Measured(x, error + left[name]) for name, (x, error) in now.items()}
+
+
+def revolution(turns: Revolutions, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
+    """The means of the last revolution, or of one so many before it."""
+    second_order, r = turns.window(back), turns.result
+    rows = slice(max(0, second_order.start - EDGE_ROWS), second_order.stop + EDGE_ROWS)
+    t, tau, phi, w, loss = (r[name][rows] for name in ("time", *RECORD))
+    B, times = float(start["motor.B"]), turns.times[[-2 - back, -1 - back]]
+
+    def over(x: Samples, ends: Any, y: Samples) -> Measured:
+        return measured(lambda x, y: CubicSpline(x, y).integrate(*ends) / np.ptp(ends), x, y)
+
+    torque = over(t, times, tau)
+    field = float(start["motor.A"]) / B
+    return {
+        "speed": Measured(TURN / turns.period(back), 2e-9 * TURN / turns.period(back)),
+        "angle": over(phi, turns.ends[[-2 - back, -1 - back]], w),
+        "torque": torque,
+        "supply": Measured(field * torque.value, field * torque.error),
+        "trough": over(t, times, loss),
+        "motor": over(t, times, tau**2 / B),
+    }
+
+
+def mean_figures(runs: Sequence[dict[str, Measured] | str], algorithm: str) -> dict[str, Figure]:
+    """The figures of orbits of one speed with N, N/2, N/4 steps."""
+    return {
+        name: converged(
+            [x if isinstance(x, str) else x[name] for x in runs],
+            cosim.CONVERGENCE_ORDERS[algorithm],
+            *meant,
+        )
+        for name, meant in MEANT.items()
+    }
+
+
+def row(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> list[float]:
+    """What the table tells of a speed: each mean with its error, with ripple and without by theory."""
+    theory, plain = means(machine, nu), means(machine, nu, False)
+    cells = [nu]
+    for name, figure in figures.items():
+        error = math.nan if figure.error is None else figure.error
+        cells += [figure.value, error, getattr(theory, name), getattr(plain, name)]
+    return cells
+
+
+def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    """The means at the operating speed, and how far they are from those without ripple."""
+    plain: Means = means(machine, nu, False)
+    all_figures = {name: figures[name] for name in ("speed", "angle", "torque")}
+    all_figures["torque_plain"] = Figure(plain.torque, "N.m", 0.0, "mean torque by formula (24)")
+    torque = figures["torque"]
+    above = "mean torque above that"
+    all_figures["more"] = (
+        excess(torque, plain.torque, above, 100 / plain.torque, "%")
+        if plain.torque
+        else Figure.undetermined("%", "without resistance that torque is 0", above)
+    )
+    for name in ("supply", "motor", "trough"):
+        what = f"{MEANT[name][1]}, above that without ripple"
+        all_figures[f"{name}_more"] = excess(figures[name], getattr(plain, name), what)
+    parts = [figures[name] for name in ("supply", "motor", "trough")]
+    errors = [figure.error for figure in parts if figure.error is not None]
+    gap = "power not accounted for"
+    all_figures["missing"] = (
+        Figure(parts[0].value - parts[1].value - parts[2].value, "W", sum(errors), gap)
+        if len(errors) == len(parts)
+        else Figure.undetermined("W", torque.reason, gap)
+    )
+    return all_figures
+
+
+def excess(
+    figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: str = ""
+) -> Figure:
+    """How far a figure is above a value, perhaps in another unit."""
+    unit = unit or figure.unit
+    if figure.error is None:
+        return Figure.undetermined(unit, figure.reason, meaning)
+    return Figure(scale * (figure.value - plain), unit, scale * figure.error, meaning)
+
+
+def drifts(
+    machine: Machine, runner: OrbitRunner, multiples: Sequence[int], nu: float
+) -> tuple[Table, dict[str, Figure]]:
+    """How the mean speed comes to nu from the orbit of a speed SLOWER, and what it makes of (16).
+
+    The mean is that of STARTS at crank angles evenly spaced over a turn, which leaves out the ripple;
+    how far it is from others is told in % of the way.
+    """
+    slow = (1.0 - SLOWER) * nu
+    W, M, step_size = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
+    stop = drift_time(machine)
+    longest = multiples[-1] * TURN / (nu * runner.steps_per_rev)
+    count = multiples[-1] * math.ceil(stop / longest)
+    h = stop / count
+    systems = []
+    for phi in TURN / STARTS * np.arange(STARTS):
+        turned = cmath.exp(2j * phi)
+        state = {
+            "conveyor.phi": phi,
+            "conveyor.w": slow + (W * turned).imag,
+            "motor.tau": machine.load_slope * slow + (M * turned).imag,
+        }
+        start = {**machine.start(nu), **runner.start, **state}
+        systems.append(System(runner.context.fmus, WIRES, start))
+    tasks = [(system, k * h, count // k) for k in multiples for system in systems]
+    runs = runner.context.each(partial(speeds, runner.algorithm), tasks, "drift")
+    deviations: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
+    for k in multiples:
+        each = list(islice(runs, STARTS))
+        t = np.linspace(0.0, count * h, count // k + 1)
+        mean = np.mean(each, axis=0)
+        plain, second_order = (nu - step_size * left for left in drift(machine, t))
+        for name, x in zip(deviations, (nu, plain, second_order)):
+            share = (mean - x) / step_size
+            above, below = largest(t, share), smallest(t, share)
+            top = max(above, below, key=lambda it: abs(it.value))
+            if name == "overshoot":  # none where the mean speed stays below that of the new supply
+                top = above._replace(value=max(above.value, 0.0))
+            deviations[name].append(Measured(100 * abs(top.value), 100 * top.error))
+        if k == 1:
+            cells = np.stack([t, mean, plain, second_order, each[0]], axis=1)
+    meant = {
+        "overshoot": "overshoot of the mean speed after a step of the supply",
+        "off_16": "largest deviation of formula (16) from the mean speed in that step",
+        "off_whole": "the same with the term that (16) neglects",
+    }
+    order = cosim.CONVERGENCE_ORDERS[runner.algorithm]
+    all_figures = {
+        name: converged(runs, order, "%", meant[name]) for name, runs in deviations.items()
+    }
+    all_figures["settling_16"] = Figure(
+        machine.J / machine.slope, "s", 0.0, "time constant of settling by formula (16)"
+    )
+    all_figures["settling"] = Figure(
+        float(-1 / settling(machine).real.max()),
+        "s",
+        0.0,
+        "the same with the term that (16) neglects",
+    )
+    units = dict.fromkeys(("time", "mean", "mean_16", "mean_whole", "w"), "rad/s") | {"time": "s"}
+    return Table.of_rows(cells.tolist(), units), all_figures
+
+
+def drift_time(machine: Machine) -> float:
+    """How long the drift of the mean speed is followed [s]: until it has settled and overshot.
+
+    A damped oscillation exp(-a t) cos(b t) overshoots most at t = pi / b, by exp(-pi a / b).
+    """
+    rate = settling(machine)[0]
+    damping, frequency = -float(rate.real), abs(float(rate.imag))
+    decayed = LASTS * 2 * machine.theta0 * machine.T / machine.J
+    if frequency == 0.0 or math.exp(-math.pi * damping / frequency) < NO_OVERSHOOT:
+        return decayed
+    return max(decayed, PAST_OVERSHOOT * math.pi / frequency)
+
+
+def speeds(algorithm: str, task: tuple[System, float, int]) -> Samples:
+    """The crank speed after every step of a run."""
+    system, h, count = task
+    run = cosim.run(system, stop=count * h, step=h, algorithm=algorithm, record=("conveyor.w",))
+    return run["conveyor.w"]
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: MeanData) -> str:
+    """What the ripple costs, where the power goes, and how accurate (16) is."""
+    text = {name: figure.brief() for name, figure in f.items()}
+    overshoot, plain = f["overshoot"], "without overshoot"
+    if overshoot.error is not None and overshoot.value > overshoot.error:
+        plain = f"with an overshoot of {text['overshoot']}"
+    elif overshoot.error is None:
+        plain = f"with an overshoot that is {text['overshoot']}"
+    torque = (
+        f"the {text['torque_plain']} of the mean-torque formula (24), which neglects the ripple"
+    )
+    torque = (
+        f"{changed(f['more'])} than {torque}" if f["torque_plain"].value else f"instead of {torque}"
+    )
+    return (
+        f"At {r.operating:g} rad/s the mean torque is {text['torque']}, {torque}. The mean speed is "
+        f"{text['speed']} over time and {text['angle']} over the crank angle.\n"
+        f"Compared with a drive without ripple, {'; '.join(clauses(f))}.\n"
+        f"After a step of the supply the mean speed settles {plain}. The settling formula (16), with a "
+        f"time constant of {text['settling_16']} and no overshoot, is off by up to {text['off_16']} of the "
+        f"step. With the term that it neglects, the largest deviation is {text['off_whole']}."
+    )
+
+
+def clauses(f: Mapping[str, Figure]) -> list[str]:
+    """What supply, motor and trough do with ripple and without, a clause each."""
+    supply, motor, trough = (f[f"{name}_more"] for name in ("supply", "motor", "trough"))
+    return [
+        f"the supply gives {changed(supply)}",
+        f"the motor turns {changed(motor)} into heat",
+        f"the trough takes {changed(trough)}",
+    ]
+
+
+def changed(figure: Figure) -> str:
+    """A difference in words: "2.5 W more", "2.5 W less", or no more than its error."""
+    if figure.error is None:
+        return figure.text()
+    if figure.value == figure.error == 0.0:
+        return "no more and no less"
+    if abs(figure.value) <= figure.error:
+        return f"at most {figure.error:.1g} {figure.unit} more or less"
+    word = "more" if figure.value > 0.0 else "less"
+    return f"{figure._replace(value=abs(figure.value)).brief()} {word}"
+
+
+def show(o: Options, f: Mapping[str, Figure], r: MeanData) -> Show:
+    """Means over the speed beside theory, the drift of the mean, one revolution."""
+    charts = [over_speed(f, r), step_response(f, r)]
+    return Show(charts, *motion.revolution(r.runner.task(r.machine, r.operating)))
+
+
+def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:
+    """Mean torque, mean speeds from the nominal one, powers above those without ripple."""
+    nu = np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
+    theory, plain = means(r.machine, nu), means(r.machine, nu, False)
+
+    def pair(label: str, name: str, color: str, less: Any = None) -> list[Curve]:
+        base = 0.0 if less is None else r.rows[less]
+        line = getattr(theory, name) - (
+            0.0 if less is None else nu if less == "nu" else getattr(plain, name)
+        )
+        points = r.rows[name] - base
+        return [
+            Curve(f"{label}, second-order theory", nu, line, color, "theory"),
+            Curve(
+                f"{label}, co-simulation",
+                r.rows["nu"],
+                points,
+                color,
+                "points",
+                r.rows[f"{name}_error"],
+            ),
+        ]
+
+    torque = pair("with ripple", "torque", TORQUE)
+    torque.insert(0, Curve("without ripple, formula (24)", nu, plain.torque, THEORY, "theory"))
+    speed = [
+        *pair("over time", "speed", SPEED, "nu"),
+        *pair("over the angle", "angle", "sky", "nu"),
+    ]
+    power = [
+        curve
+        for name, label, color in (
+            ("supply", "from the supply", POWER),
+            ("motor", "heat in the motor", TORQUE),
+            ("trough", "into the trough", "green"),
+        )
+        for curve in pair(label, name, color, f"{name}_plain")
+    ]
+    supply, motor, _ = clauses(f)
+    title = f"At {r.operating:g} rad/s, compared with a drive without ripple, {supply}; {motor}"
+    if f["supply_more"].error is None:
+        title = f"At {r.operating:g} rad/s the power is not determined: {f['supply_more'].reason}"
+    return Chart(
+        title,
+        "nominal mean speed [rad/s]",
+        [
+            Panel("mean torque", "N.m", torque, includes=(0.0,)),
+            Panel("mean speed above nominal", "rad/s", speed),
+            Panel("power above that without ripple", "W", power),
+        ],
+        [Mark(r.operating, f"operating speed {r.operating:g} rad/s")],
+        second=SecondUnit("rpm", 30 / math.pi),
+    )
+
+
+def step_response(f: Mapping[str, Figure], r: MeanData) -> Chart:
+    """The mean speed after a step of the supply, and what both equations make of it."""
+    t = 1e3 * r.step_response["time"]
+    curves = [
+        Curve("one of the starts", t, r.step_response["w"], "sky"),
+        Curve(f"mean of {STARTS} starts", t, r.step_response["mean"], SPEED),
+        Curve("settling formula (16)", t, r.step_response["mean_16"], TORQUE, "theory"),
+        Curve("with the term it neglects", t, r.step_response["mean_whole"], "black", "theory"),
+    ]
+    deviations, second_order = f["off_16"], f["off_whole"]
+    title = f"Mean speed after the supply is raised for {r.operating:g} rad/s"
+    if deviations.error is not None and second_order.error is not None:
+        title += f": the settling formula (16) is off by up to {deviations.brief()} of the step, "
+        title += f"with the term that it neglects by {second_order.brief()}"
+    level = Mark(r.operating, f"nominal {r.operating:g} rad/s")
+    return Chart(title, "time [ms]", [Panel("crank speed", "rad/s", curves, [level])])

@@ -1,0 +1,438 @@
+"""Which motors, flywheels and springs keep the operating range clear of resonance, and how reliably?
+
+Motor and conveyor are coupled at every point of a plane of two parameters until their orbit is
+steady. The map shows by how much the drive magnifies the load ripple of order 2. It shows the ridge
+where the torque ripple lags the load ripple by 90 degrees, next to formula (22), and the ridge where the
+torque ripple is largest. It also shows how likely the torque ripple is to exceed a limit when every part
+may be off within its tolerance.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim import SetupError
+from cosim.result import partial
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.answer import stream
+from workbench.charts import model as colors
+from workbench.charts.model import Direction, Field, Level, Span
+from workbench.options import check_fixed_starts
+
+from .. import motion
+from ..features import LAG, TORQUE_PEAK, locate
+from ..first_order import FIELDS, SETS
+from ..machine import PARTS as DRIVE
+from ..machine import conveyor_drive, followed
+from ..options import RippleOptions
+from ..orbits import STEP_MULTIPLES, OrbitRunner
+from ..parameter_plane import (
+    SPEED,
+    Built,
+    Plane,
+    Sample,
+    axis,
+    coupling_error,
+    interval,
+    on_edge,
+    shares,
+    span,
+)
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Real = NDArray[np.float64]
+PARTS = DRIVE
+PARALLEL = True
+X, Y = "speed=15:80:60", "motor.T=0.015:0.16:40:log"
+RANGE, FIXED = "45:60", 60.0
+TOLERANCES = {
+    "motor.T": 0.10,
+    "motor.B": 0.05,
+    "conveyor.rotor.J": 0.03,
+    "conveyor.spring.c": 0.05,
+    "conveyor.trough.m": 0.02,
+    "conveyor.trough.d": 0.20,
+}
+SURE, SPEEDS = 0.01, 61
+NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
+TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
+VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
+RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
+RIDGE_STYLES = (
+    ("formula", "formula (22)", "grey", "theory"),
+    ("lag_90", "90 deg lag", "sky", "points"),
+    ("peak", "largest torque ripple", "red", "points"),
+)
+RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
+FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(RippleOptions):
+    x: str = option(X, f"NAME=FROM:TO:NUMBER[:log] of `speed` [rad/s], {', '.join(FIELDS)}")
+    y: str = option(Y, "the same for the other axis, without `speed`")
+    speed: float | None = option(
+        None, f"operating speed where x is not the speed, {FIXED:g} by default", "rad/s", above=0.0
+    )
+    range: str | None = option(
+        None, f"FROM:TO, operating range where x is the speed, {RANGE} [rad/s] by default"
+    )
+    tolerance: tuple[str, ...] = option(
+        (),
+        "NAME=PERCENT, tolerance within which a parameter is evenly distributed, instead of "
+        + ", ".join(f"{name}={100 * share:g}" for name, share in TOLERANCES.items())
+        + " (repeatable)",
+    )
+    samples: int = option(4096, "machines per point, a power of 2", least=2)
+    checks: int = option(
+        8, "number of map points verified by co-simulation; rows are half as many", least=0
+    )
+    check_runs: int = option(128, "machines to co-simulate at each check", least=1)
+    steps_per_rev: int = option(256, "communication steps per revolution", least=1)
+
+
+class Map(NamedTuple):
+    """The machines, how they are run, the tables of their points and rows, the operating range [rad/s]."""
+
+    plane: Plane
+    runner: OrbitRunner
+    points: DataFrame
+    rows: DataFrame
+    within: tuple[float, float] | None
+
+    def field(self, column: str) -> Real:
+        """A column of the points over the plane, shape (rows, columns)."""
+        return self.points[column].to_numpy().reshape(len(self.rows), -1)
+
+    def clear(self, column: str, most: float) -> str:
+        """The values of y for which the operating range keeps a column of the rows below a value."""
+        return stretches(self.plane.y.along, (self.rows[column] <= most).to_numpy())
+
+    def ridges(self, along: str) -> list[Curve]:
+        """The ridges of the rows that have them, their places on the axis "x" or "y" of a picture."""
+        curves = []
+        for column, name, color, look in RIDGE_STYLES:
+            present = self.rows[np.isfinite(self.rows[column])]
+            ends = present[column].to_numpy(), present[self.plane.y.name].to_numpy()
+            if len(present):
+                x, y = ends if along == "x" else ends[::-1]
+                curves.append(Curve(name, x, y, color, look))
+        return curves
+
+    def sure(self) -> str:
+        """The share of the map that nearly all machines stay clear of."""
+        return f"{np.nanmean(self.points['probability'] <= SURE):.0%}"
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """Run the map, find its ridges and its risk; rows of the map are kept on the way.
+
+    Raises cosim.SetupError for settings that cannot give an answer.
+    """
+    plane, within = planned(o, context)
+    spread = shares(context.fmus, "tolerance", o.tolerance, TOLERANCES)
+    if o.samples & (o.samples - 1):
+        raise SetupError(f"samples = {o.samples} must be a power of 2, at least 2")
+    if o.check_runs > o.samples:
+        raise SetupError(f"check_runs = {o.check_runs} must be at most samples = {o.samples}")
+    other_starts = {key: value for key, value in o.start.items() if key not in FIELDS}
+    runner = OrbitRunner(context, other_starts, o.algorithm, o.steps_per_rev)
+    machine, nu, _ = max(plane.points(), key=lambda point: point.machine.nu_res / point.nu)
+    runner.check(machine, nu, STEP_MULTIPLES[-1])
+
+    points = swept(plane, runner, context.out and context.out / TABLE)
+    rows, error = ridges(plane, runner), coupling_error(plane, runner)
+    map_ = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
+    ratio = map_.field("ripple") / map_.field("ripple_theory")
+    built = Built.within(plane, ratio, spread, o.samples)
+    checks = built.check(
+        risk(map_, built, o.checks, o.ripple_limit), o.check_runs, o.ripple_limit, runner
+    )
+    y = {plane.y.name: plane.y.along.unit}
+    return Findings(
+        figures(points, rows, error) | judgement(checks, error),
+        map_,
+        conveyor_drive(context.fmus, {**plane.machine.start(plane.speed), **other_starts}),
+        communication=f"{o.steps_per_rev} steps per revolution",
+        algorithm=o.algorithm,
+        tables={
+            TABLE: Table(points, plane.units | VALUES | {"probability": "1"}),
+            ROWS_TABLE: Table(map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES),
+        },
+        facts={
+            "range": within,
+            "limit": o.ripple_limit,
+            "rated_torque": o.rated,
+            "tolerances": spread,
+            "distribution": "uniform within the tolerance, speed held",
+            "checks": checks,
+        },
+        defaults={
+            "rated_torque": o.rated,
+            "tolerance": tuple(f"{name}={100 * share:g}" for name, share in spread.items()),
+            **(
+                {"speed": plane.speed}
+                if within is None
+                else {"range": f"{within[0]:g}:{within[1]:g}"}
+            ),
+        },
+    )
+
+
+def planned(o: Options, context: Context) -> tuple[Plane, tuple[float, float] | None]:
+    """The plane, and the operating range if x is the speed; raises SetupError."""
+    across, up = axis(context.fmus, "x", o.x, 4), axis(context.fmus, "y", o.y, 2)
+    if across.name == up.name:
+        raise SetupError(f"--x and --y are both {up.name}")
+    check_fixed_starts(o.start, (across.name, up.name))
+    plane = Plane(across, up, followed(context.fmus, SETS[o.set], o.start), o.speed or FIXED)
+    if across.name != SPEED:
+        if o.range is not None:
+            raise SetupError("--range is for maps whose x is the speed")
+        return plane, None
+    if o.speed is not None:
+        raise SetupError("--speed is for maps whose x is not the speed")
+    return plane, span("range", o.range or RANGE, across.along)
+
+
+def swept(plane: Plane, runner: OrbitRunner, path: Path | None) -> DataFrame:
+    """The rows of the table of all points, which are kept on the way, too.
+
+    Raises SetupError where no orbit is steady.
+    """
+    points_, units = plane.points(), plane.units | VALUES
+    rows: list[tuple[float, ...]] = []
+    try:
+        with stream(path, list(units)) as keep:
+            for node, point, orbit in zip(
+                plane.nodes(), points_, runner.each(points_, "map"), strict=True
+            ):
+                machine, nu, _ = point
+                load, ripple = machine.load_ripple(nu), abs(orbit.torque)
+                lag = float(np.angle(load / orbit.torque, deg=True)) % 360.0
+                theory, left = abs(machine.torque_ripple(nu)), orbit.torque_error / ripple
+                rows.append((*node, ripple, ripple / abs(load), lag, left, theory))
+                keep(rows[-1:])
+    except KeyboardInterrupt:
+        if not path:
+            raise KeyboardInterrupt(f"{len(rows)} of {len(points_)} points") from None
+        done = len(partial(path).read_text(encoding="utf-8").splitlines()) - 1
+        raise KeyboardInterrupt(f"{done} of {len(points_)} points in {partial(path)}") from None
+    points = Table.of_rows(rows, units).frame
+    if points["ripple"].isna().all():
+        raise SetupError("no orbit of the map is steady")
+    for y, row in points.groupby(plane.y.name):
+        if (unsteady := row["ripple"].isna().to_numpy()).any():
+            ridge_name = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
+            logging.getLogger("cosim").warning(
+                f"No steady orbit at {ridge_name} of {stretches(plane.x.along, unsteady)}"
+            )
+    return points
+
+
+def ridges(plane: Plane, runner: OrbitRunner) -> DataFrame:
+    """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
+    has none.
+    """
+    x, levels, sought = plane.x.along, plane.y.along.values.tolist(), []
+    orbits = runner.orbits(plane.points(), "map")
+    for line in map(plane.line, levels):
+        steady_orbits = [
+            (at, orbit) for at, orbit in zip(x.values.tolist(), orbits) if not orbit.problem
+        ]
+        sought += [(line, feature, steady_orbits) for feature in (LAG, TORQUE_PEAK)]
+    located = [
+        (figure.value, math.nan if figure.error is None else figure.error, line.theory(feature))
+        for (line, feature, _), (figure, _) in zip(
+            sought, locate(sought, STEP_MULTIPLES, x.unit, runner)
+        )
+    ]
+    rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, located[::2], located[1::2])]
+    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
+
+
+def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:
+    """Put probabilities and the ripple in the range into the tables; the machines of so many points,
+    and of half as many rows, where the outcome is open.
+    """
+    x, rows = r.plane.x.along.values, range(len(r.rows))
+    cells = [(n, x[k : k + 1]) for n in rows for k in range(len(x))]
+    r.points["probability"] = [built.sample(*cell).probability(most) for cell in cells]
+    samples = [built.sample(*cells[k]) for k in on_edge(r.points["probability"], count)]
+    if r.within is not None:
+        nus, nominal = np.linspace(*r.within, SPEEDS), built._replace(factors={})
+        over = [built.sample(n, nus) for n in rows]
+        r.rows["ripple_in_range"] = [nominal.sample(n, nus).expected[0] for n in rows]
+        r.rows["probability_in_range"] = [one.probability(most) for one in over]
+        samples += [over[n] for n in on_edge(r.rows["probability_in_range"], count // 2)]
+    return samples
+
+
+def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figure]:
+    """The largest gain and torque ripple, and how far theory and the ridges are off."""
+    over = "torque ripple by co-simulation over that of first-order theory"
+    ratio = points["ripple"] / points["ripple_theory"]
+    all_figures = {
+        name: Figure(float(value), unit, error * float(value), meaning)
+        for name, value, unit, meaning in (
+            ("gain_max", points["gain"].max(), "1",
+             "largest gain at a point: torque ripple over load ripple, order 2"),
+            ("ripple_max", points["ripple"].max(), "N.m", "largest torque ripple at a point, order 2"),
+            ("ratio_min", ratio.min(), "1", f"smallest at a point: {over}"),
+            ("ratio_max", ratio.max(), "1", f"largest at a point: {over}"),
+        )
+    }  # fmt: skip
+    for ridge_name, other, what in (
+        ("lag_90", "formula", "deviation of the 90 deg lag from formula (22)"),
+        ("peak", "formula", "deviation of the largest torque ripple from formula (22)"),
+        (
+            "peak",
+            "peak_theory",
+            "deviation of the largest torque ripple from that of first-order theory",
+        ),
+    ):
+        deviations = 100 * abs(rows[ridge_name] / rows[other] - 1.0).dropna()
+        if len(deviations):
+            left = float((100 * rows[f"{ridge_name}_error"] / rows[other]).max())
+            rms = math.sqrt((deviations**2).mean())
+            what = f"{what}, {len(deviations)} of {len(rows)} rows"
+            name = f"{ridge_name}_off_{other}"
+            all_figures[f"{name}_max"] = Figure(
+                float(deviations.max()), "%", left, f"{what}, at most"
+            )
+            all_figures[f"{name}_rms"] = Figure(rms, "%", left, f"{what}, rms")
+    return all_figures
+
+
+def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Figure]:
+    """How far probabilities may be off, by the machines that were co-simulated."""
+    wrong, deviations, other_starts = (
+        "co-simulated machines that theory judges differently",
+        "deviation of the torque ripple of these machines from theory, rms",
+        "probability from these machines minus that of the map, at most",
+    )
+    if not checks:
+        return {"misjudged": Figure.undetermined("%", "no machine is co-simulated", wrong)}
+    check_frame = Table.of_rows(
+        [[*check.values()] for check in checks], dict.fromkeys(checks[0], "")
+    ).frame
+    total = int(check_frame["samples"].sum())
+    otherwise = int((check_frame["judged_above"] + check_frame["judged_below"]).sum())
+    share, ends = otherwise / total, interval(otherwise, total)
+    rms = math.sqrt(np.average(check_frame["off_rms"] ** 2, weights=check_frame["samples"]))
+    worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
+    brute, chance = worst["brute_force"], worst["probability"]
+    reach = max(abs(end - brute) for end in worst["interval"])
+    return {
+        "misjudged": Figure(100 * share, "%", 100 * max(abs(end - share) for end in ends), wrong),
+        "machines_off_rms": Figure(100 * rms, "%", 100 * error, deviations),
+        "probability_off_max": Figure(brute - chance, "1", reach, other_starts),
+    }
+
+
+def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
+    """The values of an axis that are good, as from .. to of those next to each other."""
+    groups = groupby(zip(good, along.values), lambda one: one[0])
+    runs = [[x for _, x in group] for ok, group in groups if ok]
+    texts = [
+        f"{run[0]:.3g} {along.unit}"
+        if len(run) == 1
+        else f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}"
+        for run in runs
+    ]
+    return " and ".join(texts)
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
+    """The answer in plain words."""
+    above = f"above {o.ripple_limit:g} N.m ({o.ripple_limit / o.rated:.0%} of the rated torque of {o.rated:g} N.m)"
+    built = "With every part within its tolerance,"
+    if r.within is None:
+        ripple = r.points["ripple"].dropna()
+        where = "the map"
+        if len(ripple) < len(r.points):
+            where = (
+                f"the {len(ripple)} of {len(r.points)} points of the map that have a steady orbit"
+            )
+        return (
+            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {np.mean(ripple > o.ripple_limit):.0%} of "
+            f"{where}. {built} {r.sure()} of the map stays clear {NEARLY_ALL}."
+        )
+    name, meaning = r.plane.y.name, r.plane.y.along.label.partition("\n")[0]
+    nominal, nearly_all = (
+        r.clear("ripple_in_range", o.ripple_limit),
+        r.clear("probability_in_range", SURE),
+    )
+    span = f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s"
+    first = f"{span} stays clear of a torque ripple {above} with {name} of {nominal}."
+    if not nominal:
+        first = f"{span} does not stay clear of a torque ripple {above} with any {name} of the map."
+    second = f"it stays clear {NEARLY_ALL} with {name} of {nearly_all}."
+    if not nearly_all:
+        second = f"no {name} of the map keeps it clear {NEARLY_ALL}."
+    return f"{first} {built} {second} ({name}: {meaning[:1].lower()}{meaning[1:]}.)"
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
+    """Both maps, the rows, and one revolution where the torque swings most."""
+    worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
+    title = (
+        f"At {r.plane.speed:g} rad/s {r.sure()} of the map stays clear of a torque ripple above "
+        f"{o.ripple_limit:g} N.m {NEARLY_ALL}"
+    )
+    if r.within is not None:
+        values = r.clear("probability_in_range", SURE)
+        title = (
+            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple above {o.ripple_limit:g} N.m "
+            f"{NEARLY_ALL} with {r.plane.y.name} of {values or 'no value on the map'}"
+        )
+    turn = motion.revolution(r.runner.task(*r.plane.at(*worst)))
+    return Show([*maps(r, o.ripple_limit), *chart_of_rows(r, o.ripple_limit)], *turn, title)
+
+
+def maps(r: Map, limit: float) -> list[Field]:
+    """The gain in colour with the ridges over it; the probability of too much ripple; on both the
+    line of the limit [N.m], and the operating range where the map is over the speed.
+    """
+    x, y, ripple = r.plane.x.along, r.plane.y.along, r.field("ripple")
+    over = r.ridges("x")
+    reached = np.nanmin(ripple) < limit < np.nanmax(ripple)
+    line = [Level(limit, f"torque ripple of {limit:g} N.m", ripple)] if reached else []
+    bounds = [Span(*r.within, "operating range", "green")] if r.within else []
+    formula = [curve for curve in over if curve.look == "theory"]
+    return [
+        Field("Gain: torque ripple over load ripple", x, y,
+              "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
+        Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
+              "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,
+              scale="risk"),
+    ]  # fmt: skip
+
+
+def chart_of_rows(r: Map, limit: float) -> list[Chart]:
+    """The ridges of every row; where there is an operating range, its ripple and probability."""
+    x, y, curves, title = r.plane.x, r.plane.y.along, r.ridges("y"), "The ridges"
+    panels = [Panel(x.name, x.along.unit, curves)] if curves else []
+    if r.within:
+        title = f"Anywhere in {r.within[0]:g} to {r.within[1]:g} rad/s"
+        share, ripple = 100 * r.rows["probability_in_range"], r.rows["ripple_in_range"]
+        above = Curve("machines above the limit", y.values, share.to_numpy(), "purple")
+        worst = Curve("nominal machine", y.values, ripple.to_numpy(), colors.TORQUE)
+        level = [Mark(limit, f"limit {limit:g} N.m")]
+        panels = [
+            Panel("machines above the limit", "%", [above], includes=(0.0, 100.0)),
+            Panel("largest torque ripple", "N.m", [worst], level, includes=(0.0,)),
+            *panels,
+        ]
+    return [Chart(title, " ".join(y.label.split()), panels, log=y.log)] if panels else []

@@ -1,0 +1,454 @@
+"""How hard does the rod push, and which spring unloads it at the operating speed?
+
+Motor and conveyor are coupled at every point of a plane of speed and spring until their orbit is
+steady. The rod force over the crank angle is compared with formula (17), which takes the speed as
+constant, and with theory to first order in the speed ripple. The spring with the smallest peak of that
+force is located, with its effect on the torque ripple and on the resonance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim import CONVERGENCE_ORDERS, SetupError
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench.answer import parameters
+from workbench.charts import model as colors
+from workbench.charts.model import Direction, Field, Level, Picture, SecondUnit
+from workbench.figure import SHARE_DIGITS, concise, percent
+from workbench.limit import coupling
+
+from .. import motion
+from ..features import LAG, TORQUE_PEAK, ResponseLine, locate
+from ..first_order import ANGLES, FIELDS, SETS, Machine, rod_force
+from ..machine import PARTS as DRIVE
+from ..machine import conveyor_drive, followed
+from ..options import RippleOptions, by_set
+from ..orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
+from ..parameter_plane import SPEED, Axis, Plane, coupling_error
+from ..rod_waveform import (
+    CLOSE,
+    ORDER,
+    around,
+    between,
+    largest_force_of,
+    least,
+    peak,
+    unloading,
+    unloading_points,
+    waveform,
+)
+from ..rows import OPERATING, OVERDAMPED, orbit_figure, speed_row
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Real = NDArray[np.float64]
+PARTS = DRIVE
+PARALLEL = True
+TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
+UNITS = {
+    "nu": "rad/s", "c": "N/m", "f_rod": "N", "f_rod_formula": "N", "f_rod_theory": "N",
+    "tau2": "N.m", "tau2_theory": "N.m", "settling": "1",
+}  # fmt: skip
+FEWEST, WELL = 4, 1.02
+#: Sampled coupling errors by which a point of the map may be below the largest deviation and still have it;
+#: a safety margin by convention, as a point's error may be larger than those of the sample.
+MARGIN = 3.0
+SPRINGS = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
+FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+DECISIVE = ("spring_unloaded",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(RippleOptions):
+    speed: float | None = option(None, f"operating speed, {by_set(OPERATING)}", "rad/s", above=0.0)
+    speeds: tuple[float, ...] = option("15:75:17", "speeds of the map", "rad/s", above=0.0)
+    springs: tuple[float, ...] = option("0:1.2e6:11", "springs of the map", "N/m", least=0.0)
+    steps_per_rev: int = option(256, "communication steps per revolution", least=1)
+
+
+class RodForceData(NamedTuple):
+    """How machines are run, the length of their rod, infinite if much longer than the crank [m]; the
+    plane and its table; the machine with its spring and, if it is known, the one that unloads the rod.
+    """
+
+    runner: OrbitRunner
+    length: float
+    plane: Plane
+    points: DataFrame
+    machines: Mapping[str, Machine]
+
+    @property
+    def speeds(self) -> list[float]:
+        """Those of the plane [rad/s]."""
+        return [float(nu) for nu in self.plane.x.along.values]
+
+    def field(self, column: str) -> Real:
+        """A column of the table over the plane, shape (springs, speeds); nan where it is 0."""
+        values = self.points[column].to_numpy().reshape(-1, len(self.speeds))
+        return np.where(values > 0.0, values, math.nan)
+
+    def sweep(self, machine: Machine) -> list[Orbit]:
+        """The orbits of a machine at the speeds of the plane."""
+        return list(
+            self.runner.orbits([OperatingPoint(machine, nu) for nu in self.speeds], "speeds")
+        )
+
+    def valley(self) -> list[tuple[float, float]]:
+        """Speeds of the plane, and the springs of the plane that unload the rod there [N/m]."""
+        springs, width = self.plane.y.along.values.tolist(), len(self.speeds)
+        points = list(self.runner.orbits(self.plane.points(), "map"))
+        optima = [between(springs, points[k::width]) for k in range(width)]
+        return [(nu, c) for nu, c in zip(self.speeds, optima) if isinstance(c, float)]
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """Run the plane, and more where the rod is unloaded; raises cosim.SetupError."""
+    for name, unit in (("speeds", "rad/s"), ("springs", "N/m")):
+        if len(values := getattr(o, name)) < FEWEST:
+            raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
+    present, nu = followed(context.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
+    shifted_machine = {key: value for key, value in o.start.items() if key not in FIELDS}
+    system = conveyor_drive(context.fmus, {**present.start(nu), **shifted_machine})
+    held = {key: one.value for key, one in parameters(system).items()}
+    length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
+    runner = OrbitRunner(context, shifted_machine, o.algorithm, o.steps_per_rev)
+    runner.check(present, min(nu, *o.speeds), STEP_MULTIPLES[-1])
+    across = Direction("Operating speed", "rad/s", np.array(o.speeds))
+    up = Direction("Spring", "N/m", np.array(o.springs))
+    plane = Plane(Axis(SPEED, across), Axis(SPRING, up), present, nu)
+
+    def runs(machine: Machine) -> list[OperatingPoint]:
+        return [
+            *(OperatingPoint(machine, x) for x in o.speeds),
+            *(OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES),
+        ]
+
+    more = [*unloading_points(present, nu), *runs(present)]
+    table = context.record_rows(TABLE, UNITS, rows(runner, length, plane, more))
+    if table.frame["f_rod"].isna().all():
+        raise SetupError("no orbit of the map is steady")
+    spring, machines = unloading(runner, present, nu), {"": present}
+    if spring.error is not None:
+        machines["_unloaded"] = replace(present, c=spring.value)
+        runner.orbits(runs(machines["_unloaded"]), "unloaded")
+    data = RodForceData(runner, length, plane, table.frame, machines)
+    return Findings(
+        {**springs(data, spring), **loads(data, spring), **agreement(data)},
+        data,
+        system,
+        communication=f"{o.steps_per_rev} steps per revolution",
+        algorithm=o.algorithm,
+        tables={TABLE: table},
+        facts={"operating_speed": nu, "rated_torque": o.rated},
+        defaults={"speed": nu, "rated_torque": o.rated},
+    )
+
+
+def rows(
+    runner: OrbitRunner, length: float, plane: Plane, more: Sequence[OperatingPoint]
+) -> Iterator[Sequence[float]]:
+    """Those of the table, one by one; `more` orbits are run with them."""
+    points = plane.points()
+    orbits = runner.each([*points, *more], "map")
+    for (machine, nu, _), orbit in zip(points, orbits):
+        force, ripple = largest_force_of(orbit), torque_amplitude(orbit)
+        formula, theory = abs(rod_force(machine, nu)), peak(waveform(machine, length, nu))
+        settling = orbit.torque_error / ripple if ripple else math.nan
+        expected = abs(machine.torque_ripple(nu))
+        yield nu, machine.c, force, formula, theory, ripple, expected, settling
+    list(orbits)
+
+
+def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
+    """The spring of the machine, and the one that unloads the rod: measured, by formula, by theory."""
+    present, nu = r.plane.machine, r.plane.speed
+    low, *_, high = around(present, nu)
+    theory = least(lambda c: waveform(replace(present, c=c), r.length, nu), low, high)
+    meaning = "that by theory to first order in the speed ripple"
+    return {
+        "spring": Figure(present.c, "N/m", 0.0, "spring of the machine"),
+        "spring_unloaded": spring,
+        "spring_formula": Figure(present.m * nu**2, "N/m", 0.0, "that by formula (17)"),
+        "spring_theory": Figure.undetermined(
+            "N/m", "it lies far from that of formula (17)", meaning
+        )
+        if math.isnan(theory)
+        else Figure(theory, "N/m", CLOSE * theory, meaning),
+    }
+
+
+def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
+    """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
+    nu, order, sought = r.plane.speed, CONVERGENCE_ORDERS[r.runner.algorithm], []
+    all_figures: dict[str, Figure] = {}
+    span, shifts = np.linspace(r.speeds[0], r.speeds[-1], 1000), []
+    for name, machine in r.machines.items():
+        label = f"with the {SPRINGS[name][0]}"
+        orbits = list(
+            r.runner.orbits(
+                [OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES], "operating speed"
+            )
+        )
+        at = speed_row(machine, orbits, order)
+        shifted_machine = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
+        force_error = at["f_rod_peak_error"] + machine.r * (shifted_machine.c - machine.c)
+        unsure = at["tau2_error"] + abs(
+            shifted_machine.torque_ripple(nu) - machine.torque_ripple(nu)
+        )
+        formula, other = (float(abs(rod_force(x, nu))) for x in (machine, shifted_machine))
+        expected = Figure(formula, "N", abs(other - formula), f"that by formula (17) {label}")
+        top, shifted_top = (
+            float(abs(x.torque_ripple(span)).max()) for x in (machine, shifted_machine)
+        )
+        shifts.append(abs(shifted_top - top))
+        all_figures |= {
+            f"f_rod{name}": orbit_figure(
+                at["f_rod_peak"], force_error, "N", f"largest rod force {label}", nu
+            ),
+            f"f_rod_formula{name}": expected,
+            f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {label}", nu),
+        }
+        line = ResponseLine(partial(turning, machine), r.speeds[0], r.speeds[-1])
+        steady_orbits = [
+            (x, orbit) for x, orbit in zip(r.speeds, r.sweep(machine)) if abs(orbit.torque) > 0.0
+        ]
+        sought += [(line, feature, steady_orbits) for feature in (LAG, TORQUE_PEAK)]
+    located = locate(sought, STEP_MULTIPLES, "rad/s", r.runner)
+    lags, tops = located[::2], located[1::2]
+    for name, (lag, _), (_, high), more in zip(r.machines, lags, tops, shifts):
+        label = f"with the {SPRINGS[name][0]}"
+        all_figures[f"nu_90{name}"] = lag._replace(meaning=f"{LAG.meaning} {label}")
+        error = None if high.error is None else high.error + more
+        all_figures[f"tau2_peak{name}"] = high._replace(
+            error=error, meaning=f"largest torque ripple {label}"
+        )
+    return all_figures
+
+
+def turning(machine: Machine, nu: float) -> tuple[Machine, float]:
+    """A machine at a speed [rad/s]."""
+    return machine, nu
+
+
+def agreement(r: RodForceData) -> dict[str, Figure]:
+    """How far formula and theory are off anywhere on the map."""
+    all_figures = {}
+    for name, simulated, theory, what, *quantity_args in (
+        (
+            "formula_off",
+            "f_rod",
+            "f_rod_formula",
+            "rod force of formula (17)",
+            largest_force_of,
+            ORDER,
+        ),
+        (
+            "theory_off",
+            "f_rod",
+            "f_rod_theory",
+            "rod force of theory with the ripple",
+            largest_force_of,
+            ORDER,
+        ),
+        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_amplitude),
+    ):
+        ratio = (r.points[theory] / r.points[simulated]).to_numpy()
+        meaning = f"largest deviation of the {what} from co-simulation on the map"
+        all_figures[name] = deviation(r, ratio, *quantity_args)._replace(meaning=meaning)
+    return all_figures
+
+
+def deviation(
+    r: RodForceData, ratio: Real, quantity: Callable[[Orbit], float], order: float | None = None
+) -> Figure:
+    """The largest deviation of a `ratio` from 1 at the points of the map, in %, with its error.
+
+    The coupling error of a few points of the map says which others may have the largest deviation; these
+    are run with fewer steps, too. The largest of deviations that have errors may be too large by one of
+    them: the error reaches to the largest of their upper ends.
+    """
+    sizes = np.abs(ratio - 1.0)
+    top = float(np.nanmax(sizes))
+    margin = MARGIN * coupling_error(r.plane, r.runner, quantity, order)
+    points = np.flatnonzero(sizes >= top - margin).tolist()
+    every = r.plane.points()
+    orbits = r.runner.orbits(
+        [every[k]._replace(step_multiple=n) for k in points for n in STEP_MULTIPLES], "deviation"
+    )
+    runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(STEP_MULTIPLES))
+    if not np.isfinite(runs).all():
+        return Figure.undetermined(
+            "%", "the coupling error is not known; take more steps per revolution"
+        )
+    vanishing = order or CONVERGENCE_ORDERS[r.runner.algorithm]
+    errors = [coupling(run, vanishing) / run[0] for run in runs.tolist()]
+    ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
+    at = points.index(int(np.nanargmax(sizes)))
+    error = max(max(ends) - top, float(ratio[points[at]]) * errors[at])
+    return Figure(100 * top, "%", 100 * error)
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: RodForceData) -> str:
+    """The advice, what formula (17) says, and the effect on the resonance."""
+    at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.0f} rpm)"
+    present, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
+    formula_text = (
+        f"The rod-force formula (17), which takes the speed as constant, recommends {formula.brief()}. With {present.brief()} "
+        f"it gives a largest rod force of {f['f_rod_formula'].brief()}."
+    )
+    if spring.error is None:
+        why = f"The spring that unloads the rod {at} is not determined: {spring.reason}."
+        return f"{why}\nWith {present.brief()} the largest rod force is {f['f_rod'].brief()}.\n{formula_text}"
+    force, ripple, lag, top = (
+        [f[f"{key}{name}"] for name in SPRINGS] for key in ("f_rod", "tau2", "nu_90", "tau2_peak")
+    )
+    if any(one.error is None for one in force):
+        advice = (
+            f"Use a spring of {spring.brief()} instead of {present.brief()} {at}. With it the largest rod force is "
+            f"{force[1].brief()}; with the machine's spring it is {force[0].brief()}."
+        )
+    elif force[0].value <= WELL * force[1].value:
+        advice = (
+            f"Keep the spring of {present.brief()}: {at} its largest rod force is {force[0].brief()}, and no "
+            f"spring gives less than {force[1].brief()}, which takes {spring.brief()}. The torque ripple is "
+            f"{ripple[0].brief()}."
+        )
+    else:
+        advice = (
+            f"Use a spring of {spring.brief()} instead of {present.brief()}: {at} it lowers the largest rod force "
+            f"from {force[0].brief()} to {force[1].brief()}. The torque ripple changes from "
+            f"{ripple[0].brief()} to {ripple[1].brief()}."
+        )
+    lines = [advice, formula_text]
+    if all(one.error is not None for one in lag):
+        lines.append(shifted(r, *lag))
+    if all(one.error is not None for one in top):
+        lines.append(
+            f"The largest torque ripple is {top[0].brief()} with the machine's spring and "
+            f"{top[1].brief()} with the other."
+        )
+    return "\n".join(lines)
+
+
+def shifted(r: RodForceData, present: Figure, other: Figure) -> str:
+    """How far the spring that unloads the rod moves the resonance, whose places are determined."""
+    shift, error = other.value - present.value, (present.error or 0.0) + (other.error or 0.0)
+    name = (
+        "resonance"
+        if r.plane.machine.zeta <= OVERDAMPED
+        else "90 degree lag, which is no resonance,"
+    )
+    if abs(shift) <= error:
+        return (
+            f"The {name} stays at {present.brief()}: the other spring moves it by at most "
+            f"{percent((abs(shift) + error) / present.value)}."
+        )
+    ends = [present.brief(), other.brief()]
+    if ends[0] == ends[1]:
+        ends = [present.text(), other.text()]
+    word = "up" if shift > 0.0 else "down"
+    size = concise(
+        Figure(100.0 * abs(shift) / present.value, "%", 100.0 * error / present.value), SHARE_DIGITS
+    )
+    return f"The other spring moves the {name} {word} by {size}, from {ends[0]} to {ends[1]}."
+
+
+def show(o: Options, f: Mapping[str, Figure], r: RodForceData) -> Show:
+    """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
+    best, nu = list(r.machines.values())[-1], r.plane.speed
+    title = f"At {nu:g} rad/s the peak of the rod force is smallest with a spring of {1e-3 * best.c:.4g} kN/m"
+    pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(o, r)]
+    turn = motion.revolution(r.runner.task(best, nu))
+    return Show(pictures, *turn, title if len(r.machines) > 1 else "")
+
+
+def over_angle(r: RodForceData) -> Chart:
+    """The rod force over the crank angle at the operating speed: formula, theory, co-simulation."""
+    nu, deg, panels = r.plane.speed, np.degrees(ANGLES), []
+    for name, machine in r.machines.items():
+        (orbit,) = r.runner.orbits([OperatingPoint(machine, nu)], "operating speed")
+        steady, swinging = (1e-3 * waveform(machine, r.length, nu, kind) for kind in (True, False))
+        simulated = 1e-3 * np.array(orbit.waveform[::2])
+        curves = [
+            Curve("constant speed, formula (17)", deg, steady, colors.THEORY, "theory"),
+            Curve("with the speed ripple", deg, swinging, "green"),
+            Curve(
+                "co-simulation",
+                deg[:: len(deg) // len(simulated)],
+                simulated,
+                SPRINGS[name][1],
+                "points",
+            ),
+        ]
+        panels.append(Panel(f"rod force, {1e-3 * machine.c:.4g} kN/m", "kN", curves))
+    return Chart(f"Rod force over a revolution at {nu:g} rad/s", "crank angle [deg]", panels)
+
+
+def over_speed(r: RodForceData) -> Chart:
+    """Rod force and torque ripple over the speed with either spring, theory as lines."""
+    fine, forces, ripples = np.linspace(r.speeds[0], r.speeds[-1], 121), [], []
+    for name, machine in r.machines.items():
+        points, (label, color) = r.sweep(machine), SPRINGS[name]
+        theory = [1e-3 * peak(waveform(machine, r.length, nu)) for nu in fine.tolist()]
+        ripple, line = abs(machine.torque_ripple(fine)), f"theory, {label}"
+        forces += [
+            Curve(line, fine, theory, color, "theory"),
+            Curve(
+                label,
+                r.speeds,
+                [1e-3 * largest_force_of(point) for point in points],
+                color,
+                "points",
+            ),
+        ]
+        ripples += [
+            Curve(line, fine, ripple, color, "theory"),
+            Curve(label, r.speeds, [torque_amplitude(point) for point in points], color, "points"),
+        ]
+    nu, nu_res = r.plane.speed, r.plane.machine.nu_res
+    return Chart(
+        "Rod force and torque ripple over the speed", "operating speed [rad/s]",
+        [Panel("largest rod force", "kN", forces, includes=(0.0,)),
+         Panel("torque ripple", "N.m", ripples, includes=(0.0,))],
+        [Mark(nu, f"operating speed {nu:g} rad/s"), Mark(nu_res, f"resonance {nu_res:.4g} rad/s")],
+        second=SecondUnit("rpm", 30 / math.pi),
+    )  # fmt: skip
+
+
+def maps(o: Options, r: RodForceData) -> list[Field]:
+    """Rod force and torque ripple over speed and spring, with the springs that unload the rod."""
+    x, present, title = r.plane.x.along, r.plane.machine, "The torque ripple"
+    y = Direction("Spring", "kN/m", 1e-3 * r.plane.y.along.values)
+    nu = np.linspace(x.values[0], x.values[-1], 121)
+    formula = 1e-3 * present.m * nu**2
+    inside = (y.values[0] <= formula) & (formula <= y.values[-1])
+    curves = [Curve("formula (17)", nu[inside], formula[inside], "sky", "theory")]
+    valley = r.valley()
+    if valley:
+        speeds, optima = zip(*valley)
+        curves.append(Curve("smallest rod force", speeds, 1e-3 * np.array(optima), "sky", "points"))
+    for name, machine in r.machines.items():
+        label, color = SPRINGS[name]
+        curves.append(Curve(label, [r.plane.speed], [1e-3 * machine.c], color, "points"))
+    mark, ripple = [Mark(present.nu_res, f"resonance {present.nu_res:.4g} rad/s")], r.field("tau2")
+    reached = np.nanmin(ripple) < o.ripple_limit < np.nanmax(ripple)
+    level = [Level(o.ripple_limit, f"torque ripple of {o.ripple_limit:g} N.m")] if reached else []
+    if valley:
+        along = [float(abs(replace(present, c=c).torque_ripple(nu))) for nu, c in valley]
+        title = f"With the springs that unload the rod the torque ripple is at most {max(along):.3g} N.m "
+        title += f"by theory; on the map it is up to {np.nanmax(ripple):.3g} N.m"
+    return [
+        Field(f"A spring of the map unloads the rod at {len(valley)} of {len(r.speeds)} speeds", x, y, "largest rod force [kN]",
+              1e-3 * r.field("f_rod"), curves, True, marks=mark),
+        Field(title, x, y,
+              "torque ripple [N.m]", ripple, curves, True, level, marks=mark),
+    ]  # fmt: skip

@@ -1,0 +1,233 @@
+"""What happens while the conveyor starts from rest and passes its resonance?
+
+The same conveyor is started by a motor with a linear characteristic and by an induction motor with
+Kloss's characteristic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim import Result
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
+from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
+from workbench.measure import Samples, crossing, crossing_times, largest, measured, since, smallest
+from workbench.periodic import TURN
+
+from .. import live_theory
+from ..first_order import SETS, Machine
+from ..machine import PARTS as DRIVE
+from ..machine import conveyor_drive, followed
+from ..motion import live_motion, moving
+from ..rows import OVERDAMPED
+
+PARTS = DRIVE
+FIXED_STARTS = ("motor.characteristic",)
+MOTORS = {"linear": 0, "kloss": 1}
+MOTOR_NAMES = {"linear": "linear motor", "kloss": "induction motor"}
+STYLES = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
+RECORD = (
+    "motor.tau", "motor.tau_static", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.x",
+    "conveyor.tau_load", "conveyor.f_rod", "conveyor.P_loss",
+)  # fmt: skip
+LOADS = {
+    "w": ("conveyor.w", "speed of the crank"),
+    "tau": ("motor.tau", "torque"),
+    "f_rod": ("conveyor.f_rod", "rod force"),
+}
+END = 0.8
+#: Mean speed at the end over the largest there, below which the crank only rocks; 2 / pi where it turns forward.
+ROCKING = 0.1
+#: Largest speed at the end over that of the run, below which the crank stands still; a convention.
+STANDING = 1e-3
+BELOW = "the crank does not stay above the resonance"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Run):
+    set: str = option("B", "parameter set", choices=SETS)
+    speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """Both motors, one after the other, the linear one set for its mean speed: a run for each."""
+    machine = followed(context.fmus, SETS[o.set], o.start)
+    build_up = 1 / (4 * math.pi * machine.zeta)
+    all_figures = {
+        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
+        "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
+        "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
+    }
+    runs, systems = {}, {}
+    for motor, characteristic in MOTORS.items():
+        rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": characteristic}
+        start = machine.start(o.speed) | rest | dict(o.start)
+        systems[motor] = conveyor_drive(context.fmus, start)
+        figures_of = partial(figures, machine, MOTOR_NAMES[motor])
+        runs[motor], mine = context.certify(systems[motor], figures_of, o, RECORD, f"{motor}.csv")
+        all_figures |= {f"{motor}_{name}": figure for name, figure in mine.items()}
+    return Findings(
+        all_figures,
+        runs,
+        systems["linear"],
+        runs["linear"].provenance,
+        tables={f"{motor}.csv": Table.of(result) for motor, result in runs.items()},
+    )
+
+
+def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
+    """When the crank rises through the resonance for good, revolutions near it, the largest loads,
+    where it all ends.
+    """
+    t, w, second = r["time"], r["conveyor.w"], r.units["time"]
+    meaning = f"time when the crank has passed the resonance, {word}"
+    near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
+    all_figures = {
+        "passing": Figure.undetermined(second, BELOW, meaning)
+        if w[-1] < machine.nu_res
+        else crossing(t, w, machine.nu_res, -1).figure(second, meaning),
+        "revolutions_near": near.figure("1", f"revolutions within 10 % of the resonance, {word}"),
+    }
+    for name, (column, what) in LOADS.items():
+        x, unit = r[column], r.units[column]
+        all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
+        if name != "f_rod":
+            end = since(t, x, END * t[-1])
+            low, high = smallest(*end), largest(*end)
+            all_figures[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end, {word}")
+            all_figures[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end, {word}")
+    return all_figures
+
+
+def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
+    """Revolutions of the crank while its speed is within 10 % of nu."""
+    speed = CubicSpline(t, w)
+    ends = np.sort(
+        np.concatenate([t[:1], *(crossing_times(t, w, x * nu) for x in (0.9, 1.1)), t[-1:]])
+    )
+    middle = np.abs(speed((ends[1:] + ends[:-1]) / 2) / nu - 1.0) < 0.1
+    return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
+
+
+def stalls(r: Result) -> bool:
+    """Whether the crank stands still at the end of a run, or only rocks to and fro."""
+    t, w = r["time"], r["conveyor.w"]
+    times, angles = since(t, r["conveyor.phi"], END * t[-1])
+    _, speeds = since(t, w, END * t[-1])
+    mean = (angles[-1] - angles[0]) / (times[-1] - times[0])
+    return bool(mean < ROCKING * speeds.max() or speeds.max() < STANDING * w.max())
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
+    """Whether each motor passes the resonance, and how large torque and rod force get."""
+    speed_text, lines = f["nu_res"].brief(), []
+    name = f"resonance at {speed_text} by formula (22)"
+    if f["zeta"].value > OVERDAMPED:
+        name = f"90 degree lag at {speed_text} by formula (22), which is no resonance with this damping,"
+    for motor, word in MOTOR_NAMES.items():
+        passing = f[f"{motor}_passing"]
+        if passing.error is not None:
+            answer = f"has passed the {name} after {passing.brief()}"
+        elif stalls(r[motor]):
+            answer = "stalls: at the end the crank stands still or only rocks"
+        elif r[motor]["conveyor.phi"][-1] - r[motor]["conveyor.phi"][0] < TURN:
+            answer = f"does not complete a turn within {o.stop:g} s"
+        elif passing.reason == BELOW:
+            answer = f"does not stay above the {name} within {o.stop:g} s"
+        else:
+            answer = f"reaches the {name}; the time when it has passed it is {passing.text()}"
+        lines.append(f"The {word} {answer}.")
+        torque, force = f[f"{motor}_tau_max"], f[f"{motor}_f_rod_max"]
+        if torque.error is not None and force.error is not None:
+            lines[-1] += f" Its torque reaches {torque.brief()} and the rod force {force.brief()}."
+    return "\n".join(lines)
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
+    """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both
+    conveyors in motion, one above the other.
+    """
+    nu_res = f["nu_res"].value
+    level = Mark(nu_res, f"resonance {nu_res:.1f} rad/s")
+
+    def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
+        each = [
+            result_panel(
+                quantity, result, result["time"], {column: STYLES[motor]}, unit, levels=levels
+            )
+            for motor, result in r.items()
+        ]
+        return each[0]._replace(curves=[curve for chart in each for curve in chart.curves])
+
+    plane = []
+    for motor, result in r.items():
+        (name, color), w = STYLES[motor], result["conveyor.w"]
+        order, static = np.argsort(w), result["motor.tau_static"]
+        curves = [
+            Curve("static characteristic", w[order], static[order], THEORY, "theory"),
+            Curve("with its lag", w, result["motor.tau"], color),
+        ]
+        plane.append(Panel(f"torque, {name}", result.units["motor.tau"], curves))
+    panels = [
+        panel("crank speed", "conveyor.w", "", level),
+        panel("motor torque", "motor.tau"),
+        panel("rod force", "conveyor.f_rod", "kN"),
+    ]
+    end = min(float(result["time"][-1]) for result in r.values())
+    charts = [
+        Chart("Run-up from rest", "time [s]", panels),
+        Chart("Torque over speed", "crank speed [rad/s]", plane),
+    ]
+    return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Live:
+    """Both motors from rest."""
+    p = r["linear"].provenance["parts"]["conveyor"]["parameters"]
+    level = {"resonance by formula": "nu_res"}
+    panels = [
+        LivePanel("crank speed", {"conveyor.w": SPEED}, levels=level),
+        LivePanel("motor torque", {"motor.tau": TORQUE}),
+        LivePanel("rod force", {"conveyor.f_rod": FORCE}, "kN"),
+    ]
+    peaks = [
+        Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=STYLES[motor][0]))
+        for motor in MOTORS
+        for name, (column, _) in LOADS.items()
+    ]
+    ends = [
+        Number(
+            f"{motor}_w_end_{kind}",
+            Reader(kind, "conveyor.w", f"{END} * stop", run=STYLES[motor][0]),
+        )
+        for motor in MOTORS
+        for kind in ("min", "max")
+    ]
+    return Live(
+        sliders=(
+            Slider("speed", 30.0, 90.0),
+            Slider("motor.T", 0.01, 0.15),
+            Slider("conveyor.trough.m", 100.0, 400.0),
+            Slider("conveyor.spring.c", 2e5, 1.2e6),
+            Slider("conveyor.rotor.J", 0.2, 2.0),
+        ),
+        values=live_theory.values({}),
+        start={"motor.A": live_theory.START["motor.A"]},
+        runs=[
+            LiveRun(*STYLES[motor], {"motor.characteristic": characteristic})
+            for motor, characteristic in MOTORS.items()
+        ],
+        numbers=[Number("nu_res", "nu_res"), *peaks, *ends],
+        charts=[LiveChart("Run-up from rest", "time [s]", panels)],
+        motion=live_motion("Both conveyors from rest", p, 15.0),
+    )
+
+
+LIVE = live_part

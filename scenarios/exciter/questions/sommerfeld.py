@@ -1,0 +1,375 @@
+"""How much supply voltage does it take to pass the resonance of the mount, and is the motor caught there?
+
+The supply voltage of a motor is raised and lowered in levels, each held until the speed of its
+unbalanced rotor is steady. The voltages at which the speed jumps are the folds of the steady motions,
+which are found by shooting over one revolution.
+"""
+
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import cosim
+import workbench
+from cosim import Result, SetupError, System
+from cosim.system import connect
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.answer import parameters
+from workbench.figure import listed
+from workbench.limit import coupling
+from workbench.live import Live, LiveChart, LivePanel, LiveRun, LiveSweep, Number, Reader, Slider
+
+from .. import motion
+from ..orbits import ROUNDING, STEPS_PER_REV, Averaged, Jump, averaged, constants, jump, searches
+
+PARTS = {"motor": "DCMotor", "exciter": "UnbalanceExciter"}
+WIRES = ("motor.tau -> exciter.tau", "exciter.w -> motor.w")
+FIXED_STARTS = ("motor.v",)
+STATES = ("motor.i", "exciter.phi", "exciter.w", "exciter.x", "exciter.v")
+POWERS = ("motor.P", "exciter.P_loss")
+UNITS = {"falling": "1", "supply": "V", "speed": "rad/s", "shake": "m"}
+DIRECTIONS = {"up": "supply raised", "down": "supply lowered"}
+MEANINGS = {
+    "supply": ("V", "voltage at which the speed jumps"),
+    "before": ("rad/s", "steady speed before the jump"),
+    "after": ("rad/s", "steady speed after the jump"),
+}
+#: Largest drift of the speed that a level may still have before it, as the drifts of its holds fall [rad/s].
+STEADY = 0.01
+#: Largest share of the motor's work in a hold that a level may store in the motion; a convention.
+BALANCED = 0.01
+#: Holds after which a level is given up.
+MAX_HOLDS = 40
+#: Steps in a revolution at the no-load speed, which the motor does not reach.
+LEVEL_STEPS = 16
+#: Share of the resonance by which two speeds at one voltage must differ to count as two.
+MIN_GAP = 0.02
+STARTS = (0.8, 1.05)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(workbench.Options):
+    supplies: tuple[float, ...] = option("14:32:19", "voltage levels", "V", above=0.0)
+    hold: float = option(5.0, "time over which the speed is compared", "s", above=0.0)
+    step: float = option("10ms", "longest communication step", "s", above=0.0)
+
+
+class Level(NamedTuple):
+    """A voltage [V], the mean speed in the last hold [rad/s], the largest displacement [m], the states at
+    the end, and whether the motion is steady.
+    """
+
+    supply: float
+    speed: float
+    shake: float
+    states: Mapping[str, float]
+    is_steady: bool
+
+
+class Case(NamedTuple):
+    """A system, the time of each hold [s], the longest communication step [s]."""
+
+    system: System
+    hold: float
+    step: float
+
+    def run(self, supply: float, states: Mapping[str, float]) -> Result:
+        """Run one voltage from these states, in steps that resolve a revolution at its no-load speed."""
+        system = replace(self.system, start={**self.system.start, **states, "motor.v": supply})
+        period = 2 * math.pi * constants(system)[1] / supply
+        step = min(self.step, period / LEVEL_STEPS)
+        return cosim.run(system, stop=self.hold, step=step, record=(*STATES, *POWERS))
+
+    def level(self, supply: float, states: Mapping[str, float]) -> Level:
+        """Hold one voltage until the rest of the drift is below STEADY and what the motor gives is lost.
+
+        The drifts of the speed from hold to hold are taken as a geometric series, whose sum is the rest.
+        """
+        speed, drift, holds, is_steady = np.inf, np.inf, 0, False
+        while not is_steady and holds < MAX_HOLDS:
+            r = self.run(supply, states)
+            t, phi, x = r["time"], r["exciter.phi"], r["exciter.x"]
+            states = {name: float(r[name][-1]) for name in STATES}
+            mean = float((phi[-1] - phi[0]) / t[-1])
+            before, drift, speed = drift, abs(mean - speed), mean
+            work, loss = (float(r[name].mean()) for name in POWERS)
+            rest = drift * max(1.0, drift / (before - drift)) if before > drift else np.inf
+            is_steady = rest < STEADY and abs(work - loss) < BALANCED * abs(work)
+            holds += 1
+        return Level(supply, speed, float(np.abs(x).max()), states, is_steady)
+
+
+class Observed(NamedTuple):
+    """The case and its levels, raised and then lowered, and averaged theory."""
+
+    case: Case
+    levels: Sequence[Level]
+    theory: Averaged
+
+    @property
+    def raised(self) -> Sequence[Level]:
+        """The levels of the rising supply."""
+        return self.levels[: len(self.levels) // 2]
+
+    @property
+    def lowered(self) -> Sequence[Level]:
+        """The levels of the falling supply, by rising voltage."""
+        return self.levels[: len(self.levels) // 2 - 1 : -1]
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """The levels up and down, and the folds in three step sizes; raises SetupError for one level."""
+    if len(o.supplies) < 2:
+        raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
+    system = System(context.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
+    connect(system)
+    if constants(system)[1] == 0.0:
+        raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
+    case, theory = Case(system, o.hold, o.step), averaged(system)
+    ((*levels,),) = context.each(sweep, [(o.supplies, case)], "levels")
+    seeking = searches(system, theory, o.step)
+    jumps = [*context.each(jump, [x for direction in seeking for x in direction], "folds")]
+    observed = Observed(case, levels, theory)
+    warn(levels, case)
+    rows = [(int(k >= len(o.supplies)), *level[:3]) for k, level in enumerate(levels)]
+    table = Table.of_rows(rows, UNITS)
+    figures = {
+        "nu_res": Figure(theory.resonance, "rad/s", 0.0, "resonance of the mount by formula")
+    }
+    for k, (direction, word) in enumerate(DIRECTIONS.items()):
+        count = len(seeking[k]) if theory.folds else 0
+        mine = jumps[k * count : (k + 1) * count]
+        figures |= {f"{x}_{direction}": figure(mine, x, word, observed) for x in MEANINGS}
+        if theory.folds:
+            meaning = f"voltage of the jump by averaged theory, {word}"
+            figures[f"theory_{direction}"] = Figure(theory.folds[k][1], "V", 0.0, meaning)
+    steps = f"steps of at most {o.step:g} s, in the folds at least {STEPS_PER_REV} in a revolution"
+    data = (observed, table.frame)
+    return Findings(figures, data, system, {}, steps, "strang", {"sommerfeld.csv": table})
+
+
+def warn(levels: Sequence[Level], case: Case) -> None:
+    """Name the levels at which the motion does not settle."""
+    open_ends = dict.fromkeys(f"{level.supply:g}" for level in levels if not level.is_steady)
+    if open_ends:
+        time = MAX_HOLDS * case.hold
+        logging.getLogger("cosim").warning(
+            f"at {listed([*open_ends])} V the motion is not steady after {time:g} s; the table has its last speed"
+        )
+
+
+def figure(jumps: Sequence[Jump], name: str, direction: str, observed: Observed) -> Figure:
+    """What the searches with falling numbers of steps state of a jump, where they all have one."""
+    unit, meaning = MEANINGS[name][0], f"{MEANINGS[name][1]}, {direction}"
+    if not jumps:
+        return Figure.undetermined(unit, no_jump(observed), meaning)
+    values = [float(getattr(x, name)) for x in jumps]
+    if not np.isfinite(values).all():
+        reason = next(x.reason for x in jumps if x.reason)
+        return Figure.undetermined(unit, reason, meaning)
+    error = coupling(values, cosim.CONVERGENCE_ORDERS["strang"]) + ROUNDING * values[0]
+    return Figure(values[0], unit, error, meaning)
+
+
+def no_jump(observed: Observed) -> str:
+    """Why there is no jump, where averaged theory has no fold."""
+    if constants(observed.case.system)[6] == 0.0:
+        return "a mount without damping has no steady motion at its resonance"
+    if two_speeds(observed):
+        return "the levels have two speeds at one voltage, and averaged theory has no fold"
+    return "the speed does not jump"
+
+
+def two_speeds(observed: Observed) -> bool:
+    """Whether a voltage has another speed when it is raised than when it is lowered."""
+    pairs = zip(observed.raised, observed.lowered)
+    gap = MIN_GAP * observed.theory.resonance
+    return any(abs(up.speed - down.speed) > gap for up, down in pairs)
+
+
+def sweep(task: tuple[Sequence[float], Case]) -> list[Level]:
+    """All levels up and down again, each from the states at the end of the one before."""
+    supplies, case = task
+    levels: list[Level] = []
+    for supply in (*supplies, *supplies[::-1]):
+        levels.append(case.level(supply, levels[-1].states if levels else {}))
+    return levels
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> str:
+    """Where the motor is caught in these levels, what it takes to pass, and the way back."""
+    observed = r[0]
+    top, high = observed.raised[-1], f"up to {o.supplies[-1]:g} V"
+    if constants(observed.case.system)[6] == 0.0:
+        return undamped(f, observed)
+    if not observed.theory.folds:
+        if f["supply_up"].reason != no_jump(observed) or two_speeds(observed):
+            return f"The voltage of the jump is {f['supply_up'].text()}."
+        if top.speed < observed.theory.resonance:
+            return (
+                f"The motor stays below the resonance at {f['nu_res'].text()} {high}, where it turns at "
+                f"{top.speed:.4g} rad/s. Its speed does not jump."
+            )
+        return f"The motor is not caught: {high} its speed does not jump."
+    texts = {name: figure.text() for name, figure in f.items()}
+    raising = (
+        f"When raised slowly, the supply must reach {texts['supply_up']} to pass the resonance. Below that "
+        f"the motor is caught, finally at {texts['before_up']}; then its speed jumps to "
+        f"{texts['after_up']}."
+    )
+    back = (
+        f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}, where "
+        f"the speed falls from {texts['before_down']} to {texts['after_down']}."
+    )
+    return " ".join([*caught(o, f, observed), raising, back])
+
+
+def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]:
+    """What the levels show where they end before the jump, or jump before it."""
+    up, down, resonance = f["supply_up"], f["supply_down"], f["nu_res"].text()
+    if up.error is None:
+        return []
+    edge, least, top = f["before_up"].value, up.value - up.error, observed.raised[-1]
+    passing = [x.supply for x in observed.raised if x.speed > edge + STEADY and x.supply < least]
+    if passing:
+        return [
+            f"In these levels the motor passes the resonance at {resonance} at {passing[0]:g} V."
+        ]
+    if top.supply >= least:
+        return []
+    is_caught = down.error is not None and top.supply > down.value
+    does = "stays caught" if is_caught else f"does not pass the resonance at {resonance}"
+    return [
+        f"Up to {top.supply:g} V, the highest level, the motor {does}; it then turns at {top.speed:.4g} rad/s."
+    ]
+
+
+def undamped(f: Mapping[str, Figure], observed: Observed) -> str:
+    """What the levels show of a mount without damping."""
+    top, resonance = observed.raised[-1], f["nu_res"].text()
+    first = f"The mount has no damping, so that no steady motion at its resonance at {resonance} exists."
+    where = f"At {top.supply:g} V the motor turns at {top.speed:.4g} rad/s"
+    if top.is_steady:
+        return f"{first} {where}. A voltage of a jump is not determined."
+    return (
+        f"{first} {where} and is not steady after {MAX_HOLDS * observed.case.hold:g} s: the mount shakes by "
+        f"{1e3 * top.shake:.3g} mm. A voltage of a jump is not determined."
+    )
+
+
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
+    """Steady speed and displacement over the supply, and two starts from rest on either side."""
+    (case, _, theory), rows = r
+    v, w, fastest = theory.supplies, theory.speeds, rows["speed"].max()
+    inside = (v >= o.supplies[0]) & (v <= o.supplies[-1]) & (w < 1.1 * fastest)
+    steady = [Curve("averaged theory", v[inside], w[inside], "grey", "theory")]
+    shakes = []
+    for falls, (word, color) in enumerate(zip(DIRECTIONS.values(), ("red", "blue"))):
+        x, y, shake = rows[rows["falling"] == falls][["supply", "speed", "shake"]].to_numpy().T
+        steady.append(Curve(word, x, y, color, "linked"))
+        shakes.append(Curve(word, x, 1e3 * shake, color, "linked"))
+    jumps = {word: f[f"supply_{direction}"] for direction, word in DIRECTIONS.items()}
+    marks = [
+        Mark.of(word, jump)
+        for word, jump in jumps.items()
+        if jump.error is not None and o.supplies[0] <= jump.value <= o.supplies[-1]
+    ]
+    level = Mark.of("resonance", f["nu_res"])
+    panels = [Panel("steady speed", "rad/s", steady, [level]), Panel("displacement", "mm", shakes)]
+    charts = [
+        Chart("Steady motion while the supply is raised and lowered", "supply [V]", panels, marks)
+    ]
+    takes = min(f["supply_up"].value, o.supplies[-1]) if marks else o.supplies[-1]
+    runs = {f"{share:.0%}": case.run(share * takes, {}) for share in STARTS}
+    title = f"Starts from rest at shares of {takes:.4g} V"
+    curves = [
+        Curve(share, run["time"], run["exciter.w"], color)
+        for (share, run), color in zip(runs.items(), ("red", "blue"))
+    ]
+    charts.append(Chart(title, "time [s]", [Panel("speed", "rad/s", curves)]))
+    return Show(charts, [motion.starts(title, runs)])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Live:
+    """Two starts from rest on either side of the voltage of the jump, and such starts at all voltages."""
+    jump = f["supply_up"]
+    supply = o.supplies[-1] if jump.error is None else jump.value
+    runs = [
+        LiveRun(f"{share * supply:.3g} V", color, {"motor.v": share * supply})
+        for share, color in zip(STARTS, ("red", "blue"))
+    ]
+    end = Reader("mean", "exciter.w", "stop - 1")
+    step = f"min(step, 2 * pi * motor.k / (motor.v * {LEVEL_STEPS}))"
+    resonance = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
+    level = {"resonance of the mount": resonance}
+    return Live(
+        sliders=(
+            Slider("motor.R", 4.0, 8.0),
+            Slider("exciter.rotor.m", 0.3, 1.0),
+            Slider("exciter.mount.d", 20.0, 200.0),
+        ),
+        runs=runs,
+        stop="hold",
+        step=step,
+        numbers=[
+            Number("nu_res", resonance),
+            *(
+                Number(
+                    f"end_{k}",
+                    Reader("mean", "exciter.w", "stop - 1", run=run.name),
+                    "rad/s",
+                    f"mean speed in the last second, started with {run.name}",
+                )
+                for k, run in enumerate(runs, 1)
+            ),
+        ],
+        charts=[
+            LiveChart(
+                "Two starts from rest",
+                "time [s]",
+                [
+                    LivePanel("speed", {"exciter.w": "red"}, levels=level),
+                    LivePanel("displacement", {"exciter.x": "red"}, "mm"),
+                ],
+            )
+        ],
+        motion=motion.live_motion("Two starts from rest", parameters(r[0].case.system)),
+        sweep=LiveSweep(
+            over="motor.v",
+            values=o.supplies,
+            step=step,
+            numbers=[
+                Number("w_end", end, "rad/s", "mean speed in the last second"),
+                Number(
+                    "x_end",
+                    Reader("max", "abs(exciter.x)", "stop - 1"),
+                    "m",
+                    "largest displacement",
+                ),
+            ],
+            chart=LiveChart(
+                "What a start from rest leads to",
+                "supply [V]",
+                [
+                    LivePanel(
+                        "mean speed at the end",
+                        {"figures.w_end": ("from rest", "red", "points")},
+                        "rad/s",
+                        level,
+                    ),
+                    LivePanel(
+                        "displacement at the end",
+                        {"1e3 * figures.x_end": ("from rest", "red", "points")},
+                        "mm",
+                    ),
+                ],
+            ),
+        ),
+    )
+
+
+LIVE = live_part

@@ -1,0 +1,97 @@
+"""The iron drive at constant speed, and the speeds at which follower and chain let go."""
+
+import math
+from collections.abc import Mapping
+from itertools import accumulate, pairwise
+from typing import Any
+
+import numpy as np
+
+import cosim
+from cosim import Result, SetupError, System
+from workbench import Figure
+from workbench.charts.model import Span
+from workbench.measure import largest
+from workbench.options import Start
+
+FLYWHEEL = 1e9
+EDGE = 1e-6
+NOMINAL = "40rpm"
+PER_MINUTE = 30 / math.pi
+PARTS = {"motor": "DriveMotor", "iron": "IronDrive"}
+MOTOR: Start = {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau": 0.0}
+WIRES = ("motor.tau -> iron.tau", "iron.w -> motor.w")
+PHASES = {"rise": "grey", "top dwell": "green", "return": "grey", "sealing": "gold"}
+IMPOSED = ("iron.tau", "iron.phi", "iron.w_cam", "iron.reducer.J")
+LETS_GO = {
+    "follower": ("iron.N", "the follower lifts off", "force of the cam on its follower"),
+    "run": ("iron.T_span", "the run of the chain goes slack", "pull in the run of the chain"),
+    "iron": ("iron.T_iron", "the iron hangs free", "pull of the chain on the iron"),
+}
+
+
+def imposed(system: System, speed: float, rotor: float = FLYWHEEL) -> System:
+    """The iron drive of a system by itself, at a practically constant cam speed [rad/s], from phi = 0.
+
+    A rotor far heavier than any motor's imposes the speed: the acceleration left is below 1e-11
+    rad/s2, so that forces and cam torque are the kinetostatic ones. A stiff motor would need
+    communication steps below 0.1 us to stay stable.
+    """
+    other_parts = tuple(f"{part}." for part in system.parts if part != "iron")
+    start = {x: value for x, value in system.start.items() if not x.startswith(other_parts)}
+    fixed = dict(zip(IMPOSED, (0.0, 0.0, speed, rotor)))
+    return System({"iron": system.parts["iron"]}, start={"iron.on_invalid": 1, **start, **fixed})
+
+
+def turn(system: System, speed: float, samples: int = 1440, rotor: float = FLYWHEEL) -> Result:
+    """One turn at constant speed, sampled evenly over the cam angle; its last row is its first."""
+    h = 2 * math.pi / (speed * samples)
+    return cosim.run(imposed(system, speed, rotor), stop=h * samples, step=h)
+
+
+def phases(parameters: Mapping[str, Any]) -> list[Span]:
+    """The parts of a turn over the cam angle [deg]."""
+    widths = [math.degrees(parameters[f"cam.{x}"]) for x in ("rise", "top", "ret")]
+    ends = pairwise([0.0, *accumulate(widths), 360.0])
+    return [Span(*end, *phase) for end, phase in zip(ends, PHASES.items())]
+
+
+def limits(system: System) -> dict[str, Figure]:
+    """The constant cam speed at which each force vanishes first, and the cam angle where; 0 for a
+    force that is not there at rest.
+
+    At constant speed a force is f_0(phi) + f_2(phi) w^2, and two turns tell both: it vanishes where
+    -f_2 / f_0 is largest. It does somewhere, because accelerations have both signs in a turn.
+
+    Both turns have their rows at the same angles, within 1e-11 rad. Friction changes at the ends of
+    rise and return, where nothing accelerates: rows there are left out, lest one turn be on one side
+    and the other beyond.
+    """
+    slow, fast = (turn(system, w) for w in (1.0, 2.0))
+    phi = slow["iron.phi"]
+    spans = phases(slow.provenance["parts"]["iron"]["parameters"])
+    clear = np.min([abs(phi - math.radians(x.last)) for x in spans], axis=0) > EDGE
+    angle, all_figures = np.degrees(phi[clear]), {}
+    for name, (force, event, _) in LETS_GO.items():
+        f_2 = (fast[force] - slow[force])[clear] / 3.0
+        f_0 = slow[force][clear] - f_2
+        limit, at = (
+            Figure(0.0, "rad/s", 0.0, f"cam speed where {event}"),
+            f"cam angle where {event}",
+        )
+        if f_0.min() > 0.0:
+            top = largest(angle, -f_2 / f_0)
+            if not top.value > 0.0:
+                raise SetupError(
+                    "iron.cam.h = 0 m: a cam without a rise unloads neither follower nor chain"
+                )
+            w = top.value**-0.5
+            limit = limit._replace(value=w, error=w * top.error / (2 * top.value))
+            all_figures[f"{name}_limit_angle"] = top.at.figure("deg", at)
+        all_figures[f"{name}_limit"] = limit
+    return all_figures
+
+
+def first(f: Mapping[str, Figure]) -> tuple[Figure, str]:
+    """The lowest of these speeds, and what happens there."""
+    return min((f[f"{name}_limit"], event) for name, (_, event, _) in LETS_GO.items())

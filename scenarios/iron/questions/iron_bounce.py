@@ -1,0 +1,255 @@
+"""At which speed does the follower of the sealing iron bounce, for how long, and how hard does it land?
+
+The cam turns at constant speed, and the follower may leave it. A sweep gives flight, landings and
+their cost; at one speed every figure has its error.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+import cosim
+import workbench
+from cosim import Result, System
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.answer import parameters
+from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE, result_panel
+from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.measure import ROUNDING, largest, with_rows
+
+from .. import machine as iron
+from .. import motion
+
+PARTS = {"iron": "IronDrive"}
+FIXED_STARTS = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
+TURNS, FINER = 3, 4
+TABLE = "iron_bounce.csv"
+UNITS = {
+    "nu": "rad/s", "flight": "s", "landings": "1", "gap": "rad", "speed": "m/s", "impulse": "N.s",
+    "loss": "J",
+}  # fmt: skip
+MEANINGS = {
+    "flight": "time off the cam per turn",
+    "landings": "landings per turn",
+    "gap": "largest angle of the rocker from contact with the cam",
+    "speed": "speed of the hardest landing, along the normal",
+    "impulse": "impulse of the hardest landing",
+    "loss": "energy lost in the landings per turn",
+}
+AXES = {
+    "flight": ("off the cam", LIFT, 1e3, "ms"),
+    "gap": ("gap of the rocker", FORCE, 180 / math.pi, "deg"),
+    "speed": ("landing", SPEED, 1.0, "m/s"),
+    "impulse": ("impulse", TORQUE, 1.0, "N.s"),
+    "loss": ("lost per turn", POWER, 1.0, "J"),
+}
+UNLIKE = "one turn is not like the next"
+HIDDEN = "several landings fall between two rows; more samples are needed to separate them"
+
+
+class Flight(NamedTuple):
+    """A turn at a speed, in the words of UNITS; whether no harder landing hides between two rows."""
+
+    nu: float
+    flight: float
+    landings: float
+    gap: float
+    speed: float
+    impulse: float
+    loss: float
+    are_distinct: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(workbench.Options):
+    speed: float = option("90rpm", "speed of the cam, for the figures", "rad/s", above=0.0)
+    speeds: tuple[float, ...] = option("70:120rpm:11", "speeds of the sweep", "rad/s", above=0.0)
+    stiffness: float = option("10000N/mm", "stiffness of the contact", "N/m", above=0.0)
+    samples: int = option(1440, "rows per turn", least=360)
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """A sweep; and one speed, again with twice the rows and bounces that end four times as slow."""
+    system = System(context.fmus, start=o.start)
+    e, v = (float(parameters(system)[f"iron.follower.{x}"].value) for x in ("e", "v"))
+    flights = context.each(partial(last, system, o.samples), o.speeds, "speeds", probes=True)
+    table = context.record_rows(TABLE, UNITS, (flight[:-1] for flight in flights))
+    result = flying(system, o.samples, o.speed)
+    before, turn_figures = (
+        flight(result, o.samples, o.speed, turn) for turn in (TURNS - 2, TURNS - 1)
+    )
+    finer = replace(system, start={**system.start, "iron.follower.v": v / FINER})
+    other = last(finer, 2 * o.samples, o.speed)
+    reason = (
+        UNLIKE
+        if turn_figures.landings != before.landings
+        else ""
+        if turn_figures.are_distinct
+        else HIDDEN
+    )
+    all_figures = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
+    for name, meaning in MEANINGS.items():
+        x, earlier, fine = (getattr(turn, name) for turn in (turn_figures, before, other))
+        error = abs(x - earlier) + 2 * abs(x - fine) + ROUNDING * x
+        if name == "landings":  # of which slower ends make more
+            error = 0.0
+        texts = Figure(x, UNITS[name], error, meaning)
+        all_figures[name] = Figure.undetermined(texts.unit, reason, meaning) if reason else texts
+    all_figures["force"] = force(all_figures, e, o.stiffness)
+    all_figures["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
+    turn = with_rows(result, result.data[(TURNS - 1) * o.samples :])
+    step, data = f"{o.samples} steps in a turn", (turn, system, table)
+    return Findings(all_figures, data, system, result.provenance, step, tables={TABLE: table})
+
+
+def flying(system: System, samples: int, speed: float) -> Result:
+    """Turns at constant speed [rad/s], from phi = 0, with a follower that may lift off."""
+    turn_figures = iron.imposed(system, speed)
+    turn_figures = replace(turn_figures, start={**turn_figures.start, "iron.follower.lifts": True})
+    h = 2 * math.pi / (speed * samples)
+    return cosim.run(turn_figures, stop=h * samples * TURNS, step=h)
+
+
+def last(system: System, samples: int, speed: float) -> Flight:
+    """The last of these turns."""
+    return flight(flying(system, samples, speed), samples, speed, TURNS - 1)
+
+
+def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:
+    """What a turn tells. Each landing is at least 1/e as hard as the next one."""
+    rows = slice(turn * samples, (turn + 1) * samples + 1)
+    names = ("t_flight", "landings", "E_landing", "gap", "v_landing", "S_landing")
+    t, n, E, gap, v, S = (r[f"iron.{name}"][rows] for name in names)
+    new = np.diff(n)
+    hardest, impulse = (float(x[1:][new > 0].max(initial=0.0)) for x in (v, S))
+    e = r.provenance["parts"]["iron"]["parameters"]["follower.e"]
+    are_distinct = not (v[1:][new > 1] > e * hardest / 2).any()
+    time_off, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
+    widest = largest(r["time"][rows], gap).value
+    return Flight(speed, time_off, landings, widest, hardest, impulse, loss, are_distinct)
+
+
+def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
+    """Of the hardest landing on a spring, sqrt(c m) v, with the mass m that has its impulse."""
+    v, S, meaning = (
+        f["speed"],
+        f["impulse"],
+        "force of the hardest landing on a contact of that stiffness",
+    )
+    if v.error is None or S.error is None:
+        return Figure.undetermined("N", v.reason, meaning)
+    peak = math.sqrt(stiffness * v.value * S.value / (1 + e))
+    share = (v.error / v.value + S.error / S.value) / 2 if peak else 0.0
+    return Figure(peak, "N", peak * share, meaning)
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
+    """Where it lifts off, and what it does at the speed."""
+    texts = {name: figure.text() for name, figure in f.items()}
+    answer = f"The follower leaves the cam at speeds above {texts['follower_limit']}"
+    if "follower_limit_angle" in f:
+        answer += f", first at a cam angle of {texts['follower_limit_angle']}"
+    answer += f". At {o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) "
+    if f["flight"].error is None:
+        return f"{answer}{f['flight'].reason}."
+    if not f["flight"].value:
+        return f"{answer}it stays on the cam."
+    answer += f"it is off the cam for {texts['flight']} of each turn and "
+    if not f["landings"].value:
+        return f"{answer}does not land."
+    times = "once" if f["landings"].value == 1.0 else f"{texts['landings']} times"
+    return (
+        f"{answer}lands {times} (impact speed up to {texts['speed']}, impulse up to {texts['impulse']}). "
+        f"With a contact stiffness of {o.stiffness:g} N/m the peak force is {texts['force']}. Energy lost per "
+        f"turn: {texts['loss']}."
+    )
+
+
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Show:
+    """A turn with its landings, the sweep, and the mechanism in motion."""
+    turn, system, table = r
+    phi = np.degrees(turn["iron.phi"]) - 360.0 * (TURNS - 1)
+    hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
+    at = partial(result_panel, result=turn, x=phi)
+    panels = [
+        at("gap of the rocker", curves={"iron.gap": FORCE}, unit="deg"),
+        at("force of the cam", curves={"iron.N": TORQUE}, includes=(0.0,)),
+        at("lift of the iron", curves={"iron.lift": LIFT}, unit="mm"),
+        at("velocity", curves={"iron.v": SPEED}),
+    ]
+    if hit.any():
+        blows = Curve("landing", phi[hit], turn["iron.S_landing"][hit], TORQUE, "points")
+        panels.insert(2, Panel("impulse", "N.s", [blows], includes=(0.0,)))
+    spans = iron.phases(turn.provenance["parts"]["iron"]["parameters"])
+    title = f"A turn at {f['cycles'].text('cycles/min')}"
+    frame, limit = table.frame, f["follower_limit"].value * iron.PER_MINUTE
+    pace = frame["nu"].to_numpy() * iron.PER_MINUTE
+    over = [
+        Panel(text, unit, [Curve(text, pace, scale * frame[name].to_numpy(), color, "linked")])
+        for name, (text, color, scale, unit) in AXES.items()
+    ]
+    marks = [Mark(limit, "lifts off")] if pace[0] <= limit <= pace[-1] else []
+    charts = [
+        Chart(title, "cam angle [deg]", panels, spans=spans),
+        Chart("Flight and landings over the speed", "speed of the cam [1/min]", over, marks),
+    ]
+    moving = motion.motion("The mechanism in this turn", turn, system, turn["time"][-1], 4.0)
+    return Show(charts, [moving])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Live:
+    """The last of three turns at the speed of the slider, as `flying` has them."""
+    turn, system, _ = r
+    panels = [
+        LivePanel("gap of the rocker", {"iron.gap": FORCE}, "deg"),
+        LivePanel("force of the cam", {"iron.N": TORQUE}, includes=(0.0,)),
+        LivePanel("lift of the iron", {"iron.lift": LIFT}, "mm"),
+        LivePanel("velocity", {"iron.v": SPEED}),
+    ]
+    impulse = "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))"
+    return Live(
+        sliders=(
+            Slider("speed", 7.0, 13.0),
+            Slider("stiffness", 1e5, 1e8),
+            Slider("iron.follower.e", 0.0, 0.9),
+            Slider("iron.spring.c", 0.0, 1200.0),
+            Slider("iron.iron.m", 1.0, 10.0),
+        ),
+        start={
+            "iron.tau": 0.0,
+            "iron.phi": 0.0,
+            "iron.w_cam": "speed",
+            "iron.reducer.J": iron.FLYWHEEL,
+            "iron.follower.lifts": 1,
+            **({} if "iron.on_invalid" in o.start else {"iron.on_invalid": 1}),
+        },
+        stop=f"{TURNS} * 2 * pi / speed",
+        step="2 * pi / (speed * samples)",
+        angle="iron.phi",
+        numbers=[
+            Number("flight", Reader("change", "iron.t_flight", REVOLUTION)),
+            Number("landings", Reader("change", "iron.landings", REVOLUTION)),
+            Number("gap", Reader("max", "iron.gap", REVOLUTION)),
+            Number("speed", Reader("max", "iron.v_landing", REVOLUTION)),
+            Number("impulse", Reader("max", "iron.S_landing", REVOLUTION)),
+            Number("loss", Reader("change", "iron.E_landing", REVOLUTION)),
+            Number("force", impulse),
+        ],
+        charts=[
+            LiveChart(
+                "The last of three turns",
+                "cam angle [deg]",
+                panels,
+                "crank_angle * 180 / pi",
+                REVOLUTION,
+            )
+        ],
+        motion=motion.live_motion("The mechanism in this turn", turn, system, 4.0, REVOLUTION),
+    )
+
+
+LIVE = live_part

@@ -1,0 +1,156 @@
+"""What do motor, chain and cam of the sealing iron carry over one turn, and how fast may it run?
+
+The cam turns at constant speed. The answer gives torque, forces and motion of the iron over the cam
+angle, the work of friction per cycle, and the speeds at which follower or chain let go.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+import workbench
+from cosim import Result, System
+from workbench import Chart, Context, Figure, Findings, Mark, Run, Show, Table, option
+from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, result_panel
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.measure import integral, largest, smallest
+
+from .. import machine as iron
+from .. import motion
+
+PARTS = {"iron": "IronDrive"}
+FIXED_STARTS = iron.IMPOSED
+FORCES = {
+    "iron.N": ("cam on follower", TORQUE),
+    "iron.T_span": ("chain at the link", SPEED),
+    "iron.T_iron": ("chain at the iron", LIFT),
+}
+PANELS: dict[str, Mapping[str, tuple[str, ...] | str]] = {
+    "forces": FORCES,
+    "torque of the cam": {"iron.tau_cam": TORQUE},
+    "lift": {"iron.lift": LIFT},
+    "velocity": {"iron.v": SPEED},
+    "acceleration": {"iron.a": FORCE},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(workbench.Options):
+    speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
+    samples: int = option(1440, "rows per turn", least=180)
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """One turn at the speed, and two more for the limits."""
+    system, period = (
+        iron.imposed(System(context.fmus, start=o.start), o.speed),
+        2 * math.pi / o.speed,
+    )
+    run = Run(stop=period, step=period / o.samples)
+    result, all_figures = context.certify(system, figures, run, None, "iron_cycle.csv")
+    all_figures["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
+    all_figures |= iron.limits(system)
+    (limit, _), meaning = iron.first(all_figures), "speed as a share of the first limit"
+    all_figures["share"] = Figure.undetermined("%", "the first limit is 0", meaning)
+    if limit.value:
+        share = 100 * o.speed / limit.value
+        all_figures["share"] = Figure(
+            share, "%", share * (limit.error or 0.0) / limit.value, meaning
+        )
+    tables = {"iron_cycle.csv": Table.of(result)}
+    return Findings(all_figures, (result, system), system, result.provenance, tables=tables)
+
+
+def figures(r: Result) -> dict[str, Figure]:
+    """Torque, stroke, works, least and largest forces of a turn."""
+    angle, torque, unit = np.degrees(r["iron.phi"]), r["iron.tau_cam"], r.units["iron.tau_cam"]
+    i_g = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
+    low, high, motor = smallest(angle, torque), largest(angle, torque), abs(torque) / i_g
+    friction, J = float(r["iron.E_friction"][-1]), r.units["iron.E_friction"]
+    lift, stroke = largest(angle, r["iron.lift"]), "stroke of the iron"
+    all_figures = {
+        "tau_cam_min": low.figure(unit, "smallest torque at the cam shaft"),
+        "tau_cam_min_angle": low.at.figure("deg", "cam angle of the smallest torque"),
+        "tau_cam_max": high.figure(unit, "largest torque at the cam shaft"),
+        "tau_cam_max_angle": high.at.figure("deg", "cam angle of the largest torque"),
+        "tau_motor_max": largest(angle, motor).figure(unit, "largest torque of the motor"),
+        "stroke": lift.figure(r.units["iron.lift"], stroke),
+        "friction_work": Figure(friction, J, 0.0, "work of the guide friction per turn"),
+        "work": integral(r["iron.phi"], torque).figure(J, "work of the cam torque per turn"),
+    }
+    for name, (force, _, meaning) in iron.LETS_GO.items():
+        least, most = (end(angle, r[force]) for end in (smallest, largest))
+        all_figures[f"{name}_force_min"] = least.figure(r.units[force], f"smallest {meaning}")
+        all_figures[f"{name}_force_max"] = most.figure(r.units[force], f"largest {meaning}")
+    return all_figures
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
+    """Whether the speed is safe, and what the drive carries."""
+    texts, (limit, event) = {name: figure.text() for name, figure in f.items()}, iron.first(f)
+    answer = f"exceeds the limit: {event} at {limit.text()}"
+    if o.speed < limit.value:
+        answer = f"is safe: it is {texts['share']} of {limit.text()}, where {event}"
+    return (
+        f"{o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) {answer}. The cam shaft carries "
+        f"between {texts['tau_cam_min']} and {texts['tau_cam_max']}, the motor up to "
+        f"{texts['tau_motor_max']}, and the chain up to {texts['run_force_max']}. The cam presses on its "
+        f"follower with up to {texts['follower_force_max']}."
+    )
+
+
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
+    """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
+    (result, _), (limit, event) = r, iron.first(f)
+    phi = np.degrees(result["iron.phi"])
+    panel = partial(result_panel, result=result, x=phi)
+    zero = [Mark(0.0, "0: contact or chain lets go")]
+    panels = [
+        panel(quantity, curves=curves, unit="mm" if quantity == "lift" else "")
+        for quantity, curves in PANELS.items()
+    ]
+    panels[0] = panels[0]._replace(includes=(0.0,), levels=zero)
+    spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
+    now, pace = (f"{x:.1f} cycles/min" for x in (f["cycles"].value, iron.PER_MINUTE * limit.value))
+    title = f"One turn of the cam at {now}; {event} at {pace}"
+    moving = motion.motion("One turn of the cam", *r, result["time"][-1], 4.0)
+    return Show([Chart(title, "cam angle [deg]", panels, spans=spans)], [moving])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+    """One turn at the speed of the slider, from the angle 0, as `drive.imposed` has it."""
+    panels = [
+        LivePanel(quantity, curves, "mm" if quantity == "lift" else "", includes=(0.0,))
+        for quantity, curves in PANELS.items()
+    ]
+    return Live(
+        sliders=(
+            Slider("speed", 1.0, 12.0),
+            Slider("iron.iron.m", 1.0, 10.0),
+            Slider("iron.spring.c", 0.0, 1200.0),
+            Slider("iron.friction.K_up", 0.0, 0.3),
+        ),
+        charts=[
+            LiveChart("One turn of the cam", "cam angle [deg]", panels, x="iron.phi * 180 / pi")
+        ],
+        motion=motion.live_motion("One turn of the cam", *r, 4.0),
+        start={"iron.w_cam": "speed"},
+        stop="2 * pi / speed",
+        step="2 * pi / (speed * samples)",
+        numbers=[
+            Number("tau_cam_min", Reader("min", "iron.tau_cam")),
+            Number("tau_cam_max", Reader("max", "iron.tau_cam")),
+            Number("tau_motor_max", Reader("max", "abs(iron.tau_cam) / iron.reducer.i_g")),
+            Number("stroke", Reader("max", "iron.lift")),
+            Number("friction_work", Reader("last", "iron.E_friction")),
+            Number("follower_force_min", Reader("min", "iron.N")),
+            Number("follower_force_max", Reader("max", "iron.N")),
+            Number("run_force_max", Reader("max", "iron.T_span")),
+        ],
+    )
+
+
+LIVE = live_part

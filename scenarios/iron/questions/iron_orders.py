@@ -1,0 +1,301 @@
+"""How does the motor's lag change the ripple of the iron drive, and is a resonance important?
+
+At each speed the steady motion is resolved into orders 1..12 of the cam angle. The formula
+nu_k = sqrt(B_eff / (theta T)) / k gives the speed at which order k of the torque lags its excitation
+by 90 degrees; theta and the excitation come from turns at constant speed.
+"""
+
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import cosim
+import workbench
+from cosim import System, largest
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.answer import parameters
+from workbench.charts.model import SERIES
+from workbench.figure import listed, refusals
+from workbench.limit import coupling
+from workbench.measure import Measured, Samples, harmonics, measured
+from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
+from workbench.run import captured_warnings
+
+from .. import machine as iron
+from .. import motion
+
+Frame = Any
+PARTS = iron.PARTS
+FIXED_STARTS = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
+ORDERS, HIGHEST = 12, 60
+LAGS = (12, 80, 200)
+PER_REV = 1440
+LIGHT = 1e4
+IMPORTANT, SMALL = 10.0, 0.1
+ALGORITHM = "strang"
+FORCES = [force for force, _, _ in iron.LETS_GO.values()]
+LET_GO = "the results are not valid until all is loaded again"
+UNITS = {
+    "T": "s", "nu": "rad/s", "order": "1", "torque": "N.m", "torque_phase": "deg",
+    "speed": "rad/s", "excitation": "N.m", "lag": "deg", "gain": "1", "settling": "N.m",
+    "added": "%",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(workbench.Options):
+    speeds: tuple[float, ...] = option("2:7.5:23", "mean speeds of the cam", "rad/s", above=0.0)
+
+
+class Machine(NamedTuple):
+    """The drive with the user's start values; slope of the motor's line and gear ratio; at the cam's
+    shaft mean inertia, friction work per turn, and a turn's torque at constant speed, `still` +
+    `moving` nu^2, over its angles phi.
+    """
+
+    drive: System
+    slope: float
+    i_g: float
+    theta: Measured
+    work: float
+    phi: Samples
+    still: Samples
+    moving: Samples
+
+    def torque(self, nu: float) -> Samples:
+        """Over a turn at constant speed [N.m]."""
+        return self.still + self.moving * nu**2
+
+    def most(self, nu: float) -> Measured:
+        """The largest torque of such a turn, of either sign [N.m]."""
+        return measured(largest, self.phi, abs(self.torque(nu)))
+
+    def excitation(self, nu: float, order: int) -> Measured:
+        """What such a turn has of an order [N.m]."""
+        full_inertia, *halves = (
+            float(abs(harmonics(self.phi[rows], self.torque(nu)[rows], ORDERS)[order - 1]))
+            for rows in (np.s_[:], np.s_[::2], np.s_[1::2])
+        )
+        return Measured(full_inertia, max(abs(full_inertia - half) for half in halves))
+
+    def system(self, T: float, nu: float) -> System:
+        """With the lag T [s] of a motor that is set for the mean speed nu [rad/s], turning from phi = 0."""
+        mean = self.work / (2 * math.pi * self.i_g)
+        fixed = dict(zip(FIXED_STARTS, (self.slope * self.i_g * nu + mean, T, mean, nu, 0.0)))
+        return replace(self.drive, start={**self.drive.start, **fixed})
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """Sweep three motors; where the lag adds most, again with coarser steps."""
+    start = iron.MOTOR | {"iron.on_invalid": 1} | dict(o.start)
+    machine = measure(System(context.fmus, iron.WIRES, start))
+    run = partial(simulate, machine)
+    cases = [(lag / 1e3, nu, PER_REV) for lag in LAGS for nu in o.speeds]
+    swept = chain.from_iterable(context.each(run, cases, "sweep"))
+    orders = context.record_rows("iron_orders.csv", UNITS, swept)
+    worst = orders.frame.dropna().query("added > 0").sort_values("added").groupby("T").tail(1)
+    again = [(x["T"], x["nu"], PER_REV // n) for n in (2, 4) for _, x in worst.iterrows()]
+    repeated = chain.from_iterable(context.each(run, again, "coupling errors"))
+    which = set(zip(worst["T"], worst["order"]))
+    runs = [*worst.itertuples(index=False), *(x for x in repeated if (x[0], x[2]) in which)]
+    all_figures = figures(machine, orders.frame, Table.of_rows(runs, UNITS).frame)
+    w_n = {lag / 1e3: all_figures[f"w_n_{lag}ms"].value for lag in LAGS}
+    crossings = [(T, k, w / k) for T, w in w_n.items() for k in range(1, ORDERS + 1)]
+    units = {x: UNITS[x] for x in ("T", "order", "nu")}
+    tables = {"iron_orders.csv": orders, "iron_orders_meets.csv": Table.of_rows(crossings, units)}
+    system, steps = machine.system(*cases[0][:2]), f"{PER_REV} steps per revolution"
+    return Findings(all_figures, (machine, orders.frame), system, {}, steps, ALGORITHM, tables)
+
+
+def measure(drive: System) -> Machine:
+    """The mechanism from turns at constant speed, whose last rows are the first again: two tell the
+    torque; the inertia, beside that of the rotor, is known to more digits with a light one.
+    """
+    of_lag, names = parameters(drive), ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
+    slope, i_g, rotor = (float(of_lag[x].value) for x in names)
+    slow, two = (iron.turn(drive, w, PER_REV) for w in (1.0, 2.0))
+    moving = (two["iron.tau_cam"] - slow["iron.tau_cam"])[:-1] / 3
+    still = slow["iron.tau_cam"][:-1] - moving
+    light, work = iron.turn(drive, 1.0, PER_REV, LIGHT), float(slow["iron.E_friction"][-1])
+    full_inertia = (2 * light["iron.E_kin"] / light["iron.w_cam"] ** 2)[:-1]
+    theta = full_inertia - (LIGHT - rotor) * i_g**2
+    fewer = [theta[first::n].mean() for n in (2, 3) for first in range(n)]
+    spread = max(abs(float(theta.mean() - mean)) for mean in fewer)
+    spread += 4 * math.ulp(LIGHT * i_g**2)
+    mean = Measured(float(theta.mean()), spread)
+    return Machine(drive, slope, i_g, mean, work, slow["iron.phi"][:-1], still, moving)
+
+
+def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[float]]:
+    """The orders of the steady motion with a lag [s] at a mean speed [rad/s], in so many steps per
+    revolution; a warning and nan where it does not settle."""
+    T, nu, per_rev = case
+    system, excitation = machine.system(T, nu), machine.torque(nu)
+
+    def at(states: Mapping[str, float]) -> System:
+        return replace(system, start={**system.start, **states})
+
+    def amplitudes(column: str, back: int = 0) -> Any:
+        rows = turns.window(back)
+        phi, x = turns.result["iron.phi"][rows], turns.result[column][rows]
+        return harmonics(phi, x, HIGHEST)[:ORDERS]
+
+    states = {name: float(system.start[name]) for name in ("iron.w_cam", "motor.tau")}
+    torque = speed = before = np.full(ORDERS, complex(math.nan, math.nan))
+    left = 0.0
+    try:
+        with captured_warnings() as warnings:
+            turns = periodic_orbit(at, states, "iron.phi", nu, per_rev, FORCES, ALGORITHM)
+        warn(turns, T, nu, warnings())
+        torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
+        speed, left = amplitudes("iron.w_cam"), turns.settling_error(1.0)
+    except NoOrbitError as problem:
+        where = f"{nu:g} rad/s with a lag of {1e3 * T:g} ms"
+        logging.getLogger("cosim").warning(f"no steady motion at {where}: {problem}")
+    tau = harmonics(machine.phi, excitation, ORDERS)
+    M, excited, behind = np.abs(torque), np.abs(tau), np.angle(tau) - np.angle(torque)
+    columns = [
+        M, np.degrees(np.angle(torque)), np.abs(speed), excited, np.degrees(behind) % 360.0,
+        M / excited, left * np.abs(torque - before), 100 * (M - excited) / machine.most(nu).value,
+    ]  # fmt: skip
+    return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
+
+
+def warn(turns: Revolutions, T: float, nu: float, warnings: Sequence[str]) -> None:
+    """Name what lets go in the steady motion of a lag [s] at a mean speed [rad/s], once; other warnings
+    of the runs are passed on.
+    """
+    log = logging.getLogger("cosim")
+    for warning in warnings:
+        if LET_GO not in warning:
+            log.warning(warning)
+    rows = turns.window()
+    events = [
+        event for force, event, _ in iron.LETS_GO.values() if turns.result[force][rows].min() < 0.0
+    ]
+    if events:
+        log.warning(
+            f"in the steady motion at {nu:g} rad/s with a lag of {1e3 * T:g} ms {listed(events)}: the orders "
+            "are not valid for a real drive"
+        )
+
+
+def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
+    """Inertia, slope and limit of the mechanism; of each lag the formula, and where it adds most.
+
+    `runs` are the order that each lag adds most to, with all, a half and a quarter of the steps;
+    the errors are those of the coupling, of the excitation's rows, and what settling leaves.
+    """
+    theta, B, order = (
+        machine.theta,
+        machine.i_g**2 * machine.slope,
+        cosim.CONVERGENCE_ORDERS[ALGORITHM],
+    )
+    limits, spread = iron.limits(machine.drive), theta.error / (2 * theta.value)
+    all_figures = {
+        "theta": theta.figure("kg.m2", "mean inertia at the cam shaft"),
+        "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
+        **{name: x for name, x in limits.items() if name.startswith("follower")},
+    }
+    share = "most that the lag adds to an order, over the largest torque"
+    for lag in LAGS:
+        T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
+        torque_figures = orders[orders["T"] == T]["added"].notna().any()
+        why = "the lag adds to no order" if torque_figures else "there is no steady motion"
+        w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
+        of_lag = {
+            "w_n": Figure(w_n, "rad/s", w_n * spread, "frequency of a lag of 90 deg, by formula"),
+            "zeta": Figure(zeta, "1", zeta * spread, "damping ratio of the ripple"),
+            "added": Figure.undetermined("%", f"{why} at any speed of the sweep", share),
+        }
+        for at in mine.head(1).itertuples():
+            left, most = 2 * at.settling, machine.most(at.nu)
+            row_error = machine.excitation(at.nu, at.order).error
+            added = coupling(mine["added"].to_list(), order)
+            added += (100 * (left + row_error) + at.added * most.error) / most.value
+            gain = (
+                coupling(mine["gain"].to_list(), order)
+                + (left + at.gain * row_error) / at.excitation
+            )
+            of_lag["added"] = Figure(at.added, "%", added, share)
+            of_lag["gain"] = Figure(at.gain, "1", gain, f"gain of order {at.order} there")
+            of_lag["worst_speed"] = Figure(at.nu, "rad/s", 0.0, "speed of the sweep there")
+        for name, x in of_lag.items():
+            all_figures[f"{name}_{lag}ms"] = x._replace(meaning=f"{x.meaning}, lag {lag} ms")
+    return all_figures
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
+    """For which motors a resonance matters, and what the lag of each adds."""
+    adds = {f"{lag} ms": f[f"added_{lag}ms"] for lag in LAGS}
+    most = [
+        f"{share.text()} with {lag} at {f[f'worst_speed_{lag}'.replace(' ', '')].text()}"
+        for lag, share in adds.items()
+        if share.error is not None
+    ]
+    lift = f"The follower lifts off at {f['follower_limit'].text()}."
+    highest = [f"The lag adds at most {listed(most)}."] if most else []
+    return " ".join([*importance(adds), *highest, *refusals(adds), lift])
+
+
+def importance(adds: Mapping[str, Figure]) -> list[str]:
+    """Say for which lags an order rises by more than IMPORTANT, where that holds within the error."""
+    stated = {lag: share for lag, share in adds.items() if share.error is not None}
+    matter = [lag for lag, x in stated.items() if x.value - (x.error or 0.0) > IMPORTANT]
+    below = [lag for lag, x in stated.items() if x.value + (x.error or 0.0) <= IMPORTANT]
+    rise = f"rises by more than {IMPORTANT:g} % of the largest torque"
+    if matter:
+        return [f"With a motor lag of {listed(matter)} a torque order {rise}."]
+    if below and len(below) == len(stated):
+        return [f"With a motor lag of {listed(below)} no torque order {rise}."]
+    return []
+
+
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
+    """Gains and torques of the orders, and a turn of the mechanism."""
+    machine, orders = r
+    nu = o.speeds[len(o.speeds) // 2]
+    turn, title = iron.turn(machine.drive, nu, 360), f"The mechanism at {nu:g} rad/s"
+    moving = motion.motion(title, turn, machine.drive, turn["time"][-1], 4.0)
+    return Show([gain(f, orders), *(torque(lag, f, orders) for lag in LAGS)], [moving])
+
+
+def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:
+    """Torque over excitation; orders whose excitation is small say nothing and are left out."""
+    curves, marks, theta, B = [], [], f["theta"].value, f["slope"].value
+    for lag, color in zip(LAGS, SERIES):
+        mine, name, w_n = orders[orders["T"] == lag / 1e3], f"lag {lag} ms", f[f"w_n_{lag}ms"].value
+        strong = mine[mine["excitation"] > SMALL * mine["excitation"].max()]
+        frequency = (strong["order"] * strong["nu"]).to_numpy()
+        w = np.linspace(frequency.min(), frequency.max(), 300)
+        formula = np.abs(B / (B - theta * lag / 1e3 * w**2 + 1j * theta * w))
+        curves.append(Curve(f"{name}, theory", w, formula, color, "theory"))
+        curves.append(Curve(name, frequency, strong["gain"].to_numpy(), color, "points"))
+        if w[0] <= w_n <= w[-1]:
+            marks.append(Mark(w_n, f"{name}: w_n {w_n:.1f} rad/s"))
+    title = f"Gain of the orders whose excitation is above {SMALL:.0%} of the largest"
+    slow = [Mark(1.0, "1: torque = excitation")]
+    panel = Panel("gain", "1", curves, slow, includes=(0.0,))
+    return Chart(title, "frequency of the order [rad/s]", [panel], marks)
+
+
+def torque(lag: int, f: Mapping[str, Figure], orders: Frame) -> Chart:
+    """The torque of each order over the speed, where it meets w_n, and where the follower lifts."""
+    mine, adds = orders[orders["T"] == lag / 1e3], f[f"added_{lag}ms"]
+    curves, marks = [], [Mark(f["follower_limit"].value, "follower lifts off")]
+    for k, color in enumerate(SERIES, 1):
+        nu, height = mine[mine["order"] == k][["nu", "torque"]].to_numpy().T
+        curves.append(Curve(f"order {k}", nu, height, color, "linked"))
+        marks.append(Mark(f[f"w_n_{lag}ms"].value / k, f"w_n / {k}"))
+    title = f"What a motor lag of {lag} ms adds to the orders is not determined: {adds.reason}"
+    if adds.error is not None:
+        title = f"A motor lag of {lag} ms adds at most {adds.value:.1f} % of the largest torque to an order"
+    inside = [mark for mark in marks if nu[0] <= mark.at <= nu[-1]]
+    panel = Panel("amplitude", "N.m", curves, includes=(0.0,))
+    return Chart(title, "cam speed [rad/s]", [panel], inside)

@@ -1,0 +1,227 @@
+"""How does the sealing iron's drive start, and where does the motor's work go?
+
+A motor with lag starts the mechanism from rest in the middle of the bottom dwell. The CSV contains the
+energy ledger (work in = stored + friction), with what the coupling lost or made.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim import Result, System
+from workbench import Chart, Context, Figure, Findings, Run, Show, Table, option
+from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, result_panel
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.measure import Measured, Samples, extended, integral, largest, measured
+
+from .. import machine as iron
+from .. import motion
+
+PARTS = iron.PARTS
+#: Largest share of the whole way that a cam at rest makes in the last tenth of a run, a convention.
+STANDS = 0.01
+#: Rows of a slow turn.
+SAMPLES = 720
+FIRST = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Run):
+    motor_A: float = option(4.0, "torque of the motor at rest", "N.m")
+    motor_B: float = option(0.025, "slope of the motor line", "N.m.s/rad", least=0.0)
+    motor_T: float = option("12ms", "lag of the motor", "s", above=0.0)
+    stop: float = option(3.0, "simulated time", "s", above=0.0)
+    step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """One start."""
+    motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
+    system = System(context.fmus, iron.WIRES, motor | dict(o.start))
+    result, all_figures = context.certify(system, figures, o, None, "iron_start.csv")
+    all_figures |= needs(system, result)
+    full = ledger(result)
+    tables = {"iron_start.csv": Table.of(full)}
+    return Findings(all_figures, (full, system), system, result.provenance, tables=tables)
+
+
+def ledger(r: Result) -> Result:
+    """The run with work of the motor, energy stored since the start, friction, what is missing [J]."""
+    work = np.asarray(CubicSpline(r["time"], r["motor.P"]).antiderivative()(r["time"]))
+    energy, friction = r["iron.E_kin"] + r["iron.E_pot"], r["iron.E_friction"]
+    stored = energy - energy[0]
+    missing = work - stored - friction
+    more = {"E_in": work, "E_stored": stored, "E_friction": friction, "E_missing": missing}
+    return extended(r, r.units["iron.E_kin"], more)
+
+
+def figures(r: Result) -> dict[str, Figure]:
+    """Largest speed and torque with their times, the speed it settles at, energies at the end."""
+    t, phi, r = r["time"], r["iron.phi"], ledger(r)
+    rad, torque, J = (r.units[x] for x in ("iron.w_cam", "motor.tau", "E_in"))
+    w, tau, mean = largest(t, r["iron.w_cam"]), largest(t, r["motor.tau"]), measured(pace, t, phi)
+    cycles, work = Measured(*(iron.PER_MINUTE * x for x in mean)), integral(t, r["motor.P"])
+    turns = float(phi[-1] - phi[0]) / (2 * math.pi)
+    missing = float(np.abs(r["E_missing"]).max())
+    return {
+        "w_cam_max": w.figure(rad, "largest speed of the cam"),
+        "w_cam_max_time": w.at.figure("s", "time of the largest speed of the cam"),
+        "tau_max": tau.figure(torque, "largest torque of the motor"),
+        "tau_max_time": tau.at.figure("s", "time of the largest torque"),
+        "w_cam_mean": mean.figure(rad, "mean speed in the second half"),
+        "cycles": cycles.figure("1/min", "cycles per minute in the second half"),
+        "turns": Figure(turns, "1", 0.0, "turns of the cam"),
+        "energy_in": work.figure(J, "work of the motor"),
+        "energy_stored": Figure(float(r["E_stored"][-1]), J, 0.0, "stored at the end"),
+        "energy_friction": Figure(float(r["E_friction"][-1]), J, 0.0, "lost to friction"),
+        "energy_missing_max": Figure(
+            missing, J, work.error, "largest energy that the coupling made or lost"
+        ),
+    }
+
+
+def needs(system: System, r: Result) -> dict[str, Figure]:
+    """The largest torque that a slow turn takes at the cam, and what the motor gives there at rest.
+
+    Torques of turns at constant speed are f_0 + f_2 w^2, and two turns give f_0.
+    """
+    slow, fast = (iron.turn(system, w, SAMPLES) for w in (1.0, 2.0))
+    torque, unit = slow["iron.tau_cam"], slow.units["iron.tau_cam"]
+    still = torque - (fast["iron.tau_cam"] - torque) / 3
+    gear = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
+    motor = float(r["motor.tau_static"][0])
+    most = largest(slow["iron.phi"], still)
+    return {
+        "tau_cam_max": most.figure(unit, "largest torque at the cam in a slow turn"),
+        "tau_cam_rest": Figure(
+            gear * motor, unit, 0.0, "torque of the motor at the start, at the cam"
+        ),
+    }
+
+
+def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
+    """Mean speed after that share of the run."""
+    began = t[0] + since * (t[-1] - t[0])
+    return float((phi[-1] - CubicSpline(t, phi)(began)) / (t[-1] - began))
+
+
+def stands(t: Samples, phi: Samples) -> bool:
+    """Whether the cam hardly moves in the last tenth of a run, to either side."""
+    last = t >= t[-1] - 0.1 * (t[-1] - t[0])
+    return bool(np.ptp(phi[last]) < STANDS * np.ptp(phi))
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
+    """How the cam starts, how it goes on, and the ledger."""
+    texts = {name: figure.text() for name, figure in f.items()}
+    starts = (
+        f"The cam peaks at {texts['w_cam_max']} after {texts['w_cam_max_time']}; its mean speed in the second "
+        f"half is {texts['w_cam_mean']} ({f['cycles'].text('cycles/min')})."
+    )
+    if stands(r[0]["time"], r[0]["iron.phi"]):
+        turned = f"the cam has made {texts['turns']} turns, at up to {texts['w_cam_max']}"
+        starts = f"The motor stalls: {turned}, and does not turn any further."
+    elif abs(f["turns"].value) < 1.0:
+        so_far = f"Up to {o.stop:g} s it makes {texts['turns']} turns."
+        starts = creeping(o, f) if is_weak(f) else f"{starts} {so_far}"
+    if not stands(r[0]["time"], r[0]["iron.phi"]) and f["w_cam_mean"].value < 0.0:
+        starts = (
+            f"The cam turns backwards, at {texts['w_cam_mean']} in the second half; up to {o.stop:g} s it "
+            f"makes {texts['turns']} turns."
+        )
+    return (
+        f"{starts} Of {texts['energy_in']} from the motor, friction takes {texts['energy_friction']}, "
+        f"and {texts['energy_stored']} is stored at the end."
+    )
+
+
+def creeping(o: Options, f: Mapping[str, Figure]) -> str:
+    """How far the cam comes of a motor that is too weak for a slow turn."""
+    texts = {name: figure.text() for name, figure in f.items()}
+    return (
+        f"Within {o.stop:g} s the cam does not complete a turn: it makes {texts['turns']} turns, at up to "
+        f"{texts['w_cam_max']}, and its mean speed in the second half is {texts['w_cam_mean']}. The motor "
+        f"gives {texts['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
+        f"{texts['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
+    )
+
+
+def is_weak(f: Mapping[str, Figure]) -> bool:
+    """Whether the motor gives less at the start than a slow turn takes at most."""
+    most = f["tau_cam_max"]
+    return 0.0 < f["tau_cam_rest"].value < most.value - (most.error or 0.0)
+
+
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
+    """The first moments, the whole start with its ledger, and the mechanism in motion."""
+    full = chart(r[0], "The start from the middle of the bottom dwell", slice(None))
+    first = chart(r[0], "The first moments", r[0]["time"] <= FIRST)
+    moving = motion.motion("The start", *r, o.stop, 2.0)
+    return Show([first._replace(panels=first.panels[:3]), full], [moving])
+
+
+def chart(r: Result, title: str, rows: Any) -> Chart:
+    """Speed, torque, ledger and lift over time."""
+    panel = partial(result_panel, result=r, x=r["time"][rows], rows=rows)
+    energy = {
+        "E_friction": ("friction", "grey", "area"),
+        "E_stored": ("stored", "sky", "area"),
+        "E_in": ("from the motor", TORQUE),
+    }
+    panels = [
+        panel("cam speed", curves={"iron.w_cam": SPEED}),
+        panel("motor torque", curves={"motor.tau": TORQUE}),
+        panel("energy", curves=energy, includes=(0.0,)),
+        panel("lift", curves={"iron.lift": LIFT}, unit="mm"),
+        panel("made or lost by the coupling", curves={"E_missing": ("missing", THEORY)}, unit="mJ"),
+    ]
+    return Chart(title, "time [s]", panels)
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+    """The start."""
+    half = "stop / 2"
+    panels = [
+        LivePanel("cam speed", {"iron.w_cam": SPEED}),
+        LivePanel("motor torque", {"motor.tau": TORQUE}),
+        LivePanel("lift", {"iron.lift": LIFT}, "mm"),
+        LivePanel(
+            "energy",
+            {
+                "iron.E_kin + iron.E_pot": ("kinetic and potential", POWER),
+                "iron.E_friction": ("friction", THEORY),
+            },
+            "J",
+        ),
+    ]
+    return Live(
+        sliders=(
+            Slider("motor_A", 1.0, 8.0),
+            Slider("motor_T", 0.002, 0.1),
+            Slider("iron.iron.m", 1.0, 10.0),
+            Slider("iron.spring.c", 0.0, 1200.0),
+            Slider("iron.reducer.J", 0.0, 0.003),
+        ),
+        start={"motor.A": "motor_A", "motor.B": "motor_B", "motor.T": "motor_T"},
+        numbers=[
+            Number("w_cam_max", Reader("max", "iron.w_cam")),
+            Number("tau_max", Reader("max", "motor.tau")),
+            Number("w_cam_mean", Reader("change", f"iron.phi / ({half})", half)),
+            Number("cycles", f"figures.w_cam_mean * {iron.PER_MINUTE!r}"),
+            Number("turns", Reader("change", "iron.phi / (2 * pi)")),
+            Number("P_mean", Reader("mean", "motor.P"), "W", "mean power of the motor"),
+            Number("energy_in", "figures.P_mean * stop"),
+            Number("energy_stored", Reader("change", "iron.E_kin + iron.E_pot")),
+            Number("energy_friction", Reader("last", "iron.E_friction")),
+        ],
+        charts=[LiveChart("The start from the middle of the bottom dwell", "time [s]", panels)],
+        motion=motion.live_motion("The start", *r, 2.0),
+    )
+
+
+LIVE = live_part

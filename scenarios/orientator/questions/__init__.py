@@ -1,0 +1,1 @@
+"""The questions about this machine; none imports another."""

@@ -1,0 +1,212 @@
+"""How does one product turn over, and how long does each stage take?
+
+One cup is followed from the drop to the end, with its trajectory, angles and speeds.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim import Result, System
+from workbench import Chart, Figure, Mark, Run, Show, option
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
+from workbench.figure import listed
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.measure import Samples, measured
+
+from .. import machine as orientator
+from .. import motion
+
+PARTS = orientator.PARTS
+FIXED_STARTS = ("orientator.release",)
+STAGES = orientator.STAGES[: orientator.ORIENTED]
+IMPULSES = {
+    "corner_impulse": ("S_y", "impulse of the landing on the catcher's corner, down", "falling"),
+    "wall_impulse": ("S_k", "impulse of the landing on the wall", "falling"),
+    "hook_impulse": ("P_B", "impulse of the contact with the hook", "joint"),
+}
+"""Impulses: output, meaning, and the stage that ends with it."""
+#: The reason of a jam in which the catcher stops before the product reaches the hook.
+STOPPED = orientator.REASONS.index("catcher stopped")
+#: Fewest rows of a stage, derived from the four coefficients of a cubic.
+LEAST_ROWS = 4
+CURVES = {
+    "angle": {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
+    "speed": {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)},
+    "centre of mass": {"orientator.vyc": ("down", SPEED), "orientator.vxc": ("outwards", THEORY)},
+}
+
+
+WALL = {"orientator.N_K": ("wall", FORCE)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Run):
+    speed: float = option("40rpm", "speed of the rotor", "rad/s", least=0.0)
+    friction: float = option(0.35, "friction between cup and wall", "1", least=0.0)
+    stop: float = option(orientator.LONGEST, "longest simulated time", "s", above=0.0)
+    step: float = option("1ms", "finest of three communication steps", "s", above=0.0)
+
+
+def system(o: Options, fmus: Mapping[str, Path]) -> System:
+    return orientator.system(fmus, o.speed, o.friction, o.start)
+
+
+def figures(o: Options, r: Result) -> dict[str, Figure]:
+    """End, durations as far as they were reached, and impulses; the FMU tells them at the end."""
+
+    def last(name: str, meaning: str, reached: bool = True) -> Figure:
+        value, unit = float(r[f"orientator.{name}"][-1]), r.units[f"orientator.{name}"]
+        stage_text = Figure(value, unit, 0.0, meaning)
+        return stage_text if reached else Figure.undetermined(unit, ending(r), meaning)
+
+    oriented = r["orientator.stage"][-1] == orientator.ORIENTED
+    all_figures = {
+        "oriented": Figure(float(oriented), "1", 0.0, "1 if the product is oriented"),
+        "orientation_time": last("orientation_time", "time from drop to end", oriented),
+    }
+    for x in STAGES:
+        reached = r[f"orientator.t_{x}"][-1] > 0.0
+        all_figures[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached)
+    for name, (column, meaning, landing) in IMPULSES.items():
+        figure, landed = last(column, meaning), r[f"orientator.t_{landing}"][-1] > 0.0
+        landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
+        why = f"it does not come to that: {ending(r)}"
+        all_figures[name] = figure if landed else Figure.undetermined(figure.unit, why, meaning)
+    return all_figures | {"wall_least": reaction(r)}
+
+
+def reaction(r: Result) -> Figure:
+    """The smallest reaction of the wall until the product is oriented or jams; below 0 it pulls.
+
+    The reaction jumps from stage to stage, so that each stage has a spline of its own, up to its ends.
+    """
+    unit, meaning = r.units["orientator.N_K"], "smallest reaction of the wall, a pull if negative"
+    end, least = 0.0, []
+    for k, name in enumerate(STAGES):
+        inside = r["orientator.stage"] == k
+        t, force = r["time"][inside], r["orientator.N_K"][inside]
+        lasts = float(r[f"orientator.t_{name}"][-1])
+        ends = np.array([end, end + lasts if lasts else t.max(initial=end)])
+        if ends[1] > end and len(t) < LEAST_ROWS:
+            why = f"the stage {name} has fewer than {LEAST_ROWS} rows; a smaller step gives more"
+            return Figure.undetermined(unit, why, meaning)
+        if ends[1] > end:
+            least.append(measured(partial(lowest, ends=ends), t, force))
+        end = float(ends[1])
+    if not least:
+        return Figure.undetermined(unit, ending(r), meaning)
+    low = min(least, key=lambda x: x.value)
+    error = max(x.error for x in least if x.value - x.error <= low.value + low.error)
+    return Figure(low.value, unit, error, meaning)
+
+
+def lowest(t: Samples, force: Samples, ends: Samples) -> float:
+    """The least value between both ends of the spline through rows."""
+    curve = CubicSpline(t, force)
+    turns = curve.derivative().roots(extrapolate=False)
+    level = turns[np.isfinite(turns)]  # a constant piece has nan
+    return float(curve(np.concatenate([t, level, ends])).min())
+
+
+def ending(r: Result) -> str:
+    """What became of the product, in words."""
+    stage, reason = (int(r[f"orientator.{name}"][-1]) for name in ("stage", "reason"))
+    if reason:
+        return f"the product jams: {orientator.REASONS[reason]}"
+    still = "" if stage == orientator.ORIENTED else "still in the stage "
+    return f"the product is {still}{orientator.STAGES[stage]}"
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
+    """What becomes of the product, and how long each stage takes."""
+    after = f" after {f['orientation_time'].text()}" if f["oriented"].value else ""
+    stages = [f"{f[f't_{x}'].text()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
+    stage_text = (
+        f"Its stages take {listed(stages)}" if stages else "None of its stages came to an end"
+    )
+    wall = f["wall_least"]
+    pulls = ""
+    if wall.error is not None and wall.value + wall.error < 0.0:
+        pulls = (
+            f" The reaction of the wall falls to {wall.text()}: the wall would have to pull, a real cup leaves "
+            "it there, and what follows is not valid for it."
+        )
+    return f"{ending(r).capitalize()}{after}. {stage_text}.{pulls}"
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
+    """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
+    until_end = orientator.shortened(r)
+    stages, last = orientator.stages(until_end), float(until_end["time"][-1])
+    panel = partial(result_panel, result=until_end, x=1e3 * until_end["time"])
+    zero = Mark(0.0, "below 0 a real cup leaves the wall")
+    panels = [panel(x, curves=CURVES[x], unit="deg" if x == "angle" else "") for x in CURVES]
+    panels.append(panel("reaction of the wall", curves=WALL, levels=[zero], includes=(0.0,)))
+    spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
+    chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)
+    moving = motion.motion("One product", {"": until_end}, last, stages)
+    return Show([chart], [moving], title=verdict(o, f, r).partition(". ")[0])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
+    """One product, up to its end."""
+    last = float(orientator.ORIENTED)
+    panels = [LivePanel(x, CURVES[x], "deg" if x == "angle" else "") for x in CURVES]
+    panels.append(LivePanel("reaction of the wall", WALL, includes=(0.0,)))
+    ended = "figures.stage == " + repr(last)
+    return Live(
+        sliders=(
+            Slider("speed", 0.5, 12.0),
+            Slider("friction", 0.0, 1.0),
+            Slider("orientator.spring.c", 4.0, 40.0),
+            Slider("orientator.chute.H", 0.01, 0.1),
+        ),
+        start={"orientator.w": "speed", "orientator.chute.mu": "friction"},
+        until="figures.end",
+        numbers=[
+            Number(
+                "end",
+                Reader("first_crossing", "orientator.stage", level=last - 0.5),
+                "s",
+                "time of the end",
+                is_visible=False,
+            ),
+            Number(
+                "stage",
+                Reader("last", "orientator.stage"),
+                "1",
+                "stage at the end",
+                is_visible=False,
+            ),
+            Number("oriented", ended),
+            Number(
+                "orientation_time",
+                Reader("last", "orientator.orientation_time"),
+                when=ended,
+                otherwise="not oriented",
+            ),
+            *(
+                Number(
+                    f"t_{x}",
+                    Reader("last", f"orientator.t_{x}"),
+                    when=f"figures.t_{x} > 0",
+                    otherwise="not reached",
+                )
+                for x in STAGES
+            ),
+            *(
+                Number(name, Reader("last", f"orientator.{column}"))
+                for name, (column, _, _) in IMPULSES.items()
+            ),
+        ],
+        charts=[LiveChart("Angles, speeds and the wall", "time [ms]", panels, "1e3 * time")],
+        motion=motion.live_motion("One product", r, 20.0),
+    )
+
+
+LIVE = live_part

@@ -1,0 +1,240 @@
+"""What is the wall friction of a measured orientator, and how fast may its rotor turn with it?
+
+The machine is fitted to the durations of stages that a camera measured, with a row for each product, at
+several speeds of the rotor. Friction is proportional to the squared speed: fast products show it, while
+slow ones show the height of the fall. Stage times that no friction explains are refused.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+import cosim
+from cosim import Advice, Experiment, Identified, SetupError, System
+from cosim import Table as Measured
+from cosim.units import multiples
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting
+from workbench.charts.model import SERIES
+from workbench.fitting import RecordOptions
+from workbench.measure import Samples
+
+from .. import machine as orientator
+from .. import motion
+from ..products import run_product, simulated_limit
+
+PARTS = orientator.PARTS
+SPEED, DROP, FRICTION = "orientator.w", "orientator.release", "orientator.chute.mu"
+TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
+FIXED_STARTS = (SPEED, DROP, FRICTION)
+EXACT = ("orientator.chute.H", "orientator.chute.R", "orientator.cup.m")
+PERIOD, BEFORE, LEAST = 1.6, 0.25, 1e-3
+FRICTIONS, NEXT = np.linspace(0.0, 1.0, 21), (0.5, 0.8, 0.9, 0.95)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(RecordOptions):
+    pass
+
+
+class IdentifiedOrientator(NamedTuple):
+    """A fit, the machine it found, the speeds of its products [rpm], and what each further record would
+    leave of the friction.
+    """
+
+    fit: Identified
+    machine: System
+    speeds: Sequence[float]
+    advice: Sequence[Advice]
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """Fit, and ask the machine that fits."""
+    record = o.columns(SPEED, timed=False)
+    w = record.pop(SPEED)
+    scale = multiples("rad/s").get(w.unit or "rad/s")
+    if scale is None or not np.isfinite(w.values).all():
+        raise SetupError(
+            f"{w.source}: each product needs a speed of the rotor, in {' or '.join(multiples('rad/s'))}"
+        )
+    if not record:
+        raise SetupError(
+            f"{o.data}: no stage time is mapped: --map orientator.t_turning=COLUMN:ms, or another of "
+            f"{', '.join(TIMES)}"
+        )
+    speeds = [scale * x for x in w.values]
+    data = {name: dropped(name, table) for name, table in record.items()}
+    system = System(context.fmus, start={**o.start}, inputs=products(speeds))
+    with_noise = [fitting.noise(system, text)[0] for text in o.noise]
+    for name, table in data.items():
+        if name not in with_noise:
+            raise SetupError(
+                f"{table.source}: give the noise of its times, as in --noise {name}=1ms"
+            )
+    nearest_system = guess(system, data)
+    fit = o.identify(nearest_system, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
+    mine = {name: x for name, x in fit.model.values(fit.local.p).items() if "(" not in name}
+    machine = replace(fit.model.system, start={**fit.model.system.start, **mine}, inputs={})
+    rpm = [30 / math.pi * x for x in speeds]
+    limit = (
+        Figure.undetermined("rpm", "no friction fits the record")
+        if fit.misfit
+        else top(fit, machine)
+    )
+    tried = [round(share * limit.value) for share in NEXT if limit.error is not None]
+    product_data = IdentifiedOrientator(
+        fit, machine, rpm, () if fit.misfit else advice(fit, tried, len(speeds))
+    )
+    return Findings(
+        figures(product_data, limit),
+        product_data,
+        fit.model.system,
+        fit.result.provenance,
+        tables=fitting.tables(fit, product_data.advice, "orientator_identify", "1"),
+        facts={"products": len(rpm), "tried": tried}
+        | fitting.facts(fit, product_data.advice, EXACT),
+    )
+
+
+def products(speeds: Sequence[float]) -> dict[str, Measured]:
+    """Inputs that drop a product in each period, at these speeds of the rotor [rad/s]."""
+    begins = PERIOD * np.arange(len(speeds))
+    edges = np.stack([begins + BEFORE * PERIOD, begins + 2 * BEFORE * PERIOD], axis=1).ravel()
+    drops = [False, *[True, False] * len(speeds)]
+    return {
+        SPEED: Measured(begins.tolist(), speeds, held=True),
+        DROP: Measured([0.0, *edges.tolist()], drops, held=True),
+    }
+
+
+def dropped(name: str, table: Measured) -> Measured:
+    """A column by the ends of the periods of its products."""
+    if name.removeprefix("orientator.") not in TIMES:
+        raise SetupError(f"{table.source}: {name} is not a stage time, only {', '.join(TIMES)}")
+    ends = PERIOD * (np.array(table.times) + 1.0)
+    return Measured(ends.tolist(), table.values, unit=table.unit, source=table.source)
+
+
+def guess(system: System, data: Mapping[str, Measured]) -> System:
+    """The machine with the friction whose times are nearest."""
+
+    def deviation(machine: System) -> float:
+        stop = max(table.times[-1] for table in data.values())
+        with cosim.quiet():
+            run = cosim.run(machine, stop=stop, step=PERIOD * BEFORE)
+        ends = [(run[name], table) for name, table in data.items()]
+        each = [
+            np.interp(table.times, run["time"], x)
+            - multiples("s").get(table.unit or "s", math.nan) * np.array(table.values)
+            for x, table in ends
+        ]
+        return float(np.nansum(np.square(each)))
+
+    machines = [replace(system, start={FRICTION: mu, **system.start}) for mu in FRICTIONS.tolist()]
+    return min(machines, key=deviation)
+
+
+def top(fit: Identified, machine: System) -> Figure:
+    """The fastest rotor that orients [rpm]; its error holds that of friction."""
+
+    mu = fit.values[FRICTION]
+    with cosim.quiet():
+        best, *ends = (
+            simulated_limit(machine, max(x, LEAST))[1] for x in (mu.value, mu.low, mu.high)
+        )
+    refused = next((x for x in (best, *ends) if x.error is None), None)
+    if refused:
+        return refused
+    deviation = max(abs(x.value - best.value) + (x.error or 0.0) for x in ends)
+    return best._replace(error=deviation)
+
+
+def figures(product_data: IdentifiedOrientator, limit: Figure) -> dict[str, Figure]:
+    """The fastest rotor that orients, how far the record is from it, and all values that were free."""
+    meaning = "largest rotor speed that works"
+    fast = max(product_data.speeds)
+    room = "margin of that speed over the fastest product of the record"
+    if limit.error is None:
+        reserve = Figure.undetermined("%", limit.reason, room)
+    else:
+        reserve = Figure(100 * (limit.value / fast - 1), "%", 100 * limit.error / fast, room)
+    nearest_system = {"limit": limit._replace(meaning=meaning), "away": reserve}
+    if product_data.fit.misfit:
+        refused = Figure.undetermined("1", "no friction fits the record", f"{FRICTION}, fitted")
+        return {fitting.figure_name(FRICTION): refused, **nearest_system}
+    return fitting.fitted_figures(product_data.fit) | nearest_system
+
+
+def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
+    """What as many products at these speeds [rpm] would leave of the interval of friction."""
+    noise = {column.name: column.noise.sigma for column in fit.model.columns}
+    stop = PERIOD * count
+    experiments = {"the same products again": Experiment({}, noise, stop)}
+    for n in tried:
+        inputs = products([n * math.pi / 30] * count)
+        experiments[f"{count} products at {n} rpm"] = Experiment({}, noise, stop, (), inputs)
+    return cosim.advise(fit, experiments, lambda v: v[FRICTION])
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> str:
+    """The answer in plain words."""
+    if r.fit.misfit:
+        return "\n".join(["No friction explains these stage times:", *misfits(r)])
+    mu, limit = f[fitting.figure_name(FRICTION)], f["limit"]
+    lines = [f"The friction between cup and wall is {mu.text()}."]
+    if limit.error is None:
+        lines.append(f"The largest rotor speed is {limit.text()}.")
+    else:
+        lines.append(
+            f"With it the rotor may turn at up to {limit.text()}, {f['away'].text()} above the fastest "
+            "product of the record."
+        )
+    lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
+    now = mu.error or math.inf
+    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
+
+
+def misfits(r: IdentifiedOrientator) -> list[str]:
+    """Why no friction fits, by stages and products."""
+    fit, sentences = r.fit, []
+    (low, high), sum = fit.band, fit.chi2
+    if not low <= sum <= high:
+        side = "above" if sum > high else "below"
+        sentences.append(
+            f"chi2 = {sum:.4g} of {fit.dof} lies {side} its 99.9 % band, {low:.4g} to {high:.4g}."
+        )
+    for name, residual in fit.residuals.items():
+        deviation = (residual.measured - residual.fitted) / residual.sigma
+        k = int(np.argmax(abs(deviation)))
+        row = round(residual.times[k] / PERIOD) - 1
+        sentences.append(
+            f"{name}: off by {math.sqrt(float(np.mean(deviation**2))):.1f} times the noise, rms, and at "
+            f"most by {deviation[k]:+.1f} times, at {r.speeds[row]:.4g} rpm, row {row + 2}."
+        )
+    return sentences
+
+
+def show(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> Show:
+    """Stage times over the speed, measured and fitted; what is between them; the fastest product."""
+    panels = []
+    for (name, residual), color in zip(r.fit.residuals.items(), SERIES * len(r.fit.residuals)):
+        rows = np.round(residual.times / PERIOD).astype(int) - 1
+        n = np.array(r.speeds)[rows]
+        order = np.argsort(n)
+        ms: list[Samples] = [1e3 * x[order] for x in (residual.measured, residual.fitted)]
+        what = name.removeprefix("orientator.").removeprefix("t_").replace("_", " ")
+        wide = [2e3 * residual.sigma] * len(n)
+        curves = [
+            Curve("measured", n[order], ms[0], "grey", "points", wide),
+            Curve("fitted", n[order], ms[1], color, "linked"),
+        ]
+        panels.append(Panel(what, "ms", curves))
+    title = "Stage times, measured with twice their noise, and fitted"
+    chart = Chart(title, "rotor speed [rpm]", panels)
+    n = max(r.speeds)
+    with cosim.quiet():
+        run = run_product(r.machine, r.fit.local.p[r.fit.names.index(FRICTION)], n, 1e-3)
+    last = float(orientator.shortened(run)["time"][-1])
+    return Show([chart], [motion.motion(f"The fitted machine at {n:.4g} rpm", {"": run}, last)])

@@ -1,0 +1,212 @@
+"""How fast may the rotor turn for each cup and friction, and which dimension raises that limit most?
+
+The formula for the limit and the closed bound of stage joint are compared with the limits of simulated
+products.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import workbench
+from cosim import System
+from cosim.system import Value, connect
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, Table, option
+from workbench.answer import parameters
+
+from .. import machine as orientator
+from .. import motion
+from ..limit_formula import Machine, rpm
+from ..products import PRODUCT_STARTS, STEP, fastest, run_product, simulated_limit
+
+FIXED_STARTS = PRODUCT_STARTS
+PARTS = orientator.PARTS
+PLANE, RAISE = "orientator_limit.csv", "orientator_limit_dimensions.csv"
+COLUMNS = {
+    "d": "m", "h": "m", "mu": "1", "limit": "rpm", "error": "rpm", "formula": "rpm", "joint": "rpm",
+}  # fmt: skip
+RAISED = {"dimension": "1", "gain": "%", "gain_error": "%"}
+LENGTHS = ("cup.d", "cup.h", "cup.l", "catcher.l", "catcher.h", "catcher.phi", "chute.R", "chute.H")
+#: Relative change of a dimension on either side, whose halving shows the error of the derivative.
+CHANGE = 0.02
+#: Speeds at which the limit of a changed dimension is sought, over the unchanged limit, and their number.
+NEAR_LIMIT = (0.94, 1.06, 5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(workbench.Options):
+    frictions: tuple[float, ...] = option("0.05:0.6:12", "friction on the wall", "1", above=0.0)
+    friction: float = option(0.35, "friction at which dimensions are changed", "1", above=0.0)
+
+
+def drawn_cup(d: float, h: float) -> dict[str, Value]:
+    """A drawn cup of this diameter and height of its cylinder [m]: a shell, its bottom thrice as thick
+    as its wall, which is the one that gives 40 g to a cup of 40 mm and 48 mm."""
+    r = d / 2
+    m = 0.04 * r * (h + 3 * r) / (0.02 * 0.108)
+    wall, end = m * h / (h + 3 * r), m * 3 * r / (h + 3 * r)
+    l = (wall * h / 2 + end * (h + r / 2)) / m
+    J = wall * (r * r / 2 + h * h / 12 + (l - h / 2) ** 2)
+    J += end * (5 / 12 * r * r + (h + r / 2 - l) ** 2)
+    return {f"orientator.cup.{name}": value for name, value in zip("dhlmJ", (d, h, l, m, J))}
+
+
+CUPS: dict[str, tuple[dict[str, Value], str]] = {
+    "cup of the FMU": ({}, "blue"),
+    "short cup": (drawn_cup(0.044, 0.040), "red"),
+    "tall cup": (drawn_cup(0.036, 0.056), "green"),
+}
+
+
+def solve(o: Options, context: Context) -> Findings:
+    """The limits over the plane, and those with every dimension a little smaller and larger."""
+    base = orientator.system(context.fmus, 0.0, o.friction, o.start)
+    connect(base)
+    cups = [replace(base, start={**base.start, **cup}) for cup, _ in CUPS.values()]
+    cases = [(system, mu) for system in cups for mu in o.frictions]
+    rows = context.each(limits, cases, "limits", probes=True)
+    plane = context.record_rows(PLANE, COLUMNS, rows)
+    ((machine, located),) = context.each(
+        partial(simulated_limit, base), [o.friction], "limit", probes=True
+    )
+    around = partial(gain, base, o.friction, (np.linspace(*NEAR_LIMIT) * located.value).tolist())
+    raised = Table.of_rows(context.each(around, LENGTHS, "dimensions", probes=True), RAISED)
+    all_figures = figures(plane.frame, raised.frame, machine, located)
+    tables = {PLANE: plane, RAISE: raised}
+    return Findings(all_figures, (base, tables), base, {}, f"steps of {STEP} s", tables=tables)
+
+
+def limits(case: tuple[System, float]) -> Sequence[float]:
+    """A row of the plane; a limit that is not found is nan."""
+    system, mu = case
+    machine, limit_figure = simulated_limit(system, mu)
+    error = math.nan if limit_figure.error is None else limit_figure.error
+    formula, joint = rpm(machine.limit()[0]), rpm(machine.lies_down)
+    return machine.d, machine.h, mu, limit_figure.value, error, formula, joint
+
+
+def gain(base: System, mu: float, speeds: Sequence[float], name: str) -> Sequence[Any]:
+    """A row of the dimensions: percent that the limit rises by 1 % more of one, and its error; the
+    limits are sought at these speeds."""
+    key = f"orientator.{name}"
+    value = float(parameters(base)[key].value)
+
+    def slope(change: float) -> tuple[float, float]:
+        starts = [{**base.start, key: value * x} for x in (1 + change, 1 - change)]
+        up, down = (fastest(replace(base, start=start), speeds, mu) for start in starts)
+        width = math.log((1 + change) / (1 - change))
+        half_width = (
+            math.nan if None in (up.error, down.error) else (up.error or 0.0) + (down.error or 0.0)
+        )
+        return math.log(up.value / down.value) / width, half_width / down.value / width
+
+    (percent, half_width), (other, _) = slope(CHANGE), slope(CHANGE / 2)
+    return name, percent, half_width + abs(percent - other)
+
+
+def figures(plane: Any, raised: Any, machine: Machine, limit_figure: Figure) -> dict[str, Figure]:
+    """The limit of the FMU's cup, how far formula and bound are off, and what each dimension gains."""
+    shares = [plane[x] / plane["limit"] for x in ("formula", "joint")]
+    difference, over = (100 * (share - 1) for share in shares)
+    error_band, over_wide = (100 * share * plane["error"] / plane["limit"] for share in shares)
+    formula = rpm(machine.limit()[0])
+    all_figures = {
+        "limit": limit_figure,
+        "formula": Figure(formula, "rpm", 0.0, "the same by the formula")
+        if formula > 0.0
+        else Figure.undetermined("rpm", "the formula finds none", "the same by the formula"),
+        "joint": Figure(
+            rpm(machine.lies_down), "rpm", 0.0, "closed bound: stage joint comes to its end"
+        ),
+        "off": extreme(
+            difference.abs(), error_band, "largest difference between formula and simulation"
+        ),
+        "above_least": extreme(
+            -over, over_wide, "smallest excess of the closed bound over the limits"
+        ),
+        "above_most": extreme(
+            over, over_wide, "largest excess of the closed bound over the limits"
+        ),
+    }
+    all_figures["above_least"] = all_figures["above_least"]._replace(
+        value=-all_figures["above_least"].value
+    )
+    for row in raised.itertuples():
+        meaning = f"change of the limit for 1 % more of {row.dimension}"
+        key = f"gain_{row.dimension.replace('.', '_').lower()}"
+        refused = Figure.undetermined("%", "one of the limits was not found", meaning)
+        located = not math.isnan(row.gain + row.gain_error)
+        all_figures[key] = Figure(row.gain, "%", row.gain_error, meaning) if located else refused
+    return all_figures
+
+
+def extreme(values: Any, errors: Any, meaning: str) -> Figure:
+    """The largest of these values; its error is how much each of them might be further out, or its own."""
+    if values.isna().all():
+        return Figure.undetermined("%", "no limit was found", meaning)
+    cup_dimension, beyond = errors[values.idxmax()], (values + errors).max() - values.max()
+    return Figure(float(values.max()), "%", float(max(cup_dimension, beyond)), meaning)
+
+
+def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> tuple[str, str]:
+    """The dimension of which 1 % more changes the limit most, and by how much, in words."""
+    gains = {name: f[f"gain_{name.replace('.', '_').lower()}"] for name in names}
+    located = {name: x for name, x in gains.items() if x.error is not None}
+    if not located:
+        return "", f"not determined among {', '.join(names)}"
+    name, gain = max(located.items(), key=lambda item: abs(item[1].value))
+    return name, f"{name}: 1 % more changes it by {gain.text()}"
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Table]]) -> str:
+    """The limit, how well the formula gives it, and which dimension raises it most."""
+    located = r[1][PLANE].frame["limit"].notna()
+    pairs = "pairs of cup and friction"
+    where = f"all {pairs}"
+    if not located.all():
+        where = f"the {located.sum()} of {len(located)} {pairs} that have a limit"
+    (first, most), (cup_dimension, most_cup) = strongest(f, LENGTHS), strongest(f, LENGTHS[:3])
+    of_cup = f" Of the cup itself it is {most_cup}." if cup_dimension != first else ""
+    return (
+        f"With friction {o.friction:g} the rotor may turn at up to {f['limit'].text()}; the formula gives "
+        f"{f['formula'].text()}. Over {where} the formula is within {f['off'].text()} of the simulated "
+        f"limits, and the closed bound lies {f['above_least'].text()} to {f['above_most'].text()} above "
+        f"them. The dimension that moves the limit most is {most}.{of_cup}"
+    )
+
+
+def show(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Table]]) -> Show:
+    """The limits over friction, the formula's difference, what each dimension gains, and the last cup
+    that is oriented beside the first that jams."""
+    plane, raised = (table.frame for table in r[1].values())
+    speeds, offs, motions = [], [], []
+    size = len(o.frictions)
+    for k, (name, (_, color)) in enumerate(CUPS.items()):
+        x = plane[k * size : (k + 1) * size]
+        mu, n = x["mu"].to_numpy(), x["limit"].to_numpy()
+        speeds += [
+            Curve(name, mu, n, color, "points", x["error"].to_numpy()),
+            Curve(f"{name}, formula", mu, x["formula"].to_numpy(), color),
+            Curve(f"{name}, bound", mu, x["joint"].to_numpy(), color, "theory"),
+        ]
+        half_width, wide = 100 * (x["formula"] / n - 1), 100 * x["error"] / n
+        offs.append(Curve(name, mu, half_width.to_numpy(), color, "linked", wide.to_numpy()))
+    panels = [
+        Panel("fastest rotor", "rpm", speeds, includes=(0.0,)),
+        Panel("error of the formula", "%", offs),
+    ]
+    where = Chart("Rotor speed up to which cups are oriented", "friction on the wall", panels)
+    names, gains, errors = (raised[x].to_list() for x in RAISED)
+    bars = Curve("simulated", names, gains, "blue", "bars", errors)
+    title = f"Gain from 1 % more of each dimension at friction {o.friction:g}"
+    gained = Chart(title, "dimension", [Panel("change of the limit", "%", [bars])])
+    if f["limit"].error is not None:
+        works, jams = f["limit"].value, f["limit"].value + f["limit"].error
+        ends = {f"{x:.2f} rpm": run_product(r[0], o.friction, x, 1e-3) for x in (works, jams)}
+        last = max(float(orientator.shortened(x)["time"][-1]) for x in ends.values())
+        motions.append(motion.motion(f"{' works, '.join(ends)} does not", ends, last))
+    return Show([where, gained], motions)

@@ -1,0 +1,199 @@
+"""Coupling algorithms are read from one registry: what is registered runs, is predicted and is verified."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from cosim import ALGORITHMS, CONVERGENCE_ORDERS, SetupError, System, diagnose, run, write_container
+from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
+from cosim.engine.algorithms import (
+    REGISTRY,
+    Algorithm,
+    CouplingContext,
+    Feedthrough,
+    Stage,
+    Turn,
+    find_algorithm,
+)
+from cosim.verification import checks
+from cosim.verification.systems import BENCHMARKS, couple
+
+DRIVE = BENCHMARKS["drive"]
+
+
+class ReverseSplitting(Algorithm):
+    """The symmetric splitting, begun with the last part."""
+
+    name = "reverse splitting"
+    summary = "Strang's schedule with the first part in the middle."
+    held_order = 2
+
+    def stages(self, parts: Sequence[str]) -> list[Stage]:
+        first, *others = parts
+        inward: list[Stage] = [(Turn(part, 0.0, 0.5),) for part in reversed(others)]
+        return [*inward, (Turn(first),), *((Turn(part, 0.5, 0.5),) for part in others)]
+
+
+class Trapezoidal(Algorithm):
+    """Inputs are held at the mean of what the sources show at the beginning and the end."""
+
+    name = "trapezoidal"
+    summary = "All parts repeat the step with the mean of both ends."
+    held_order, end_weight = 2, 0.5
+
+    def stages(self, parts: Sequence[str]) -> list[Stage]:
+        return [tuple(Turn(part) for part in parts)]
+
+
+class Boastful(Algorithm):
+    """Gauss-Seidel that claims order 2."""
+
+    name, summary, held_order = "boastful", "It claims more than it does.", 2
+
+    def stages(self, parts: Sequence[str]) -> list[Stage]:
+        return [(Turn(part),) for part in parts]
+
+
+class HalfIterated(Algorithm):
+    """An implicit algorithm of more than one stage."""
+
+    name, summary, end_weight = "half iterated", "It cannot be.", 1.0
+
+    def stages(self, parts: Sequence[str]) -> list[Stage]:
+        return [(Turn(part),) for part in parts]
+
+
+def verified(fmus: Path, system: str, name: str) -> list[checks.Row]:
+    fmu, benchmark = fmus / "LinearSystem.fmu", BENCHMARKS[system]
+    return list(checks.orders(fmu, system, benchmark, name, Scheme(name)))
+
+
+@pytest.mark.parametrize("algorithm", [ReverseSplitting(), Trapezoidal()], ids=lambda a: a.name)
+@pytest.mark.parametrize("system", ["oscillator", "drive"])
+def test_a_registered_algorithm_runs_and_is_predicted_and_verified(
+    fmus: Path, monkeypatch: pytest.MonkeyPatch, algorithm: Algorithm, system: str
+) -> None:
+    monkeypatch.setitem(REGISTRY, algorithm.name, algorithm)
+    rows = verified(fmus, system, algorithm.name)
+    assert rows and [row for row in rows if not row.passed] == []
+
+
+def test_an_order_that_an_algorithm_does_not_have_is_noticed(
+    fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(REGISTRY, "boastful", Boastful())
+    states, *_ = verified(fmus, "oscillator", "boastful")
+    assert states.match < checks.SAME and not states.passed
+    assert (states.theory, round(states.found)) == (2, 1)
+
+
+def refuse_in_run(fmus: Path, folder: Path, name: str) -> None:
+    run(couple(DRIVE.units, fmus / "LinearSystem.fmu"), stop=1.0, step=0.1, algorithm=name)
+
+
+def refuse_in_theory(fmus: Path, folder: Path, name: str) -> None:
+    Ideal(DRIVE.units).step(Scheme(name), 0.1)
+
+
+def refuse_in_container(fmus: Path, folder: Path, name: str) -> None:
+    system = System({"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"})
+    write_container(system, folder / "out.fmu", step=0.1, algorithm=name)
+
+
+def refuse_in_diagnose(fmus: Path, folder: Path, name: str) -> None:
+    diagnose(couple(DRIVE.units, fmus / "LinearSystem.fmu"), step=0.1, algorithm=name)
+
+
+def refuse_in_registry(fmus: Path, folder: Path, name: str) -> None:
+    find_algorithm(name)
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        refuse_in_run,
+        refuse_in_theory,
+        refuse_in_container,
+        refuse_in_diagnose,
+        refuse_in_registry,
+    ],
+)
+def test_an_unknown_algorithm_is_refused_everywhere(
+    fmus: Path, tmp_path: Path, place: Callable[[Path, Path, str], None]
+) -> None:
+    with pytest.raises(SetupError, match=r"algorithm 'my-own' must be one of jacobi, gauss-seidel"):
+        place(fmus, tmp_path, "my-own")
+
+
+@pytest.mark.parametrize("name", ["strang", "iterated"])
+def test_a_container_refuses_what_it_cannot_step(fmus: Path, tmp_path: Path, name: str) -> None:
+    with pytest.raises(SetupError, match=f"'{name}' must be one of jacobi, gauss-seidel$"):
+        refuse_in_container(fmus, tmp_path, name)
+
+
+def test_an_implicit_algorithm_of_several_stages_is_refused(
+    fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(REGISTRY, "half iterated", HalfIterated())
+    with pytest.raises(SetupError, match="must have one stage, of whole steps"):
+        refuse_in_run(fmus, Path(), "half iterated")
+
+
+def test_the_registry_names_each_algorithm_once() -> None:
+    assert ALGORITHMS == tuple(REGISTRY) == tuple(CONVERGENCE_ORDERS)
+    for name, algorithm in REGISTRY.items():
+        assert algorithm.name == name and algorithm.summary.endswith(".")
+        turns = [turn for stage in algorithm.stages("abc") for turn in stage]
+        for part in "abc":  # each part takes the whole step, in pieces that follow each other
+            pieces = sorted(turn[1:] for turn in turns if turn.part == part)
+            assert sum(fraction for _, fraction in pieces) == 1.0
+            assert [begin for begin, _ in pieces] == [0.0, *(a + b for a, b in pieces[:-1])]
+
+
+def test_outputs_that_show_the_end_of_a_step_keep_the_order_of_the_states() -> None:
+    """On the way back of the splitting, a hears what b shows at the end; b never hears a there."""
+    feedthroughs = [
+        Feedthrough("a.y", "a", frozenset({"b"}), is_wired=False),
+        Feedthrough("b.y", "b", frozenset({"a"}), is_wired=False),
+        Feedthrough("a.z", "a", frozenset({"b", ""}), is_wired=False),
+    ]
+    context = CouplingContext(["a", "b"], feedthroughs)
+    strang = REGISTRY["strang"]
+    assert strang.convergence_order(context) == 2
+    assert strang.first_order_outputs(context) == {"b.y", "a.z"}
+    assert REGISTRY["gauss-seidel"].first_order_outputs(context) == {"a.y", "b.y", "a.z"}
+    moving = CouplingContext(["a", "b"], feedthroughs, input_degree=2, interpolates=True)
+    assert strang.convergence_order(moving) == 3 and strang.first_order_outputs(moving) == set()
+
+
+@pytest.mark.parametrize("gain", [1.0, 1e6, 1e-9])
+def test_a_loop_of_different_units_is_as_harmless_as_one_of_equal_ones(
+    fmus: Path, gain: float
+) -> None:
+    """y_a = 1 + gain * y_b and y_b = 2 - y_a / (2 * gain) act on each other directly; their product is -1/2."""
+    units = {
+        "a": Unit([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[gain]]),
+        "b": Unit([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[-0.5 / gain]]),
+    }
+    result = run(
+        couple(units, fmus / "LinearSystem.fmu"),
+        stop=0.1,
+        step=0.1,
+        algorithm="iterated",
+        record=["a.z[1]", "b.z[1]"],
+    )
+    exact = (1.0 + 2.0 * gain) / 1.5
+    assert result["a.z[1]"] == pytest.approx(exact, rel=1e-9)
+    assert result["b.z[1]"] == pytest.approx(2.0 - exact / (2.0 * gain), rel=1e-9)
+
+
+def test_a_loop_without_a_solution_is_refused(fmus: Path) -> None:
+    units = {
+        "a": Unit([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[1e6]]),
+        "b": Unit([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[1e-6]]),
+    }
+    with pytest.raises(SetupError, match=r"start values of an algebraic loop.*still off: .* by "):
+        run(couple(units, fmus / "LinearSystem.fmu"), stop=0.1, step=0.1, algorithm="iterated")

@@ -1,0 +1,70 @@
+"""The two interpreters of a program agree on its layout: the tables in Python, and loop.c."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from typing import Any
+
+import pytest
+
+from cosim.engine.compiler import SOURCE
+from cosim.engine.fmi3 import Answer
+from cosim.engine.loop import Column
+from cosim.engine.operations import NOT_FINITE, Code, Layout
+
+TYPES: dict[str, Any] = {
+    "int": ctypes.c_int,
+    "double": ctypes.c_double,
+    "bool": ctypes.c_bool,
+}
+
+
+def enumeration(text: str) -> list[str]:
+    """The names of the first enumeration, in their sequence."""
+    match = re.search(r"enum \{(.*?)\};", text, re.DOTALL)
+    assert match
+    return [name.split("=")[0].strip() for name in match[1].split(",")]
+
+
+def structures(text: str) -> dict[str, list[tuple[str, Any]]]:
+    """The fields of each structure by its name, pointers as addresses."""
+    found = {}
+    for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL):
+        fields: list[tuple[str, Any]] = []
+        for declaration in filter(None, map(str.strip, body.split(";"))):
+            kind, variables = re.sub(r"^const ", "", declaration).split(None, 1)
+            for variable in variables.split(","):
+                pointer = variable.strip().startswith("*")
+                fields.append((variable.strip(" *"), ctypes.c_void_p if pointer else TYPES[kind]))
+        found[name] = fields
+    return found
+
+
+def differences(text: str) -> list[str]:
+    """What of the tables in Python is not as in this C."""
+    wrong = [] if enumeration(text) == [*(code.name for code in Code), "NOT_FINITE"] else ["enum"]
+    fields = structures(text)
+    pairs = {"operation": Layout, "answer": Answer, "column": Column}
+    return wrong + [name for name, kind in pairs.items() if fields[name] != list(kind._fields_)]
+
+
+def test_the_tables_are_those_of_the_compiled_loop() -> None:
+    assert differences(SOURCE.read_text()) == []
+    assert [*Code] == list(range(len(Code))) and NOT_FINITE == -(2**31)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "wrong"),
+    [
+        ("COPY, SCALE", "SCALE, COPY", ["enum"]),
+        ("STEP3, BOOK", "STEP3, WAIT, BOOK", ["enum"]),
+        ("double at, size,", "double size, at,", ["operation"]),
+        ("bool event, ended", "int event, ended", ["answer"]),
+        ("int type;\n", "double type;\n", ["column"]),
+    ],
+)
+def test_a_table_that_differs_is_noticed(old: str, new: str, wrong: list[str]) -> None:
+    text = SOURCE.read_text()
+    assert old in text
+    assert differences(text.replace(old, new, 1)) == wrong

@@ -1,0 +1,154 @@
+"""Motions in SVG, which browsers animate by themselves: the one drawing of page, live page and GIF."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import NamedTuple
+
+import numpy as np
+
+from .model import COLORS, Samples
+from .motion import Motion, Shape
+
+WIDE, EDGE, TALL, CAPTION = 1000.0, 28.0, 460.0, 60.0
+DRAWN, ABOVE, LETTER = 620, 14, "#202020"
+HALO = 'stroke="#fff" stroke-width=".25em" paint-order="stroke"'
+SCREENS = {"wide": (928.0, 12.0), "narrow": (358.0, 9.0)}
+
+
+class Symbol(NamedTuple):
+    """A symbol of the equations, "l_K", beside the middle of some points of a shape, so many pixels
+    off to the right and up.
+    """
+
+    text: str
+    shape: str
+    points: Sequence[int]
+    off: tuple[float, float] = (0.0, 8.0)
+
+
+def scale_of(motion: Motion) -> float:
+    """Units of the drawing in a metre."""
+    low, high = motion.bounds
+    return float(WIDE / (high[0] - low[0]))
+
+
+def svg(motion: Motion) -> str:
+    """The motion again and again over its ghosts, with letters of a size for wide and narrow screens."""
+    size, _, shapes = placed_shapes(motion)
+    since = motion.times - motion.times[0]
+    times = ";".join(f"{share:.6g}" for share in since / since[-1])
+    clock = f'dur="{since[-1] * motion.slow:.6g}s" repeatCount="indefinite" keyTimes="{times}"'
+    ghosts = [
+        _line(shape, placed[[frame]], "", ' opacity="0.22"')
+        for shape, placed in shapes
+        if len(placed) > 1
+        for frame in motion.ghosts
+    ]
+    lines = [_line(shape, placed, clock) for shape, placed in shapes]
+    names = [_name(shape, placed, clock) for shape, placed in shapes]
+    label = escape(f"{motion.title}: {', '.join(shape.name for shape in motion.shapes)}")
+    return (
+        f'<svg role="img" aria-label="{label}" viewBox="0 0 {size[0]:.1f} {size[1]:.1f}" '
+        f'style="{letter_sizes(size)}">{"".join([*ghosts, *lines, *names])}</svg>'
+    )
+
+
+def still(motion: Motion, frame: int, pixels: float) -> str:
+    """A frame below its caption as a picture, on its longer side so many pixels long."""
+    size, _, shapes = placed_shapes(motion)
+    unit = max(size) / pixels
+    now = [(shape, placed[[min(frame, len(placed) - 1)]]) for shape, placed in shapes]
+    lines = [_line(shape, placed, "", thick=unit) for shape, placed in now]
+    names = [_name(shape, placed, "") for shape, placed in now]
+    wide, tall = size[0], size[1] + CAPTION * unit / 2
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide / unit:.0f}" '
+        f'height="{tall / unit:.0f}" viewBox="0 {size[1] - tall:.1f} {wide:.1f} {tall:.1f}">'
+        f'<rect y="{size[1] - tall:.1f}" width="100%" height="100%" fill="white"/>{"".join(lines)}'
+        f'<g font-family="DejaVu Sans" font-size="{11 * unit:.1f}" {HALO}>{"".join(names)}'
+        f'<text x="{EDGE}" y="0">{escape(motion.captions[frame])}</text></g></svg>'
+    )
+
+
+def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
+    """The first frame over its ghosts, which have words beside them, as a picture that stands alone;
+    symbols take the place of the names of their shapes.
+    """
+    size, _, shapes = placed_shapes(motion)
+    unit = (1.2 if motion.ghosts else 1.0) * size[0] / DRAWN
+    tall, symbolic = round(size[1] / unit) + ABOVE, {symbol.shape for symbol in symbols}
+    lines = [
+        _line(shape, placed[[frame]], "", ' opacity="0.35"', thick=unit)
+        for frame in motion.ghosts
+        for shape, placed in shapes
+        if len(placed) > 1
+    ]
+    lines += [_line(shape, placed[:1], "", thick=unit) for shape, placed in shapes]
+    words = [_name(shape, placed[:1], "") for shape, placed in shapes if shape.name not in symbolic]
+    moving = [placed for _, placed in shapes if len(placed) > 1]
+    words += [
+        f'<text x="{size[0]:.1f}" y="{moving[0][frame, :, 1].mean():.1f}">{escape(text)}</text>'
+        for frame, text in motion.ghosts.items()
+    ]
+    places = {shape.name: placed[0] for shape, placed in shapes}
+    for text, name, points, (right, up) in symbols:
+        x, y = places[name][list(points)].mean(axis=0) + np.array([right, -up]) * unit
+        low = re.sub(r"_(\w+)", rf'<tspan dy="{4 * unit:.1f}" font-size="70%">\1</tspan>', text)
+        look = f'text-anchor="middle" fill="{LETTER}" font-style="italic"'
+        words.append(f'<text x="{x:.1f}" y="{y:.1f}" {look}>{low}</text>')
+    inside = "\n".join([*lines, f"<g {HALO}>", *words, "</g>"])
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {DRAWN} {tall}" font-family="serif" '
+        f'stroke-linejoin="round" stroke-linecap="round">\n<rect width="{DRAWN}" height="{tall}" '
+        f'fill="#fff"/>\n<g transform="translate(0 {ABOVE}) scale({1 / unit:.6f})" '
+        f'font-size="{17 * unit:.1f}">\n{inside}\n</g>\n</svg>\n'
+    )
+
+
+def placed_shapes(motion: Motion) -> tuple[Samples, float, list[tuple[Shape, Samples]]]:
+    """Width and height of the drawing, its units in a metre, and every shape with its points there,
+    of shape (frames or 1, n, 2)."""
+    (low, high), scale = motion.bounds, scale_of(motion)
+    corner, ways = np.array([low[0], high[1]]), np.array([scale, -scale])
+    placed = [(shape, (shape.points - corner) * ways + EDGE) for shape in motion.shapes]
+    return scale * (high - low) + 2 * EDGE, scale, placed
+
+
+def letter_sizes(size: Sequence[float] | Samples) -> str:
+    """The size of letters on wide and narrow screens in a drawing of that size, for its style."""
+    return "; ".join(
+        f"--{screen}: {height / min(wide / size[0], TALL / size[1]):.1f}px"
+        for screen, (wide, height) in SCREENS.items()
+    )
+
+
+def _line(shape: Shape, placed: Samples, clock: str, more: str = "", thick: float = 1.0) -> str:
+    """A shape as it moves, with its name for those who point at it or do not see it."""
+    look = (
+        f'fill="none" stroke="{COLORS[shape.color]}" stroke-width="{shape.width * thick:g}"{more}'
+    )
+    inside = "" if more else f"<title>{escape(shape.name)}</title>"
+    tag = "polygon" if shape.closed else "polyline"
+    return _element(tag, look, inside, {"points": placed.reshape(len(placed), -1)}, clock)
+
+
+def _name(shape: Shape, placed: Samples, clock: str) -> str:
+    """The name of a shape beside it, if it is to be read."""
+    if shape.label is None:
+        return ""
+    x, y = placed[:, shape.label, :1], placed[:, shape.label, 1:]
+    side = 'dx="-.5em" text-anchor="end"' if x.max() > 0.8 * WIDE else 'dx=".5em"'
+    return _element("text", f'{side} dy="-.5em"', escape(shape.name), {"x": x, "y": y}, clock)
+
+
+def _element(tag: str, look: str, inside: str, moving: Mapping[str, Samples], clock: str) -> str:
+    """An element whose attributes move if they have several frames, shape (frames, n)."""
+    for name, values in moving.items():
+        frames = [" ".join(f"{x:g}" for x in row) for row in np.round(values, 1)]
+        look += f' {name}="{frames[0]}"'
+        if len(frames) > 1:
+            inside += f'<animate attributeName="{name}" {clock} values="{";".join(frames)}"/>'
+    return f"<{tag} {look}>{inside}</{tag}>"

@@ -1,0 +1,130 @@
+"""list | run NAME or FILE.py [options] | study FILE.toml [options]."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
+from collections.abc import Sequence
+from pathlib import Path
+
+from cosim.cli.options import Parser, exit_code
+
+from . import question
+from .answer import finish
+from .options import add_arguments, declared, parse_options, unknown_option
+from .question import FLAVOURS, Project, QuestionError
+from .run import ask
+from .runs.folder import reservation
+from .runs.worker import OK
+
+#: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
+#: of this project.
+REFUSED = 3
+USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
+
+
+def main(words: Sequence[str], project: Project, program: str) -> int:
+    """Run a command line, given as its words; returns its exit code."""
+
+    def act() -> int:
+        top = Parser(prog=program, usage=f"{program} {USAGE}", allow_abbrev=False)
+        top.add_argument("command", choices=COMMANDS)
+        return COMMANDS[top.parse_args(words[:1]).command](words[1:], project, program)
+
+    logging.getLogger("cosim").addHandler(logging.NullHandler())
+    try:
+        return exit_code(act)
+    except (QuestionError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+
+
+def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
+    """Print the questions of the project; none is imported."""
+    for name, module in question.names(project.home).items():
+        print(f"{name:<17} {question.summary(Path(str(project.home)), module)}")
+    return 0
+
+
+def run(words: Sequence[str], project: Project, program: str) -> int:
+    """Answer one question, write its files and print the verdict; REFUSED if it is not determined."""
+    known = ", ".join(question.names(project.home))
+    top = Parser(
+        prog=f"{program} run",
+        usage=f"{program} run NAME|FILE.py [options]",
+        description=f"Answer a question: one of {known}, or a file of your own.",
+        epilog=f"{program} run NAME --help lists the options of a question.",
+    )
+    top.add_argument("question", metavar="NAME|FILE.py")
+    page = question.load(question.find(project.home, top.parse_args(words[:1]).question))
+    parser = Parser(
+        prog=f"{program} run {words[0]}",
+        description=page.__doc__,
+        formatter_class=RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_arguments(parser, page.Options)
+    _add_common(parser, "results/NAME, or NAME/SET")
+    parser.add_argument("--animate", action="store_true", help="also write the motions as GIFs")
+    found, rest = parser.parse_known_args(words[1:])
+    if rest:
+        flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
+        raise unknown_option(rest[0].lstrip("-").partition("=")[0], flags, question.name(page))
+    told = {name: value for name, value in vars(found).items() if value is not None}
+    options = {name: told.pop(name) for name in (*declared(page.Options), "start") if name in told}
+    o = parse_options(page.Options, options, question.name(page))
+    folder = Path("results") / question.name(page)
+    told["out"] = told.get("out", folder / o.set if hasattr(o, "set") else folder)
+    animate = told.pop("animate")
+    with reservation(told["out"]):
+        answer = ask(project, words[0], options, **told, program=program)
+        with question.attribute_errors(page):
+            finish(answer, told["out"], animate)
+    return REFUSED if answer.refused else 0
+
+
+def study(words: Sequence[str], project: Project, program: str) -> int:
+    """Run the study of a file and say what it found; 1 if no run came to its end."""
+    from . import study as studies  # pandas and what draws take their time
+
+    parser = Parser(
+        prog=f"{program} study",
+        description="Vary the inputs of a question as a study file says.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "file", type=Path, metavar="FILE.toml", help="study file, see docs/studies.md"
+    )
+    _add_common(parser, "results/studies/NAME")
+    told = {name: x for name, x in vars(parser.parse_args(words)).items() if x is not None}
+    answer = studies.run(studies.load(told.pop("file"), project), **told, end=finish)
+    return 0 if (answer.table["status"] == OK).any() else 1
+
+
+def _add_common(parser: Parser, out: str) -> None:
+    """The options of any runs."""
+    parser.add_argument(
+        "--flavour",
+        choices=FLAVOURS,
+        help="flavour of the FMUs (default: native where they are built, else python)",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        help="parallel processes (default: all cores, or 1 where native FMUs are faster in one)",
+    )
+    parser.add_argument(
+        "--scheduler", help="scheduler of a Dask cluster that does the runs, tcp://HOST:8786"
+    )
+    parser.add_argument("--out", type=_folder, help=f"output folder (default: {out})")
+
+
+def _folder(text: str) -> Path:
+    """A path that may be a folder."""
+    if Path(text).exists() and not Path(text).is_dir():
+        raise ArgumentTypeError(f"{text!r} is not a folder")
+    return Path(text)
+
+
+COMMANDS = {"list": show_list, "run": run, "study": study}

@@ -1,0 +1,242 @@
+"""Shared by questions that fit a machine to a record: its options, figures, rows and pictures."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.integrate import cumulative_trapezoid
+
+import cosim
+from cosim import Advice, Experiment, Identified, SetupError, System
+from cosim import Table as Measured
+from cosim.system import Value, connect
+from cosim.units import QUANTITY, multiples
+
+from .answer import Table
+from .charts.model import Chart, Curve, Mark, Panel
+from .figure import Figure
+from .measure import Samples
+from .options import Options, option
+
+SAME = 0.05
+KNOWN = re.compile(
+    r"(?P<name>[^=\s]+)\s*=\s*(?P<value>[^\s±+%]+(?:e[+-]?\d+)?)\s*(?:±|\+-)\s*(?P<off>[^\s%]+)\s*(?P<share>%)?"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordOptions(Options):
+    """The options of a record, and what is known of its machine beforehand."""
+
+    data: str = option("", "CSV file of the record")
+    map: tuple[str, ...] = option(
+        (),
+        "a column, such as conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t is the time column",
+    )
+    known: tuple[str, ...] = option(
+        (), "a known value, conveyor.trough.m=200+-5 or =200+-2.5%, with its standard deviation"
+    )
+    free: tuple[str, ...] = option(
+        (), "a further value to fit, conveyor.spring.c or gain(motor.tau)"
+    )
+    noise: tuple[str, ...] = option(
+        (), "noise of a column, conveyor.w=2rpm, estimated from its rows by default"
+    )
+    gaps: bool = option(False, "whether cells may be empty")
+    outliers: float = option(
+        0.0, "share of the rows that may be outliers", "%", least=0.0, most=20.0
+    )
+    since: float | None = option(None, "time from which rows are used", "s")
+    until: float | None = option(None, "time up to which rows are used", "s")
+    starts: int = option(12, "largest number of starts of the search", least=2)
+
+    def columns(self, *wanted: str, timed: bool = True) -> dict[str, Measured]:
+        """The measured columns by variable, those that are wanted among them; against the number of
+        the row where they are not timed.
+
+        Raises SetupError for a file or a map that cannot be read, and for a column that lacks.
+        """
+        example = f"--map {wanted[0]}=COLUMN:UNIT"
+        if not self.data:
+            raise SetupError(f"a record is needed: --data FILE.csv {example}")
+        columns: dict[str, str] = {}
+        for text in self.map:
+            name, equals, column = (part.strip() for part in text.partition("="))
+            if not equals or name in columns:
+                why = "is mapped twice" if equals else "must read NAME=COLUMN"
+                raise SetupError(f"map {text!r}: {name} {why}")
+            columns[name] = column
+        for name in wanted:
+            if name not in columns:
+                raise SetupError(f"{self.data}: no column is mapped to {name}: --map {name}=COLUMN")
+        time = columns.pop("time", "time") if timed else None
+        found = cosim.measured(self.data, columns, time=time, gaps=self.gaps)
+        first = -math.inf if self.since is None else self.since
+        last = math.inf if self.until is None else self.until
+        return {name: table.between(first, last) for name, table in found.items()}
+
+    def turned(self, speed: Measured, what: str, gear: float = 1.0) -> tuple[Samples, Samples]:
+        """Speeds [rad/s] of a column but for its gaps, and how far what turns `gear` times slower has
+        turned at each [rad]; raises SetupError if that is less than once in the end.
+        """
+        w = np.array(speed.values) * multiples("rad/s").get(speed.unit, 1.0)
+        there = np.isfinite(w)
+        w = w[there]
+        turned = cumulative_trapezoid(w / gear, np.array(speed.times)[there], initial=0)
+        if turned[-1] < 2 * math.pi:
+            raise SetupError(
+                f"{self.data}: the record contains {turned[-1] / (2 * math.pi):.2g} turns of the "
+                f"{what}; at least one is needed"
+            )
+        return w, turned
+
+    @property
+    def priors(self) -> dict[str, tuple[float, float]]:
+        """What is known, by name: values and standard deviations."""
+        return dict(map(prior, self.known))
+
+    def identify(
+        self, system: System, data: Mapping[str, Measured], free: Sequence[str], **settings: Any
+    ) -> Identified:
+        """The system fitted to columns, with what is asked and known; `cosim.identify`."""
+        return cosim.identify(
+            system,
+            data,
+            free=list(dict.fromkeys([*free, *self.free])),
+            known=self.priors,
+            noise=dict(noise(system, text) for text in self.noise),
+            outliers=self.outliers / 100,
+            starts=self.starts,
+            **settings,
+        )
+
+
+def noise(system: System, text: str) -> tuple[str, float]:
+    """ "conveyor.w=2rpm" as name and number in the unit of the variable."""
+    name, _, value = (part.strip() for part in text.partition("="))
+    match = QUANTITY.fullmatch(value)
+    if match is None:
+        raise SetupError(f"noise {text!r} must read NAME=NUMBER, or NAME=NUMBER and a unit")
+    units = multiples(connect(system).port(name).unit)
+    scale = units.get(match[2] or next(iter(units)))
+    if scale is None:
+        raise SetupError(f"noise {text!r} must be in {' or '.join(units)}")
+    return name, scale * float(match[1])
+
+
+def prior(text: str) -> tuple[str, tuple[float, float]]:
+    """ "conveyor.trough.m=200+-5" as name, value and standard deviation."""
+    match = KNOWN.fullmatch(text.strip())
+    try:
+        value, off = (float(match[part]) for part in ("value", "off")) if match else (0.0, 0.0)
+    except ValueError:
+        match = None
+    if match is None:
+        raise SetupError(f"known {text!r} must read NAME=VALUE+-DEVIATION, or +- a share in %")
+    return match["name"], (value, abs(value) * off / 100 if match["share"] else off)
+
+
+def figure_of(interval: Any, meaning: str = "") -> Figure:
+    """An interval as a figure, refused where the record does not determine the value."""
+    unit = interval.unit or "1"
+    if not math.isfinite(interval.error) or interval.error > abs(interval.value) * 1e3 + 1e9:
+        return Figure.undetermined(unit, "the record does not determine it", meaning)
+    return Figure(interval.value, unit, interval.error, meaning)
+
+
+def figure_name(name: str) -> str:
+    """The name of a figure of a free value, "conveyor_trough_m"."""
+    return re.sub(r"\W+", "_", name).strip("_").lower()
+
+
+def fitted_figures(fit: Identified) -> dict[str, Figure]:
+    """All values that were free, by name."""
+    return {figure_name(name): figure_of(x, f"{name}, fitted") for name, x in fit.values.items()}
+
+
+def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> dict[str, Table]:
+    """Measured and fitted values and what is between them, by time; what the error of a quantity in
+    this unit would be after further records.
+    """
+    frame, units = None, {"time": "s"}
+    for column, seen in fit.residuals.items():
+        mine = pd.DataFrame(
+            {"time": seen.times, column: seen.measured, f"{column}_fitted": seen.fitted,
+             f"{column}_residual": seen.fitted - seen.measured}
+        )  # fmt: skip
+        units |= dict.fromkeys(mine.columns[1:], seen.unit)
+        frame = mine if frame is None else frame.merge(mine, on="time", how="outer")
+    assert frame is not None
+    after = Table.of_rows([(x.name, x.error) for x in advice], {"record": "", "error": unit})
+    return {f"{name}.csv": Table(frame, units), f"{name}_next.csv": after}
+
+
+def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> dict[str, Any]:
+    """Further entries of the JSON; `exact` are values that were taken as exact, unless free."""
+    taken = fit.model.values(fit.local.p)
+    return {
+        "chi2": {"sum": fit.chi2, "degrees": fit.dof, "band": list(fit.band)},
+        "minima": list(fit.minima),
+        "misfit": list(fit.misfit),
+        "notes": list(fit.notes),
+        "exact": {name: taken[name] for name in exact if name in taken and name not in fit.names},
+        "alike": [list(group) for group in fit.alike],
+        "correlations": {
+            name: dict(zip(fit.names, map(float, row)))
+            for name, row in zip(fit.names, fit.correlations)
+        },
+        "next": {x.name: x.error for x in advice},
+    }
+
+
+def planned_experiments(
+    starts: Mapping[str, Mapping[str, Value]],
+    supply: str,
+    stop: float,
+    noise: Mapping[str, float],
+    torque: Mapping[str, float],
+) -> dict[str, Experiment]:
+    """Further records from these starts over `stop` [s], in columns with this `noise`, and with the
+    noise of `torque` too where the record is without it; a start that names the `supply` sets it.
+    """
+    found = {}
+    for word, start in starts.items():
+        own = (supply,) if supply in start else ()
+        found[word] = Experiment(start, noise, stop, own)
+        if not torque.keys() <= noise.keys():
+            found[f"{word}, with the torque"] = Experiment(start, {**noise, **torque}, stop, own)
+    return found
+
+
+def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:
+    """Which record to make next, in a sentence; those within SAME of the best are as good."""
+    best = [x for x in advice if x.error <= (1 + SAME) * advice[0].error]
+    error = max(x.error for x in best)
+    if error >= now / (1 + SAME):
+        return f"No further record of these kinds would narrow the interval of {what} by much."
+    *others, name = (x.name for x in best)
+    names = f"{', '.join(others)} or {name}; each" if others else f"{name}: that"
+    sentence = f"Next, record {names} would narrow the interval of {what} to {error:.2g} {unit}"
+    return f"{sentence.rstrip()}."
+
+
+def charts(fit: Identified, drawn: Mapping[str, tuple[str, str]]) -> list[Chart]:
+    """Each column measured, fitted and what is between them; `drawn` are their words and colors."""
+    found = []
+    for name, seen in fit.residuals.items():
+        what, color = drawn[name]
+        off = seen.fitted - seen.measured
+        panels = [
+            Panel(what, seen.unit, [Curve("measured", seen.times, seen.measured, "grey", "points"),
+                                    Curve("fitted", seen.times, seen.fitted, color)]),
+            Panel("fitted minus measured", seen.unit, [Curve("residual", seen.times, off, color, "points")],
+                  [Mark(s * 2 * seen.sigma, f"{2 * s:+d} sigma of the noise") for s in (-1, 1)]),
+        ]  # fmt: skip
+        found.append(Chart(f"The {what}, measured and fitted", "time [s]", panels))
+    return found

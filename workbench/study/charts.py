@@ -1,0 +1,131 @@
+"""What is shown of a study: figures over what varies, and what moves them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from ..charts.model import SERIES, Chart, Curve, Direction, Field, Panel, Picture
+from .file import Study
+
+MAX_CHARTS, ERROR = 6, "_error"
+KINDS = {"S1": "S1, alone", "ST": "ST, with all interactions"}
+Units = Mapping[str, str]
+
+
+def overview(
+    study: Study, table: pd.DataFrame, figures: Sequence[str], units: Units
+) -> list[Picture]:
+    """Figures over one input, maps over two, or every figure over every input; none without numbers."""
+    drawn = [name for name in figures if table[name].notna().any()][:MAX_CHARTS]
+    grid = [name for name in study.grid if pd.api.types.is_numeric_dtype(table[name])]
+    if not drawn:
+        return []
+    if len(grid) == 2 == len(study.varied):
+        return [_map(table, grid, name, units) for name in drawn]
+
+    def chart(title: str, x: str, curve: Callable[[str], Curve]) -> Chart:
+        panels = []
+        for name in drawn:
+            shown = curve(name)
+            includes = (0.0, 1.0) if flag(shown.y) else ()
+            panels.append(Panel(name, units.get(name) or "1", [shown], includes=includes))
+        return Chart(title, x, panels)
+
+    if study.tolerances and not study.grid:
+        return [
+            *(
+                chart(f"Figures over {x}", _label(x, units), partial(_points, table, x))
+                for x in study.tolerances
+            ),
+            chart("Spread of the figures", "runs below [%]", partial(_spread, table)),
+        ]
+    x = (grid or study.varied)[0]
+    curve = partial(_line if len(study.varied) == 1 else _band, table, x)
+    return [chart(f"Figures over {x}", _label(x, units), curve)]
+
+
+def _label(name: str, units: Units) -> str:
+    return f"{name} [{units.get(name) or '1'}]"
+
+
+def flag(y: object) -> bool:
+    """Whether all is yes or no."""
+    values = np.asarray(y, float)
+    return set(values[np.isfinite(values)]) <= {0.0, 1.0}
+
+
+def _line(table: pd.DataFrame, x: str, name: str) -> Curve:
+    """A figure with its errors over the only input, in its order; over names as bars."""
+    numeric = pd.api.types.is_numeric_dtype(table[x])
+    rows = table.sort_values(x) if numeric else table
+    look = "bars" if not numeric else "step" if flag(rows[name]) else "linked"
+    error = rows[name + ERROR].fillna(0.0).to_numpy() if name + ERROR in rows else None
+    return Curve(name, rows[x].to_list(), rows[name].to_numpy(), "blue", look, error)
+
+
+def _band(table: pd.DataFrame, x: str, name: str) -> Curve:
+    """Mean and 90 % band of a figure over an input."""
+    groups = table.groupby(x, sort=False)[name]
+    middle = groups.mean()
+    ends = np.stack([middle - groups.quantile(0.05), groups.quantile(0.95) - middle])
+    title = "mean, and 90 % of the runs"
+    return Curve(title, list(middle.index), middle.to_numpy(), "blue", "line", ends)
+
+
+def _points(table: pd.DataFrame, x: str, name: str) -> Curve:
+    """A figure over an input."""
+    return Curve(name, table[x].to_numpy(), table[name].to_numpy(), "blue", "points")
+
+
+def _spread(table: pd.DataFrame, name: str) -> Curve:
+    """A figure over the share of runs below it."""
+    y = np.sort(table[name].dropna().to_numpy(dtype=float))
+    return Curve(name, 100 * (np.arange(len(y)) + 0.5) / len(y), y, "blue", "step")
+
+
+def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> Field:
+    """A figure over two inputs."""
+    square = table.pivot_table(index=grid[1], columns=grid[0], values=name, dropna=False)
+    x, y = (
+        Direction(at, units.get(at) or "1", values.to_numpy(dtype=float))
+        for at, values in zip(grid, (square.columns, square.index))
+    )
+    return Field(name, x, y, _label(name, units), square.to_numpy())
+
+
+def sensitivity(study: Study, found: pd.DataFrame, units: Units) -> list[Picture]:
+    """Shares with 95 % confidence: over the grid if it has one input, the last index of each; else as
+    bars, a mean over it.
+    """
+    over = next(iter(study.grid)) if len(study.grid) == 1 else ""
+    panels = []
+    for name, own in list(found.groupby("figure", sort=False))[:MAX_CHARTS]:
+        if over:
+            kind = own["kind"].iloc[-1]
+            inputs = own[own["kind"] == kind].groupby("input", sort=False)
+            drawn = [
+                _shares(f"{kind} of {x}", rows[over].to_list(), rows, color, "linked")
+                for (x, rows), color in zip(inputs, SERIES)
+            ]
+        else:
+            means = own.groupby(["kind", "input"])[["value", "confidence"]].mean()
+            names = list(study.tolerances)
+            drawn = [
+                _shares(KINDS[kind], names, means.loc[kind].reindex(names), color, "bars")
+                for kind, color in zip(own["kind"].unique(), ("blue", "gold"))
+            ]
+        panels.append(Panel(f"share of {name}", "1", drawn, includes=(0.0,)))
+    mean = f", mean over {', '.join(study.grid)}" if len(study.grid) > 1 else ""
+    title = f"What moves the figures: shares of their variance{mean}"
+    return [Chart(title, _label(over, units) if over else "input", panels)]
+
+
+def _shares(name: str, x: Sequence[str], found: pd.DataFrame, color: str, look: str) -> Curve:
+    """Shares with their intervals; an index is not below 0, though its estimate may be."""
+    value = found["value"].clip(lower=0.0).to_numpy()
+    error = found["confidence"].to_numpy()
+    return Curve(name, x, value, color, look, np.stack([np.minimum(error, value), error]))

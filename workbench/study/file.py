@@ -1,0 +1,331 @@
+"""A study file becomes the table of its runs; every key and value is checked here."""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, prod
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.stats import qmc
+
+from cosim import SetupError
+from cosim.units import QUANTITY
+
+from .. import question
+from ..options import KINDS, Option, declared, quoted, unknown_option
+from ..question import NO_PROJECT, Project
+
+Value = float | int | str | bool
+Samples = NDArray[np.float64]
+Spec = Mapping[str, Any]
+KEYS = ("scenario", "timeout", "figures", "fixed", "grid", "sampling", "tolerances")
+TOLERANCES = (
+    "{ nominal, uniform }, { nominal, normal }, { nominal, normal, within } or { from, to }"
+)
+RANGE = "a list of values or { from, to, number }"
+WIDTH = 'a number above 0, or a share of the nominal value such as "5 %"'
+METHODS, LEAST = ("lhs", "sobol", "saltelli"), 2.0**-31
+MOST_RUNS = 1 << 20
+TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0, "at most": 1e6})
+NUMBER = Option("number", int, default=0, bounds={"at least": 2, "at most": MOST_RUNS})
+SPACING = Option("spacing", str, choices=("linear", "log"))
+SAMPLING = {
+    "method": Option("method", str, default="", choices=METHODS),
+    "number": NUMBER,
+    "seed": Option("seed", int, default=0, bounds={"at least": 0}),
+}
+
+
+class Sampling(NamedTuple):
+    """How tolerances are sampled: method, base number of samples, seed."""
+
+    method: str
+    number: int
+    seed: int
+
+    def cube(self, dimensions: int) -> Samples:
+        """Samples of the unit cube but for its faces, shape (rows, dimensions).
+
+        Saltelli's extension, number * (dimensions + 2) rows, is for indices of first and total order.
+        """
+        if self.method == "saltelli":
+            from SALib.sample import sobol
+
+            inputs = problem([str(number) for number in range(dimensions)])
+            cube = sobol.sample(inputs, self.number, calc_second_order=False, seed=self.seed)
+        else:
+            kind = {"lhs": qmc.LatinHypercube, "sobol": qmc.Sobol}[self.method]
+            cube = kind(dimensions, rng=self.seed).random(self.number)
+        return np.asarray(np.clip(cube, LEAST, 1.0 - LEAST))
+
+
+def problem(inputs: Sequence[str]) -> dict[str, Any]:
+    """Inputs between 0 and 1, as SALib wants them."""
+    return {"num_vars": len(inputs), "names": list(inputs), "bounds": [[0.0, 1.0]] * len(inputs)}
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
+
+    `module` is the page of the question; `tolerances` are distributions of scipy.stats.
+    """
+
+    path: Path
+    content: Spec
+    project: Project
+    module: ModuleType
+    sampling: Sampling | None
+    timeout: float | None
+    figures: Sequence[str]
+    fixed: Mapping[str, Value]
+    grid: Mapping[str, Sequence[Value]]
+    tolerances: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """The name of the file."""
+        return self.path.stem
+
+    @property
+    def scenario(self) -> str:
+        """The question, or the file that holds it."""
+        return str(self.content["scenario"])
+
+    @property
+    def varied(self) -> list[str]:
+        """The inputs that vary: those of the grid, then the sampled ones."""
+        return [*self.grid, *self.tolerances]
+
+    def samples(self) -> list[tuple[float, ...]]:
+        """The sampled values, the same at each point of the grid; one empty row without any."""
+        if self.sampling is None:
+            return [()]
+        cube = self.sampling.cube(len(self.tolerances))
+        columns = [d.ppf(shares) for d, shares in zip(self.tolerances.values(), cube.T)]
+        return [tuple(row) for row in np.column_stack(columns).tolist()]
+
+    def runs(self) -> list[tuple[Value, ...]]:
+        """The values of the varied inputs, run by run: the samples at one grid point, at the next."""
+        samples = self.samples()
+        points = itertools.product(*self.grid.values())
+        return [(*point, *sample) for point in points for sample in samples]
+
+    def cases(self) -> list[dict[str, Value]]:
+        """What each run is given: options of the question and start values, which have a dot."""
+        return [{**self.fixed, **dict(zip(self.varied, run))} for run in self.runs()]
+
+
+def load(path: Path, project: Project = NO_PROJECT) -> Study:
+    """Read and check a study file, for a question of the project or in a file next to it.
+
+    Raises SetupError with file, key, value and what was expected.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SetupError(f"{path} cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise SetupError(f"{path} is not a TOML file: {error}") from None
+    try:
+        return _study(path, content, project)
+    except SetupError as error:
+        raise SetupError(f"{path}: {error}") from error.__cause__
+
+
+def _study(path: Path, content: Spec, project: Project) -> Study:
+    _known("", content, KEYS)
+    scenario, figures = content.get("scenario"), content.get("figures", [])
+    if not isinstance(scenario, str):
+        raise SetupError(f"scenario = {quoted(scenario)} must be the name of a question")
+    try:
+        where = question.find(project.home, scenario, path.parent)
+    except SetupError as error:
+        raise SetupError(f"scenario = {error}") from None
+    tables = {key: content.get(key, {}) for key in KEYS[3:]}
+    for key, table in tables.items():
+        if not isinstance(table, dict):
+            raise SetupError(f"{key} = {quoted(table)} must be a table [{key}]")
+    if not isinstance(figures, list) or not all(isinstance(name, str) for name in figures):
+        raise SetupError(f"figures = {quoted(figures)} must be a list of names")
+    _once("figures", figures)
+    page = question.load(where)
+    readers: dict[str, Callable[[Option, Any, str], Any]] = {
+        "fixed": lambda option, given, key: option.read(given, key),
+        "grid": _values,
+        "tolerances": _tolerance,
+    }
+    read: dict[str, dict[str, Any]] = {
+        table: {
+            name: reader(_input(page, table, name, spec), spec, _key(table, name))
+            for name, spec in tables[table].items()
+        }
+        for table, reader in readers.items()
+    }
+    for name, times in Counter(itertools.chain(*read.values())).items():
+        if times > 1:
+            raise SetupError(f"{name!r} is given in two of [fixed], [grid] and [tolerances]")
+    if not read["grid"] and not read["tolerances"]:
+        raise SetupError("nothing varies: a study needs a table [grid] or [tolerances]")
+    if bool(read["tolerances"]) != ("sampling" in content):
+        raise SetupError("[tolerances] and [sampling] must be given together")
+    sampling = _sampling(tables["sampling"]) if "sampling" in content else None
+    count = prod(map(len, read["grid"].values())) * (sampling.number if sampling else 1)
+    if count > MOST_RUNS:
+        raise SetupError(f"{count} runs are more than {MOST_RUNS}")
+    timeout = TIMEOUT.read(content.get("timeout"))
+    return Study(path, content, project, page, sampling, timeout, figures, **read)
+
+
+class _StartValue(Option):
+    """A start value of an FMU, whose type and unit are those of its variable."""
+
+    def read(self, given: Any, key: str = "") -> Any:
+        """The value itself."""
+        if not isinstance(given, float | int | str | bool):
+            raise SetupError(f"{key} = {quoted(given)} must be a start value")
+        if isinstance(given, float) and not isfinite(given):
+            raise SetupError(f"{key} = {given} must be finite")
+        return given
+
+
+def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
+    """What checks the values of an input: an option of the question, or a start value with a dot."""
+    known, key, who = declared(page.Options), _key(table, name), question.name(page)
+    if name in known:
+        return known[name]
+    part, dot, _ = name.partition(".")
+    if not dot:
+        if isinstance(spec, dict) and not {"from", "nominal"} & set(spec):
+            form = f'"{name}.{next(iter(spec), "…")}" = …'
+            raise SetupError(f"{key}: write a start value in quotes, {form}")
+        raise unknown_option(name, known, f"{key}: {who}")
+    parts = question.parts(page)
+    if part not in parts:
+        there = f"part {part!r}, only {', '.join(parts)}" if parts else "start values"
+        raise SetupError(f"{key}: {who} has no {there}")
+    if name in getattr(page, "FIXED_STARTS", ()):
+        raise SetupError(f"{key}: {who} sets it itself")
+    return _StartValue(name, float)
+
+
+def _values(option: Option, spec: Any, key: str) -> list[Value]:
+    """The values of one axis of the grid."""
+    if isinstance(spec, dict):
+        _known(f"{key}: ", spec, ("from", "to", "number", "spacing"))
+        low, high, log = _ends(option, spec, key)
+        number = NUMBER.read(spec.get("number"), f"{key}.number")
+        spec = (np.geomspace if log else np.linspace)(low, high, number).tolist()
+        if option.kind is int:
+            spec = [int(x) if x.is_integer() else x for x in spec]
+    if not isinstance(spec, list):
+        raise SetupError(f"{key} = {quoted(spec)} must be {RANGE}")
+    values = [option.read(x, key) for x in spec]
+    if not values:
+        raise SetupError(f"{key} = [] must contain at least one value")
+    _once(key, values)
+    return values
+
+
+def _once(key: str, values: Sequence[Value]) -> None:
+    """Refuse a value that a list names twice."""
+    for x, times in Counter(values).items():
+        if times > 1:
+            raise SetupError(f"{key} contains {quoted(x)} twice")
+
+
+def _tolerance(option: Option, spec: Any, key: str) -> Any:
+    """The distribution of a sampled input, all of which its option takes if it has ends."""
+    found = _distribution(option, spec, key)
+    for end in ends(found):
+        option.read(end, f"an end of {key}")
+    return found
+
+
+def ends(distribution: Any) -> list[float]:
+    """The least and the largest sample of a distribution; none if it has no ends."""
+    if not np.isfinite(distribution.support()).all():
+        return []
+    return [float(x) for x in distribution.ppf([LEAST, 1.0 - LEAST])]
+
+
+def _distribution(option: Option, spec: Any, key: str) -> Any:
+    if option.kind is not float or option.many:
+        expected = "a list" if option.many else KINDS[option.kind]
+        raise SetupError(f"{key}: the option takes {expected}; vary it in [grid]")
+    form = sorted(spec) if isinstance(spec, dict) else []
+    if form in (["from", "to"], ["from", "spacing", "to"]):
+        low, high, log = _ends(option, spec, key)
+        return stats.loguniform(low, high) if log else stats.uniform(low, high - low)
+    if form not in (["nominal", "uniform"], ["nominal", "normal"], ["nominal", "normal", "within"]):
+        raise SetupError(f"{key} = {quoted(spec)} must be {TOLERANCES}")
+    nominal = _free(option).read(spec["nominal"], f"{key}.nominal")
+    width, *within = (_width(option, spec[name], nominal, f"{key}.{name}") for name in form[1:])
+    if "uniform" in form:
+        return stats.uniform(nominal - width, 2.0 * width)
+    if not within:
+        return stats.norm(nominal, width)
+    cut = within[0] / width
+    return stats.truncnorm(-cut, cut, nominal, width)
+
+
+def _free(option: Option) -> Option:
+    """What reads a finite number in the unit of an input, whatever its bounds."""
+    return Option(option.name, float, default=0.0, unit=option.unit)
+
+
+def _ends(option: Option, spec: Spec, key: str) -> tuple[float, float, bool]:
+    """Both ends of a range, and whether it goes by decades."""
+    low, high = (_free(option).read(spec.get(end), f"{key}.{end}") for end in ("from", "to"))
+    if not low < high:
+        raise SetupError(f"{key}.to = {high:g} must be above from = {low:g}")
+    log = SPACING.read(spec.get("spacing"), f"{key}.spacing") == "log"
+    if log and not low > 0.0:
+        raise SetupError(f"{key}.from = {quoted(spec['from'])} must be above 0 with spacing 'log'")
+    return low, high, log
+
+
+def _width(option: Option, given: object, nominal: float, key: str) -> float:
+    """A width above 0: a number in the unit of the nominal value, or a share of it, "5 %"."""
+    written = QUANTITY.fullmatch(given) if isinstance(given, str) else None
+    width = -1.0
+    if written and written[2] == "%":
+        width = float(written[1]) / 100.0 * abs(nominal)
+    elif not isinstance(given, str) or (written and written[2]):
+        width = _free(option).read(given, key)
+    if not width > 0.0:
+        of_zero = " (the nominal value is 0)" if width == 0.0 == nominal else ""
+        raise SetupError(f"{key} = {quoted(given)} must be {WIDTH}{of_zero}")
+    return width
+
+
+def _sampling(table: Spec) -> Sampling:
+    _known("sampling: ", table, SAMPLING)
+    told = {key: option.read(table.get(key), f"sampling.{key}") for key, option in SAMPLING.items()}
+    number, method = told["number"], told["method"]
+    if method != "lhs" and number & (number - 1):
+        below = 1 << (number.bit_length() - 1)
+        raise SetupError(
+            f"sampling.number = {number} must be a power of 2 with {method!r}, for example "
+            f"{below} or {2 * below}"
+        )
+    return Sampling(**told)
+
+
+def _known(place: str, table: Spec, known: Iterable[str]) -> None:
+    for name in table:
+        if name not in known:
+            raise SetupError(f"{place}unknown key {name!r}, expected {', '.join(known)}")
+
+
+def _key(table: str, name: str) -> str:
+    return f'{table}."{name}"' if "." in name else f"{table}.{name}"

@@ -1,0 +1,197 @@
+"""What a study found, as an answer: table, sensitivities, pictures, provenance and a few words."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import cosim
+from cosim import SetupError
+from cosim.errors import pluralize
+
+from ..answer import Answer, Show, Table
+from ..charts.mpl import draw
+from ..figure import rounded
+from ..runs.worker import OK, Outcome
+from . import charts
+from .file import Study
+from .sensitivity import analyse
+
+SENTENCES, SPOKEN = 3, 8
+NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\w)")
+
+RESERVED_COLUMNS = ("run", "status", "warnings", "message")
+NOTHING: Mapping[str, Any] = {"figures": {}, "warnings": []}
+
+
+def conclude(
+    study: Study,
+    outcomes: Sequence[Outcome],
+    units: Mapping[str, str],
+    identity: Mapping[str, Any],
+    session: tuple[int, float],
+) -> tuple[Answer, Sequence[str]]:
+    """The answer of a study whose runs are all done, in their order, and the figures that they have;
+    `units` are those of the varied inputs, `session` is how many runs were done now and how long it
+    took [s].
+    """
+    table, names = frame(study, outcomes, units)
+    shown = [names[name] for name in study.figures or names if name in names]
+    indices, missing = analyse(study, shown, table.frame)
+    seconds = np.quantile([outcome.seconds for outcome in outcomes], (0.0, 0.5, 1.0)).tolist()
+    counts = Counter(outcome.status for outcome in outcomes)
+    facts = {
+        "study": study.name,
+        "runs": {"all": len(outcomes), **dict(sorted(counts.items()))},
+        "sensitivities": indices.to_dict("records"),
+        "no_sensitivities": missing,
+        "seconds_per_run": dict(zip(("smallest", "median", "largest"), seconds)),
+        "session": dict(zip(("runs", "seconds"), session)),
+        "identity": identity,
+    }
+    title = f"{study.name}: {study.scenario}, {pluralize(len(outcomes), 'run')}"
+    pictures = {
+        "overview.png": charts.overview(study, table.frame, shown, table.units),
+        "sensitivity.png": [] if indices.empty else charts.sensitivity(study, indices, table.units),
+    }
+    files: dict[str, Callable[[Path], object]] = {
+        name: partial(draw, Show(drawn), title) for name, drawn in pictures.items() if drawn
+    }
+    if find_spec("pyarrow"):
+        files["table.parquet"] = partial(table.frame.to_parquet, index=False)
+    tables = {"table.csv": table}
+    if study.sampling is not None:
+        tables["sensitivity.csv"] = Table(indices, {})
+    causes = {} if study.grid or indices.empty else _causes(indices)
+    spreads = [
+        _spread(table.frame[name], table.units[name]) + causes.get(name, "")
+        for name in shown[:SPOKEN]
+    ]
+    ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    words = [
+        *(f"{spread}." for spread in spreads[:SENTENCES]),
+        *(f"  {spread}" for spread in spreads[SENTENCES:]),
+        f"{pluralize(len(outcomes), 'run')}, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
+        *_remarks(outcomes),
+    ]
+    answer = Answer(
+        scenario="study",
+        question=title,
+        verdict="\n".join(words),
+        figures={},
+        tables=tables,
+        provenance={"parts": {}, "versions": cosim.versions()},
+        facts=facts,
+        files=files,
+        show=lambda: Show(more=[picture for drawn in pictures.values() for picture in drawn]),
+    )
+    return answer, list(names)
+
+
+def _spread(column: pd.Series[float], unit: str) -> str:
+    """A figure over all runs, in a sentence without its end."""
+    name, y = column.name, column.dropna()
+    if y.empty:
+        return f"No run has {name}"
+    runs = f"the {len(y)} of {len(column)} runs that have it"
+    runs = f"all {len(y)} runs" if len(y) == len(column) > 1 else runs
+    runs = "the only run" if len(column) == 1 else runs
+    unit = "" if unit == "1" else f" {unit}"
+    if y.min() == y.max():
+        return f"{name} is {y.min():.6g}{unit} in {runs}"
+    if not unit and charts.flag(y):
+        return f"{name} is 1 in {pluralize(int(y.sum()), 'run')} and 0 in {len(y) - y.sum():.0f}"
+    low, high, mean = (rounded(x, y.std())[0] for x in (y.min(), y.max(), y.mean()))
+    return (
+        f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "
+        f"standard deviation of {y.std():.2g}{unit}"
+    )
+
+
+def _causes(indices: pd.DataFrame) -> dict[str, str]:
+    """What moves each figure most, by its last index."""
+    last = indices[indices["kind"] == indices["kind"].iloc[-1]]
+    tops = last.loc[last.groupby("figure")["value"].idxmax()]
+    return {
+        top.figure: f"; it depends most on {top.input} ({top.kind} = {top.value:.2f} ± "
+        f"{top.confidence:.2f} of its variance, {top.method})"
+        if top.value > top.confidence
+        else "; no input stands out"
+        for top in tops.itertuples()
+    }
+
+
+def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
+    """How runs failed, what FMUs warned of and which figures were refused: how often, and where
+    first; texts that differ in their numbers alone are one remark.
+    """
+    seen: dict[str, dict[int, str]] = {}
+    for number, outcome in enumerate(outcomes):
+        failed = [f"{outcome.status}: {outcome.message}"] * (outcome.status != OK)
+        warned = (f"warning: {text}" for text in row_of(outcome)["warnings"])
+        for text in (*failed, *warned, *refusals(outcome)):
+            seen.setdefault(NUMBER.sub("#", text), {}).setdefault(number, text)
+    lines = []
+    for runs in sorted(seen.values(), key=len, reverse=True):
+        number, text = next(iter(runs.items()))
+        where = f"Run {number}" if len(runs) == 1 else f"{len(runs)} runs (first: run {number})"
+        short = NUMBER.sub(lambda number: f"{float(number[0]):.6g}", text)
+        lines.append(f"{where}: {' '.join(short.split())}")
+    more = [f"{len(lines) - SPOKEN} more remarks in the table."] * (len(lines) > SPOKEN)
+    return lines[:SPOKEN] + more
+
+
+def row_of(outcome: Outcome) -> Mapping[str, Any]:
+    """What `row` made of a run; nothing of one that failed."""
+    return outcome.answer or NOTHING
+
+
+def refusals(outcome: Outcome) -> list[str]:
+    """The figures that a run did not determine, and why."""
+    figures = row_of(outcome)["figures"].items()
+    return [f"{name} not determined: {reason}" for name, (*_, reason) in figures if reason]
+
+
+def frame(
+    study: Study, outcomes: Sequence[Outcome], units: Mapping[str, str]
+) -> tuple[Table, dict[str, str]]:
+    """The table, and the names of the columns by figure; `units` are those of the varied inputs.
+
+    The columns are run, inputs, figures, their errors, status, warnings and message; cells are empty
+    where a run does not tell. The message says why a run failed, or why it refuses figures. Raises
+    SetupError for a figure in two units.
+    """
+    names: dict[str, str] = {}
+    units = dict(units)
+    rows = [row_of(outcome)["figures"] for outcome in outcomes]
+    for figure, (_, unit, error, _) in (item for row in rows for item in row.items()):
+        taken = figure in study.varied or figure in RESERVED_COLUMNS
+        name = names.setdefault(figure, f"answer.{figure}" if taken else figure)
+        if units.setdefault(name, unit) != unit:
+            raise SetupError(f"figure {figure!r} is in {units[name]} and in {unit}")
+        if error is not None:
+            units[name + charts.ERROR] = unit
+    columns: dict[str, Any] = {"run": range(len(rows))}
+    for name, given in zip(study.varied, zip(*study.runs())):
+        kinds = set(map(type, given))
+        one: Callable[[Any], Any] = str if str in kinds else lambda value: +value
+        columns[name] = given if len(kinds) == 1 else [one(value) for value in given]
+    for figure, name in names.items():
+        cells = [row.get(figure, (None, "", None, "")) for row in rows]
+        columns[name] = pd.Series([value for value, *_ in cells], dtype=float)
+        if name + charts.ERROR in units:
+            columns[name + charts.ERROR] = pd.Series(
+                [error for _, _, error, _ in cells], dtype=float
+            )
+    columns["status"] = [outcome.status for outcome in outcomes]
+    columns["warnings"] = ["; ".join(row_of(outcome)["warnings"]) for outcome in outcomes]
+    columns["message"] = [x.message or "; ".join(refusals(x)) for x in outcomes]
+    return Table(pd.DataFrame(columns), units), names
