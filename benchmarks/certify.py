@@ -27,22 +27,29 @@ from scipy.optimize import brentq, minimize_scalar
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.certify_cases import MadeCase, made_cases
 from cosim import (
     Result,
     SimulationError,
     System,
-    certify,
-    crossing,
-    largest,
-    mean,
     oracle,
     quiet,
-    rms,
     run,
-    smallest,
-    time_of_largest,
 )
+from cosim.accuracy.certify import estimates_of
+from cosim.accuracy.function_error import function_errors
+from cosim.accuracy.three_runs import three_runs
 from cosim.analysis.coupling_theory import Ideal, Scheme
+from cosim.metrics import (
+    Crossing,
+    Largest,
+    Last,
+    Mean,
+    Metric,
+    Rms,
+    Smallest,
+    TimeOfLargest,
+)
 from cosim.verification import systems as linear
 from scenarios.conveyor import machine
 from scenarios.conveyor.first_order import SETS
@@ -58,6 +65,10 @@ FINE, SHOWN = 20001, 4001
 EARLY, CLOSE = 1e-3, 401
 """The share of the time in which what starts from rest is looked at as closely as this."""
 KNOWN = 1e-7
+#: What the made cases must keep to: conventions of this project.
+LEAST_COVERAGE = 0.995
+WORST_RATIO = 2.0
+MOST_REFUSED = 0.05
 
 
 @dataclass(frozen=True)
@@ -227,11 +238,17 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
     shown = [names[0], names[-1]]
     exact = {c: partial(column, lambda t: solution(t).T, names.index(c)) for c in shown}
 
-    def runner(_: System, *, step: float, output_step: float, algorithm: str, **__: Any) -> Result:
+    def runner(
+        _: System, *, step: float, output_step: float, algorithm: str, all_rows: Path | None = None,
+        **__: Any,
+    ) -> Result:  # fmt: skip
         every, count = round(output_step / step), round(stop / step)
-        x = ideal.states(Scheme(algorithm), [stop / count] * count)[::every]
+        x = ideal.states(Scheme(algorithm), [stop / count] * count)
         t = np.linspace(0.0, stop, len(x))
-        rows = np.column_stack([t, *(x[:, names.index(c)] for c in shown)])
+        dense = np.column_stack([t, *(x[:, names.index(c)] for c in shown)])
+        if all_rows is not None:
+            dense.tofile(all_rows)
+        rows = dense[::every]
         fed = any(unit.D is not None for unit in units.values())
         order = 2 if algorithm == "strang" and not fed else 1
         return Result(["time", *shown], {}, {"convergence_order": order}, lambda: rows)
@@ -360,16 +377,16 @@ def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
     return {"level": level} | found
 
 
-def between(t: Any, x: Any, level: float) -> dict[str, float]:
-    """Figures that look between the rows."""
+def column_metrics(column: str, level: float) -> dict[str, Metric]:
+    """The metrics of a column, which look between the rows."""
     return {
-        "end": float(x[-1]),
-        "max": largest(t, x),
-        "min": smallest(t, x),
-        "mean": mean(t, x),
-        "rms": rms(t, x),
-        "time of max": time_of_largest(t, x),
-        "crossing": crossing(t, x, level),
+        "end": Last(column),
+        "max": Largest(column),
+        "min": Smallest(column),
+        "mean": Mean(column),
+        "rms": Rms(column),
+        "time of max": TimeOfLargest(column),
+        "crossing": Crossing(column, level),
     }
 
 
@@ -385,9 +402,6 @@ def by_rows(t: Any, x: Any, level: float) -> dict[str, float]:
         "time of max": float(t[np.argmax(x)]),
         "crossing": float(t[np.argmax(above)]) if above.any() else math.nan,
     }
-
-
-WAYS = {"between rows": between, "by rows": by_rows}
 
 
 class Verdict(NamedTuple):
@@ -419,30 +433,29 @@ def judged(
     """Every figure of a case."""
     truths = {column: truth(x, case.stop) for column, x in case.exact.items()}
 
-    def figures(result: Result) -> dict[str, float]:
-        t = result["time"]
-        return {
-            f"{way}|{column}|{figure}": value
-            for column, true in truths.items()
-            for way, seen in WAYS.items()
-            for figure, value in seen(t, result[column], true["level"]).items()
-        } | {
-            f"between rows|{column}|event": crossing(t, result[column], level)
-            for column, (level, _) in case.changes.items()
-        }
-
+    metrics: dict[str, Metric] = {
+        f"between rows|{column}|{figure}": metric
+        for column, true in truths.items()
+        for figure, metric in column_metrics(column, true["level"]).items()
+    } | {
+        f"between rows|{column}|event": Crossing(column, level)
+        for column, (level, _) in case.changes.items()
+    }
     for algorithm in algorithms:
         for k in range(halvings):
             steps = round(case.stop / case.step) * 2**k
             h = case.stop / steps
+            settings = {
+                "stop": case.stop, "algorithm": algorithm, "record": [*case.exact, *case.changes]
+            }  # fmt: skip
             try:
-                found = certify(
-                    case.system, figures, step=h, stop=case.stop, algorithm=algorithm,
-                    record=[*case.exact, *case.changes], runner=case.runner,
-                ).figures  # fmt: skip
+                runs = three_runs(case.system, h, case.runner, settings)
             except SimulationError as error:  # a step beyond the limit of stability
                 print(name, algorithm, h, error, file=sys.stderr)
                 continue
+            found = estimates_of(metrics, runs)
+            for column, true in truths.items():
+                found |= function_errors(partial(_by_rows, column, true["level"]), runs)
             for key, got in found.items():
                 way, column, figure = key.split("|")
                 true = truths.get(column) or {"event": case.changes[column][1]}
@@ -452,6 +465,37 @@ def judged(
                     f"{name} {column}", algorithm, h, way, figure, true[figure], got.value,
                     got.error, got.order, size,
                 )  # fmt: skip
+
+
+def _by_rows(column: str, level: float, result: Result) -> dict[str, float]:
+    """The figures of the rows of a column."""
+    figures = by_rows(result["time"], result[column], level)
+    return {f"by rows|{column}|{figure}": value for figure, value in figures.items()}
+
+
+def judged_made(seed: int, halvings: int = HALVINGS) -> Iterator[tuple[MadeCase, Verdict]]:
+    """Every figure of the made cases."""
+    for made in made_cases(drawn(seed)):
+        case = Case(System({}), made.stop, made.step, {"x": made.truth}, made.run)
+        for verdict in judged(made.name, case, ("jacobi",), halvings):
+            yield made, verdict
+
+
+def complaints(verdicts: Sequence[tuple[MadeCase, Verdict]]) -> Iterator[str]:
+    """What the made cases promise and is not so."""
+    stated = [(made, v) for made, v in verdicts if v.error is not None]
+    for hides in (False, True):
+        within = [v.ratio <= 1.0 for made, v in stated if made.hides is hides]
+        if within and np.mean(within) < LEAST_COVERAGE:
+            yield f"coverage {np.mean(within):.2%}, hidden impacts {hides}"
+    for made, v in stated:
+        if v.figure in made.undeterminable:
+            yield f"not refused: {v}"
+        if v.ratio > WORST_RATIO:
+            yield f"off by {v.ratio:.2f} times its error: {v}"
+    sure = [v.error is None for made, v in verdicts if v.figure in made.determinable]
+    if np.mean(sure) > MOST_REFUSED:
+        yield f"{np.mean(sure):.1%} refused of what can be determined"
 
 
 def cases(seed: int, half: Path) -> Iterator[tuple[str, Case]]:
@@ -506,6 +550,8 @@ def main() -> None:
             if options.only in name:
                 verdicts += judged(name, integrated(*machine))
                 print(name, len(verdicts), file=sys.stderr, flush=True)
+    made = list(judged_made(options.seed)) if options.only in "made cases" else []
+    verdicts += [v for _, v in made]
     for key in (
         lambda v: f"{v.system}, {v.way}",
         lambda v: f"{v.figure}, {v.way}",
@@ -516,6 +562,8 @@ def main() -> None:
     told = sorted((v for v in verdicts if v.error is not None), key=lambda v: -v.ratio)
     for v in told[: options.worst]:
         print(f"{v.ratio:6.2f} {v}")
+    for complaint in complaints(made):
+        print(complaint)
 
 
 if __name__ == "__main__":

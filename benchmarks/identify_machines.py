@@ -27,7 +27,7 @@ from scenarios.__main__ import PROJECT
 from scenarios.iron import machine
 from scenarios.orientator.questions import orientator_limit
 from workbench.options import parse_options
-from workbench.question import find, load
+from workbench.question import Question
 from workbench.run import answer
 
 STAGES = [f"t_{stage}" for stage in measured_orientator.STAGES]
@@ -78,13 +78,13 @@ def trial(name: str, seed: int) -> dict[str, Any]:
     """One machine, asked about: for each figure whether it holds the truth and how wide it is."""
     rng = np.random.default_rng([seed, [*KINDS].index(name)])
     rows, asked, true = KINDS[name](rng, seed)
-    page = load(find(PROJECT.home, name))
+    question: Question = PROJECT.load(name)
     began = time.process_time()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         rows.to_csv(path, index=False)
-        o = parse_options(page.Options, {**asked, "data": str(path), "starts": 6}, name)
-        found = answer(page, o, PROJECT.fmus(page, "native"))
+        o = parse_options(question.options, {**asked, "data": str(path), "starts": 6}, name)
+        found = answer(question, o, PROJECT.fmus(question, "native"))
     told: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
     told["verdict"] = found.verdict
     for key, x in true.items():

@@ -3,7 +3,9 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .accuracy.certify import Certified, Estimate, certify, estimate, summary
+from .accuracy.certify import Certified, certify, summary
+from .accuracy.estimate import Estimate
+from .accuracy.extrapolation import estimate
 from .accuracy.referee import RefereeReport, referee
 from .accuracy.reference import Judged, oracle, true_errors
 from .analysis.compare import Comparison, Deviation, compare

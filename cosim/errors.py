@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 
 class SetupError(ValueError):
     """The system or the settings were refused before the first step."""
@@ -20,7 +18,7 @@ class StepDiscarded(FmuError):
         super().__init__(message)
         self.reached = reached
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[type[FmuError], tuple[str, float]]:
         return type(self), (str(self), self.reached)
 
 
@@ -39,7 +37,7 @@ class SimulationTerminated(FmuError):
         super().__init__(message)
         self.reached = reached
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[type[FmuError], tuple[str, float]]:
         return type(self), (str(self), self.reached)
 
 

@@ -19,6 +19,7 @@ from .engine.initialise import initialise
 from .engine.part import Part
 from .engine.process_state import ProcessState
 from .engine.recorder import Recorder
+from .engine.row_file import RowFile
 from .engine.settings import RunSettings
 from .errors import FmuError, SetupError, SimulationTerminated, pluralize
 from .report import Outcome, PartIdentity, RunReport, RunSetup
@@ -45,6 +46,7 @@ def run(
     stop_time_defined: bool = False,
     csv: Path | str | None = None,
     progress: Callable[[float], None] | None = None,
+    all_rows: Path | None = None,
 ) -> Result:
     """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive steps.
 
@@ -60,7 +62,8 @@ def run(
     There is a row at every communication point, or at every `output_step` [s] and at changes of a
     recorded discrete variable. `record` lists the columns (default: all outputs). With `csv`, the
     rows are streamed to this file, which no other run may write at the same time. `progress` is
-    called with the fraction of the run that is done.
+    called with the fraction of the run that is done. `all_rows` is a file that takes the rows of all
+    communication points, also those that `output_step` leaves out, as plain doubles.
 
     Warnings of the FMUs are in the result. They are also logged under "cosim" as they occur, unless
     `quiet` suppresses them. A run that an FMU ends itself is complete: `provenance` gives the time
@@ -80,6 +83,9 @@ def run(
         interrupts, process = stack.enter_context(collect_interrupts()), ProcessState()
         stack.callback(process.restore)
         simulation = _Simulation(network, settings, stack, process)
+        if all_rows is not None:
+            simulation.all_rows = RowFile(all_rows)
+            stack.callback(simulation.all_rows.close)
         path = None if csv is None else Path(csv).absolute()
         result, report = simulation.finish(path, progress, interrupts, began)
     outcome = report.outcome
@@ -101,6 +107,7 @@ class _Simulation:
         self, network: Network, settings: RunSettings, stack: ExitStack, process: ProcessState
     ) -> None:
         self.network, self.settings, self.process = network, settings, process
+        self.all_rows: RowFile | None = None
         self.ports = settings.ports(network)
         self.sequence = stepping_order(network, settings.order)
         within = self.ports if settings.every() is None else ()
@@ -151,7 +158,7 @@ class _Simulation:
         changes = discrete_changes(self.network, self.parts, settings.start, settings.stop)
         row = RowReader(list(self.parts.values()), self.ports)
         stepped = [self.parts[name] for name in self.sequence]
-        driver = Driver(stepped, settings, row, recorder, changes)
+        driver = Driver(stepped, settings, row, recorder, changes, self.all_rows)
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
             status, reason = self._drive(driver, recorder, progress, interrupts)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from .json_values import Json
 from .system import Value
 
 
@@ -58,14 +58,14 @@ class RunSetup:
     tolerance: float | None
     stop_time_defined: bool
     wires: Sequence[str]
-    inputs: Mapping[str, Mapping[str, Any]]
+    inputs: Mapping[str, Mapping[str, Json]]
     changes: Sequence[str]
     start_values: Mapping[str, Value]
     open_inputs: Mapping[str, Value]
     parts: Mapping[str, PartIdentity]
     versions: Mapping[str, str]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """Its entries of the JSON file."""
         parts = {name: dict(vars(identity)) for name, identity in self.parts.items()}
         return vars(self) | {"parts": parts}
@@ -120,7 +120,7 @@ class RunReport:
     warnings: Sequence[str]
     wall_time: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Json]:
         """The entries of the JSON file."""
         return {
             **self.setup.to_json(),

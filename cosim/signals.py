@@ -6,13 +6,13 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from types import FrameType
 
 STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @contextmanager
-def handle_stop_signals(handler: Callable[[int, Any], Any]) -> Iterator[None]:
+def handle_stop_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
     """Call this function for signals that ask to stop, as far as they are not ignored.
 
     A handler that is not Python's own, as a program in C installs one, could not be put back: it stays.

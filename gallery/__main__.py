@@ -15,8 +15,8 @@ from shutil import copyfile, rmtree
 from cosim.cli.options import Parser, exit_code, require
 from scenarios.fmu_files import CLONE as ROOT
 from scenarios.fmu_files import PACKAGE as HOME
-from workbench.answer import PAGE
-from workbench.question import names
+from workbench.catalog import names
+from workbench.export import PAGE
 
 from . import pages
 from .answers import Answered, answered

@@ -11,23 +11,21 @@ import sys
 from functools import cache
 from pathlib import Path
 from shutil import rmtree
-from types import ModuleType
 from typing import Any, NamedTuple
 
 from cosim import SetupError, versions
 from scenarios.__main__ import PROJECT
 from scenarios.fmu_files import CLONE as ROOT
-from scenarios.fmu_files import PACKAGE as HOME
-from workbench.question import find, load, parts
+from workbench.question import Question
 
 KEY = "made_of.txt"
 
 
 class Answered(NamedTuple):
-    """A question, its Python module, the command that answers it, and the folder of its files."""
+    """A question, its name, the command that answers it, and the folder of its files."""
 
     name: str
-    page: ModuleType
+    question: Question
     command: str
     folder: Path
 
@@ -45,7 +43,7 @@ class Answered(NamedTuple):
     @property
     def lives(self) -> bool:
         """Whether its page has a live part."""
-        return hasattr(self.page, "LIVE")
+        return self.question.live is not None
 
 
 def answered(name: str, folder: Path) -> Answered:
@@ -53,12 +51,12 @@ def answered(name: str, folder: Path) -> Answered:
 
     Raises SetupError where the question has no answer.
     """
-    page = load(find(HOME, name))
+    question = PROJECT.load(name)
     words = ["run", name, *given(name)]
-    asked = Answered(name, page, f"scenarios {' '.join(words)}", folder)
-    fmus = PROJECT.fmus(page, "native")
+    asked = Answered(name, question, f"scenarios {' '.join(words)}", folder)
+    fmus = PROJECT.fmus(question, "native")
     key = hashlib.sha256(repr((words, code(), versions())).encode())
-    for part in parts(page):
+    for part in question.parts:
         key.update(fmus[part].read_bytes())
     made = folder / KEY
     if not made.is_file() or made.read_text() != key.hexdigest():

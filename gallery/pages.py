@@ -16,7 +16,6 @@ from PIL import Image
 from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
 from workbench.figure import ERROR_SCOPE
-from workbench.question import parts, title
 
 from . import reference
 from .answers import Answered
@@ -79,7 +78,7 @@ def tree(caption: str, pages: str) -> str:
 def live(one: Answered, root: str, slider: str = "") -> str:
     """The live part of a question's page, with one slider or all, and a link to the whole page."""
     page = f"{root}questions/{one.name}/report.html"
-    label = escape(f"Live model: {title(one.page)}")
+    label = escape(f"Live model: {one.question.title}")
     only = f"?slider={slider}" if slider else ""
     return (
         f'<iframe class="live" src="{page}{only}" title="{label}" loading="lazy"></iframe>\n\n'
@@ -105,7 +104,7 @@ def landing(answers: Sequence[Answered], machines: Sequence[Path], folder: Path)
 
 Drop-in FMI co-simulation FMUs of electromechanical drives, and a master that states its coupling error.
 
-**{title(first.page)}** The FMUs run in your browser, offline. Move the slider.
+**{first.question.title}** The FMUs run in your browser, offline. Move the slider.
 
 {live(first, "", SLIDER if first.name == LANDING else "")}
 
@@ -128,11 +127,11 @@ Read on: [the project on one page](README.md) · [all guides](docs/README.md) ·
 
 def question(one: Answered) -> str:
     """The page of a question: its answer, live where it can be, its figures and options."""
-    found, text = one.found, (one.page.__doc__ or "").strip()
+    found, text = one.found, (one.question.module.__doc__ or "").strip()
     head, _, rest = text.partition("\n")
     used = ", ".join(
         f"[{fmu}](../docs/machines/{page_of(fmu)}.md)"
-        for fmu in dict.fromkeys(parts(one.page).values())
+        for fmu in dict.fromkeys(one.question.parts.values())
     )
     verdict = "\n".join(f"> {line}\n>" for line in found["verdict"])
     shown = [f'<p class="way"><a class="button" href="{one.name}/report.html">Open the full '
@@ -178,10 +177,12 @@ def page_of(fmu: str) -> str:
 def machine(page: Path, answers: Sequence[Answered]) -> str:
     """The page of a machine, with its live model and the questions about it."""
     text = page.read_text(encoding="utf-8")
-    about = [one for one in answers if page.stem in map(page_of, parts(one.page).values())]
+    about = [one for one in answers if page.stem in map(page_of, one.question.parts.values())]
     if not about:
         return text
-    asked_of = "\n".join(f"* [{title(one.page)}](../../questions/{one.name}.md)" for one in about)
+    asked_of = "\n".join(
+        f"* [{one.question.title}](../../questions/{one.name}.md)" for one in about
+    )
     shown = f"## Questions about this machine\n\n{asked_of}\n"
     for one in [one for one in about if one.lives][:1]:
         shown = f"## Live model\n\n{MOVE}\n\n{live(one, '../../')}\n\n{shown}"
@@ -225,7 +226,7 @@ def question_list(answers: Sequence[Answered], folder: Path) -> str:
             whole.convert("RGB").resize(
                 (THUMB[0], round(whole.height * THUMB[0] / whole.width)), Image.Resampling.LANCZOS
             ).quantize(64).save(folder / place, optimize=True)
-        caption = title(one.page) + (" Live." if one.lives else "")
+        caption = one.question.title + (" Live." if one.lives else "")
         cards.append(card(f"questions/{one.name}.html", place, one.name, caption))
     pages = tree(
         "", "\n".join(f"{one.name} <questions/{one.name}>" for one in by_interest(answers))

@@ -29,7 +29,7 @@ def ask(
     workbench.question.QuestionError where a file of one's own raises.
     """
     from scenarios.__main__ import PROGRAM, PROJECT
-    from workbench.answer import write
+    from workbench.export import write
     from workbench.run import ask
     from workbench.runs.folder import reservation
 

@@ -24,6 +24,7 @@ from pythonfmu import FmuBuilder
 
 from scenarios.__main__ import PROJECT
 from workbench.answer import Answer
+from workbench.question import read
 from workbench.run import ask as asked
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -95,7 +96,7 @@ SAMPLED = [pytest.param(x, marks=[pytest.mark.slow] if x in COSTLY else []) for 
 
 def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
     """The FMUs of a page, which are built already."""
-    return PROJECT.fmus(page, flavour)
+    return PROJECT.fmus(read(page), flavour)
 
 
 def ask(name: str, out: Path | None = None, **given: Any) -> Answer:

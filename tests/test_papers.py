@@ -14,7 +14,7 @@ from fmpy.model_description import read_model_description
 from build_fmus import FORMULAS
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT
-from workbench.question import names
+from workbench.catalog import names
 
 LETTERS = "abcdefghijklmno"
 PRINTED = {

@@ -20,7 +20,7 @@ def interface() -> Iterator[str]:
     from cosim.cli.main import registered_commands
     from scenarios.__main__ import PROJECT
     from workbench import cli
-    from workbench.question import names
+    from workbench.catalog import names
 
     for package in PACKAGES:
         module = importlib.import_module(package)
@@ -68,7 +68,7 @@ def test_the_public_interface_is_the_one_that_is_listed() -> None:
 
 def test_an_answer_has_the_keys_that_are_documented() -> None:
     from tests.conftest import plain
-    from workbench.answer import content
+    from workbench.export import content
 
     keys = set(content(plain("orientator_cycle")))
     assert {

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .answer import Answer, Findings, Show, Table
     from .charts.model import Chart, Curve, Mark, Panel
+    from .context import Context
     from .figure import Figure
     from .options import Options, Run, option
-    from .run import Context
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 for variable in THREADS:
     os.environ.setdefault(variable, "1")
 
 HOMES = {
-    "Answer": "answer", "Show": "answer", "Table": "answer", "Context": "run", "Findings": "answer",
+    "Answer": "answer", "Show": "answer", "Table": "answer", "Context": "context", "Findings": "answer",
     "Figure": "figure", "Options": "options", "Run": "options", "option": "options",
     "Chart": "charts.model", "Curve": "charts.model", "Mark": "charts.model",
     "Panel": "charts.model",

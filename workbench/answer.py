@@ -1,39 +1,25 @@
-"""What a question found, and the files that show it."""
+"""The answer to a question as data: figures, verdict, tables, charts. It does not know who writes it."""
 
 from __future__ import annotations
 
-import csv
-import os
-from base64 import b64encode
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from importlib.util import find_spec
-from math import isnan
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import Result, System
-from cosim.result import partial, write_json
 from cosim.system import Value, connect, declared_start
 
-from .charts.gif import gif
 from .charts.model import Picture
 from .charts.motion import Motion
-from .charts.mpl import draw
 from .figure import ERROR_SCOPE, Figure
-from .page.html import report
-from .runs.folder import reservation
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .live import LivePart
-
-SPOKEN, PAGE = 3, "report.html"
-Rows = Callable[[Iterable[Sequence[float]]], None]
+#: Warnings that are printed; the JSON file has all. It is a convention of this project.
+PRINTED_WARNINGS = 3
 
 
 class Parameter(NamedTuple):
@@ -75,6 +61,25 @@ class Show(NamedTuple):
     title: str = ""
 
 
+class LivePart(NamedTuple):
+    """What a live page needs besides what every page has.
+
+    Attributes
+    ----------
+    modules : mapping of str to bytes
+        The FMUs' code for WebAssembly by part.
+    worker, page : str
+        The scripts that compute and that draw.
+    data : dict
+        What both need to know.
+    """
+
+    modules: Mapping[str, bytes]
+    worker: str
+    page: str
+    data: dict[str, Any]
+
+
 @dataclass(frozen=True)
 class Findings:
     """What `solve` returns: figures with their whole errors, and the data for verdict and show.
@@ -104,7 +109,7 @@ class Answer(Findings):
 
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
     is what the page needs to ask again. It is `refused` if the figures that it hangs on are not
-    determined. As text it is what the command line prints; a notebook shows the picture as well.
+    determined. As text it is what the command line prints; `picture` gives the picture that a notebook shows as well.
     """
 
     scenario: str
@@ -116,6 +121,7 @@ class Answer(Findings):
     show: Callable[[], Show] = Show
     live: LivePart | None = None
     refused: bool = False
+    picture: Callable[[Answer], str] = lambda answer: _no_picture(answer)
 
     @property
     def table(self) -> pd.DataFrame:
@@ -127,144 +133,40 @@ class Answer(Findings):
         wide, warned, more = (
             max(map(len, labels), default=0),
             self.warnings,
-            len(self.warnings) - SPOKEN,
+            len(self.warnings) - PRINTED_WARNINGS,
         )
         return "\n".join([
             *self.verdict.splitlines(),
             *(f"  {label:<{wide}}  {x.text()}" for label, x in zip(labels, self.figures.values())),
             *[ERROR_SCOPE] * bool(self.figures),
-            *(f"Warning: {warning}" for warning in warned[:SPOKEN]),
+            *(f"Warning: {warning}" for warning in warned[:PRINTED_WARNINGS]),
             *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),
             *[f"Computed with {flavour} FMUs." for flavour in [self.provenance.get("flavour")] if flavour],
         ])  # fmt: skip
 
     def _repr_html_(self) -> str:
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "answer.png"
-            drawn = draw(self.show(), self.question, path) and b64encode(path.read_bytes()).decode()
-        picture = (
-            f'<img src="data:image/png;base64,{drawn}" style="max-width: 100%">' if drawn else ""
-        )
-        return f'<pre style="white-space: pre-wrap">{escape(repr(self))}</pre>{picture}'
+        return f'<pre style="white-space: pre-wrap">{escape(repr(self))}</pre>{self.picture(self)}'
 
 
-def parameters(system: System, own: Iterable[str] = ()) -> dict[str, Parameter]:
+def _no_picture(answer: Answer) -> str:
+    """Show an answer in a notebook as text alone."""
+    return ""
+
+
+def parameters(system: System, fixed_starts: Iterable[str] = ()) -> dict[str, Parameter]:
     """All parameters of a system's FMUs and all other variables that are given a start value, by dotted
-    name, except for its `own`, which the question sets itself.
+    name, except for `fixed_starts`, which the question sets itself.
 
     Raises SetupError for what `cosim.run` refuses in a system.
     """
     network = connect(system)
-    given: dict[str, Value] = {port.name: value for port, value in network.start}
-    found = {}
+    starts: dict[str, Value] = {port.name: value for port, value in network.start}
+    values = {}
     for part, description in network.descriptions.items():
         for variable in description.modelVariables:
             port = network.port(f"{part}.{variable.name}")
-            if variable.causality == "parameter" or port.name in given:
-                value = given.get(port.name, declared_start(variable))
-                if value is not None and port.name not in own:
-                    found[port.name] = Parameter(value, port.unit, variable.description or "")
-    return found
-
-
-def new_file(path: Path) -> TextIO:
-    """A text file that nobody else has open, in place of what is there; a link is not followed."""
-    path.unlink(missing_ok=True)
-    return path.open("x", newline="", encoding="utf-8")
-
-
-@contextmanager
-def replacement(path: Path) -> Iterator[Path]:
-    """A new file of this process's own, which takes the place of another when it is complete."""
-    fresh = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    fresh.unlink(missing_ok=True)
-    try:
-        yield fresh
-        fresh.replace(path)
-    finally:
-        fresh.unlink(missing_ok=True)
-
-
-@contextmanager
-def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
-    """A function that appends rows to NAME.partial.csv, nan as nothing; without a path it keeps none.
-
-    Raises SetupError if another run uses the folder.
-    """
-    if path is None:
-        yield lambda rows: None
-        return
-    with reservation(path.parent), new_file(partial(path)) as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-
-        def keep(rows: Iterable[Sequence[float]]) -> None:
-            writer.writerows(["" if isnan(x) else x for x in row] for row in rows)
-            file.flush()
-
-        yield keep
-
-
-def write(answer: Answer, folder: Path, animate: bool = False) -> list[str]:
-    """Write tables, JSON, other files, page and, if asked, motions to a folder; their names.
-
-    Raises SetupError if another run uses the folder.
-    """
-    with reservation(folder):
-        return _write(answer, folder, animate)
-
-
-def _write(answer: Answer, folder: Path, animate: bool) -> list[str]:
-    """Write the files to a folder that is this run's; it may have been removed meanwhile."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, table in answer.tables.items():
-        with replacement(folder / name) as fresh:
-            table.frame.to_csv(fresh, index=False)
-        partial(folder / name).unlink(missing_ok=True)
-    with replacement(folder / f"{answer.scenario}.json") as fresh:
-        write_json(fresh, content(answer))
-    for name, save in answer.files.items():
-        save(folder / name)
-    if find_spec("plotly"):
-        with replacement(folder / PAGE) as fresh:
-            report(answer, fresh)
-    drawn = draw(answer.show(), answer.question, folder / f"{answer.scenario}.png")
-    for number, motion in enumerate(answer.show().motions if animate else (), 1):
-        drawn.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
-        gif(folder / drawn[-1], motion)
-    data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
-    return [*data, *drawn, *[PAGE] * bool(find_spec("plotly"))]
-
-
-def content(answer: Answer) -> dict[str, Any]:
-    """What stands in the JSON file, each number once."""
-    parts = {
-        name: {key: part[key] for key in part if key not in ("parameters", "warnings")}
-        for name, part in answer.provenance["parts"].items()
-    }
-    return {
-        "scenario": answer.scenario,
-        "question": answer.question,
-        "verdict": answer.verdict.splitlines(),
-        "warnings": list(answer.warnings),
-        "figures": {name: figure.json() for name, figure in answer.figures.items()},
-        "refused": answer.refused,
-        "options": {name: value._asdict() for name, value in answer.options.items()},
-        "parameters": {name: value._asdict() for name, value in answer.parameters.items()},
-        "units": {
-            key: unit for table in answer.tables.values() for key, unit in table.units.items()
-        },
-        **answer.provenance,
-        "parts": parts,
-        **answer.facts,
-    }
-
-
-def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
-    """Write the files; print the verdict, the figures, the FMUs' warnings, and where the files are."""
-    names = write(answer, folder, animate)
-    if text := repr(answer):
-        print(text)
-    print(f"{', '.join(names)} written to {folder}")
-    if PAGE not in names:
-        print("no page was written: it needs the package plotly")
+            if variable.causality == "parameter" or port.name in starts:
+                value = starts.get(port.name, declared_start(variable))
+                if value is not None and port.name not in fixed_starts:
+                    values[port.name] = Parameter(value, port.unit, variable.description or "")
+    return values

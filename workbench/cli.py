@@ -10,10 +10,11 @@ from pathlib import Path
 
 from cosim.cli.options import Parser, exit_code
 
-from . import question
-from .answer import finish
+from . import catalog
+from .catalog import QuestionError, attribute_errors
+from .export import finish
 from .options import add_arguments, declared, parse_options, unknown_option
-from .question import FLAVOURS, Project, QuestionError
+from .question import FLAVOURS, Project
 from .run import ask
 from .runs.folder import reservation
 from .runs.worker import OK
@@ -42,14 +43,14 @@ def main(words: Sequence[str], project: Project, program: str) -> int:
 
 def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
     """Print the questions of the project; none is imported."""
-    for name, module in question.names(project.home).items():
-        print(f"{name:<17} {question.summary(Path(str(project.home)), module)}")
+    for name, module in catalog.names(project.home).items():
+        print(f"{name:<17} {catalog.summary(Path(str(project.home)), module)}")
     return 0
 
 
 def run(words: Sequence[str], project: Project, program: str) -> int:
     """Answer one question, write its files and print the verdict; REFUSED if it is not determined."""
-    known = ", ".join(question.names(project.home))
+    known = ", ".join(catalog.names(project.home))
     top = Parser(
         prog=f"{program} run",
         usage=f"{program} run NAME|FILE.py [options]",
@@ -57,29 +58,31 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
         epilog=f"{program} run NAME --help lists the options of a question.",
     )
     top.add_argument("question", metavar="NAME|FILE.py")
-    page = question.load(question.find(project.home, top.parse_args(words[:1]).question))
+    question = project.load(top.parse_args(words[:1]).question)
     parser = Parser(
         prog=f"{program} run {words[0]}",
-        description=page.__doc__,
+        description=question.module.__doc__,
         formatter_class=RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    add_arguments(parser, page.Options)
+    add_arguments(parser, question.options)
     _add_common(parser, "results/NAME, or NAME/SET")
     parser.add_argument("--animate", action="store_true", help="also write the motions as GIFs")
     found, rest = parser.parse_known_args(words[1:])
     if rest:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
-        raise unknown_option(rest[0].lstrip("-").partition("=")[0], flags, question.name(page))
+        raise unknown_option(rest[0].lstrip("-").partition("=")[0], flags, question.name)
     told = {name: value for name, value in vars(found).items() if value is not None}
-    options = {name: told.pop(name) for name in (*declared(page.Options), "start") if name in told}
-    o = parse_options(page.Options, options, question.name(page))
-    folder = Path("results") / question.name(page)
+    options = {
+        name: told.pop(name) for name in (*declared(question.options), "start") if name in told
+    }
+    o = parse_options(question.options, options, question.name)
+    folder = Path("results") / question.name
     told["out"] = told.get("out", folder / o.set if hasattr(o, "set") else folder)
     animate = told.pop("animate")
     with reservation(told["out"]):
         answer = ask(project, words[0], options, **told, program=program)
-        with question.attribute_errors(page):
+        with attribute_errors(question.module):
             finish(answer, told["out"], animate)
     return REFUSED if answer.refused else 0
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
+
+from cosim import SetupError
 
 MOST_DIGITS, LEAST = 6, -7
 #: Significant digits of a figure in a sentence, a convention of this project; tables have MOST_DIGITS.
@@ -36,6 +39,16 @@ class Figure(NamedTuple):
     def undetermined(cls, unit: str, reason: str, meaning: str = "") -> Figure:
         """A figure that is not determined, and why."""
         return cls(math.nan, unit, None, meaning, reason)
+
+    def problem(self) -> str:
+        """Return why this is no valid figure, as the end of a sentence about it; "" if it is one."""
+        if not isinstance(self.unit, str) or not self.unit:
+            return 'has no unit; a dimensionless number has the unit "1"'
+        if self.error is None and not (self.reason and math.isnan(self.value)):
+            return "has no error; use Figure.undetermined(unit, reason) to say why"
+        if self.error is not None and not (self.error >= 0.0 and math.isfinite(self.value)):
+            return f"= {self.value!r} +- {self.error!r} is not a valid figure"
+        return ""
 
     def text(self, unit: str = "") -> str:
         """The figure as text, "12.34 ± 0.05 rad/s"; `unit` is the wording of its unit."""
@@ -73,6 +86,24 @@ class Figure(NamedTuple):
         value = self.value if math.isfinite(self.value) else None
         told = {"value": value, "unit": self.unit, "error": self.error}
         return told | {"meaning": self.meaning, "reason": self.reason}
+
+
+def check_figures(figures: Any, path: Path) -> None:
+    """Refuse what is no figure.
+
+    Raises
+    ------
+    SetupError
+        With the file of the question, the name and what is wrong.
+    """
+    if not isinstance(figures, Mapping):
+        raise SetupError(f"{path}: figures must be a dict of workbench.Figure")
+    for key, figure in figures.items():
+        prefix = f"{path}: figure {key!r}"
+        if not isinstance(figure, Figure):
+            raise SetupError(f"{prefix} must be a workbench.Figure(value, unit, error, meaning)")
+        if problem := figure.problem():
+            raise SetupError(f"{prefix} {problem}")
 
 
 def refusals(figures: Mapping[str, Figure]) -> list[str]:
@@ -165,16 +196,16 @@ def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str,
     """
     if not math.isfinite(error):
         return f"{value:.6g}", "?"
-    place = math.floor(math.log10(error)) - 1
-    last = math.floor(math.log10(abs(value))) + 1 - digits if value else place
-    up = math.ceil(error / 10.0**place - 1e-9)
-    if last > place:
-        place, up = last, math.ceil(error / 10.0**last + 0.5)
+    digit = math.floor(math.log10(error)) - 1
+    last = math.floor(math.log10(abs(value))) + 1 - digits if value else digit
+    up = math.ceil(error / 10.0**digit - 1e-9)
+    if last > digit:
+        digit, up = last, math.ceil(error / 10.0**last + 0.5)
     if up >= 100:
-        place, up = place + 1, 10
-    if place > 0:
-        return f"{round(value / 10.0**place) * 10**place:.0f}", f"{up * 10**place:.0f}"
-    if place >= LEAST:
-        return f"{value:z.{-place}f}", f"{up * 10.0**place:.{-place}f}"
+        digit, up = digit + 1, 10
+    if digit > 0:
+        return f"{round(value / 10.0**digit) * 10**digit:.0f}", f"{up * 10**digit:.0f}"
+    if digit >= LEAST:
+        return f"{value:z.{-digit}f}", f"{up * 10.0**digit:.{-digit}f}"
     power = math.floor(math.log10(max(abs(value), error)))
-    return f"{value:.{power - place}e}", f"{up * 10.0**place:.1e}"
+    return f"{value:.{power - digit}e}", f"{up * 10.0**digit:.1e}"

@@ -1,27 +1,196 @@
-"""Questions: pages in the folders of a package, found by name, or a user's own files, by path."""
+"""What a question is: one object with defaults, made from the simple module that its author writes.
+
+The module is the form for authors: a docstring, a class `Options`, and functions. `read` is the only prefix that
+looks into it. Everything else works with a `Question`, all of whose attributes exist.
+"""
 
 from __future__ import annotations
 
-import ast
-import importlib
-import importlib.util
-import sys
-import traceback
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import Field
-from functools import cache
+from collections.abc import Callable, Mapping
+from dataclasses import Field, dataclass, field
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from cosim import SetupError, SimulationError
+from cosim import SetupError
 
-from .options import Options, declared
+from . import catalog
+from .answer import Findings, Show
+from .figure import Figure
+from .options import Options, Run, declared
+from .simple import SimpleForm
 
-FROM_FILE, FMU, MODULES = "__question__", ".fmu", "wasm"
+if TYPE_CHECKING:
+    from .context import Context
+
+FMU, MODULES = ".fmu", "wasm"
 FLAVOURS = PYTHON, NATIVE = "python", "native"
+#: Names that the command line takes for every question.
 RESERVED_OPTIONS = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
+
+
+def _no_verdict(o: Any, figures: Mapping[str, Figure], data: Any) -> str:
+    """Say nothing, where a question has no verdict."""
+    return ""
+
+
+def _nothing_to_show(o: Any, figures: Mapping[str, Figure], data: Any) -> Show:
+    """Show nothing, where a question has no charts."""
+    return Show()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """A question that can be answered.
+
+    Attributes
+    ----------
+    module : module
+        Where it is written.
+    title : str
+        The question in words, the first line of its text.
+    options : type of Options
+        What can be chosen.
+    solve : function of options and context
+        Does the runs and returns `Findings`.
+    verdict : function of options, figures and data
+        The answer in words.
+    show : function of options, figures and data
+        Charts and motions.
+    live : Live, function of options, figures and data that returns one, or None
+        The live part of its page.
+    parts : mapping
+        FMUs by part: names of built ones, or paths that end in .fmu.
+    fixed_starts : tuple of str
+        Start values that it sets itself, and nobody else may.
+    decisive : tuple of str
+        Figures without which the answer is refused.
+    is_parallel : bool
+        Whether its runs are spread over all cores by default with native FMUs, too.
+    """
+
+    module: ModuleType
+    title: str
+    options: type[Options]
+    solve: Callable[[Any, Context], Findings]
+    verdict: Callable[[Any, Mapping[str, Figure], Any], str] = _no_verdict
+    show: Callable[[Any, Mapping[str, Figure], Any], Show] = _nothing_to_show
+    live: Any = None
+    parts: Mapping[str, str] = field(default_factory=dict)
+    fixed_starts: tuple[str, ...] = ()
+    decisive: tuple[str, ...] = ()
+    is_parallel: bool = False
+
+    @property
+    def name(self) -> str:
+        """The name of its file."""
+        return self.module.__name__.rpartition(".")[2]
+
+    @property
+    def path(self) -> Path:
+        """Its file."""
+        return Path(str(self.module.__file__))
+
+    @property
+    def locator(self) -> str:
+        """What `load` takes to load it again, or in another process."""
+        return catalog.locator(self.module)
+
+    @property
+    def files(self) -> list[Path]:
+        """Its file where it belongs to no package."""
+        return catalog.files(self.module)
+
+
+def load(locator: str) -> Question:
+    """Return the question of a module, "scenarios.conveyor.run_up", or of a file, "mine.py".
+
+    Raises
+    ------
+    SetupError
+        For a file that does not exist, and for what is no question.
+    QuestionError
+        If the question's own code raises.
+    """
+    module = catalog.load_module(locator)
+    try:
+        return read(module, locator)
+    except SetupError:
+        catalog.unload(module)
+        raise
+
+
+def read(module: ModuleType, locator: str = "") -> Question:
+    """Return the question that a module contains; `locator` is its name in messages.
+
+    Raises
+    ------
+    SetupError
+        If it lacks what a question must have.
+    """
+    prefix, content = locator or str(module.__file__), vars(module)
+    options = _read_options(content.get("Options"), prefix)
+    parts = content.get("PARTS", {})
+    if not isinstance(parts, Mapping):
+        raise SetupError(f"{prefix}: PARTS must be a dict of FMUs by part")
+    solve = content.get("solve") or _read_simple_form(module, options, prefix).solve
+    title = (module.__doc__ or "").strip().partition("\n")[0]
+    if not title:
+        raise SetupError(f"{prefix} must begin with its question as a docstring")
+    return Question(
+        module=module,
+        title=title,
+        options=options,
+        solve=solve,
+        verdict=content.get("verdict", _no_verdict),
+        show=content.get("show", _nothing_to_show),
+        live=content.get("LIVE"),
+        parts=parts,
+        fixed_starts=tuple(content.get("FIXED_STARTS", ())),
+        decisive=tuple(content.get("DECISIVE", ())),
+        is_parallel=bool(content.get("PARALLEL", False)),
+    )
+
+
+def _read_options(options: Any, prefix: str) -> type[Options]:
+    """Return the class of options of a question, if it is one."""
+    if not (isinstance(options, type) and issubclass(options, Options)):
+        raise SetupError(f"{prefix} must define a class Options(workbench.Options)")
+    if any(isinstance(value, Field) for value in vars(options).values()):
+        raise SetupError(
+            f"{prefix}: class Options must be decorated with @dataclass(frozen=True, kw_only=True)"
+        )
+    for name in declared(options):
+        if name in RESERVED_OPTIONS:
+            raise SetupError(
+                f"{prefix}: no option can be called {name!r}, since every question has one of that name"
+            )
+    return options
+
+
+def _read_simple_form(module: ModuleType, options: type[Options], prefix: str) -> SimpleForm:
+    """Return the simple form of a question without `solve`."""
+    content = vars(module)
+    for name, arguments in (("system", "(o, fmus)"), ("figures", "(o, r)")):
+        if name not in content:
+            raise SetupError(f"{prefix} must define {name}{arguments}, or solve(o, context)")
+    if not issubclass(options, Run) and "run" not in content and "step" not in declared(options):
+        raise SetupError(
+            f"{prefix}: with system and figures, Options must derive from workbench.Run, or run(o) return "
+            "one"
+        )
+    functions = {
+        name: content[name]
+        for name in ("run", "process", "more_figures", "tables")
+        if name in content
+    }
+    return SimpleForm(
+        path=Path(str(module.__file__)),
+        system=content["system"],
+        figures=content["figures"],
+        record=content.get("RECORD"),
+        **functions,
+    )
 
 
 class Project(NamedTuple):
@@ -40,20 +209,28 @@ class Project(NamedTuple):
         """The package that the questions lie in."""
         return () if self.home is None else (self.home.name,)
 
-    def flavour(self, page: ModuleType) -> str:
-        """The flavour that a page uses if none is given: native where these FMUs are built, else Python."""
-        native = self.folders.get(NATIVE, Path())
-        named = [fmu for fmu in parts(page).values() if not fmu.endswith(FMU)]
-        return NATIVE if all((native / f"{fmu}{FMU}").is_file() for fmu in named) else PYTHON
+    def load(self, text: str, folder: Path = Path()) -> Question:
+        """Return the question of that name, or of a file in that folder."""
+        return load(catalog.find(self.home, text, folder))
 
-    def fmus(self, page: ModuleType, flavour: str) -> dict[str, Path]:
-        """The FMU of each part of a page: one of the folder by its name, or any by its path from the
-        page; raises SetupError for one that is not there or not made from the present sources.
+    def flavour(self, question: Question) -> str:
+        """Return the flavour used by default: native where these FMUs are built, else Python."""
+        native = self.folders.get(NATIVE, Path())
+        built = [fmu for fmu in question.parts.values() if not fmu.endswith(FMU)]
+        return NATIVE if all((native / f"{fmu}{FMU}").is_file() for fmu in built) else PYTHON
+
+    def fmus(self, question: Question, flavour: str) -> dict[str, Path]:
+        """Return the FMU of each part: one of the folder by its name, or any by its path from the question.
+
+        Raises
+        ------
+        SetupError
+            For one that does not exist, or is not made from the present sources.
         """
         paths = {}
-        for part, fmu in parts(page).items():
+        for part, fmu in question.parts.items():
             if fmu.endswith(FMU):
-                paths[part] = Path(str(page.__file__)).parent / fmu
+                paths[part] = question.path.parent / fmu
             elif reason := self.problem(fmu, flavour):
                 raise SetupError(f"PARTS: {part} = {fmu!r}: {reason}")
             else:
@@ -66,169 +243,16 @@ class Project(NamedTuple):
                 )
         return paths
 
-    def modules(self, page: ModuleType) -> dict[str, Path]:
-        """The modules for WebAssembly of a page with a live part, by part; none if it has no such part
-        or runs FMUs by path."""
-        named = dict(parts(page))
-        if not hasattr(page, "LIVE") or any(fmu.endswith(FMU) for fmu in named.values()):
+    def modules(self, question: Question) -> dict[str, Path]:
+        """Return the modules for WebAssembly by part, for a question with a live part and built FMUs."""
+        parts = question.parts
+        if question.live is None or any(fmu.endswith(FMU) for fmu in parts.values()):
             return {}
         return {
             part: self.folders[MODULES] / f"{fmu}.wasm"
-            for part, fmu in named.items()
+            for part, fmu in parts.items()
             if MODULES in self.folders and not self.problem(fmu, MODULES)
         }
 
 
 NO_PROJECT = Project()
-
-
-class QuestionError(RuntimeError):
-    """A question's own code raised; the text says where and what, and needs no name before it."""
-
-    plain = True
-
-
-@cache
-def names(home: Path | None) -> Mapping[str, str]:
-    """The questions below a package's folder, by name, and their modules; none is imported.
-
-    A question is a file that defines a class `Options`.
-    """
-    found: dict[str, str] = {}
-    if home is None:
-        return found
-    for path in sorted(home.rglob("*.py")):
-        body = ast.parse(path.read_text(encoding="utf-8")).body
-        if any(isinstance(node, ast.ClassDef) and node.name == "Options" for node in body):
-            inside = path.relative_to(home.parent).with_suffix("")
-            found[path.stem] = ".".join(inside.parts)
-    return found
-
-
-def summary(home: Path, module: str) -> str:
-    """The question of a module of the package, in one line; it is not imported."""
-    path = home.parent.joinpath(*module.split(".")).with_suffix(".py")
-    documentation = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
-    return (documentation or "").partition("\n")[0]
-
-
-def title(page: ModuleType) -> str:
-    """The question of a page: the first line of its text."""
-    return (page.__doc__ or "").strip().partition("\n")[0]
-
-
-def name(page: ModuleType) -> str:
-    """The name of a question: that of its file."""
-    return page.__name__.rpartition(".")[2]
-
-
-def locator(page: ModuleType) -> str:
-    """What `load` takes to load a page again, or in another process."""
-    return str(page.__file__) if hasattr(page, FROM_FILE) else page.__name__
-
-
-def files(page: ModuleType) -> list[Path]:
-    """The file of a page that is no module of a package."""
-    return [Path(str(page.__file__))] if hasattr(page, FROM_FILE) else []
-
-
-def parts(page: ModuleType) -> Mapping[str, str]:
-    """The FMUs of a page by part."""
-    found: Mapping[str, str] = getattr(page, "PARTS", {})
-    return found
-
-
-def load(locator: str) -> ModuleType:
-    """The page of a module, "scenarios.conveyor.questions.run_up", or of a file, "mine.py".
-
-    Raises SetupError for a file that is not there, and for what is no page; QuestionError for one
-    whose own code raises.
-    """
-    if not locator.endswith(".py"):
-        return _checked(importlib.import_module(locator), locator)
-    path = Path(locator).resolve()
-    if not path.is_file():
-        raise SetupError(f"there is no file {locator}")
-    known = sys.modules.get(path.stem)
-    if known is not None and not hasattr(known, FROM_FILE):
-        raise SetupError(f"{locator}: {path.stem!r} is the name of a module; rename the file")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    page = importlib.util.module_from_spec(spec)
-    setattr(page, FROM_FILE, True)
-    sys.modules[path.stem] = page
-    try:
-        with attribute_errors(page):
-            spec.loader.exec_module(page)
-        return _checked(page, locator)
-    except BaseException:
-        del sys.modules[path.stem]
-        raise
-
-
-load_cached = cache(load)
-
-
-def find(home: Path | None, text: str, folder: Path = Path()) -> str:
-    """What `load` takes, from the name of a question of the package or a file in that folder.
-
-    Raises SetupError where there is none.
-    """
-    if text in names(home):
-        return names(home)[text]
-    if text.endswith(".py") and (folder / text).is_file():
-        return str((folder / text).resolve())
-    known = f"one of {', '.join(names(home))}, or " if home else ""
-    raise SetupError(f"{text!r} must be {known}an existing file NAME.py")
-
-
-def _checked(page: ModuleType, locator: str) -> ModuleType:
-    """The page, if it has what a page must have."""
-    kind = getattr(page, "Options", None)
-    if not (isinstance(kind, type) and issubclass(kind, Options)):
-        raise SetupError(f"{locator} must define a class Options(workbench.Options)")
-    if not isinstance(parts(page), Mapping):
-        raise SetupError(f"{locator}: PARTS must be a dict of FMUs by part")
-    if not hasattr(page, "solve"):
-        for wanted, form in (("system", "(o, fmus)"), ("figures", "(o, r)")):
-            if not hasattr(page, wanted):
-                raise SetupError(f"{locator} must define {wanted}{form}, or solve(o, context)")
-        if not hasattr(kind, "step"):
-            raise SetupError(
-                f"{locator}: with system and figures, Options must derive from workbench.Run"
-            )
-    if any(isinstance(value, Field) for value in vars(kind).values()):
-        raise SetupError(
-            f"{locator}: class Options must be decorated with @dataclass(frozen=True, kw_only=True)"
-        )
-    for name in declared(kind):
-        if name in RESERVED_OPTIONS:
-            raise SetupError(
-                f"{locator}: no option can be called {name!r}, since every question has one of that name"
-            )
-    if not title(page):
-        raise SetupError(f"{locator} must begin with its question as a docstring")
-    return page
-
-
-@contextmanager
-def attribute_errors(page: ModuleType) -> Iterator[None]:
-    """Turn what a page's own code raises into a QuestionError with its file and line, and also what a
-    user's own file makes other code raise.
-    """
-    try:
-        yield
-    except (SetupError, SimulationError, QuestionError, OSError):
-        raise
-    except SyntaxError as error:
-        raise QuestionError(f"{error.filename}:{error.lineno}: {error.msg}") from error
-    except Exception as error:
-        frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if frame.filename == page.__file__]
-        if not own and not files(page):
-            raise
-        line = f":{own[-1].lineno}" if own else ""
-        seen = "" if own else f", in {frames[-1].filename}:{frames[-1].lineno}"
-        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise QuestionError(f"{page.__file__}{line}: {what}{seen}") from error

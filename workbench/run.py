@@ -1,155 +1,32 @@
-"""A question is asked: runs with the errors of their figures, warnings, and the answer."""
+"""A question becomes an answer."""
 
 from __future__ import annotations
 
-import logging
-import math
 import os
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, replace
-from functools import cache, partial
-from logging.handlers import BufferingHandler
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
-from types import MappingProxyType, ModuleType
-from typing import Any, TypeVar
+from types import MappingProxyType
+from typing import Any
 
 import cosim
-from cosim import Result, SetupError, SimulationError, System
-from cosim.progress import bar
+from cosim import SetupError, System
 from cosim.system import connect
 
-from . import live, question
-from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
-from .figure import Figure, drop_undetermined
-from .limit import certified, converged
-from .options import Options, Run, check_fixed_starts, declared, parse_options
-from .question import FLAVOURS, PYTHON, Project, QuestionError, attribute_errors, locator, name
+from . import catalog, export, live
+from .answer import Answer, Findings, Parameter, Show, parameters
+from .catalog import QuestionError, attribute_errors
+from .context import IN_PROCESS, Context, captured_warnings
+from .figure import Figure, check_figures, drop_undetermined
+from .options import Options, check_fixed_starts, declared, parse_options
+from .question import FLAVOURS, PYTHON, Project, Question, read
 from .runs.codec import Records
 from .runs.fingerprint import SOURCES, computation
 from .runs.folder import reservation
 from .runs.journal import Journal, open_journal
 from .runs.runner import Runner
-
-IN_PROCESS = Runner(jobs=1)
-TOO_LONG = (
-    "step = {:g} s is too long to determine errors: a run with {} times the step, {:g} s, fails: {}"
-)
-FEWEST = 16
-Case = TypeVar("Case")
-Found = TypeVar("Found")
-
-
-@dataclass(frozen=True)
-class Context:
-    """What a question works with: its FMUs by part, the runner of its runs, a folder for rows as they
-    are computed, and the journal of its sweeps.
-    """
-
-    fmus: Mapping[str, Path]
-    runner: Runner = IN_PROCESS
-    out: Path | None = None
-    journal: Callable[[], Journal | None] = lambda: None
-
-    def certify(
-        self,
-        system: System,
-        figures: Callable[[Result], Mapping[str, Figure]],
-        o: Run,
-        record: Sequence[str] | None,
-        csv: str = "",
-    ) -> tuple[Result, dict[str, Figure]]:
-        """The result with steps of `o.step`, and its figures. Their errors are those that `figures`
-        gives for this result plus that of the coupling, from runs with two and four times the step.
-
-        Rows go to the CSV file of that name as they are computed. Raises what `cosim.run` raises. For a
-        step that is too long to determine errors it raises SetupError before the runs or SimulationError
-        after them.
-        """
-        if o.step > o.stop / FEWEST:
-            raise SetupError(
-                f"step = {o.step:g} s must be at most {o.stop / FEWEST:g} s, a {FEWEST}th of stop = "
-                f"{o.stop:g} s: three runs with up to four times the step give the errors"
-            )
-
-        def advance(cost: int, part: float) -> None:
-            progress((cost - 1 + cost * part) / 7)
-
-        told, runs, missing = [], [], ""
-        with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress:
-            for coarser in (4, 2, 1):
-                try:
-                    with captured_warnings() if coarser > 1 else nullcontext():
-                        result = cosim.run(
-                            system,
-                            stop=o.stop,
-                            step=coarser * o.step,
-                            algorithm=o.algorithm,
-                            record=record,
-                            csv=self.out / csv if self.out and csv and coarser == 1 else None,
-                            progress=partial(advance, 4 // coarser),
-                        )
-                except SimulationError as error:
-                    if coarser == 1:
-                        raise
-                    missing = TOO_LONG.format(o.step, coarser, coarser * o.step, error)
-                else:
-                    told.append(figures(result))
-                    runs.append(result.data)
-        if missing:
-            raise SimulationError(missing, result)
-        with captured_warnings():
-            return result, converged(figures, result, certified(figures, result, told), runs)
-
-    def each(
-        self,
-        function: Callable[[Case], Found],
-        cases: Sequence[Case],
-        title: str,
-        probes: bool = False,
-    ) -> Iterator[Found]:
-        """function(case) for every case, in order, wherever the runner does its runs.
-
-        Warnings become those of the question, except for `probes`, which look for what FMUs warn of.
-        """
-        call = partial(_with_warnings, function)
-        for found, warnings in self.runner.each(call, cases, title, self.journal()):
-            for warning in () if probes else warnings:
-                logging.getLogger("cosim").warning(warning)
-            yield found
-
-    def record_rows(
-        self, csv: str, units: Mapping[str, str], rows: Iterable[Sequence[Any]]
-    ) -> Table:
-        """The table of rows, which are kept in NAME.partial.csv as they are computed."""
-
-        def passed() -> Iterator[Sequence[Any]]:
-            for row in rows:
-                keep([row])
-                yield row
-
-        with stream(self.out and self.out / csv, list(units)) as keep:
-            return Table.of_rows(passed(), units)
-
-
-def _with_warnings(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[str]]:
-    """What a function makes of a case, and the warnings of its runs."""
-    with captured_warnings() as heard:
-        return function(case), heard()
-
-
-@contextmanager
-def captured_warnings() -> Iterator[Callable[[], list[str]]]:
-    """Collect the warnings of the runs in this process, each once, and keep them from other handlers."""
-    log, handler = logging.getLogger("cosim"), BufferingHandler(sys.maxsize)
-    handler.setLevel(logging.WARNING)
-    before = log.handlers, log.propagate
-    log.handlers, log.propagate = [handler], False
-    try:
-        yield lambda: list(dict.fromkeys(record.getMessage() for record in handler.buffer))
-    finally:
-        log.handlers, log.propagate = before
+from .runs.select import select_runner
 
 
 def ask(
@@ -163,34 +40,34 @@ def ask(
     out: Path | None = None,
     program: str = "",
 ) -> Answer:
-    """The answer to a question of a project, by its name, or of a file.
+    """Return the answer to a question of a project, by its name, or of a file.
 
     Options are given as on its command line, or as values in the declared units; "start" contains
     start values of FMUs. The flavour is by default native where these FMUs are built, else Python. By
-    default `jobs` are all cores for Python FMUs and for a question that says PARALLEL, else one. Rows are
-    kept in the folder `out`, which no other run may use meanwhile, as they are computed. Raises what
+    default `jobs` are all cores for Python FMUs and for a question that says PARALLEL, else one. Rows go
+    to the folder `out`, which no other run may use meanwhile, as they are computed. Raises what
     `answer` raises.
     """
-    page = question.load(question.find(project.home, text))
-    used = flavour or project.flavour(page)
-    if used not in FLAVOURS:
-        raise SetupError(f"flavour = {used!r} must be one of {', '.join(FLAVOURS)}")
-    spread = used == PYTHON or getattr(page, "PARALLEL", False)
-    one = jobs is None and scheduler is None and not spread
+    question = project.load(text)
+    chosen = flavour or project.flavour(question)
+    if chosen not in FLAVOURS:
+        raise SetupError(f"flavour = {chosen!r} must be one of {', '.join(FLAVOURS)}")
+    is_parallel = chosen == PYTHON or question.is_parallel
+    in_process = jobs is None and scheduler is None and not is_parallel
     return answer(
-        page,
-        parse_options(page.Options, options, name(page)),
-        project.fmus(page, used),
-        flavour=used,
-        runner=Runner(1 if one else jobs, scheduler, project.packages),
+        question,
+        parse_options(question.options, options, question.name),
+        project.fmus(question, chosen),
+        flavour=chosen,
+        runner=select_runner(1 if in_process else jobs, scheduler, project.packages),
         out=out,
-        modules=project.modules(page),
+        modules=project.modules(question),
         command=f"{program} run {text}" + f" --flavour {flavour}" * bool(flavour),
     )
 
 
 def answer(
-    page: ModuleType,
+    question: Question,
     o: Options,
     fmus: Mapping[str, Path],
     *,
@@ -200,96 +77,101 @@ def answer(
     modules: Mapping[str, Path] = MappingProxyType({}),
     command: str = "",
 ) -> Answer:
-    """The answer of a page to its options, with these FMUs by part; the runner does the sweeps.
+    """Return the answer of a question to its options, with these FMUs by part; the runner does the sweeps.
 
-    Rows are kept in the folder `out` as they are computed. The page has a live part if there are
-    modules of the FMUs by part; `command` is then the start of the command line that asks the same.
-    Raises SetupError for what is refused, SimulationError for a run that fails, and QuestionError where
-    the page's own code raises.
+    Rows go to the folder `out` as they are computed. The page has a live part if there are modules of
+    the FMUs by part; `command` is then the start of the command line that asks the same.
+
+    Raises
+    ------
+    SetupError
+        For what is refused.
+    SimulationError
+        For a run that fails.
+    QuestionError
+        Where the question's own code raises.
     """
-    own = getattr(page, "FIXED_STARTS", ())
-    check_fixed_starts(o.start, own)
+    check_fixed_starts(o.start, question.fixed_starts)
     with (
         reservation(out),
         ExitStack() as stack,
-        captured_warnings() as heard,
-        attribute_errors(page),
+        captured_warnings() as warnings,
+        attribute_errors(question.module),
     ):
-        files = [*fmus.values(), *question.files(page)]
-        runner = replace(runner, page=locator(page), files=files)
+        files = [*fmus.values(), *question.files]
+        runner = runner.prepared(question.locator, files)
 
         @cache
         def journal() -> Journal | None:
             if out is None:
                 return None
-            packages = _packages(page, runner.packages)
-            records = Records(frozenset({*SOURCES, *packages, page.__name__}))
-            who = _identity(page, o, fmus, packages)
-            return stack.enter_context(open_journal(out, who, passing=True, records=records))
+            packages = _packages(question, runner.setup.packages)
+            records = Records(frozenset({*SOURCES, *packages, question.module.__name__}))
+            fingerprint = _fingerprint(question, o, fmus, packages)
+            return stack.enter_context(
+                open_journal(out, fingerprint, passing=True, records=records)
+            )
 
-        context = Context(fmus, runner, out, journal)
-        found = page.solve(o, context) if hasattr(page, "solve") else _solve(page, o, context)
-        if not isinstance(found, Findings):
-            raise SetupError(f"{page.__file__}: solve must return workbench.Findings")
-        _check(page, found.figures)
-        verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
-        verdict = drop_undetermined(verdict, found.figures)
-        system = found.system or System({})
-        told = parameters(system, own) if system.parts else {}
-        live_part = live.of(page, o, found, modules, command)
-    provenance = _provenance(system, found.algorithm, found.communication)
+        findings = question.solve(o, Context(fmus, runner, out, journal))
+        if not isinstance(findings, Findings):
+            raise SetupError(f"{question.path}: solve must return workbench.Findings")
+        check_figures(findings.figures, question.path)
+        verdict = question.verdict(o, findings.figures, findings.data)
+        system = findings.system or System({})
+        values = parameters(system, question.fixed_starts) if system.parts else {}
+        live_part = live.of(question.live, o, findings, modules, command)
 
     def show() -> Show:
-        if not hasattr(page, "show"):
-            return Show()
-        with captured_warnings(), attribute_errors(page):
-            return Show(*page.show(o, found.figures, found.data))
+        with captured_warnings(), attribute_errors(question.module):
+            return Show(*question.show(o, findings.figures, findings.data))
 
+    made_by = findings.provenance or _provenance(system, findings.algorithm, findings.communication)
     return Answer(
-        **vars(found) | {"provenance": {**(found.provenance or provenance), "flavour": flavour}},
-        scenario=name(page),
-        question=question.title(page),
-        verdict=verdict,
-        options=option_values(o, found.defaults),
-        parameters=told,
-        warnings=heard(),
+        **vars(findings) | {"provenance": {**made_by, "flavour": flavour}},
+        scenario=question.name,
+        question=question.title,
+        verdict=drop_undetermined(verdict, findings.figures),
+        options=option_values(o, findings.defaults),
+        parameters=values,
+        warnings=warnings(),
         show=show,
         live=live_part,
-        refused=is_refused(page, found.figures),
+        refused=is_refused(question, findings.figures),
+        picture=export.picture,
     )
 
 
-def is_refused(page: ModuleType, figures: Mapping[str, Figure]) -> bool:
-    """Whether an answer is refused: a figure that it hangs on is not determined.
+def is_refused(question: Question, figures: Mapping[str, Figure]) -> bool:
+    """Whether an answer is refused: a figure that it hangs on is undetermined.
 
-    These are the figures that the page names in DECISIVE. Without that, an answer is refused if figures
-    are not determined and all others come from formulas alone.
+    These are the question's decisive figures. Without such, an answer is refused if figures are
+    undetermined and all others come from formulas alone.
 
     Raises
     ------
     SetupError
-        For a name in DECISIVE that is no figure.
+        For a decisive figure that does not exist.
     """
-    names = getattr(page, "DECISIVE", ())
-    for key in names:
+    for key in question.decisive:
         if key not in figures:
-            raise SetupError(f"{page.__file__}: DECISIVE names {key!r}, which is no figure")
-    if names:
-        return any(figures[name].error is None for name in names)
+            raise SetupError(f"{question.path}: DECISIVE names {key!r}, which is no figure")
+    if question.decisive:
+        return any(figures[name].error is None for name in question.decisive)
     errors = [figure.error for figure in figures.values()]
     return None in errors and not any(errors)
 
 
 def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page of a file or a module answers to options and start values, which have a dot:
-    {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Its errors name no folder.
+    """Return what the question of a file or a module answers to options and start values, which have a dot.
+
+    It is {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Its errors name no folder.
     """
     start = {key: value for key, value in case.items() if "." in key}
     options = {key: value for key, value in case.items() if key not in start}
     try:
-        asked = question.load_cached(str(page))
-        o = parse_options(asked.Options, {**options, "start": start}, name(asked))
-        found = answer(asked, o, fmus)
+        question = read(catalog.load_cached(str(page)))
+        o = parse_options(question.options, {**options, "start": start}, question.name)
+        result = answer(question, o, fmus)
     except (SetupError, QuestionError) as error:
         text = str(error)
         for folder in {path.parent for path in (page, *fmus.values()) if isinstance(path, Path)}:
@@ -297,9 +179,9 @@ def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> 
         raise type(error)(text) from error
     figures = {
         key: (float(f.value), f.unit, None if f.error is None else float(f.error), f.reason)
-        for key, f in found.figures.items()
+        for key, f in result.figures.items()
     }
-    return {"figures": figures, "warnings": list(found.warnings)}
+    return {"figures": figures, "warnings": list(result.warnings)}
 
 
 def is_row(answer: Any) -> bool:
@@ -320,62 +202,26 @@ def is_row(answer: Any) -> bool:
         return False
 
 
-def _solve(page: ModuleType, o: Any, context: Context) -> Findings:
-    """The way of a page with a system and figures."""
-    system = page.system(o, context.fmus)
-    table = f"{name(page)}.csv"
-
-    def figures(result: Result) -> Mapping[str, Figure]:
-        found: Mapping[str, Figure] = page.figures(o, result)
-        _check(page, found)
-        return found
-
-    record = getattr(page, "RECORD", None)
-    result, certain = context.certify(system, figures, o, record, table)
-    tables = {table: Table.of(result)}
-    return Findings(certain, result, system, result.provenance, tables=tables)
-
-
-def _check(page: ModuleType, figures: Any) -> None:
-    """Refuse what is no figure, one by one."""
-    if not isinstance(figures, Mapping):
-        raise SetupError(f"{page.__file__}: figures must be a dict of workbench.Figure")
-    for key, figure in figures.items():
-        where = f"{page.__file__}: figure {key!r}"
-        if not isinstance(figure, Figure):
-            raise SetupError(f"{where} must be a workbench.Figure(value, unit, error, meaning)")
-        if not isinstance(figure.unit, str) or not figure.unit:
-            raise SetupError(f'{where} has no unit; a dimensionless number has the unit "1"')
-        if figure.error is None and not (figure.reason and math.isnan(figure.value)):
-            raise SetupError(
-                f"{where} has no error; use Figure.undetermined(unit, reason) to say why"
-            )
-        if figure.error is not None and not (figure.error >= 0.0 and math.isfinite(figure.value)):
-            raise SetupError(
-                f"{where} = {figure.value!r} +- {figure.error!r} is not a valid figure"
-            )
-
-
-def _identity(
-    page: ModuleType, o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
+def _fingerprint(
+    question: Question, o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
 ) -> dict[str, Any]:
-    """What the sweeps of a question depend on."""
+    """Return what the sweeps of a question depend on."""
     return {
-        "options": {key: repr(told.value) for key, told in option_values(o).items()},
+        "options": {key: repr(parameter.value) for key, parameter in option_values(o).items()},
         "start": dict(o.start),
-        **computation(locator(page), fmus, *packages),
+        **computation(question.locator, fmus, *packages),
     }
 
 
-def _packages(page: ModuleType, packages: Sequence[str]) -> Sequence[str]:
-    """The packages that a page lies in, by default that of its own module."""
-    return packages or ([] if question.files(page) else [page.__name__.partition(".")[0]])
+def _packages(question: Question, packages: Sequence[str]) -> Sequence[str]:
+    """Return the packages that a question lies in, by default that of its own module."""
+    return packages or ([] if question.files else [question.module.__name__.partition(".")[0]])
 
 
 def option_values(
     o: Options, defaults: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, Parameter]:
-    """The options as they were taken, with the question's `defaults` for those left to it."""
+    """Return the options of an answer, with the question's `defaults` for those left to it."""
     values = {
         key: getattr(o, key)
         if getattr(o, key) not in (None, ())
@@ -389,7 +235,7 @@ def option_values(
 
 
 def _provenance(system: System, algorithm: str | None, communication: str) -> dict[str, Any]:
-    """How the runs of a sweep were made, in the words in which one run tells it."""
+    """Return how the runs of a sweep were made, in the form of the provenance of one run."""
     descriptions = connect(system).descriptions if system.parts else {}
     return {
         "algorithm": algorithm,

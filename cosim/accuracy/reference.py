@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +20,9 @@ from ..errors import FmuError, SetupError
 from ..master import versions
 from ..result import Result, SimulationError
 from ..system import System, connect, require_cosimulation
-from .certify import Estimate, certify, summary
+from .certify import Metrics, certify, evaluate, summary_metrics
 from .coupled_ode import Array, Whole, opened
+from .estimate import Estimate
 
 METHODS = ("DOP853", "Radau", "LSODA")
 TOLERANCE, LOOSER, ROWS, MOST_AT_ONCE = 1e-12, 10.0, 1000, 100
@@ -138,7 +139,7 @@ def oracle(
 
 def true_errors(
     system: System,
-    figures: Callable[[Result], Mapping[str, float]] = summary,
+    metrics: Metrics | None = None,
     *,
     stop: float,
     step: float,
@@ -148,7 +149,7 @@ def true_errors(
     timeout: float = math.inf,
     **settings: Any,
 ) -> Judged:
-    """Certify figures of runs with a communication step [s], and compare them with the oracle's.
+    """Certify metrics of runs with a communication step [s], and compare them with the oracle's.
 
     The oracle's rows are as far apart as those of the runs, and each of its two integrations may take
     `timeout` [s] of real time. `settings` are those of `run`. Raises what
@@ -165,9 +166,11 @@ def true_errors(
         method=method,
         timeout=timeout,
     )
-    truth = figures(exact)
+    if metrics is None:
+        metrics = summary_metrics(exact.columns[1:])
+    truth = evaluate(metrics, exact)
     found = certify(
-        system, figures, stop=stop, step=step, start=start, record=record, **settings
+        system, metrics, stop=stop, step=step, start=start, record=record, **settings
     ).figures
     return Judged(exact, {name: Compared(e, float(truth[name])) for name, e in found.items()})
 

@@ -7,6 +7,8 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 
+import numpy as np
+
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..report import Statistics
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
@@ -19,6 +21,7 @@ from .iteration import Iteration
 from .loop import Loop, lay_out
 from .part import Part
 from .recorder import IntermediateValues, OutputGrid, Recorder
+from .row_file import RowFile
 from .schedule import Advance, coupling_context, explicit, schedule
 from .settings import RunSettings
 from .snapshot import Snapshot, drop_nodes_after
@@ -74,8 +77,10 @@ class Driver:
         row: RowReader,
         recorder: Recorder,
         changes: Sequence[Change],
+        all_rows: RowFile | None = None,
     ) -> None:
         self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
+        self._all_rows = all_rows
         algorithm = find_algorithm(plan.algorithm)
         self.t = plan.start
         self.accepted = self.discarded = 0
@@ -116,7 +121,7 @@ class Driver:
         if program is None:
             return
         try:
-            self._loop = Loop(program, row.columns, every)
+            self._loop = Loop(program, row.columns, every if all_rows is None else 1)
             self.loop = "compiled"
         except OSError as error:
             self.loop = f"Python, since the compiled loop is missing: {error}"
@@ -134,7 +139,9 @@ class Driver:
             )
         add = self.recorder.add if grid is None else grid.take
         try:
-            add(self.row(self.t))
+            first = self.row(self.t)
+            self._keep(first)
+            add(first)
             if isinstance(self.plan.step, Adaptive):
                 yield from self._adaptive(self.plan.step, add)
             else:
@@ -152,8 +159,24 @@ class Driver:
         if self.t < time and len(self.parts) == 1:
             for block in self.parts[0].outputs:
                 block.move()
-            self.recorder.add(self.row(time))
+            last = self.row(time)
+            self._keep(last)
+            self.recorder.add(last)
             self.t = time
+
+    def _keep(self, rows: Sequence[float]) -> None:
+        """Write rows to the file that takes all of them, if there is one."""
+        if self._all_rows is not None:
+            self._all_rows.add(rows)
+
+    def _due(self, rows: Sequence[float], first: int, every: int) -> Sequence[float]:
+        """Of rows after steps number `first`, `first` + 1, ..., those that the result has."""
+        if self._all_rows is None:
+            return rows
+        width = len(self.recorder.columns)
+        skipped = -first % every
+        due: list[float] = np.reshape(rows, (-1, width))[skipped::every].ravel().tolist()
+        return due
 
     def _intermediate_values(self) -> list[IntermediateValues]:
         """What parts show of columns within their steps."""
@@ -175,6 +198,7 @@ class Driver:
         for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)
             self.accepted, self.t = self.accepted + 1, t
+            self._keep(row)
             add(row)
             yield (t - start) / (stop - start)
 
@@ -196,7 +220,8 @@ class Driver:
             if self._loop is not None and n < last:
                 began = clock.perf_counter()
                 rows, self.accepted, failure = self._loop.run(start, step, n, last)
-                self.recorder.add(rows)
+                self._keep(rows)
+                self.recorder.add(self._due(rows, n + 1, every))
                 self.t = start + self.accepted * step
                 if failure is not None:
                     self._redo(failure, step)
@@ -213,9 +238,12 @@ class Driver:
                     self._redo(failure, step)
                     self._advance(self.t, h)
                 end = stop if is_last else start + (n + 1) * step
-                row = self.row(end) if is_last or (n + 1) % every == 0 else None
+                is_due = is_last or (n + 1) % every == 0
+                row = self.row(end) if is_due or self._all_rows is not None else None
                 self.accepted, self.t = n + 1, end
                 if row is not None:
+                    self._keep(row)
+                if row is not None and is_due:
                     add(row)
             yield self.accepted / count
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 from ..fmu.library import Library
 from ..system import feedthrough
-from ..system.description import ModelDescription
+from ..system.description import ModelDescription, Variable
 from .energy import BondSide
 from .instance import OK, Instance, VariableBlock
 from .links import InputPolynomials, Link
@@ -25,7 +24,11 @@ class Part(Instance):
     """
 
     def __init__(
-        self, name: str, description: ModelDescription, fmu: Library, within: Sequence[Any] = ()
+        self,
+        name: str,
+        description: ModelDescription,
+        fmu: Library,
+        within: Sequence[Variable] = (),
     ) -> None:
         super().__init__(name, description, fmu)
         self.substeps = 1

@@ -13,7 +13,6 @@ from array import array
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -76,7 +75,7 @@ class Recorder:
             self.rows = array("d")
             self._write(*fresh.tolist())
 
-    def _write(self, *rows: Sequence[Any]) -> None:
+    def _write(self, *rows: Sequence[object]) -> None:
         assert self._stream is not None
         text = io.StringIO(newline="")
         csv.writer(text).writerows(rows)

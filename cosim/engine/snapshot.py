@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
-from typing import Any
 
 from .part import Part
 
@@ -15,8 +15,8 @@ class Snapshot:
         self._states = [(part, part.state()) for part in parts]
         self._outputs = [block for part in parts for block in part.outputs]
         self._ends = [end for part in parts for end in part.bond_sides]
-        self._cells: list[list[Any]] = []
-        self._booked: list[list[Any]] = []
+        self._cells: list[list[object]] = []
+        self._booked: list[list[ctypes.c_double | float]] = []
 
     def take(self) -> None:
         """Remember the parts as they are now; raises FmuError."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import SetupError
+from ..json_values import Json
 
 CHANGE = re.compile(
     r"\s*(?:at\s+)?(?P<time>\S+?)\s*(?:s\s)?\s*(?P<name>[^\s=]+)\s*=\s*(?P<value>.*?)\s*"
@@ -197,7 +198,7 @@ class Table:
             return f"ends at {last!r} s, before the stop at {stop!r} s"
         return ""
 
-    def provenance(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, Json]:
         """What a result says of it."""
         rows = list(zip(self.times, self.values))
         digest = hashlib.sha256(repr(rows).encode()).hexdigest()[:16]
@@ -266,7 +267,7 @@ class FunctionInput:
         """Nothing."""
         return ""
 
-    def provenance(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, Json]:
         """What a result says of it."""
         return {"function": getattr(self.at, "__qualname__", repr(self.at))}
 

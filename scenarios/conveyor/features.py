@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from cosim import CONVERGENCE_ORDERS
+from cosim.accuracy.extrapolation import extrapolate
 from workbench import Figure
-from workbench.limit import limit
 from workbench.measure import Measured
 from workbench.roots import (
     Crossing,
@@ -380,7 +380,7 @@ def converged(runs: Sequence[Outcome], order: float, unit: str, meaning: str) ->
     if reasons := [run for run in runs if isinstance(run, str)]:
         return Figure.undetermined(unit, reasons[0], meaning)
     values, errors = np.array(runs).T
-    value, error, reason = limit(values.tolist(), order)
-    if error is None:
-        return Figure.undetermined(unit, reason, meaning)
-    return Figure(value, unit, error + 2.0 * float(errors.max()), meaning)
+    limit = extrapolate(values.tolist(), order)
+    if limit.error is None:
+        return Figure.undetermined(unit, limit.reason, meaning)
+    return Figure(limit.value, unit, limit.error + 2.0 * float(errors.max()), meaning)

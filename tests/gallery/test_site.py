@@ -19,13 +19,13 @@ from lxml import html
 from gallery.__main__ import build
 from gallery.answers import Answered
 from gallery.drawings import drawings
+from scenarios.__main__ import PROJECT
 from tests.conftest import QUICK, ROOT, ask
 from tests.pictures import differ
 from tests.test_docs import SITE_COMMAND
 from tests.workbench.browser import Browser
 from tests.workbench.test_report import shown
-from workbench.answer import PAGE, write
-from workbench.question import find, load
+from workbench.export import PAGE, write
 
 __all__ = ["shown"]
 pytestmark = pytest.mark.filterwarnings("ignore:'myst_parser")
@@ -41,8 +41,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("gallery")
     answers = folder / "answers"
     write(ask("resonance", answers, **QUICK["resonance"]), answers)
-    page = load(find(ROOT / "scenarios", "resonance"))
-    return build([Answered("resonance", page, "scenarios run resonance", answers)], folder)
+    question = PROJECT.load("resonance")
+    return build([Answered("resonance", question, "scenarios run resonance", answers)], folder)
 
 
 @pytest.fixture(scope="module")

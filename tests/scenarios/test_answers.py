@@ -24,11 +24,11 @@ from scenarios.iron.questions import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
-from workbench.answer import content, finish, write
+from workbench.catalog import find, load_module, names
 from workbench.cli import main
+from workbench.export import content, finish, write
 from workbench.figure import Figure, rounded
 from workbench.measure import harmonics
-from workbench.question import find, load, names
 
 QUESTIONS = [
     pytest.param(name, marks=pytest.mark.slow) if name in LONG else name
@@ -151,7 +151,7 @@ WORDS = {
 @cache
 def variables(name: str) -> dict[str, Any]:
     """Those of the FMUs of a question, as their XML describes them."""
-    fmus = fmus_of(load(find(PROJECT.home, name))).items()
+    fmus = fmus_of(load_module(find(PROJECT.home, name))).items()
     read = {part: read_model_description(str(x), validate=False) for part, x in fmus}
     return {f"{part}.{v.name}": v for part, x in read.items() for v in x.modelVariables}
 
@@ -322,7 +322,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> None:
     part = CHANGED[name][0].split(".")[0]
-    own = getattr(load(find(PROJECT.home, name)), "FIXED_STARTS", ())
+    own = PROJECT.load(name).fixed_starts
     refused = [(f"{x}=1", f"start value {x}: this question sets it itself") for x in own]
     for wrong, message in (
         (f"{part}.nonsense=1", f"{part} has no variable 'nonsense'"),

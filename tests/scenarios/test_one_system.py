@@ -29,7 +29,7 @@ from tests.components.iron_oracle import OneSystem
 from tests.components.orientator_oracle import Jam, passage
 from tests.components.test_iron_drive import quantities
 from tests.conftest import ask
-from tests.oracle import drawn, joined, monolithic, part, split
+from tests.oracle import joined, monolithic, part, random_parameters, split
 from workbench import Figure
 from workbench.measure import harmonics
 
@@ -105,7 +105,7 @@ def test_run_up_tells_what_one_system_does(seed: int) -> None:
 def test_iron_start_tells_what_one_system_does(seed: int) -> None:
     """Speed, torque, angle and energies of a motor too weak to have the follower lift off."""
     draw = random.Random(seed)
-    p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
+    p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
     line = {
         "A": draw.uniform(2.0, 4.0),
         "B": draw.uniform(0.03, 0.06),
@@ -180,7 +180,7 @@ def test_speed_step_tells_what_one_system_does(seed: int) -> None:
 def test_iron_orders_tell_what_one_system_does(seed: int) -> None:
     """What a lag of 12 ms adds to an order and its gain, in a steady turn; the mean inertia."""
     draw = random.Random(seed)
-    p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
+    p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
     nu, B, T = draw.uniform(2.5, 6.0), draw.uniform(0.018, 0.038), 0.012
     told = ask("iron_orders", speeds=[nu], start=of_iron(p) | {"motor.B": B}).figures
     angles = np.linspace(0.0, 2 * math.pi, 1440, endpoint=False)
@@ -247,7 +247,7 @@ def powers(t: Any, x: Mapping[str, Any], ends: Any) -> tuple[tuple[float, ...], 
 def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
     """Its pace, the time of a product while the rotor's speed varies, powers, ripple and orders."""
     draw = random.Random(seed)
-    p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
+    p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
     pace, gear, i_g = draw.uniform(4.0, 6.0), draw.uniform(0.6, 2.4), p.reducer.i_g
     cup = {n: d.start for n, d in declarations(orientator.Parameters) if d.kind == "Real"}
     for name in draw.sample([x for x in cup if x[:3] != "neg" and x != "g"], k=4):

@@ -152,8 +152,8 @@ def test_speeds_to_avoid_whose_error_is_not_known_are_about_right() -> None:
     told = ask("resonance", speeds="20:66:9", steps_per_rev=64)
     assert (
         "With 64 steps per revolution the torque ripple is above the limit from about 26 rad/s to about 45 "
-        "rad/s. How far that is from the truth is not determined: the coupling is not stable with a quarter "
-        "of the steps."
+        "rad/s. How far that is from the truth is not determined: the run with four times the step is unstable, so "
+        "that no error can be estimated."
     ) in told.verdict
     assert {told.figures[name].error for name in ("avoid_from", "avoid_to")} == {None}
     assert "the coupling error is not known; take more steps per revolution." in told.verdict

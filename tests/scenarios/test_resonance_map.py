@@ -34,7 +34,7 @@ from scenarios.conveyor.questions import resonance_map
 from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c, until
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Context
-from workbench.answer import finish
+from workbench.export import finish
 
 A = SETS["A"]
 FMUS = fmus_of(resonance_map)

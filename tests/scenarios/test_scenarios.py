@@ -20,7 +20,7 @@ from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import SETS, longest_step
 from scenarios.iron.questions import iron_orders
 from tests.conftest import ROOT, ask
-from workbench import cli, question
+from workbench import catalog, cli
 
 EXPECTED: dict[str, Any] = {
     "A": {
@@ -142,7 +142,7 @@ def test_stability_limits_are_those_of_the_linearised_map() -> None:
 
 
 REFUSED = [
-    ("run resonanz", f"'resonanz' must be one of {', '.join(question.names(PROJECT.home))}, or"),
+    ("run resonanz", f"'resonanz' must be one of {', '.join(catalog.names(PROJECT.home))}, or"),
     ("run none.py", "'none.py' must be one of"),
     ("sweep", "invalid choice: 'sweep'"),
     ("run resonance --sped 3", "resonance has no option 'sped': did you mean 'speed'?"),
@@ -343,12 +343,12 @@ def test_list_names_every_question_and_imports_none() -> None:
     )
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert [line.split()[0] for line in lines] == list(question.names(PROJECT.home))
+    assert [line.split()[0] for line in lines] == list(catalog.names(PROJECT.home))
     assert len(lines) > 9
     assert all(line.endswith("?") for line in lines)
 
 
-@pytest.mark.parametrize("name", question.names(PROJECT.home))
+@pytest.mark.parametrize("name", catalog.names(PROJECT.home))
 def test_help_tells_units_and_defaults_as_a_person_writes_them(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

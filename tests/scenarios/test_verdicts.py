@@ -15,6 +15,7 @@ import pytest
 from scipy.optimize import brentq
 
 from cosim import SetupError
+from cosim.accuracy.extrapolation import bound_coupling_error
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.orbits import STEP_MULTIPLES
@@ -27,7 +28,6 @@ from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
 from workbench.cli import REFUSED, main
 from workbench.figure import ERROR_SCOPE, Figure
-from workbench.limit import coupling
 from workbench.run import is_refused
 
 SPEEDS = "34:46:7"
@@ -207,8 +207,8 @@ def test_no_option_is_left_without_the_value_that_was_used(name: str) -> None:
 def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_formula() -> None:
     known, formula = Figure(1.0, "N", 0.1), Figure(1.0, "N", 0.0)
     unknown = Figure.undetermined("N", "it stuck")
-    declared = SimpleNamespace(DECISIVE=("a",), __file__="mine.py")
-    free = SimpleNamespace(__file__="mine.py")
+    declared = SimpleNamespace(decisive=("a",), path="mine.py")
+    free = SimpleNamespace(decisive=(), path="mine.py")
     for page, figures, wanted in (
         (declared, {"a": known, "b": unknown}, False),
         (declared, {"a": unknown, "b": known}, True),
@@ -279,7 +279,7 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_own_point() -> 
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
     points = [data.plane.points()[at]._replace(step_multiple=k) for k in STEP_MULTIPLES]
     runs = [largest_force_of(orbit) for orbit in data.runner.orbits(points, "test")]
-    own = 100 * ratio[at] * coupling(runs, ORDER) / runs[0]
+    own = 100 * ratio[at] * bound_coupling_error(runs, ORDER) / runs[0]
     assert own > 200 * coupling_error(data.plane, data.runner, largest_force_of, ORDER)
     assert figure.error is not None and figure.error >= 0.999 * own
 

@@ -24,8 +24,8 @@ from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
 from workbench.cli import main
+from workbench.runs.cluster import ClusterRunner
 from workbench.runs.journal import NAME, Journal
-from workbench.runs.runner import Runner
 
 PLANE = """
 scenario = "plane.py"
@@ -301,7 +301,7 @@ def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
 
 
 def test_a_scheduler_with_tls_needs_certificates_and_the_message_says_where() -> None:
-    runner = Runner(scheduler="tls://127.0.0.1:1")
+    runner = ClusterRunner("tls://127.0.0.1:1")
     with pytest.raises(
         SetupError, match=r"'tls://127.0.0.1:1' needs the certificates .*CLIENT__KEY"
     ):

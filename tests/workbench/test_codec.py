@@ -111,7 +111,7 @@ HOSTILE = (
     '{"!record":["subprocess:Popen",{"args":["touch","owned"]}]}',
     '{"!record":["workbench.runs.codec:Records",{}]}',
     '{"!record":["workbench.runs.codec:sys.modules",{}]}',
-    '{"!record":["workbench.runs.transport:sealed",{}]}',
+    '{"!record":["workbench.runs.transport:pickled_call",{}]}',
     '{"!record":["workbench.figure:Figure",{"value":1.0}]}',
     '{"!record":["workbench.figure:Figure.text",{}]}',
     '{"!record":"workbench.figure:Figure"}',

@@ -15,8 +15,9 @@ import scenarios
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, until
-from workbench.answer import Table, stream
+from workbench.answer import Table
 from workbench.cli import main
+from workbench.files import stream
 
 ROWS = 2000
 QUESTION = '''
@@ -139,7 +140,8 @@ def test_a_table_has_no_rows_of_the_run_whose_file_is_in_its_way(tmp_path: Path)
     precious.write_text("mine\n")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "rows.partial.csv").symlink_to(precious)
-    from workbench.answer import Answer, write
+    from workbench.answer import Answer
+    from workbench.export import write
 
     frame = Table.of_rows([(1.0,)], {"x": "1"})
     bare = {"parts": {}, "versions": {}, "flavour": "native"}

@@ -16,10 +16,11 @@ import pytest
 from cosim import SetupError
 from tests.conftest import ROOT
 from workbench import study
-from workbench.question import load
+from workbench.catalog import load_module
+from workbench.question import read
 from workbench.run import answer
 from workbench.runs import journal
-from workbench.runs.runner import Runner
+from workbench.runs.local import LocalRunner
 from workbench.runs.worker import Outcome
 
 SWEEP = """
@@ -68,13 +69,13 @@ class Sweep:
     def __init__(self, folder: Path, text: str = SWEEP) -> None:
         self.folder, self.ledger, self.path = folder / "out", folder / "ledger", folder / "swept.py"
         self.path.write_text(f"{text}\nLEDGER = {str(self.ledger)!r}\n")
-        self.page: Any = load(str(self.path))
+        self.page: Any = load_module(str(self.path))
 
     def ask(self, stop: int = -1) -> list[Any]:
         """The answers of its runs, none if it is interrupted after `stop` of them."""
         self.page.STOP = stop
         with suppress(KeyboardInterrupt):
-            answer(self.page, self.page.Options(), {}, runner=Runner(1), out=self.folder)
+            answer(read(self.page), self.page.Options(), {}, runner=LocalRunner(1), out=self.folder)
         return list(self.page.answers)
 
     def runs(self) -> list[str]:

@@ -29,10 +29,10 @@ from tests.workbench.browser import Browser
 from tests.workbench.firefox import Firefox, firefox
 from tests.workbench.test_report import one, shown
 from workbench.answer import Answer
+from workbench.catalog import load_module, names
 from workbench.live.build import WORKER, script
 from workbench.options import add_arguments, parse_options
 from workbench.page import html
-from workbench.question import load, names
 
 __all__ = ["shown"]
 LIVE: dict[str, Mapping[str, Any]] = {
@@ -152,7 +152,7 @@ def moved(shown: Browser, name: str, values: Mapping[str, float], number: int = 
     move(shown, values)
     answered(shown, number)
     words = shlex.split(shown.value(f"{PART}.querySelector('code').textContent"))
-    kind, parser = load(names(PROJECT.home)[name]).Options, ArgumentParser()
+    kind, parser = load_module(names(PROJECT.home)[name]).Options, ArgumentParser()
     add_arguments(parser, kind)
     begin = words.index(name) + 1 + 2 * ("--flavour" in words)
     asked = {k: x for k, x in vars(parser.parse_args(words[begin:])).items() if x is not None}

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from tests.conftest import ROOT, ask, fmus_of
 from tests.workbench.javascript import Evaluate, evaluator
 from workbench import live
 from workbench.answer import Findings
+from workbench.catalog import load_module, names
 from workbench.charts.motion import Shape, line
 from workbench.figure import Figure
 from workbench.live import (
@@ -49,7 +49,7 @@ from workbench.live.build import FOLDER, PAGE, WORKER, script
 from workbench.live.formula import FUNCTIONS, Formula
 from workbench.live.readers import READERS, Rows, revolution, since
 from workbench.options import parse_options
-from workbench.question import load, names
+from workbench.question import read
 
 #: bytes of the scripts of a page without plotly
 LARGEST_SCRIPT = 40_000
@@ -112,7 +112,7 @@ def test_what_is_no_formula_is_refused(text: str) -> None:
 @cache
 def recorded() -> dict[str, Result]:
     """A smooth run, one with jumps, and one of many turns."""
-    bounce = load(names(PROJECT.home)["iron_bounce"])
+    bounce = load_module(names(PROJECT.home)["iron_bounce"])
     flight = iron_bounce.flying(System(fmus_of(bounce)), 720, 9.4)
     return {
         "iron": flight,
@@ -122,7 +122,7 @@ def recorded() -> dict[str, Result]:
 
 
 def run_up() -> Result:
-    page = load(names(PROJECT.home)["run_up"])
+    page = load_module(names(PROJECT.home)["run_up"])
     import cosim
 
     start = SETS["B"].start(60.0) | {"motor.tau": 0.0, "conveyor.w": 0.0}
@@ -130,7 +130,7 @@ def run_up() -> Result:
 
 
 def orientator() -> Result:
-    page = load(names(PROJECT.home)["orientator_cycle"])
+    page = load_module(names(PROJECT.home)["orientator_cycle"])
     return cosim.run(page.system(page.Options(), fmus_of(page)), stop=0.6, step=1e-3)
 
 
@@ -153,11 +153,11 @@ def test_readers_are_those_of_python_on_recorded_runs(name: str, javascript: Eva
     for column in columns:
         x = result[column]
         for window in (0.0, float(t[-1]) / 3, begin):
-            for kind, read in READERS.items():
+            for kind, reader in READERS.items():
                 level = float((x.min() + 2 * x.max()) / 3)
                 rows = since(Rows(t, x, phi, 2, level), window)
                 cases.append([kind, column, window if math.isfinite(window) else None, level])
-                expected.append(read(rows))
+                expected.append(reader(rows))
     data = {name: result[name].tolist() for name in (*columns, angle, "time")}
     sources = script(("readers.js",))
     values, first = javascript(f"""{sources}
@@ -282,7 +282,7 @@ QUICKLY: dict[str, dict[str, Any]] = {
 
 def declared_live(name: str, **moved: Any) -> Live:
     """What a question declares, for short options."""
-    page, given = load(names(PROJECT.home)[name]), QUICKLY.get(name, {}) | {"start": moved}
+    page, given = load_module(names(PROJECT.home)[name]), QUICKLY.get(name, {}) | {"start": moved}
     answer = ask(name, **given)
     declaration = page.LIVE
     o = parse_options(page.Options, given, name)
@@ -307,18 +307,17 @@ def test_no_slider_changes_what_a_drawing_is_made_of(name: str) -> None:
 
 
 def test_all_these_questions_are_live() -> None:
-    pages = {name: load(module) for name, module in names(PROJECT.home).items()}
+    pages = {name: load_module(module) for name, module in names(PROJECT.home).items()}
     assert {name for name, page in pages.items() if hasattr(page, "LIVE")} == set(LIVE_QUESTIONS)
 
 
 def built(declaration: Any) -> Any:
     """The live part of a product in the orientator, with another declaration."""
-    page = load(names(PROJECT.home)["orientator_cycle"])
-    o, modules = parse_options(page.Options, {}, "it"), PROJECT.modules(page)
+    page = load_module(names(PROJECT.home)["orientator_cycle"])
+    o, modules = parse_options(page.Options, {}, "it"), PROJECT.modules(read(page))
     figures = {"orientation_time": Figure(0.26, "s", 0.0, "time from drop to end")}
     findings = Findings(figures, None, page.system(o, fmus_of(page)))
-    copy: Any = SimpleNamespace(__file__="it.py", Options=page.Options, LIVE=declaration)
-    return live.of(copy, o, findings, modules, "")
+    return live.of(declaration, o, findings, modules, "")
 
 
 PANEL = LivePanel("angle", {"orientator.phi1": "red"}, "deg")
@@ -388,15 +387,14 @@ def test_the_example_of_the_guide_makes_a_question_live() -> None:
     (example,) = re.findall(r"```python\n(from workbench.live import .*?)```", guide, re.DOTALL)
     scope: dict[str, Any] = {}
     exec(example, scope)  # noqa: S102
-    page = load(str(ROOT / "examples" / "run_down.py"))
+    page = load_module(str(ROOT / "examples" / "run_down.py"))
     o, fmus = parse_options(page.Options, {}, "it"), fmus_of(page)
     modules = {part: FMUS / "wasm" / f"{fmu}.wasm" for part, fmu in page.PARTS.items()}
     figures = {
         "tenth": Figure(0.1, "s", 0.0, "until a tenth of the speed is left"),
         "brake": Figure(5.0, "N.m", 0.0, "largest braking torque"),
     }
-    copy: Any = SimpleNamespace(__file__="it.py", Options=page.Options, LIVE=scope["LIVE"])
-    part = live.of(copy, o, Findings(figures, None, page.system(o, fmus)), modules, "ask")
+    part = live.of(scope["LIVE"], o, Findings(figures, None, page.system(o, fmus)), modules, "ask")
     assert part is not None
     assert [x["meaning"] for x in part.data["numbers"]] == [x.meaning for x in figures.values()]
 

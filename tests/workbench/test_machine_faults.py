@@ -18,9 +18,10 @@ from cosim import SetupError, SimulationError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, until
 from workbench import study
-from workbench.question import load
+from workbench.catalog import load_module
+from workbench.question import read
 from workbench.run import answer
-from workbench.runs.runner import Runner
+from workbench.runs.local import LocalRunner
 from workbench.runs.worker import Worker
 
 QUESTION = '''
@@ -178,13 +179,13 @@ def test_a_sweep_with_another_fmu_of_the_same_guid_takes_no_rows(
     path, fmu = home / "faults.py", home / "Motor.fmu"
     path.write_text(path.read_text() + SWEEP)
     (home / "fault").touch()
-    page: Any = load(str(path))
+    page: Any = load_module(str(path))
     with pytest.raises(KeyboardInterrupt):
-        answer(page, page.Options(), {"motor": fmu}, runner=Runner(1), out=home / "out")
+        answer(read(page), page.Options(), {"motor": fmu}, runner=LocalRunner(1), out=home / "out")
     (home / "fault").unlink()
     changed(fmu)
     capsys.readouterr()
-    answer(page, page.Options(), {"motor": fmu}, runner=Runner(1), out=home / "out")
+    answer(read(page), page.Options(), {"motor": fmu}, runner=LocalRunner(1), out=home / "out")
     assert "contains the rows of other runs: contents.motor has changed; they are dropped" in (
         capsys.readouterr().err
     )

@@ -33,16 +33,17 @@ from scenarios.conveyor.questions import resonance
 from scenarios.iron import motion as iron_mechanism
 from tests.conftest import SAMPLED, ask, fmus_of, plain
 from tests.workbench.browser import Browser, browser
-from workbench.answer import Answer, Parameter, Show, Table, write
+from workbench.answer import Answer, Parameter, Show, Table
+from workbench.catalog import load_module, names
 from workbench.charts import model as pictures
 from workbench.charts import mpl, plotly
 from workbench.charts.gif import gif
 from workbench.charts.layout import across, decades
 from workbench.charts.model import Chart, Curve, Field, Lanes, Mark, Panel, SecondUnit, Span
 from workbench.charts.motion import Motion, Shape
+from workbench.export import write
 from workbench.figure import Figure
 from workbench.page import html
-from workbench.question import load, names
 from workbench.study import charts as study_charts
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
@@ -299,7 +300,9 @@ def test_every_curve_is_the_column_that_it_claims_to_be(where: str) -> None:
 
 
 def test_the_ripples_have_the_units_of_what_ripples() -> None:
-    network = connect(conveyor_drive(fmus_of(load(QUESTIONS["resonance"])), SETS["A"].start(40.0)))
+    network = connect(
+        conveyor_drive(fmus_of(load_module(QUESTIONS["resonance"])), SETS["A"].start(40.0))
+    )
     units = [network.port(port).unit for port in ("motor.tau", "conveyor.w")]
     (ripple,) = answered("resonance")[1].charts
     assert isinstance(ripple, Chart)

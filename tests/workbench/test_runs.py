@@ -19,10 +19,11 @@ from cosim.cli.options import exit_code
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.hosts import light, plane
 from workbench import Context
-from workbench.question import load
+from workbench.catalog import load_module
+from workbench.question import read
 from workbench.run import answer
 from workbench.runs import fingerprint, journal
-from workbench.runs.runner import Runner
+from workbench.runs.local import LocalRunner
 from workbench.runs.transport import Bundle, Call, pickled_call
 from workbench.runs.worker import Worker
 
@@ -78,9 +79,9 @@ def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
 CALL = """
 import sys
 from tests.hosts import light, plane
-from workbench.runs.transport import Call, sealed
+from workbench.runs.transport import Call, pickled_call
 from workbench.runs.worker import Worker
-Worker().do(Call(sealed(plane.be, tuple(sys.argv[1:]))), None)
+Worker().do(Call(pickled_call(plane.be, tuple(sys.argv[1:]))), None)
 """
 
 
@@ -111,9 +112,9 @@ def test_a_sweep_is_the_same_for_any_number_of_jobs(tmp_path: Path) -> None:
     tasks = [(x, str(tmp_path / "ledger")) for x in (3.0, 1.0, 2.0, 5.0, 4.0, 1.0)]
     expected = [9.0, 3.0, 6.0, 15.0, 12.0, 3.0]
     for jobs in (1, 2, 8):
-        assert list(Runner(jobs).each(plane.height, tasks, "heights")) == expected
+        assert list(LocalRunner(jobs).map(plane.height, tasks, "heights")) == expected
     assert len(lines(tmp_path / "ledger")) == 18
-    assert list(Runner(2).each(plane.height, [], "heights")) == []
+    assert list(LocalRunner(2).map(plane.height, [], "heights")) == []
 
 
 MINE = """
@@ -134,8 +135,8 @@ def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(tmp_path: 
     """Though its name is that of another module, and its cases and answers are of its own types."""
     path = tmp_path / "tabnanny.py"
     path.write_text(MINE)
-    page = load(str(path))
-    context = Context({}, Runner(2, page=str(path)))
+    page = load_module(str(path))
+    context = Context({}, LocalRunner(2).prepared(str(path), []))
     points = [page.Point(1.0), page.Point(3.0)]
     assert list(context.each(page.double, points, "double")) == [(2.0,), (6.0,)]
 
@@ -146,9 +147,9 @@ def test_a_question_of_ones_own_that_was_changed_takes_no_rows_of_the_one_before
     path = tmp_path / "mine.py"
     for text in (MINE, MINE, MINE.replace("2.0", "3.0")):
         path.write_text(text)
-        page = load(str(path))
+        page = load_module(str(path))
         with pytest.raises(KeyboardInterrupt):
-            answer(page, page.Options(), {}, out=tmp_path)
+            answer(read(page), page.Options(), {}, out=tmp_path)
     goes_on, dropped = capsys.readouterr().err.splitlines()
     assert goes_on == f"{tmp_path}: 1 run already done"
     assert dropped.endswith("runs: question has changed; they are dropped")
@@ -159,7 +160,7 @@ def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(
 ) -> None:
     def sweep(x: float) -> int:
         tasks = [(1.0, str(tmp_path / "ledger")), (x, "/dev/null")]
-        return exit_code(lambda: len(list(Runner(2).each(plane.height, tasks, "heights"))))
+        return exit_code(lambda: len(list(LocalRunner(2).map(plane.height, tasks, "heights"))))
 
     assert sweep(7.5) == 1
     said = "error: heights, 2 of 2 ((7.5, '/dev/null')): the run ended its process: SIGSEGV\n"
@@ -177,7 +178,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
 
     def sweep(who: dict[str, Any], stop: float) -> None:
         with journal.open_journal(tmp_path, who, passing=True) as kept:
-            for height in Runner(jobs).each(plane.height, tasks, "heights", kept):
+            for height in LocalRunner(jobs).map(plane.height, tasks, "heights", kept):
                 if height == stop:
                     raise KeyboardInterrupt
 
@@ -205,10 +206,10 @@ SWEEP = """
 import sys
 from cosim.cli.options import exit_code
 from tests.hosts import light, plane
-from workbench.runs.runner import Runner
+from workbench.runs.local import LocalRunner
 ledger = sys.argv[1]
 tasks = [("good", ledger), ("hang", ledger), ("hang", ledger)]
-sys.exit(exit_code(lambda: len(list(Runner(2).each(plane.be, tasks, "moods")))))
+sys.exit(exit_code(lambda: len(list(LocalRunner(2).map(plane.be, tasks, "moods")))))
 """
 
 
@@ -235,7 +236,7 @@ import os, sys
 from pathlib import Path
 from workbench.runs import journal
 from workbench.runs.worker import Outcome
-with journal.opened(Path(sys.argv[1]), {"x": 1}) as kept:
+with journal.open_journal(Path(sys.argv[1]), {"x": 1}) as kept:
     for n in range(100):
         kept[n] = Outcome("ok", n)
     print("kept", flush=True)
@@ -343,9 +344,9 @@ def test_no_process_for_runs_is_one_sentence(
 def test_a_failure_in_a_child_brings_its_traceback(tmp_path: Path) -> None:
     tasks = [("fail", str(tmp_path / "ledger"))] * 2
     with pytest.raises(SimulationError, match=r"(?s)ZeroDivisionError: no plane.*in fail"):
-        list(Runner(2).each(plane.be, tasks, "moods"))
+        list(LocalRunner(2).map(plane.be, tasks, "moods"))
     with pytest.raises(ZeroDivisionError):
-        list(Runner(1).each(plane.be, tasks, "moods"))
+        list(LocalRunner(1).map(plane.be, tasks, "moods"))
 
 
 def test_a_damaged_file_among_the_inputs_is_written_anew(tmp_path: Path) -> None:

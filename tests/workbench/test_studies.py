@@ -30,8 +30,9 @@ from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
 from workbench import run, study
+from workbench.catalog import find, load_module
 from workbench.cli import main
-from workbench.question import NO_PROJECT, find, load
+from workbench.question import NO_PROJECT
 from workbench.runs import fingerprint
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
@@ -489,7 +490,7 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
         ]
 
     def page(name: str) -> ModuleType:
-        return load(find(PROJECT.home, name))
+        return load_module(find(PROJECT.home, name))
 
     before = answers()
     broken = 0

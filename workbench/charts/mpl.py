@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..answer import Show
-
 STYLE: dict[Any, Any] = {
     "figure.dpi": 120, "font.size": 9, "axes.spines.top": False, "axes.spines.right": False,
     "axes.grid": True, "grid.alpha": 0.3, "legend.frameon": False, "legend.fontsize": 8,
@@ -41,14 +39,13 @@ def style() -> AbstractContextManager[None]:
     return wanted
 
 
-def draw(show: Show, title: str, path: Path) -> list[str]:
-    """Write what is worth a picture: the ghosts of motions and the charts; the file's name, if any."""
-    pictures = [*(motion for motion in show.motions if motion.ghosts), *show.charts]
+def draw(pictures: Sequence[Picture | Motion], title: str, path: Path) -> list[str]:
+    """Write pictures and the still frames of motions to a file; return its name, if there are any."""
     if not pictures:
         return []
     path.parent.mkdir(parents=True, exist_ok=True)
     with style():
-        drawn(pictures, show.title or title).savefig(path)
+        drawn(pictures, title).savefig(path)
     return [path.name]
 
 

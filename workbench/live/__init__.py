@@ -4,7 +4,8 @@ A question declares `LIVE`, a `Live` or a function of options, figures and data 
 its Python runs in the browser: what is live are sliders, formulas, readers, curves, a motion and a sweep.
 """
 
-from .build import LivePart, of
+from ..answer import LivePart
+from .build import of
 from .declare import (
     REVOLUTION,
     Caption,

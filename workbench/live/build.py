@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from cosim import SetupError
 from cosim.system import connect
 
+from ..answer import LivePart
 from ..options import Options, declared
 from ..page.script import compact
 from .content import Content, numeric
@@ -32,25 +32,6 @@ WORKER = ("formula.js", "readers.js", "master.js", "model.js", "worker.js")
 PAGE = ("curves.js", "motion.js", "page.js")
 
 
-class LivePart(NamedTuple):
-    """What the browser gets.
-
-    Attributes
-    ----------
-    modules : mapping of str to bytes
-        The FMUs' code for WebAssembly by part.
-    worker, page : str
-        The scripts that compute and that draw.
-    data : dict
-        What both need to know.
-    """
-
-    modules: Mapping[str, bytes]
-    worker: str
-    page: str
-    data: dict[str, Any]
-
-
 @cache
 def script(names: tuple[str, ...]) -> str:
     """Return script files one after the other, without comments and indents."""
@@ -59,7 +40,7 @@ def script(names: tuple[str, ...]) -> str:
 
 
 def of(
-    page: ModuleType,
+    live: Any,
     o: Options,
     findings: Findings,
     modules: Mapping[str, Path],
@@ -69,8 +50,8 @@ def of(
 
     Parameters
     ----------
-    page : module
-        The question; its `LIVE` is a `Live`, or a function of options, figures and data that returns one or
+    live : Live, function or None
+        The `LIVE` of a question: a `Live`, or a function of options, figures and data that returns one or
         None.
     o : Options
         The options of the answer.
@@ -91,7 +72,6 @@ def of(
     SetupError
         If the declaration does not fit the question and its FMUs.
     """
-    live = getattr(page, "LIVE", None)
     if live is None or findings.system is None or not set(findings.system.parts) <= set(modules):
         return None
     if callable(live):
@@ -99,9 +79,7 @@ def of(
     if live is None:
         return None
     if not isinstance(live, Live):
-        raise SetupError(
-            f"{page.__file__}: LIVE must be a workbench.live.Live, or a function that returns one"
-        )
+        raise SetupError("LIVE must be a workbench.live.Live, or a function that returns one")
     network = connect(findings.system)
     content = Content(network, o, findings)
     options = declared(type(o))

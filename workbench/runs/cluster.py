@@ -8,48 +8,102 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import re
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from cosim import SetupError
 
 from .fingerprint import differences, facts
 from .journal import Key
-from .runner import Outcomes, RunFailed, Runner
+from .runner import NO_SETUP, Outcomes, RunFailed, Runner, Setup
 from .transport import Bundle, Call, pickled_call
 from .worker import MAX_DEATHS, Outcome, Worker
 
+#: Seconds to reach the scheduler, to wait for its first worker, and without any worker before the runs are
+#: given up; a restarted worker takes a few seconds. Conventions of this project.
 CONNECT = 10.0
 WORKERS = 30.0
 GRACE = 60.0
-LOOK = 1.0
+#: Seconds between two looks at whether there still are workers.
+POLL = 1.0
 TLS = "tls://"
+ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
+#: Child processes of this worker that have nothing to do.
 _idle: SimpleQueue[Worker] = SimpleQueue()
 
 
-class Shipped(NamedTuple):
+class Shipment(NamedTuple):
     """What all runs need: files, how the calls are to be opened, and what workers must be."""
 
-    cargo: Bundle
-    runner: Runner
+    bundle: Bundle
+    setup: Setup
     facts: Mapping[str, Any]
 
 
-def outcomes(
-    runner: Runner, function: Callable[[Any], Any], tasks: Mapping[Key, Any], timeout: float | None
-) -> Outcomes:
-    """Key and outcome of function(task) for each task as they are done on the runner's cluster.
+@dataclass(frozen=True)
+class ClusterRunner(Runner):
+    """Does runs on the workers of a Dask scheduler, "tcp://host:8786", whose code must be that of this process.
 
-    Raises SetupError for a scheduler that cannot be reached, has no workers, or workers whose code or
-    versions are not those of this process, and SimulationError if all workers are gone for a minute.
+    Raises
+    ------
+    SetupError
+        For what is no address.
     """
-    scheduler = str(runner.scheduler)
+
+    scheduler: str
+    setup: Setup = NO_SETUP
+
+    def __post_init__(self) -> None:
+        if not ADDRESS.fullmatch(self.scheduler):
+            raise SetupError(f"scheduler = {self.scheduler!r} must read tcp://HOST:PORT")
+
+    def prepared(self, page: str, files: Sequence[Path]) -> Self:
+        """Return the same runner for the calls of a question."""
+        return replace(self, setup=replace(self.setup, page=page, files=files))
+
+    def stream(
+        self,
+        function: Callable[[Any], Any],
+        tasks: Mapping[Key, Any],
+        timeout: float | None,
+        is_isolated: bool,
+    ) -> Outcomes:
+        """Give key and outcome of each task; they are always isolated.
+
+        Raises
+        ------
+        SetupError
+            For a scheduler that cannot be reached, has no workers, or workers whose code or versions are not
+            those of this process.
+        SimulationError
+            If all workers are gone for a minute.
+        """
+        if not tasks:
+            return
+        with _connect(self.scheduler) as client:
+            _check(client, self.scheduler, self.setup)
+            calls = {
+                key: pickled_call(function, task, self.setup.files) for key, task in tasks.items()
+            }
+            submissions = _Submissions(client, self.scheduler, self.setup, calls, timeout)
+            try:
+                yield from submissions.outcomes()
+            finally:
+                with contextlib.suppress(OSError, TimeoutError):
+                    client.cancel(list(submissions.key_of))
+                    client.run(_release, on_error="ignore")
+
+
+def _connect(scheduler: str) -> Any:
+    """Return a client of a scheduler."""
     try:
-        from distributed import Client, KilledWorker, Security
+        from distributed import Client, Security
     except ImportError:
         raise SetupError("--scheduler needs the package distributed, the extra `dask`") from None
     if scheduler.startswith(TLS) and not Security().get_connection_args("client")["ssl_context"]:
@@ -58,114 +112,143 @@ def outcomes(
             "from DASK_DISTRIBUTED__COMM__TLS__CA_FILE, __CLIENT__CERT and __CLIENT__KEY"
         )
     try:
-        client = Client(scheduler, timeout=CONNECT, set_as_default=False)
+        return Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SetupError(f"no Dask scheduler answers at {scheduler}: {error}") from None
-    needed = Shipped(Bundle.of(runner.files), runner, facts(*runner.packages))
-    lost: Counter[Key] = Counter()
-    submitted: dict[Any, Key] = {}
-    done: SimpleQueue[Any] = SimpleQueue()
-    with client:
-        _check(client, runner)
-        shipped = client.submit(_ship, needed, pure=False)
 
-        def submit(key: Key) -> None:
-            nonlocal shipped
-            if shipped.status == "error":
-                shipped = client.submit(_ship, needed, pure=False)
-            call = pickled_call(function, tasks[key], runner.files)
-            future = client.submit(_run, call, shipped, timeout, pure=False)
-            submitted[future] = key
-            future.add_done_callback(done.put)
 
+class _Submissions:
+    """The runs that a client has submitted; those of lost workers are submitted again."""
+
+    def __init__(
+        self,
+        client: Any,
+        scheduler: str,
+        setup: Setup,
+        calls: Mapping[Key, bytes],
+        timeout: float | None,
+    ) -> None:
+        self._client, self._scheduler, self._calls, self._timeout = (
+            client,
+            scheduler,
+            calls,
+            timeout,
+        )
+        self._shipment = Shipment(Bundle.of(setup.files), setup, facts(*setup.packages))
+        self._shipped = client.submit(_ship, self._shipment, pure=False)
+        self._deaths: Counter[Key] = Counter()
+        self._done: SimpleQueue[Any] = SimpleQueue()
+        self.key_of: dict[Any, Key] = {}
+
+    def submit(self, key: Key) -> None:
+        """Submit a run, and what all runs need again if its workers were lost."""
+        if self._shipped.status == "error":
+            self._shipped = self._client.submit(_ship, self._shipment, pure=False)
+        future = self._client.submit(
+            _run, self._calls[key], self._shipped, self._timeout, pure=False
+        )
+        self.key_of[future] = key
+        future.add_done_callback(self._done.put)
+
+    def outcomes(self) -> Outcomes:
+        """Give key and outcome of each run as they are done."""
+        for key in self._calls:
+            self.submit(key)
+        last_contact = time.monotonic()
+        while self.key_of:
+            try:
+                future = self._done.get(timeout=POLL)
+            except Empty:
+                last_contact = _last_contact(self._client, self._scheduler, last_contact)
+                continue
+            try:
+                outcome = self._outcome(future)
+            except TimeoutError:  # its worker was lost before the answer was fetched
+                self._done.put(future)
+                last_contact = _last_contact(self._client, self._scheduler, last_contact)
+                continue
+            if outcome is not None:
+                last_contact = time.monotonic()
+                yield self.key_of.pop(future), outcome
+
+    def _outcome(self, future: Any) -> Outcome | None:
+        """Return what became of a run; None where its workers were lost and it is submitted again."""
+        from distributed import KilledWorker
+
+        if future.status == "cancelled":
+            raise SetupError(f"the scheduler at {self._scheduler} is gone or has ended the runs")
         try:
-            for key in tasks:
-                submit(key)
-            seen = time.monotonic()
-            while submitted:
-                future = None
-                try:
-                    future = done.get(timeout=LOOK)
-                    if future.status == "cancelled":
-                        raise SetupError(
-                            f"the scheduler at {scheduler} is gone or has ended the runs"
-                        )
-                    outcome = future.result(timeout=LOOK)
-                except (Empty, TimeoutError):
-                    if future is not None:  # its worker was lost before the answer was fetched
-                        done.put(future)
-                    seen = _seen(client, scheduler, seen)
-                    continue
-                except KilledWorker as killed:
-                    key = submitted[future]
-                    lost[key] += 1
-                    if lost[key] < MAX_DEATHS:
-                        del submitted[future]
-                        submit(key)
-                        continue
-                    text = "its workers were lost again and again"
-                    outcome = Outcome("crashed", None, text, 0.0, str(killed))
-                seen = time.monotonic()
-                yield submitted.pop(future), outcome
-        finally:
-            with contextlib.suppress(OSError, TimeoutError):
-                client.cancel(list(submitted))
-                client.run(_release, on_error="ignore")
+            outcome: Outcome = future.result(timeout=POLL)
+        except KilledWorker as killed:
+            key = self.key_of[future]
+            self._deaths[key] += 1
+            if self._deaths[key] < MAX_DEATHS:
+                del self.key_of[future]
+                self.submit(key)
+                return None
+            return Outcome(
+                "crashed", None, "its workers were lost again and again", 0.0, str(killed)
+            )
+        return outcome
 
 
-def _check(client: Any, runner: Runner) -> None:
+def _check(client: Any, scheduler: str, setup: Setup) -> None:
     """Refuse workers that would compute something else; one without our code would die of a run."""
     try:
         client.wait_for_workers(1, timeout=WORKERS)
     except TimeoutError:
-        raise SetupError(f"the scheduler at {runner.scheduler} has no workers") from None
-    here = facts(*runner.packages)
-    for worker, there in client.run(facts, *runner.packages, on_error="return").items():
-        if isinstance(there, BaseException):
+        raise SetupError(f"the scheduler at {scheduler} has no workers") from None
+    local_facts = facts(*setup.packages)
+    for worker, remote_facts in client.run(facts, *setup.packages, on_error="return").items():
+        if isinstance(remote_facts, BaseException):
             raise SetupError(
-                f"worker {worker} cannot do runs: {there}; start it in the project's folder"
+                f"worker {worker} cannot do runs: {remote_facts}; start it in the project's folder"
             )
-        _same(worker, there, here)
+        _check_same(worker, remote_facts, local_facts)
 
 
-def _same(worker: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
-    if there != here:
-        raise SetupError(f"worker {worker} differs: {differences(there, here)} on this side")
+def _check_same(
+    worker: str, remote_facts: Mapping[str, Any], local_facts: Mapping[str, Any]
+) -> None:
+    if remote_facts != local_facts:
+        raise SetupError(
+            f"worker {worker} differs: {differences(remote_facts, local_facts)} on this side"
+        )
 
 
-def _seen(client: Any, scheduler: str, before: float) -> float:
-    """When there were workers last; gives up when there have been none for a while."""
+def _last_contact(client: Any, scheduler: str, previous: float) -> float:
+    """Return when there were workers last; give up when there have been none for a while."""
     with contextlib.suppress(OSError, TimeoutError):
         if client.nthreads():
             return time.monotonic()
-    if time.monotonic() < before + GRACE:
-        return before
+    if time.monotonic() < previous + GRACE:
+        return previous
     raise RunFailed(
         f"the scheduler at {scheduler} has had no workers for {GRACE:g} s; what was computed is kept, "
         "and the same command continues"
     )
 
 
-def _ship(shipped: Shipped) -> Shipped:
+def _ship(shipment: Shipment) -> Shipment:
     """A task of its own, which Dask computes again when the workers that hold its result die."""
-    return shipped
+    return shipment
 
 
-def _run(pickled_call: bytes, shipped: Shipped, timeout: float | None) -> Outcome:
-    """What becomes of a call, on a worker; raises SetupError on one whose code is another."""
+def _run(call: bytes, shipment: Shipment, timeout: float | None) -> Outcome:
+    """Return what becomes of a call, on a worker; raise SetupError on one whose code is another."""
     from distributed import get_worker
 
-    worker, runner = get_worker(), shipped.runner
-    _same(worker.address, facts(*runner.packages), shipped.facts)
-    folder = shipped.cargo.unpacked(Path(worker.local_directory) / "runs")
-    own = folder / Path(runner.page).name
-    call = Call(pickled_call, str(own) if own.is_file() else runner.page, folder)
+    worker, setup = get_worker(), shipment.setup
+    _check_same(worker.address, facts(*setup.packages), shipment.facts)
+    folder = shipment.bundle.unpacked(Path(worker.local_directory) / "runs")
+    copy = folder / Path(setup.page).name
+    page = str(copy) if copy.is_file() else setup.page
     multiprocessing.current_process().daemon = False  # a nanny's worker may have no children else
     try:
         child = _idle.get_nowait()
     except Empty:
         child = Worker()
-    outcome = child.do(call, timeout)
+    outcome = child.do(Call(call, page, folder), timeout)
     _idle.put(child)
     return outcome
 

@@ -1,18 +1,15 @@
-"""The one way to many runs: tasks in, outcomes out, here or on a cluster, kept in a journal."""
+"""Many runs: what every runner promises, wherever it does them. Tasks go in, outcomes come out, a journal keeps them."""
 
 from __future__ import annotations
 
 import hashlib
-import os
-import re
 import reprlib
 import signal
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from rich.console import Console
@@ -22,12 +19,10 @@ from cosim import Result, SetupError, SimulationError
 from cosim.errors import pluralize
 from cosim.signals import handle_stop_signals
 
-from ..options import at_least
 from .journal import Journal, Key
-from .transport import Call, pickled_call
-from .worker import MACHINE, OK, Outcome, Worker, await_one
+from .transport import pickled_call
+from .worker import MACHINE, OK, Outcome
 
-ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 Outcomes = Generator[tuple[Key, Outcome]]
@@ -41,29 +36,61 @@ class RunFailed(SimulationError):
 
 
 @dataclass(frozen=True)
-class Runner:
-    """Who does runs: so many processes of this machine, all cores for None, or the workers of a Dask
-    scheduler, "tcp://host:8786", whose code of `packages` must be that of this process.
+class Setup:
+    """What the processes that do the runs need.
 
-    The page of a question, by module or file, is loaded where its functions are called; `files`, a
-    page that is one among them, are there. Raises SetupError for what cannot be.
+    Attributes
+    ----------
+    packages : sequence of str
+        Packages whose code must be that of this process.
+    page : str
+        The question, by module or file; it is loaded where its functions are called.
+    files : sequence of Path
+        Files that the calls name, among them a question that is a file.
     """
 
-    jobs: int | None = None
-    scheduler: str | None = None
     packages: Sequence[str] = ()
     page: str = ""
     files: Sequence[Path] = ()
 
-    def __post_init__(self) -> None:
-        if self.jobs is not None and self.scheduler is not None:
-            raise SetupError(
-                "jobs are processes of this machine; the scheduler has its own workers"
-            )
-        if self.jobs is not None:
-            at_least("jobs", self.jobs, 1)
-        if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
-            raise SetupError(f"scheduler = {self.scheduler!r} must read tcp://HOST:PORT")
+
+#: For calls that need neither packages nor files.
+NO_SETUP = Setup()
+
+
+class Runner(Protocol):
+    """Does runs. To add one: write a class with a `setup`, `prepared` and `stream`; the rest is here.
+
+    A run may end its process, hang or be killed: that is an outcome like any other.
+    """
+
+    @property
+    def setup(self) -> Setup:
+        """What its processes need."""
+
+    def prepared(self, page: str, files: Sequence[Path]) -> Self:
+        """Return the same runner for the calls of a question, with the files that these name."""
+
+    def stream(
+        self,
+        function: Callable[[Any], Any],
+        tasks: Mapping[Key, Any],
+        timeout: float | None,
+        is_isolated: bool,
+    ) -> Outcomes:
+        """Give key and outcome of function(task) for each task, as they are done.
+
+        Parameters
+        ----------
+        function : function
+            What a run calls; it can be pickled.
+        tasks : mapping
+            Its arguments by key.
+        timeout : float or None
+            Longest wall time of a call [s].
+        is_isolated : bool
+            Whether each call must be in another process than this one; else it may raise here.
+        """
 
     def outcomes(
         self,
@@ -75,134 +102,110 @@ class Runner:
         timeout: float | None = None,
         failures: bool = True,
     ) -> Outcomes:
-        """Key and outcome of function(task) for each task: what the journal has, then the others as
-        they are done, each in a process that may crash or take longer than `timeout` [s].
+        """Give key and outcome of each task: first what the journal has, then the others as they are done.
 
-        A journal keeps failures, too, and they count as done; without `failures` it does not, and one
-        job is done in this process, where what the function raises comes through. What is a fault of
-        the machine is never kept: a file of the runs is gone, or room, memory or open files ran out.
-        With `failures` it raises SimulationError. Raises SetupError if no process can be started or the
-        cluster is another one, KeyboardInterrupt for Ctrl-C, SIGTERM and SIGHUP.
+        A journal keeps failures, too, and they count as done; without `failures` it does not, and what
+        the function raises may come through. What is a fault of the machine is never kept: a file of the
+        runs is gone, or room, memory or open files ran out.
+
+        Raises
+        ------
+        SimulationError
+            With `failures`, for a fault of the machine.
+        SetupError
+            If no process can be started, or the cluster is another one.
+        KeyboardInterrupt
+            For Ctrl-C, SIGTERM and SIGHUP.
         """
-        known = {} if journal is None else {key: journal[key] for key in tasks if key in journal}
-        yield from known.items()
-        missing = {key: task for key, task in tasks.items() if key not in known}
-        if self.scheduler is not None and missing:
-            from . import cluster
-
-            done = cluster.outcomes(self, function, missing, timeout)
-        elif self.jobs == 1 and not failures:
-            done = ((key, Outcome(OK, function(task))) for key, task in missing.items())
-        else:
-            done = self._processes(function, missing, timeout)
-        failed = sum(outcome.status != OK for outcome in known.values())
-        with handle_stop_signals(signal.default_int_handler), closing(done), _progress() as shown:
-            bar = shown.add_task(title, total=len(tasks), completed=len(known), failed=failed)
+        done = {} if journal is None else {key: journal[key] for key in tasks if key in journal}
+        yield from done.items()
+        missing = {key: task for key, task in tasks.items() if key not in done}
+        fresh = self.stream(function, missing, timeout, is_isolated=failures)
+        failed = sum(outcome.status != OK for outcome in done.values())
+        with (
+            handle_stop_signals(signal.default_int_handler),
+            closing(fresh),
+            _progress() as progress,
+        ):
+            bar = progress.add_task(title, total=len(tasks), completed=len(done), failed=failed)
             try:
-                for key, outcome in done:
+                for key, outcome in fresh:
                     failed += outcome.status != OK
                     if failures:
-                        self._check_machine(title, key, outcome)
+                        _check_machine(self.setup.files, title, key, outcome)
                     if journal is not None and (failures or outcome.status == OK):
                         journal[key] = outcome
-                    shown.update(bar, advance=1, failed=failed)
+                    progress.update(bar, advance=1, failed=failed)
                     yield key, outcome
             except KeyboardInterrupt:
                 if journal is None:
                     raise
-                kept = f"{pluralize(len(journal), 'run')} in {journal.path}; the same command continues"
-                raise KeyboardInterrupt(kept) from None
+                runs = pluralize(len(journal), "run")
+                raise KeyboardInterrupt(
+                    f"{runs} in {journal.path}; the same command continues"
+                ) from None
 
-    def _check_machine(self, title: str, key: Key, outcome: Outcome) -> None:
-        """Raise SimulationError for a run that the machine made fail."""
-        if outcome.status == OK:
-            return
-        for path in self.files:
-            if not path.exists():
-                raise RunFailed(
-                    f"{title}: run {key}: {path} is gone; what was computed is in the study's journal, "
-                    "and the same command continues once the file is back"
-                )
-        if outcome.status == MACHINE:
-            raise RunFailed(
-                f"{title}: run {key}: {outcome.message}; this is a fault of the machine, so the run "
-                "does not count; once it is mended, the same command continues"
-            )
-
-    def each(
+    def map(
         self,
         function: Callable[[Task], Answer],
         tasks: Sequence[Task],
         title: str,
         journal: Journal | None = None,
     ) -> Iterator[Answer]:
-        """function(task) for every task, in the order of the tasks; a journal keeps answers by
-        function and task.
+        """Give function(task) for every task, in their sequence; a journal keeps answers by function and task.
 
-        Raises what the function raises in this process; elsewhere SetupError if it does, and
-        SimulationError that names the task for every other way to end.
+        Raises
+        ------
+        SetupError, SimulationError
+            What the function raises in this process. Elsewhere SetupError if it does, and SimulationError
+            that names the task for every other way to end.
         """
         keys: Sequence[Key] = range(len(tasks))
         if journal is not None:
-            calls = (pickled_call(function, task, self.files) for task in tasks)
+            calls = (pickled_call(function, task, self.setup.files) for task in tasks)
             keys = [hashlib.sha256(call).hexdigest() for call in calls]
-        named, found = dict(zip(keys, tasks)), {}
-        with closing(self.outcomes(function, named, title, journal, failures=False)) as done:
+        task_of, answers = dict(zip(keys, tasks)), {}
+        with closing(self.outcomes(function, task_of, title, journal, failures=False)) as outcomes:
             for wanted in keys:
-                while wanted not in found:
-                    key, outcome = next(done)
+                while wanted not in answers:
+                    key, outcome = next(outcomes)
                     if outcome.status != OK:
-                        place = f"{title}, {keys.index(key) + 1} of {len(keys)}"
-                        raise _broken(place, named[key], outcome)
-                    found[key] = outcome.answer
-                yield found[wanted]
-
-    def _processes(
-        self, function: Callable[[Any], Any], tasks: Mapping[Key, Any], timeout: float | None
-    ) -> Outcomes:
-        """Key and outcome of each task as they are done in child processes."""
-        waiting = iter(tasks.items())
-        workers = [Worker() for _ in range(min(self.jobs or available_cores(), len(tasks)))]
-        busy: dict[Worker, Key] = {}
-
-        def give(worker: Worker) -> None:
-            for key, task in islice(waiting, 1):
-                busy[worker] = key
-                worker.give(Call(pickled_call(function, task), self.page), timeout)
-
-        try:
-            for worker in workers:
-                give(worker)
-            while busy:
-                await_one(list(busy))
-                for worker in list(busy):
-                    if (outcome := worker.step()) is not None:
-                        key = busy.pop(worker)
-                        give(worker)
-                        yield key, outcome
-        finally:
-            for worker in workers:
-                worker.close()
+                        number = f"{title}, {keys.index(key) + 1} of {len(keys)}"
+                        raise _failure(number, task_of[key], outcome)
+                    answers[key] = outcome.answer
+                yield answers[wanted]
 
 
-def available_cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def _check_machine(files: Sequence[Path], title: str, key: Key, outcome: Outcome) -> None:
+    """Raise SimulationError for a run that the machine made fail."""
+    if outcome.status == OK:
+        return
+    for path in files:
+        if not path.exists():
+            raise RunFailed(
+                f"{title}: run {key}: {path} is gone; what was computed is in the study's journal, "
+                "and the same command continues once the file is back"
+            )
+    if outcome.status == MACHINE:
+        raise RunFailed(
+            f"{title}: run {key}: {outcome.message}; this is a fault of the machine, so the run "
+            "does not count; once it is mended, the same command continues"
+        )
 
 
-def _broken(place: str, task: object, outcome: Outcome) -> Exception:
-    """The error for a call that has no answer."""
+def _failure(number: str, task: object, outcome: Outcome) -> Exception:
+    """Return the error for a call that has no answer."""
     if outcome.status == "refused":
         return SetupError(outcome.message)
     name = reprlib.repr(task)
-    if isinstance(task, tuple) and hasattr(task, "_asdict"):
-        name = ", ".join(f"{key} = {reprlib.repr(x)}" for key, x in task._asdict().items())
+    if isinstance(task, tuple) and (fields := vars(type(task)).get("_fields")):  # a named tuple
+        name = ", ".join(f"{key} = {reprlib.repr(x)}" for key, x in zip(fields, task))
     trace = f"\n{outcome.trace}" if outcome.status == "failed" and outcome.trace else ""
-    return RunFailed(f"{place} ({name}): {outcome.message}{trace}")
+    return RunFailed(f"{number} ({name}): {outcome.message}{trace}")
 
 
 def _progress() -> Progress:
-    """A bar of runs on a terminal, done, failed, time left; nothing anywhere else."""
+    """Return a bar of runs on a terminal, done, failed, time left; nothing anywhere else."""
     console = Console(stderr=True)
     return Progress(
         "{task.description}",

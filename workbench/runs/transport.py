@@ -52,7 +52,7 @@ class Call(NamedTuple):
     def opened(self) -> tuple[Function, Any]:
         """The function and its task."""
         if self.page:
-            from ..question import load_cached
+            from ..catalog import load_cached
 
             load_cached(self.page)
         opener = _Opener(io.BytesIO(self.content))

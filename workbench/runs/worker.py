@@ -88,7 +88,7 @@ class Worker:
         """What becomes of a call; blocks."""
         self.give(call, timeout)
         while (outcome := self.step()) is None:
-            await_one([self])
+            wait_for_step([self])
         return outcome
 
     def step(self) -> Outcome | None:
@@ -194,7 +194,7 @@ class Worker:
         return words, signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
-def await_one(workers: Sequence[Worker]) -> None:
+def wait_for_step(workers: Sequence[Worker]) -> None:
     """Block until one of these workers can do a step."""
     left = [seconds for worker in workers if (seconds := worker.left()) is not None]
     handles = [x for worker in workers for x in (worker._pipe, worker._process.sentinel)]

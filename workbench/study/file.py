@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, prod
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,9 +19,10 @@ from scipy.stats import qmc
 from cosim import SetupError
 from cosim.units import QUANTITY
 
-from .. import question
+from .. import catalog
 from ..options import KINDS, Option, declared, quoted, unknown_option
-from ..question import NO_PROJECT, Project
+from ..question import NO_PROJECT, Project, Question
+from ..question import load as load_question
 
 Value = float | int | str | bool
 Samples = NDArray[np.float64]
@@ -77,13 +77,13 @@ def problem(inputs: Sequence[str]) -> dict[str, Any]:
 class Study:
     """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
 
-    `module` is the page of the question; `tolerances` are distributions of scipy.stats.
+    `question` is what it asks; `tolerances` are distributions of scipy.stats.
     """
 
     path: Path
     content: Spec
     project: Project
-    module: ModuleType
+    question: Question
     sampling: Sampling | None
     timeout: float | None
     figures: Sequence[str]
@@ -148,7 +148,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if not isinstance(scenario, str):
         raise SetupError(f"scenario = {quoted(scenario)} must be the name of a question")
     try:
-        where = question.find(project.home, scenario, path.parent)
+        locator = catalog.find(project.home, scenario, path.parent)
     except SetupError as error:
         raise SetupError(f"scenario = {error}") from None
     tables = {key: content.get(key, {}) for key in KEYS[3:]}
@@ -158,7 +158,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if not isinstance(figures, list) or not all(isinstance(name, str) for name in figures):
         raise SetupError(f"figures = {quoted(figures)} must be a list of names")
     _once("figures", figures)
-    page = question.load(where)
+    question = load_question(locator)
     readers: dict[str, Callable[[Option, Any, str], Any]] = {
         "fixed": lambda option, given, key: option.read(given, key),
         "grid": _values,
@@ -166,7 +166,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     }
     read: dict[str, dict[str, Any]] = {
         table: {
-            name: reader(_input(page, table, name, spec), spec, _key(table, name))
+            name: reader(_input(question, table, name, spec), spec, _key(table, name))
             for name, spec in tables[table].items()
         }
         for table, reader in readers.items()
@@ -183,7 +183,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if count > MOST_RUNS:
         raise SetupError(f"{count} runs are more than {MOST_RUNS}")
     timeout = TIMEOUT.read(content.get("timeout"))
-    return Study(path, content, project, page, sampling, timeout, figures, **read)
+    return Study(path, content, project, question, sampling, timeout, figures, **read)
 
 
 class _StartValue(Option):
@@ -198,22 +198,22 @@ class _StartValue(Option):
         return given
 
 
-def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
-    """What checks the values of an input: an option of the question, or a start value with a dot."""
-    known, key, who = declared(page.Options), _key(table, name), question.name(page)
-    if name in known:
-        return known[name]
+def _input(question: Question, table: str, name: str, spec: object) -> Option:
+    """Return what checks the values of an input: an option of the question, or a start value with a dot."""
+    options, key, who = declared(question.options), _key(table, name), question.name
+    if name in options:
+        return options[name]
     part, dot, _ = name.partition(".")
     if not dot:
         if isinstance(spec, dict) and not {"from", "nominal"} & set(spec):
             form = f'"{name}.{next(iter(spec), "…")}" = …'
             raise SetupError(f"{key}: write a start value in quotes, {form}")
-        raise unknown_option(name, known, f"{key}: {who}")
-    parts = question.parts(page)
+        raise unknown_option(name, options, f"{key}: {who}")
+    parts = question.parts
     if part not in parts:
-        there = f"part {part!r}, only {', '.join(parts)}" if parts else "start values"
-        raise SetupError(f"{key}: {who} has no {there}")
-    if name in getattr(page, "FIXED_STARTS", ()):
+        choices = f"part {part!r}, only {', '.join(parts)}" if parts else "start values"
+        raise SetupError(f"{key}: {who} has no {choices}")
+    if name in question.fixed_starts:
         raise SetupError(f"{key}: {who} sets it itself")
     return _StartValue(name, float)
 

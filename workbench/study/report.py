@@ -63,7 +63,7 @@ def conclude(
         "sensitivity.png": [] if indices.empty else charts.sensitivity(study, indices, table.units),
     }
     files: dict[str, Callable[[Path], object]] = {
-        name: partial(draw, Show(drawn), title) for name, drawn in pictures.items() if drawn
+        name: partial(draw, drawn, title) for name, drawn in pictures.items() if drawn
     }
     if find_spec("pyarrow"):
         files["table.parquet"] = partial(table.frame.to_parquet, index=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -14,14 +13,14 @@ from typing import Any
 from cosim import SetupError, System
 from cosim.system import connect
 
-from .. import question
-from ..answer import Answer, write
+from ..answer import Answer
+from ..export import write
 from ..options import declared
 from ..run import is_row, row
 from ..runs.fingerprint import computation
 from ..runs.folder import reservation
 from ..runs.journal import open_journal
-from ..runs.runner import Runner
+from ..runs.select import select_runner
 from ..runs.transport import Bundle, digest
 from ..runs.worker import OK, Outcome
 from .file import Study, ends
@@ -47,19 +46,19 @@ def run(
     Raises KeyboardInterrupt after Ctrl-C; what is done is kept in the journal.
     """
     began = time.perf_counter()
-    runner = Runner(jobs, scheduler, study.project.packages)
-    flavour = flavour or study.project.flavour(study.module)
-    fmus = study.project.fmus(study.module, flavour)
+    runner = select_runner(jobs, scheduler, study.project.packages)
+    flavour = flavour or study.project.flavour(study.question)
+    fmus = study.project.fmus(study.question, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
     with reservation(folder), open_journal(folder, who, sound=_sound) as journal:
         (folder / "study.toml").write_bytes(study.path.read_bytes())
-        before, own = len(journal), question.files(study.module)
+        before, own = len(journal), study.question.files
         inputs = Bundle.of([*fmus.values(), *own])
         home = inputs.unpacked(folder / "inputs")
-        page = home / own[0].name if own else question.locator(study.module)
+        page = home / own[0].name if own else study.question.locator
         answers = partial(row, page, {part: home / path.name for part, path in fmus.items()})
-        runner = replace(runner, page=str(page), files=[home / name for name in inputs.files])
+        runner = runner.prepared(str(page), [home / name for name in inputs.files])
         cases = dict(enumerate(study.cases()))
         outcomes = dict(runner.outcomes(answers, cases, study.name, journal, timeout=study.timeout))
         session = len(cases) - before, time.perf_counter() - began
@@ -85,7 +84,7 @@ def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, 
     return {
         "file": {key: value for key, value in study.content.items() if key != PRESENTATION},
         "flavour": flavour,
-        **computation(question.locator(study.module), fmus, *study.project.packages),
+        **computation(study.question.locator, fmus, *study.project.packages),
         "inputs": digest(json.dumps(study.cases()).encode()),
     }
 
@@ -103,5 +102,5 @@ def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
         units = {name: network.port(name).unit for name in study.varied if network and "." in name}
     except SetupError as error:
         raise SetupError(f"{study.path}: {error}") from None
-    options = declared(study.module.Options)
+    options = declared(study.question.options)
     return {name: units[name] if "." in name else options[name].unit for name in study.varied}

@@ -182,7 +182,9 @@ def _find_causes(
     certain = [cause for cause in causes if cause not in doubtful]
     is_approximate = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)
     common = _common_cause(network, signals, certain, request, is_approximate or bool(unexplained))
-    if common is not None and all(common.reduction > cause.reduction for cause in doubtful):
+    if common is not None and all(
+        common.reduction > min(cause.reduction, DECISIVE_REDUCTION) for cause in doubtful
+    ):
         return [*certain, common]
     if unexplained and doubtful:
         common = _common_cause(network, signals, causes, request, True)

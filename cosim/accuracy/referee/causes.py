@@ -100,7 +100,10 @@ def table_causes(
     for find in finders:
         for kind, text, reproduced in find():
             better = reduction(signal, reproduced)
-            if better >= LEAST_REDUCTION:
+            # A column of zeros is close to everything that is small: it must be close as measured by itself.
+            distance = root_mean_square(signal.values - reproduced)
+            is_close = LEAST_REDUCTION * distance <= root_mean_square(reproduced)
+            if better >= LEAST_REDUCTION and is_close:
                 yield Cause(kind, text, better, (signal.name,))
 
 

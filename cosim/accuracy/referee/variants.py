@@ -316,6 +316,11 @@ def _missing_values(network: Network) -> Iterator[Variant]:
 
 def _missing_inputs(network: Network) -> Iterator[Variant]:
     system = network.system
+    driven = {port.name: value for port, value in network.open if port.type == "Real" and value}
+    for names in ([name] for name in driven) if len(driven) > 1 else ():
+        yield _zeroed(system, names)
+    if driven:
+        yield _zeroed(system, list(driven))
     for change in system.changes:
         changes = [other for other in system.changes if other != change]
         yield Variant(
@@ -326,6 +331,14 @@ def _missing_inputs(network: Network) -> Iterator[Variant]:
         yield Variant(
             "lost input", f"nothing drives the input {name}", replace(system, inputs=inputs)
         )
+
+
+def _zeroed(system: System, names: Sequence[str]) -> Variant:
+    """Inputs that nothing drives, at 0 in place of the start values of their FMUs."""
+    text = f"the open inputs {', '.join(names)} are 0, not the start values of their FMUs"
+    return Variant(
+        "lost input", text, replace(system, start={**system.start, **dict.fromkeys(names, 0.0)})
+    )
 
 
 def _plain_wires(network: Network) -> list[Wire]:

@@ -7,7 +7,9 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...accuracy.certify import UNKNOWN, Estimate, by_rows, summary
+from ...accuracy.certify import summary, summary_rows_errors
+from ...accuracy.estimate import Estimate
+from ...accuracy.metric_error import NO_ROWS
 from ...accuracy.reference import METHODS, oracle, true_errors
 from ...engine.instance import quiet
 from ...system import System
@@ -71,13 +73,13 @@ def print_reference(
     parts = ", ".join(model_exchange_only)
     print(f"the oracle's figures, with no run to compare: {parts} offers no co-simulation")
     figures = summary(result)
-    row_errors = by_rows(summary, result, figures)
+    row_errors = summary_rows_errors(result)
     solver_errors = result.provenance["errors"]
     rows = []
     for name, column in summary_columns(result):
         row_error = row_errors[name]
         error = None if row_error is None else row_error + solver_errors[column]
-        estimate = Estimate(figures[name], error, math.nan, reason=UNKNOWN)
+        estimate = Estimate(figures[name], error, math.nan, reason=NO_ROWS)
         rows.append((name, estimate.text(result.units[column])))
     print_table(rows)
     print_new_files(options, folders)

@@ -11,7 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ...accuracy.certify import Estimate, certify, summary
+from ...accuracy.certify import certify
+from ...accuracy.estimate import Estimate
 from ...engine.instance import quiet
 from ...errors import pluralize
 from ...isolated import run_isolated
@@ -80,7 +81,7 @@ def _run_and_write(
             with quiet(), bar(options.file.stem, start, stop) as progress:
                 arguments["progress"] = progress
                 if options.certify:
-                    result, estimates = certify(file.system, summary, runner=runner, **arguments)
+                    result, estimates = certify(file.system, runner=runner, **arguments)
                 else:
                     result = runner(file.system, **arguments)
         except (SimulationError, Interrupted) as broken_off:

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from cosim import SetupError
 from cosim.result import partial
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.answer import stream
 from workbench.charts import model as colors
 from workbench.charts.model import Direction, Field, Level, Span
+from workbench.files import stream
 from workbench.options import check_fixed_starts
 
 from .. import motion

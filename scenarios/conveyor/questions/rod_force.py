@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim.accuracy.extrapolation import bound_coupling_error
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.charts import model as colors
 from workbench.charts.model import Direction, Field, Level, Picture, SecondUnit
 from workbench.figure import SHARE_DIGITS, concise, percent
-from workbench.limit import coupling
 
 from .. import motion
 from ..features import LAG, TORQUE_PEAK, ResponseLine, locate
@@ -290,7 +290,7 @@ def deviation(
             "%", "the coupling error is not known; take more steps per revolution"
         )
     vanishing = order or CONVERGENCE_ORDERS[r.runner.algorithm]
-    errors = [coupling(run, vanishing) / run[0] for run in runs.tolist()]
+    errors = [bound_coupling_error(run, vanishing) / run[0] for run in runs.tolist()]
     ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
     at = points.index(int(np.nanargmax(sizes)))
     error = max(max(ends) - top, float(ratio[points[at]]) * errors[at])

@@ -16,11 +16,11 @@ import numpy as np
 import cosim
 import workbench
 from cosim import Result, SetupError, System
+from cosim.accuracy.extrapolation import bound_coupling_error
 from cosim.system import connect
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.figure import listed
-from workbench.limit import coupling
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, LiveSweep, Number, Reader, Slider
 
 from .. import motion
@@ -171,7 +171,7 @@ def figure(jumps: Sequence[Jump], name: str, direction: str, observed: Observed)
     if not np.isfinite(values).all():
         reason = next(x.reason for x in jumps if x.reason)
         return Figure.undetermined(unit, reason, meaning)
-    error = coupling(values, cosim.CONVERGENCE_ORDERS["strang"]) + ROUNDING * values[0]
+    error = bound_coupling_error(values, cosim.CONVERGENCE_ORDERS["strang"]) + ROUNDING * values[0]
     return Figure(values[0], unit, error, meaning)
 
 

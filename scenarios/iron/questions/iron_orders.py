@@ -18,14 +18,14 @@ import numpy as np
 import cosim
 import workbench
 from cosim import System, largest
+from cosim.accuracy.extrapolation import bound_coupling_error
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
+from workbench.context import captured_warnings
 from workbench.figure import listed, refusals
-from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
-from workbench.run import captured_warnings
 
 from .. import machine as iron
 from .. import motion
@@ -217,10 +217,10 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
         for at in mine.head(1).itertuples():
             left, most = 2 * at.settling, machine.most(at.nu)
             row_error = machine.excitation(at.nu, at.order).error
-            added = coupling(mine["added"].to_list(), order)
+            added = bound_coupling_error(mine["added"].to_list(), order)
             added += (100 * (left + row_error) + at.added * most.error) / most.value
             gain = (
-                coupling(mine["gain"].to_list(), order)
+                bound_coupling_error(mine["gain"].to_list(), order)
                 + (left + at.gain * row_error) / at.excitation
             )
             of_lag["added"] = Figure(at.added, "%", added, share)

@@ -14,12 +14,12 @@ import numpy as np
 
 import workbench
 from cosim import System
+from cosim.accuracy.extrapolation import bound_coupling_error
 from cosim.system import Value, connect
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.figure import refusals
-from workbench.limit import coupling
 from workbench.measure import ROUNDING, Measured
 
 from .. import machine as orientator
@@ -112,7 +112,7 @@ def creeping(system: System) -> list[System]:
 
 def crept(values: Sequence[float]) -> float:
     """What the creep still makes of the first of values of `creeping` machines: they are linear in it."""
-    return coupling(values, 1.0) if len(values) > 1 else 0.0
+    return bound_coupling_error(values, 1.0) if len(values) > 1 else 0.0
 
 
 def takes(mu: float, case: tuple[System, float]) -> Measured:

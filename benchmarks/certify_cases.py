@@ -1,0 +1,235 @@
+"""Made cases for benchmarks/certify.py: solutions that are known, and what of them can be determined.
+
+Each case is a function of time and of the step, whose limit for a step of zero is the truth. It says beforehand
+which figures can be determined, and which cannot be, so that they must be refused; of the others either is
+right, as long as a stated error holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from cosim import Result, System
+
+Array = NDArray[np.float64]
+Draw = Callable[[float, float], float]
+POINTS = frozenset({"end", "max", "min"})
+MEANS = frozenset({"mean", "rms"})
+TIMES = frozenset({"time of max", "crossing"})
+ALL = POINTS | MEANS | TIMES
+NONE: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class MadeCase:
+    """A column x(t, h) over time t [s] and the step h [s], with x(t, 0) the truth.
+
+    `events` are times of rows beside those of the grid. `hides` says that extremes lie between rows, at
+    events that no row shows; these are counted apart.
+    """
+
+    name: str
+    x: Callable[[Array, float], Array]
+    stop: float
+    step: float
+    order: int = 1
+    determinable: frozenset[str] = ALL
+    undeterminable: frozenset[str] = NONE
+    events: tuple[float, ...] = ()
+    hides: bool = False
+
+    def truth(self, t: Any) -> Array:
+        """The column for a step of zero."""
+        return self.x(np.atleast_1d(np.asarray(t, dtype=float)), 0.0).reshape(np.shape(t))
+
+    def run(
+        self, _: System, *, step: float, output_step: float, all_rows: Path | None = None, **__: Any
+    ) -> Result:
+        """Run with a step [s]: rows of the grid, and of events."""
+
+        def rows(spacing: float) -> Array:
+            grid = np.linspace(0.0, self.stop, round(self.stop / spacing) + 1)
+            t = np.union1d(grid, self.events)
+            return np.column_stack([t, self.x(t, step)])
+
+        if all_rows is not None:
+            rows(step).tofile(all_rows)
+        report = {"convergence_order": self.order, "warnings": []}
+        return Result(["time", "x"], {}, report, partial(rows, output_step))
+
+
+def made_cases(draw: Draw) -> Iterator[MadeCase]:
+    """Twelve cases with parameters drawn between bounds."""
+    a, w = draw(0.05, 0.2), draw(5.0, 9.0)
+    yield MadeCase(
+        "chaotic",
+        _lorenz(draw(0.9, 1.1)),
+        20.0,
+        0.01,
+        2,
+        frozenset({"crossing"}),
+        ALL - {"crossing", "min"},
+    )
+    yield MadeCase(
+        "no order",
+        lambda t, h: np.sin(w * t) + _slow(h) * (1.0 + t),
+        1.0,
+        0.01,
+        1,
+        NONE,
+        POINTS | MEANS,
+    )
+    rate = draw(500.0, 1000.0)
+    yield MadeCase("stiff", partial(_stiff, rate=rate), 1.0, 0.01, 1, MEANS | {"end"})
+    yield MadeCase("dead time", partial(_dead_time, gain=draw(1.5, 2.5)), 1.2, 0.02)
+    yield MadeCase(
+        "ties of peaks",
+        lambda t, h: np.abs(np.sin(2.0 * math.pi * t)) * (1.0 - a * h),
+        1.0,
+        0.01,
+        1,
+        POINTS | MEANS | {"crossing"},
+    )
+    bounce = draw(0.5, 0.8)
+    yield MadeCase(
+        "hidden impacts",
+        partial(_ball, restitution=bounce, slope=a),
+        1.0,
+        0.01,
+        1,
+        MEANS | {"end"},
+        hides=True,
+    )
+    at = draw(0.3, 0.6)
+    beside = round(at, 2) + 1e-6
+    yield MadeCase(
+        "events beside rows",
+        lambda t, h: np.sin(w * t) * (1.0 + a * h),
+        1.0,
+        0.01,
+        events=(beside,),
+    )
+    lag = draw(0.03, 0.08)
+    yield MadeCase(
+        "jump of an input",
+        lambda t, h: -np.expm1(-np.maximum(t - at - 0.5 * h, 0.0) / lag),
+        1.0,
+        0.01,
+        1,
+        POINTS | MEANS | {"crossing"},
+    )
+    yield MadeCase(
+        "play",
+        lambda t, h: np.maximum(np.sin(w * t) * (1.0 + a * h) - 0.3, 0.0),
+        1.0,
+        0.01,
+        1,
+        POINTS | MEANS,
+    )
+    yield MadeCase(
+        "beats",
+        lambda t, h: np.sin(5.0 * w * t * (1.0 + h * h)) + np.sin(5.2 * w * t),
+        2.0,
+        0.005,
+        2,
+        POINTS | MEANS,
+    )
+    yield MadeCase(
+        "rounding", lambda t, h: 1e8 + 1e-3 * (1.0 + h) * np.sin(w * t), 1.0, 0.01, 1, NONE
+    )
+    yield MadeCase(
+        "solver noise",
+        lambda t, h: np.sin(w * t) * (1.0 + a * h * h) + 1e-7 * _noise(t, h),
+        1.0,
+        0.01,
+        2,
+        NONE,
+    )
+
+
+def _slow(h: float) -> float:
+    """An error that falls with no order at all."""
+    return 1.0 / math.log(1e3 / h) if h else 0.0
+
+
+def _noise(t: Array, h: float) -> Array:
+    """What the solver inside a part adds: as if at random, and none without steps."""
+    return np.sin(1e5 * t * (1.0 + h) + 1e4 * h) * bool(h)
+
+
+def _stiff(t: Array, h: float, rate: float) -> Array:
+    """x' = rate (cos t - x) - sin t from 0, by implicit Euler steps."""
+    if not h:
+        return np.cos(t) - np.exp(-rate * t)
+    steps = round(1.0 / h)
+    x = np.zeros(steps + 1)
+    for k in range(steps):
+        now = (k + 1) * h
+        x[k + 1] = (x[k] + h * (rate * math.cos(now) - math.sin(now))) / (1.0 + rate * h)
+    return np.interp(t, np.linspace(0.0, 1.0, steps + 1), x)
+
+
+def _dead_time(t: Array, h: float, gain: float) -> Array:
+    """x' = -gain x(t - 0.4), 1 before the start; by Euler steps, or by the method of steps."""
+    delay, stop = 0.4, 1.2
+    if h:
+        steps, behind = round(stop / h), round(delay / h)
+        x = np.ones(steps + 1)
+        for k in range(steps):
+            x[k + 1] = x[k] - gain * h * (x[k - behind] if k >= behind else 1.0)
+        return np.interp(t, np.linspace(0.0, stop, steps + 1), x)
+    pieces = [np.polynomial.Polynomial([1.0])]
+    for _ in range(round(stop / delay)):
+        integral = (-gain * pieces[-1]).integ()
+        pieces.append(
+            integral + pieces[-1](delay) - integral(0.0) if len(pieces) > 1 else integral + 1.0
+        )
+    k = np.minimum((t / delay).astype(int), len(pieces) - 2)
+    return np.array([pieces[1 + n](s - n * delay) for n, s in zip(k, t)])
+
+
+def _ball(t: Array, h: float, restitution: float, slope: float) -> Array:
+    """The speed of a ball dropped from 1 m onto the floor at a time that no row shows."""
+    g = 9.81 * (1.0 + slope * h)
+    fall = math.sqrt(2.0 / g)
+    return np.where(t < fall, -g * t, restitution * g * fall - g * (t - fall))
+
+
+def _lorenz(first: float) -> Callable[[Array, float], Array]:
+    """x of the Lorenz equations by Heun's method, and by DOP853."""
+
+    def rate(_: float, x: Array) -> Array:
+        return np.array(
+            [10.0 * (x[1] - x[0]), x[0] * (28.0 - x[2]) - x[1], x[0] * x[1] - 8.0 / 3.0 * x[2]]
+        )
+
+    begin = np.array([first, 1.0, 20.0])
+    exact = solve_ivp(
+        rate, (0.0, 20.0), begin, method="DOP853", rtol=1e-13, atol=1e-13, dense_output=True
+    ).sol
+    runs: dict[float, Array] = {}
+
+    def heun(h: float) -> Array:
+        rows = [begin]
+        for _ in range(round(20.0 / h)):
+            k = rate(0.0, rows[-1])
+            rows.append(rows[-1] + h / 2.0 * (k + rate(0.0, rows[-1] + h * k)))
+        return np.array(rows)[:, 0]
+
+    def x(t: Array, h: float) -> Array:
+        if not h:
+            return np.asarray(exact(t)[0])
+        if h not in runs:
+            runs[h] = heun(h)
+        return np.interp(t, np.linspace(0.0, 20.0, len(runs[h])), runs[h])
+
+    return x

@@ -1,0 +1,331 @@
+"""What runs with smaller and smaller steps say of the solution: the one place that knows step sizes.
+
+Three runs have the steps h, r h and r^2 h, the finest first. Their differences d = v(h) - v(r h) and
+D = v(r h) - v(r^2 h) fall with the observed order q = log(D / d) / log r. Numbers get their error from the
+Grid Convergence Index (Roache, J. Fluids Eng. 116, 1994), with the factors of safety of Oberkampf and Roy
+(Verification and Validation in Scientific Computing, 2010, section 8.7); the data range takes its place where
+the runs do not converge monotonically (Eca and Hoekstra, J. Comput. Phys. 262, 2014). Columns are extrapolated
+to a step of zero value by value (Richardson).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dense import Array, DenseSolution
+from .estimate import Estimate
+
+#: Ratio of two steps: convention, the smallest that keeps all rows of the coarser run.
+STEP_RATIO = 2.0
+#: Ratio of two tolerances of adaptive steps: convention, steps of order 1 then differ by sqrt(10).
+TOLERANCE_RATIO = 10.0
+#: Factor of safety where the observed order is that of the algorithm: convention of Roache (1998).
+CONFIRMED_FACTOR = 1.25
+#: Factor of safety where it is another one: convention of Roache (1994) for two grids.
+UNCONFIRMED_FACTOR = 3.0
+#: Distance of the two, as a share of the order, up to which it is confirmed: convention of Oberkampf and Roy.
+CONFIRMED_DISTANCE = 0.1
+#: Lowest order with which differences may fall: convention of Oberkampf and Roy, and of Eca and Hoekstra.
+LOWEST_ORDER = 0.5
+#: An order so far above that of the algorithm is an accident. Measured in benchmarks/certify.py: no
+#: estimate with a lower one exceeded the share ACCIDENTAL_SHARE of its value.
+ACCIDENTAL_EXCESS = 1.5
+#: Largest error of a number without an order, as a share of it: convention, a number without one digit
+#: is none.
+ACCIDENTAL_SHARE = 0.15
+#: Factor on the data range of runs that come closer to each other from both sides. Measured in
+#: benchmarks/certify.py: 1.13 is the largest ratio of the true error to the range. Eca and Hoekstra use 3
+#: for runs that do not come closer; those are refused.
+RANGE_FACTOR = 1.5
+#: Differences below this share of a value are rounding: derived, 10^6 operations of relative error 1e-16.
+ROUNDING_SHARE = 1e-10
+#: Parts of a run over which trajectories are compared: convention, a jump that one run makes a row later
+#: than another is a small share of such a part, and a run that has diverged fills many.
+PARTS = 20
+#: Mean distance of two trajectories over a part, as a share of the range of a column, from which on they may
+#: have diverged. Derived: two states of the Lorenz attractor drawn at random are 0.2 to 0.3 of the range
+#: apart; runs that converge and are so far apart show it by falling differences.
+DISTANT_SHARE = 0.1
+#: Parts before and after one in which the coarser runs are looked at, too: convention. Where two runs differ in
+#: phase, their distance vanishes twice a period, and not at the same times for each pair.
+NEIGHBOURS = 2
+#: Runs from which an order is observed: derived, two differences need three.
+RUNS = 3
+#: Differences that do not fall by this factor show no order that can be extrapolated: measured in
+#: benchmarks/resonance.py, features of 200 drives; half of the factor 2 of order 1 lies at sqrt(2).
+SLOWEST_FALL = 1.5
+#: Differences below this share of a value are those of a settled orbit: measured in benchmarks/resonance.py.
+SETTLED_SHARE = 1e-9
+#: Differences in no order up to this share of a value still give an error: convention, three digits.
+UNORDERED_SHARE = 1e-3
+#: Factor on such differences: convention, twice the spread for each of two runs.
+UNORDERED_FACTOR = 4.0
+#: Smallest error of an extrapolated value as a share of the last difference: measured in
+#: benchmarks/resonance.py, where the limits of both pairs agree by accident.
+EXTRAPOLATION_SHARE = 0.02
+#: Factor on the spread of runs that show no order: convention, the truth is as far again on either side.
+SPREAD_FACTOR = 2.0
+#: The reasons why nothing is extrapolated.
+UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated"
+NOT_CONVERGED = "results do not converge as the step is halved"
+#: The reason why numbers are refused after trajectories have diverged.
+DIVERGED = "not converged: the runs diverge"
+
+
+def estimate(
+    values: Sequence[float], order: float, ratio: float = STEP_RATIO, scale: float = 0.0
+) -> Estimate:
+    """Estimate the error of the first of three values of runs with the steps h, r h and r^2 h.
+
+    Parameters
+    ----------
+    values : sequence of three floats
+        The value with the step h, r h and r^2 h.
+    order : float
+        The order p of the algorithm for this value.
+    ratio : float
+        The ratio r of the steps.
+    scale : float
+        What an error without an order is compared with, if that is larger than the value.
+
+    Returns
+    -------
+    Estimate
+        Monotonic values that fall with the observed order q have the error F max(d, D / r^p) / (r^s - 1), with
+        F = 1.25 and s = p where q is within a tenth of p, else F = 3 and s = q between 0.5 and p. Values that
+        come closer from both sides have the error 1.5 D. No error is stated where the differences do not
+        fall, or where q is no order that the algorithm has and the error would exceed 0.15 of the value
+        or the scale.
+    """
+    fine, middle, coarse = values
+    last, previous = abs(fine - middle), abs(middle - coarse)
+    least = ROUNDING_SHARE * (abs(fine) or 1.0)
+    if max(last, previous) <= least:
+        return Estimate(fine, least, float(order))
+    falls = math.log(previous / max(last, least), ratio) if previous else -math.inf
+    most = ACCIDENTAL_SHARE * max(abs(fine), scale)
+    if (fine - middle) * (middle - coarse) < 0.0:
+        error = RANGE_FACTOR * previous
+        if not falls > 0.0 or error > most:
+            return Estimate(fine, None, math.nan)
+        return Estimate(fine, max(error, least), math.nan)
+    error = _grid_convergence_index(last, previous, order, falls, ratio)
+    if falls > order + ACCIDENTAL_EXCESS:
+        error = max(error, RANGE_FACTOR * previous)
+        falls = falls if error <= most else -math.inf
+    if not falls >= LOWEST_ORDER:
+        return Estimate(fine, None, falls)
+    return Estimate(fine, max(error, least), falls)
+
+
+def _grid_convergence_index(
+    last: float, previous: float, order: float, observed: float, ratio: float
+) -> float:
+    """The index of the finest of three runs; see `estimate`."""
+    difference = max(last, previous / math.pow(ratio, order))
+    if abs(observed - order) <= CONFIRMED_DISTANCE * order:
+        return CONFIRMED_FACTOR * difference / (math.pow(ratio, order) - 1.0)
+    used = min(max(observed, LOWEST_ORDER), order)
+    return UNCONFIRMED_FACTOR * difference / (math.pow(ratio, used) - 1.0)
+
+
+@dataclass(frozen=True)
+class ErrorBand:
+    """What remains to the solution of a column at the times of the finest run.
+
+    `solution` is the column extrapolated to a step of zero, where its values converge regularly, and as it is
+    elsewhere. `width` is by how much each value may be off: with the factor of safety where it converges regularly, and
+    with the lowest order elsewhere.
+    `times` [s] and `regular` say where it does.
+    """
+
+    solution: DenseSolution
+    width: DenseSolution
+    times: Array
+    regular: NDArray[np.bool_]
+
+    def converges_at(self, time: float) -> bool:
+        """Whether the values before and after a time [s] do, both that are in all runs."""
+        k = min(max(int(np.searchsorted(self.times, time)), 1), len(self.times) - 1)
+        return bool(self.regular[k - 1] and self.regular[k])
+
+
+def error_band(
+    finest: DenseSolution,
+    runs: Sequence[tuple[Array, Array]],
+    order: float,
+    ratio: float = STEP_RATIO,
+) -> ErrorBand | None:
+    """Extrapolate a column to a step of zero, value by value.
+
+    Parameters
+    ----------
+    finest : DenseSolution
+        The column in the finest run.
+    runs : sequence of three pairs of arrays
+        Times [s] and values of the column in each run, the finest first.
+    order : float
+        The order of the algorithm for this column.
+    ratio : float
+        The ratio of the steps of two runs.
+
+    Returns
+    -------
+    ErrorBand or None
+        None for a discrete column. Where less than half of the coarsest run's times are in all runs, as with
+        adaptive steps, the finer two are interpolated to them.
+    """
+    if finest.is_discrete:
+        return None
+    shared = runs[2][0]
+    for t, _ in runs[:2]:
+        shared = shared[_is_in(shared, t)]
+    if 2 * len(shared) < len(runs[2][0]) or len(shared) < 2:
+        shared, coarse = runs[2]
+        fine, middle = (DenseSolution.from_rows(*run)(shared) for run in runs[:2])
+    else:
+        fine, middle, coarse = (x[_last_index(t, shared)] for t, x in runs)
+    last, previous = fine - middle, middle - coarse
+    with np.errstate(all="ignore"):
+        falls = np.log(previous / last) / math.log(ratio)
+    regular = (
+        (last * previous > 0.0) & (falls >= LOWEST_ORDER) & (falls <= order + ACCIDENTAL_EXCESS)
+    )
+    remains = last / (ratio**order - 1.0)
+    shift = np.interp(finest.t, shared, np.where(regular, remains, 0.0))
+    irregular = last / (math.pow(ratio, LOWEST_ORDER) - 1.0)
+    width = np.where(regular, CONFIRMED_FACTOR * np.abs(remains), np.abs(irregular))
+    width = np.interp(finest.t, shared, width)
+    rounding = ROUNDING_SHARE * float(np.abs(finest.x).max())
+    return ErrorBand(
+        finest.with_values(finest.x + shift),
+        finest.with_values(width + rounding),
+        shared,
+        regular | (np.maximum(np.abs(last), np.abs(previous)) <= rounding),
+    )
+
+
+def _is_in(times: Array, others: Array) -> NDArray[np.bool_]:
+    """Which times are among others, but for rounding."""
+    rounding = ROUNDING_SHARE * max(abs(float(others[0])), abs(float(others[-1])))
+    k = np.clip(np.searchsorted(others, times), 1, len(others) - 1)
+    nearest = np.minimum(np.abs(others[k] - times), np.abs(others[k - 1] - times))
+    return np.asarray(nearest <= rounding)
+
+
+def _last_index(t: Array, times: Array) -> NDArray[np.intp]:
+    """The last row at each of these times, which are times of rows but for rounding."""
+    rounding = ROUNDING_SHARE * max(abs(float(t[0])), abs(float(t[-1])))
+    return np.searchsorted(t, times + rounding, side="right") - 1
+
+
+def divergence(
+    runs: Sequence[NDArray[np.float64]], ratio: float = STEP_RATIO
+) -> tuple[float, NDArray[np.bool_]]:
+    """Find the time [s] from which on the finest two of three runs have diverged, and in which columns.
+
+    In a chaotic system two trajectories part exponentially, however close they begin. When their distance
+    has reached the size of the attractor, smaller steps do not reduce it, and the difference of two
+    numbers does not show their error any more. Trajectories have diverged where, over one of PARTS parts of
+    the run, they are on average more than the share DISTANT_SHARE of the range of a column apart, and that
+    distance is not smaller than between the coarser two, near that part, by at least LOWEST_ORDER.
+
+    It fails for runs that diverge by less than that share, and for a difference of phase that the coarser
+    runs do not have within NEIGHBOURS parts.
+
+    Parameters
+    ----------
+    runs : sequence of three arrays of shape (rows, columns)
+        The rows of the runs, the finest first; the first column is the time [s].
+    ratio : float
+        The ratio of the steps of two runs.
+
+    Returns
+    -------
+    tuple of float and array of bool
+        The time is infinite, and there is no column, if the runs have not diverged.
+    """
+    t = runs[-1][:, 0]
+    parts = np.array_split(np.arange(len(t)), min(PARTS, len(t)))
+    fine, middle, coarse = (
+        np.column_stack([t, *(np.interp(t, rows[:, 0], x) for x in rows.T[1:])]) for rows in runs
+    )
+    last, previous = (
+        np.array([np.abs(finer - coarser)[part].mean(axis=0) for part in parts])
+        for finer, coarser in ((fine, middle), (middle, coarse))
+    )
+    rounding = ROUNDING_SHARE * np.abs(fine).max(axis=0)
+    least = np.maximum(DISTANT_SHARE * np.ptp(fine, axis=0), rounding)
+    padded = np.pad(previous, ((NEIGHBOURS, NEIGHBOURS), (0, 0)))
+    around = np.max([padded[k : k + len(previous)] for k in range(2 * NEIGHBOURS + 1)], axis=0)
+    distant = last > least
+    diverged = distant & (last > around / ratio**LOWEST_ORDER)
+    diverged[:, (fine == np.round(fine)).all(axis=0)] = False
+    if not diverged.any():
+        return math.inf, np.zeros(fine.shape[1], dtype=bool)
+    first = int(diverged.any(axis=1).argmax())
+    return float(t[parts[first][0]]), distant[first:].any(axis=0)
+
+
+def extrapolate(values: Sequence[float], order: float) -> Estimate:
+    """Extrapolate values of runs with the steps h, 2 h and 4 h to a step of zero (Richardson).
+
+    Parameters
+    ----------
+    values : sequence of floats
+        The value with the step h, 2 h and 4 h; fewer where the runs with longer steps have failed.
+    order : float
+        The order with which the error falls.
+
+    Returns
+    -------
+    Estimate
+        Its error is the distance of what the finer pair of runs extrapolates to from what the coarser pair does,
+        which is at least twice as wrong. Values that move by little and in no order are not
+        extrapolated and keep four times their moves as error. The error is None, with a reason, where there are
+        fewer than three values, or where they move by more and in no order.
+    """
+    if len(values) < RUNS:
+        return Estimate(values[0], None, math.nan, reason=UNSTABLE)
+    fine, middle, coarse = values
+    last, previous = fine - middle, middle - coarse
+    most = max(abs(last), abs(previous))
+    if abs(previous) < SLOWEST_FALL * abs(last) or most <= SETTLED_SHARE * abs(fine):
+        if most > UNORDERED_SHARE * abs(fine):
+            return Estimate(fine, None, math.nan, reason=NOT_CONVERGED)
+        return Estimate(fine, UNORDERED_FACTOR * most, math.nan)
+    observed = math.log2(abs(previous / last)) if last else math.inf
+    gain = STEP_RATIO**order - 1.0
+    limit, limit_of_coarser = fine + last / gain, middle + previous / gain
+    error = abs(limit - limit_of_coarser) + EXTRAPOLATION_SHARE * abs(last)
+    return Estimate(limit, error, observed)
+
+
+def bound_coupling_error(values: Sequence[float], order: float) -> float:
+    """The error of the first of values with the steps h, 2 h and 4 h, see `estimate`, where one is needed.
+
+    It is twice the spread of the values where `estimate` states none, and 0 for a count that all runs agree on.
+    """
+    spread = max(values) - min(values)
+    if spread == 0.0 and values[0] == round(values[0]):
+        return 0.0
+    error = estimate(values, order).error
+    return SPREAD_FACTOR * spread if error is None else error
+
+
+def estimate_of_orders(
+    values: Sequence[float], orders: Sequence[float], ratio: float = STEP_RATIO
+) -> Estimate:
+    """Estimate the error of a value that may have one of several orders, see `estimate`.
+
+    The order is the highest one that is within CONFIRMED_DISTANCE of the order observed, else the lowest. A value
+    of a low order that happens to fall with a higher one gets too small an error.
+    """
+    observed = estimate(values, min(orders), ratio).order
+    confirmed = [p for p in orders if abs(observed - p) <= CONFIRMED_DISTANCE * p]
+    return estimate(values, max(confirmed, default=min(orders)), ratio)

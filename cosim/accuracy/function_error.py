@@ -1,0 +1,205 @@
+"""How a person's own function of a result gets its error: from three runs, and from fewer rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..result import Result, Rows
+from .estimate import Estimate
+from .extrapolation import CONFIRMED_DISTANCE, DIVERGED, divergence, estimate_of_orders
+from .metric_error import (
+    BOTH_ROWS,
+    NO_ROWS,
+    ROWS_FACTOR,
+    SOME_RUNS,
+    THINNED,
+    band_error,
+    spacing_error,
+)
+from .three_runs import ThreeRuns
+
+#: By how much of its width a peak is lowered at its begin and at its end: all of it or either end, derived: the top of
+#: a plateau lies at one end of it.
+TILTS = ((1.0, 1.0), (0.0, 1.0), (1.0, 0.0))
+
+#: A function from a result to numbers by name.
+Function = Callable[[Result], Mapping[str, float]]
+
+
+class ObservedResult(Result):
+    """A result that notes which columns are read."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(result.columns, result.units, result.provenance, lambda: result.data)
+        self._rows, self._read = result, set[str]()
+
+    def __getitem__(self, name: str) -> Rows:
+        self._read.add(name)
+        return self._rows[name]
+
+    def columns_read(self) -> list[str]:
+        """The columns asked for by name; all, if the rows were taken as a whole."""
+        whole = "data" in vars(self) or not self._read
+        return [name for name in self.columns[1:] if whole or name in self._read]
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """What a function makes of results: all rows of the finest run, the rows of the three results, fewer of
+    them, and rows with the extremes that gaps hide, or at a step of zero."""
+
+    value: Mapping[str, float]
+    runs: Sequence[Mapping[str, float]]
+    fewer: Mapping[int, Sequence[Mapping[str, float]]]
+    fewer_of_result: Mapping[int, Sequence[Mapping[str, float]]]
+    sides: Sequence[Mapping[str, float]]
+    limits: Sequence[Mapping[str, float]]
+
+
+def function_errors(function: Function, runs: ThreeRuns) -> dict[str, Estimate]:
+    """Estimate the numbers that a function makes of a result.
+
+    It is called for each run with the rows of its result; for the finest one with all its rows; with every second and
+    every third row of both. The error of the coupling follows from the three runs, that of the rows from the
+    fewer ones: of all rows where the runs confirm the order, else of those of the results, since these may hide
+    differences of the runs. What all rows change of the number counts, too, so that the error of a function that
+    counts rows is large. Of the order only that of the columns is known that the function reads, see
+    `estimate_of_orders`.
+
+    A function of rows cannot look between them. It is therefore called again, at the times of all rows, with
+    values extrapolated to a step of zero, with the extremes that the start and hidden events may have behind a row,
+    and with peaks that are lower by what remains to a step of zero, so that another one may be the highest. Where trajectories have diverged, numbers that earlier rows alone do not
+    give are refused. Where the function fails on any of these rows, all its numbers are refused, with the
+    sentence of the exception.
+    """
+    observed = ObservedResult(runs.dense)
+    value = dict(function(observed))
+    columns = observed.columns_read()
+    of_runs = [function(result) for result in runs.results]
+    try:
+        sides, limits = _other_rows(runs, columns)
+        numbers = _Numbers(
+            value,
+            of_runs,
+            {n: [function(r) for r in _thinned(runs.dense, n)] for n in THINNED},
+            {n: [function(r) for r in _thinned(runs.finest, n)] for n in THINNED},
+            [function(_with_rows(runs.finest, rows)) for rows in sides],
+            [function(_with_rows(runs.finest, rows)) for rows in limits],
+        )
+    except Exception as error:  # noqa: BLE001 - whatever the function of a person raises
+        reason = f"it cannot be computed from other rows: {error}"
+        return {name: Estimate(v, None, math.nan, reason=reason) for name, v in value.items()}
+    orders = sorted({runs.order(name) for name in columns} or {runs.order("")})
+    diverged = after_divergence(function, runs.results, runs.ratio)
+    return {
+        name: Estimate(v, None, math.nan, reason=diverged[name])
+        if name in diverged
+        else _estimate(name, numbers, orders, runs.ratio)
+        for name, v in value.items()
+    }
+
+
+def _estimate(name: str, numbers: _Numbers, orders: Sequence[float], ratio: float) -> Estimate:
+    """The estimate of one number."""
+    value = numbers.value[name]
+    series = [run[name] for run in numbers.runs]
+    coupling = estimate_of_orders(series, orders, ratio)._replace(value=value)
+    coarse = _rows_share(name, series[0], numbers.fewer_of_result)
+    rows = _rows_share(name, value, numbers.fewer)
+    confirmed = any(abs(coupling.order - p) <= CONFIRMED_DISTANCE * p for p in orders)
+    beside = max(abs(side[name] - value) for side in numbers.sides)
+    rows = max(rows, ROWS_FACTOR * beside, abs(value - series[0]))
+    rows = rows if confirmed else max(rows, coarse)
+    if not math.isfinite(rows):
+        return coupling._replace(error=None, reason=NO_ROWS)
+    spread = max(series) - min(series)
+    error = coupling.error
+    if error is None and spread > BOTH_ROWS * rows:
+        return coupling
+    unmoved = [*(side[name] for side in numbers.sides), *(value for _ in TILTS)]
+    moved = max(abs(limit[name] - v) for limit, v in zip(numbers.limits, unmoved))
+    if math.isnan(moved):
+        return coupling._replace(error=None, reason=SOME_RUNS)
+    moved = moved if moved > rows else 0.0  # to the next row, which the rows' share has
+    error = spread if error is None else error
+    return coupling._replace(error=band_error(error, moved) + rows, rows=rows)
+
+
+def _rows_share(
+    name: str, value: float, fewer: Mapping[int, Sequence[Mapping[str, float]]]
+) -> float:
+    """The error of a number due to the spacing of the rows, from its values with fewer of them."""
+    changes = (max(abs(other[name] - value) for other in fewer[n]) for n in THINNED)
+    return ROWS_FACTOR * spacing_error(*changes)
+
+
+def _other_rows(runs: ThreeRuns, columns: Sequence[str]) -> tuple[list[Rows], list[Rows]]:
+    """All rows with the extremes that gaps hide, high and low; these at a step of zero, and with lower peaks."""
+    names = runs.finest.columns
+    high, low, limit_high, limit_low = (runs.all_rows.copy() for _ in range(4))
+    lowered = [runs.all_rows.copy() for _ in TILTS]
+    for name in columns:
+        k = names.index(name)
+        column = runs.column(name, keep_rows=True)
+        high[:, k] = column.finest.with_extremes(1.0)
+        low[:, k] = column.finest.with_extremes(-1.0)
+        if column.band is not None:
+            limit_high[:, k] = column.band.solution.with_extremes(1.0)
+            limit_low[:, k] = column.band.solution.with_extremes(-1.0)
+            for rows, tilt in zip(lowered, TILTS):
+                rows[:, k] = column.finest.with_top_lowered(column.band.width.x, *tilt)
+        else:
+            limit_high[:, k], limit_low[:, k] = high[:, k], low[:, k]
+    return [high, low], [limit_high, limit_low, *lowered]
+
+
+def _thinned(result: Result, n: int) -> Iterator[Result]:
+    """The result with the rows first, first + n, ..., and the ends, for each first row."""
+    count = len(result.data)
+    for first in range(n):
+        kept = np.unique([0, *range(first, count, n), count - 1])
+        yield _with_rows(result, result.data[kept])
+
+
+def _with_rows(result: Result, rows: Rows) -> Result:
+    return Result(result.columns, result.units, result.provenance, lambda: rows)
+
+
+def after_divergence(
+    function: Callable[[Result], Mapping[str, Any]],
+    results: Sequence[Result],
+    ratio: float,
+) -> dict[str, str]:
+    """The values that need rows after the runs have diverged, each with the reason why it is refused.
+
+    Parameters
+    ----------
+    function : callable
+        Makes values by name of a result.
+    results : sequence of three results
+        The runs, the finest first. A value that does not need the later rows is the same with those of the second
+        run in their place.
+    ratio : float
+        The ratio of the steps of two runs.
+    """
+    begin, is_diverged = divergence([result.data for result in results], ratio)
+    if not is_diverged.any():
+        return {}
+    observed = ObservedResult(results[0])
+    values = function(observed)
+    names = results[0].columns
+    if not any(is_diverged[names.index(name)] for name in observed.columns_read()):
+        return {}
+    reason = f"{DIVERGED} from {begin:.4g} s on"
+    early, late = results[0].data, results[1].data
+    rows = np.vstack([early[early[:, 0] < begin], late[late[:, 0] >= begin]])
+    try:
+        others = function(_with_rows(results[0], rows))
+    except Exception:  # noqa: BLE001 - it depends on which of the rows it gets
+        others = {}
+    return {name: reason for name, value in values.items() if others.get(name) != value}

@@ -1,0 +1,115 @@
+"""Three runs of a system whose steps, or tolerances, differ by one ratio, and a column of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from ..dense import DenseSolution, distinct_rows
+from ..engine.control import Adaptive
+from ..engine.row_file import read_row_file
+from ..result import Result, Rows
+from ..scratch import scratch
+from ..system import System
+from .extrapolation import RUNS, STEP_RATIO, TOLERANCE_RATIO, ErrorBand, error_band
+
+
+@dataclass(frozen=True)
+class ColumnRuns:
+    """A column in three runs, the finest first, on the rows of their results, and on all rows of the finest.
+
+    `order` is the convergence order of the column and `ratio` that of the steps of two runs.
+    """
+
+    finest: DenseSolution
+    solutions: Sequence[DenseSolution]
+    band: ErrorBand | None
+    order: float
+    ratio: float = STEP_RATIO
+
+
+@dataclass(frozen=True)
+class ThreeRuns:
+    """The results of three runs, the finest first, and all rows of the finest one."""
+
+    results: Sequence[Result]
+    all_rows: Rows
+    ratio: float
+
+    @property
+    def finest(self) -> Result:
+        """The result of the finest run."""
+        return self.results[0]
+
+    @property
+    def dense(self) -> Result:
+        """The finest run with all its rows."""
+        finest = self.finest
+        return Result(finest.columns, finest.units, finest.provenance, lambda: self.all_rows)
+
+    def order(self, column: str) -> float:
+        """The convergence order of a column; adaptive steps keep the error per time, of order 1."""
+        provenance = self.finest.provenance
+        if self.ratio == TOLERANCE_RATIO or column in provenance.get("first_order", ()):
+            return 1.0
+        return float(provenance["convergence_order"])
+
+    def column(self, name: str, *, keep_rows: bool = False) -> ColumnRuns:
+        """A column of the three runs, with all rows or without those that say nothing new."""
+        t, x = self.all_rows[:, 0], self.all_rows[:, self.finest.columns.index(name)]
+        finest = DenseSolution(np.array(t), np.array(x)) if keep_rows else _dense(t, x)
+        runs = [(r["time"], r[name]) for r in self.results]
+        order = self.order(name)
+        band = error_band(finest, runs, order, self.ratio)
+        return ColumnRuns(finest, [_dense(t, x) for t, x in runs], band, order, self.ratio)
+
+
+def _dense(t: Rows, x: Rows) -> DenseSolution:
+    """The solution of a column without the rows that say nothing new."""
+    kept = distinct_rows(t, x)
+    return DenseSolution(np.array(t[kept]), np.array(x[kept]))
+
+
+def three_runs(
+    system: System, step: float | Adaptive, runner: Callable[..., Result], settings: dict[str, Any]
+) -> ThreeRuns:
+    """Run with the step, a half and a quarter of it, or the tolerance, a tenth and a hundredth.
+
+    Rows are `step` apart in all runs unless the settings, which are those of `run`, say otherwise. Only the last
+    run gets `csv`. Its rows at all communication points are kept in a file meanwhile.
+    """
+    progress = settings.pop("progress", None) or (lambda fraction: None)
+    csv = settings.pop("csv", None)
+    if isinstance(step, Adaptive):
+        ratio = TOLERANCE_RATIO
+        steps: list[Any] = [replace(step, tolerance=step.tolerance / ratio**k) for k in range(RUNS)]
+    else:
+        ratio = STEP_RATIO
+        steps = [step / ratio**k for k in range(RUNS)]
+        settings = {"output_step": step} | settings
+    results: list[Result] = []
+    with TemporaryDirectory(dir=scratch(), ignore_cleanup_errors=True) as folder:
+        path = Path(folder) / "rows"
+        for k, h in enumerate(steps):
+            begin, end = ((ratio**n - 1) / (ratio**RUNS - 1) for n in (k, k + 1))
+            last: dict[str, Any] = {}
+            if k == RUNS - 1:
+                last = {"all_rows": path} | ({} if csv is None else {"csv": csv})
+            report = partial(_report, progress, begin, end)
+            results.insert(0, runner(system, step=h, **settings, progress=report, **last))
+        finest = results[0]
+        for result in results:
+            len(result.data)
+        all_rows = read_row_file(path, len(finest.columns)) if path.exists() else finest.data
+    return ThreeRuns(results, all_rows, ratio)
+
+
+def _report(progress: Callable[[float], None], begin: float, end: float, fraction: float) -> None:
+    """Report the progress of all runs from that of one."""
+    progress(begin + fraction * (end - begin))

@@ -1,0 +1,150 @@
+"""Where questions are: modules in the folders of a package, by name, or a user's own files, by path."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from cosim import SetupError, SimulationError
+
+#: Names of the modules that were loaded from a user's own file.
+_from_file: set[str] = set()
+
+
+class QuestionError(RuntimeError):
+    """A question's own code raised; the text says where and what, and needs no name before it."""
+
+    plain = True
+
+
+@cache
+def names(home: Path | None) -> Mapping[str, str]:
+    """Return the questions below a package's folder, by name, and their modules; none is imported.
+
+    A question is a file that defines a class `Options`.
+    """
+    modules: dict[str, str] = {}
+    if home is None:
+        return modules
+    for path in sorted(home.rglob("*.py")):
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        if any(isinstance(node, ast.ClassDef) and node.name == "Options" for node in body):
+            inside = path.relative_to(home.parent).with_suffix("")
+            modules[path.stem] = ".".join(inside.parts)
+    return modules
+
+
+def summary(home: Path, module: str) -> str:
+    """Return the question of a module of the package, in one line; it is not imported."""
+    path = home.parent.joinpath(*module.split(".")).with_suffix(".py")
+    documentation = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    return (documentation or "").partition("\n")[0]
+
+
+def is_from_file(module: ModuleType) -> bool:
+    """Whether a module is a user's own file and no module of a package."""
+    return module.__name__ in _from_file
+
+
+def locator(module: ModuleType) -> str:
+    """Return what `load_module` takes to load a module again, or in another process."""
+    return str(module.__file__) if is_from_file(module) else module.__name__
+
+
+def files(module: ModuleType) -> list[Path]:
+    """Return the file of a module that belongs to no package."""
+    return [Path(str(module.__file__))] if is_from_file(module) else []
+
+
+def load_module(locator: str) -> ModuleType:
+    """Return the module of a question.
+
+    Parameters
+    ----------
+    locator : str
+        A module of a package, "scenarios.conveyor.run_up", or a file, "mine.py".
+
+    Raises
+    ------
+    SetupError
+        If there is no such file, or a module of that name.
+    QuestionError
+        If the question's own code raises.
+    """
+    if not locator.endswith(".py"):
+        return importlib.import_module(locator)
+    path = Path(locator).resolve()
+    if not path.is_file():
+        raise SetupError(f"there is no file {locator}")
+    loaded = sys.modules.get(path.stem)
+    if loaded is not None and not is_from_file(loaded):
+        raise SetupError(f"{locator}: {path.stem!r} is the name of a module; rename the file")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    _from_file.add(path.stem)
+    try:
+        with attribute_errors(module):
+            spec.loader.exec_module(module)
+    except BaseException:
+        unload(module)
+        raise
+    return module
+
+
+def unload(module: ModuleType) -> None:
+    """Unload a module that was loaded from a file, so that its name is free."""
+    if is_from_file(module):
+        _from_file.discard(module.__name__)
+        sys.modules.pop(module.__name__, None)
+
+
+load_cached = cache(load_module)
+
+
+def find(home: Path | None, text: str, folder: Path = Path()) -> str:
+    """Return what `load_module` takes, from the name of a question of the package or a file in that folder.
+
+    Raises
+    ------
+    SetupError
+        If there is none.
+    """
+    if text in names(home):
+        return names(home)[text]
+    if text.endswith(".py") and (folder / text).is_file():
+        return str((folder / text).resolve())
+    choices = f"one of {', '.join(names(home))}, or " if home else ""
+    raise SetupError(f"{text!r} must be {choices}an existing file NAME.py")
+
+
+@contextmanager
+def attribute_errors(page: ModuleType) -> Iterator[None]:
+    """Turn what a page's own code raises into a QuestionError with its file and line, and also what a
+    user's own file makes other code raise.
+    """
+    try:
+        yield
+    except (SetupError, SimulationError, QuestionError, OSError):
+        raise
+    except SyntaxError as error:
+        raise QuestionError(f"{error.filename}:{error.lineno}: {error.msg}") from error
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        frames_of_page = [frame for frame in frames if frame.filename == page.__file__]
+        if not frames_of_page and not files(page):
+            raise
+        line = f":{frames_of_page[-1].lineno}" if frames_of_page else ""
+        location = "" if frames_of_page else f", in {frames[-1].filename}:{frames[-1].lineno}"
+        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise QuestionError(f"{page.__file__}{line}: {what}{location}") from error

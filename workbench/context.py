@@ -1,0 +1,167 @@
+"""What a question works with: its FMUs, runs with the errors of their figures, sweeps, tables on disk."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from logging.handlers import BufferingHandler
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cosim
+from cosim import Result, SetupError, SimulationError, System
+from cosim.progress import bar
+
+from .answer import Table
+from .coupling import with_coupling_errors
+from .figure import Figure
+from .files import stream
+from .options import Run
+from .runs.journal import Journal
+from .runs.local import LocalRunner
+from .runs.runner import Runner
+
+#: Does every run in this process.
+IN_PROCESS = LocalRunner(jobs=1)
+#: Multiples of the communication step of the three runs, whose differences give the coupling error.
+STEP_MULTIPLES = (4, 2, 1)
+#: Fewest communication steps of a certified run, so that the coarsest of the three still has four.
+MIN_STEPS = 16
+TOO_LONG = (
+    "step = {:g} s is too long to determine errors: a run with {} times the step, {:g} s, fails: {}"
+)
+Task = TypeVar("Task")
+Outcome = TypeVar("Outcome")
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a question works with.
+
+    Attributes
+    ----------
+    fmus : mapping of str to Path
+        Its FMUs by part.
+    runner : Runner
+        Does the runs of sweeps.
+    out : Path, optional
+        The folder for rows as they are computed.
+    journal : function
+        Returns the journal of its sweeps, or None.
+    """
+
+    fmus: Mapping[str, Path]
+    runner: Runner = IN_PROCESS
+    out: Path | None = None
+    journal: Callable[[], Journal | None] = lambda: None
+
+    def certify(
+        self,
+        system: System,
+        figures: Callable[[Result], Mapping[str, Figure]],
+        o: Run,
+        record: Sequence[str] | None,
+        csv: str = "",
+    ) -> tuple[Result, dict[str, Figure]]:
+        """Run a system with steps of `o.step`, and return its result and its figures.
+
+        Their errors are those that `figures` gives for this result plus that of the coupling, from runs
+        with two and four times the step. Rows go to the CSV file of that name as they are computed.
+
+        Raises
+        ------
+        SetupError
+            What `cosim.run` raises, and for a step that is too long to determine errors.
+        SimulationError
+            What `cosim.run` raises, and where a run with a multiple of the step fails.
+        """
+        if o.step > o.stop / MIN_STEPS:
+            raise SetupError(
+                f"step = {o.step:g} s must be at most {o.stop / MIN_STEPS:g} s, a {MIN_STEPS}th of stop = "
+                f"{o.stop:g} s: three runs with up to four times the step give the errors"
+            )
+
+        def advance(steps: int, progress: float) -> None:
+            """Move the bar: the three runs take 1, 2 and 4 parts of 7."""
+            progress_bar((steps - 1 + steps * progress) / 7)
+
+        figures_of_runs: list[Mapping[str, Figure]] = []
+        results: list[Result] = []
+        missing = ""
+        with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress_bar:
+            for multiple in STEP_MULTIPLES:
+                try:
+                    with captured_warnings() if multiple > 1 else nullcontext():
+                        result = cosim.run(
+                            system,
+                            stop=o.stop,
+                            step=multiple * o.step,
+                            algorithm=o.algorithm,
+                            record=record,
+                            csv=self.out / csv if self.out and csv and multiple == 1 else None,
+                            progress=partial(advance, STEP_MULTIPLES[0] // multiple),
+                        )
+                except SimulationError as error:
+                    if multiple == 1:
+                        raise
+                    missing = TOO_LONG.format(o.step, multiple, multiple * o.step, error)
+                else:
+                    figures_of_runs.insert(0, figures(result))
+                    results.insert(0, result)
+        if missing:
+            raise SimulationError(missing, result)
+        with captured_warnings():
+            return result, with_coupling_errors(figures, results, figures_of_runs)
+
+    def each(
+        self,
+        function: Callable[[Task], Outcome],
+        tasks: Sequence[Task],
+        title: str,
+        probes: bool = False,
+    ) -> Iterator[Outcome]:
+        """Give function(task) for every task, in their sequence, wherever the runner does its runs.
+
+        Warnings become those of the question, except for `probes`, which look for what FMUs warn of.
+        """
+        call = partial(_with_warnings, function)
+        for outcome, warnings in self.runner.map(call, tasks, title, self.journal()):
+            for warning in () if probes else warnings:
+                logging.getLogger("cosim").warning(warning)
+            yield outcome
+
+    def record_rows(
+        self, csv: str, units: Mapping[str, str], rows: Iterable[Sequence[Any]]
+    ) -> Table:
+        """Return the table of rows, which go to NAME.partial.csv as they are computed."""
+
+        def written() -> Iterator[Sequence[Any]]:
+            for row in rows:
+                append([row])
+                yield row
+
+        with stream(self.out and self.out / csv, list(units)) as append:
+            return Table.of_rows(written(), units)
+
+
+def _with_warnings(function: Callable[[Task], Outcome], task: Task) -> tuple[Outcome, list[str]]:
+    """Return function(task) and the warnings of its runs."""
+    with captured_warnings() as warnings:
+        return function(task), warnings()
+
+
+@contextmanager
+def captured_warnings() -> Iterator[Callable[[], list[str]]]:
+    """Collect the warnings of the runs in this process, each once, and show them to no other handler."""
+    log, handler = logging.getLogger("cosim"), BufferingHandler(sys.maxsize)
+    handler.setLevel(logging.WARNING)
+    saved = log.handlers, log.propagate
+    log.handlers, log.propagate = [handler], False
+    try:
+        yield lambda: list(dict.fromkeys(record.getMessage() for record in handler.buffer))
+    finally:
+        log.handlers, log.propagate = saved

@@ -1,0 +1,66 @@
+"""Figures of a run with the errors that three step sizes show, beside those that the figures have themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from cosim import Result
+from cosim.accuracy.extrapolation import STEP_RATIO, bound_coupling_error, estimate_of_orders
+from cosim.accuracy.function_error import ObservedResult, after_divergence
+
+from .figure import Figure
+
+FiguresOf = Callable[[Result], Mapping[str, Figure]]
+#: The reason why a figure is refused that one of the runs does not have.
+SOME_RUNS = "not all three step sizes give this figure"
+
+
+def with_coupling_errors(
+    figures_of: FiguresOf, results: Sequence[Result], figures: Sequence[Mapping[str, Figure]]
+) -> dict[str, Figure]:
+    """Add the coupling errors to the figures of the finest of three runs.
+
+    Parameters
+    ----------
+    figures_of : callable
+        Makes the figures of a result.
+    results : sequence of three results
+        With the steps h, 2 h and 4 h, in this order.
+    figures : sequence of three mappings
+        What `figures_of` has made of them.
+
+    Returns
+    -------
+    dict
+        The figures of the finest run. Their order is that of the algorithm, or 1 for outputs that follow an
+        input at once; which one counts is what `estimate_of_orders` decides where the figures read both. Those are
+        refused that need rows after trajectories have diverged.
+    """
+    finest = results[0]
+    observed = ObservedResult(finest)
+    figures_of(observed)
+    order = float(finest.provenance["convergence_order"])
+    first_order = finest.provenance.get("first_order", ())
+    orders = {min(order, 1.0) if c in first_order else order for c in observed.columns_read()}
+    late = after_divergence(figures_of, results, STEP_RATIO)
+    return {
+        name: Figure.undetermined(figure.unit, late[name], figure.meaning)
+        if name in late and figure.error is not None
+        else _add([run.get(name) for run in figures], sorted(orders or {order}))
+        for name, figure in figures[0].items()
+    }
+
+
+def _add(runs: Sequence[Figure | None], orders: Sequence[float]) -> Figure:
+    """The first figure with the coupling error added to its own."""
+    finest = runs[0]
+    assert finest is not None
+    if finest.error is None:
+        return finest
+    values = [run.value for run in runs if run is not None and run.error is not None]
+    if len(values) < len(runs):
+        return Figure.undetermined(finest.unit, SOME_RUNS, finest.meaning)
+    error = estimate_of_orders(values, orders).error
+    if error is None or len(set(values)) == 1:
+        error = bound_coupling_error(values, orders[0])
+    return finest._replace(error=finest.error + error)

@@ -1,0 +1,108 @@
+"""An answer is written: CSV, JSON, picture, page, motions."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from cosim.result import partial, write_json
+
+from .answer import Answer, Show
+from .charts.gif import gif
+from .charts.mpl import draw
+from .files import replacement
+from .page.html import report
+from .runs.folder import reservation
+
+#: File name of the page.
+PAGE = "report.html"
+
+
+def draw_show(show: Show, title: str, path: Path) -> list[str]:
+    """Write the picture of an answer: its motions that have still frames, and its charts.
+
+    Returns
+    -------
+    list of str
+        The file's name; none where there is nothing to draw.
+    """
+    pictures = [*(motion for motion in show.motions if motion.ghosts), *show.charts]
+    return draw(pictures, show.title or title, path)
+
+
+def picture(answer: Answer) -> str:
+    """Return the picture of an answer as an element of HTML, for a notebook."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "answer.png"
+        if not draw_show(answer.show(), answer.question, path):
+            return ""
+        content = b64encode(path.read_bytes()).decode()
+    return f'<img src="data:image/png;base64,{content}" style="max-width: 100%">'
+
+
+def write(answer: Answer, folder: Path, animate: bool = False) -> list[str]:
+    """Write tables, JSON, other files, page and, on request, motions to a folder; return their names.
+
+    Raises SetupError if another run uses the folder.
+    """
+    with reservation(folder):
+        return _write(answer, folder, animate)
+
+
+def _write(answer: Answer, folder: Path, animate: bool) -> list[str]:
+    """Write the files to a folder that is this run's; it may have been removed meanwhile."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, table in answer.tables.items():
+        with replacement(folder / name) as fresh:
+            table.frame.to_csv(fresh, index=False)
+        partial(folder / name).unlink(missing_ok=True)
+    with replacement(folder / f"{answer.scenario}.json") as fresh:
+        write_json(fresh, content(answer))
+    for name, save in answer.files.items():
+        save(folder / name)
+    if find_spec("plotly"):
+        with replacement(folder / PAGE) as fresh:
+            report(answer, fresh)
+    pictures = draw_show(answer.show(), answer.question, folder / f"{answer.scenario}.png")
+    for number, motion in enumerate(answer.show().motions if animate else (), 1):
+        pictures.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
+        gif(folder / pictures[-1], motion)
+    data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
+    return [*data, *pictures, *[PAGE] * bool(find_spec("plotly"))]
+
+
+def content(answer: Answer) -> dict[str, Any]:
+    """Return the content of the JSON file, each number once."""
+    parts = {
+        name: {key: part[key] for key in part if key not in ("parameters", "warnings")}
+        for name, part in answer.provenance["parts"].items()
+    }
+    return {
+        "scenario": answer.scenario,
+        "question": answer.question,
+        "verdict": answer.verdict.splitlines(),
+        "warnings": list(answer.warnings),
+        "figures": {name: figure.json() for name, figure in answer.figures.items()},
+        "refused": answer.refused,
+        "options": {name: value._asdict() for name, value in answer.options.items()},
+        "parameters": {name: value._asdict() for name, value in answer.parameters.items()},
+        "units": {
+            key: unit for table in answer.tables.values() for key, unit in table.units.items()
+        },
+        **answer.provenance,
+        "parts": parts,
+        **answer.facts,
+    }
+
+
+def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
+    """Write the files; print the verdict, the figures, the FMUs' warnings, and where the files are."""
+    names = write(answer, folder, animate)
+    if text := repr(answer):
+        print(text)
+    print(f"{', '.join(names)} written to {folder}")
+    if PAGE not in names:
+        print("no page was written: it needs the package plotly")

@@ -1,0 +1,58 @@
+"""Files that are written as they are computed, or replaced when they are complete."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from math import isnan
+from pathlib import Path
+from typing import TextIO
+
+from cosim.result import partial
+
+from .runs.folder import reservation
+
+Rows = Callable[[Iterable[Sequence[float]]], None]
+
+
+def new_file(path: Path) -> TextIO:
+    """Open a text file that nobody else has open, in place of an old one; a link is not followed."""
+    path.unlink(missing_ok=True)
+    return path.open("x", newline="", encoding="utf-8")
+
+
+@contextmanager
+def replacement(path: Path) -> Iterator[Path]:
+    """Give a new file of this process that takes the place of another when it is complete."""
+    fresh = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    fresh.unlink(missing_ok=True)
+    try:
+        yield fresh
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
+@contextmanager
+def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
+    """Give a function that appends rows to NAME.partial.csv, nan as nothing; without a path it writes none.
+
+    Raises
+    ------
+    SetupError
+        If another run uses the folder.
+    """
+    if path is None:
+        yield lambda rows: None
+        return
+    with reservation(path.parent), new_file(partial(path)) as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+
+        def append(rows: Iterable[Sequence[float]]) -> None:
+            writer.writerows(["" if isnan(x) else x for x in row] for row in rows)
+            file.flush()
+
+        yield append

@@ -1,0 +1,80 @@
+"""Runs on this machine: in child processes that may crash, hang or be killed, or in this process."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, Self
+
+from ..options import at_least
+from .journal import Key
+from .runner import NO_SETUP, Outcomes, Runner, Setup
+from .transport import Call, pickled_call
+from .worker import OK, Outcome, Worker, wait_for_step
+
+
+@dataclass(frozen=True)
+class LocalRunner(Runner):
+    """Does runs in so many processes of this machine; None are all cores.
+
+    Raises
+    ------
+    SetupError
+        For fewer than one.
+    """
+
+    jobs: int | None = None
+    setup: Setup = NO_SETUP
+
+    def __post_init__(self) -> None:
+        if self.jobs is not None:
+            at_least("jobs", self.jobs, 1)
+
+    def prepared(self, page: str, files: Sequence[Path]) -> Self:
+        """Return the same runner for the calls of a question."""
+        return replace(self, setup=replace(self.setup, page=page, files=files))
+
+    def stream(
+        self,
+        function: Callable[[Any], Any],
+        tasks: Mapping[Key, Any],
+        timeout: float | None,
+        is_isolated: bool,
+    ) -> Outcomes:
+        """Give key and outcome of each task; one job that need not be isolated is done in this process."""
+        if self.jobs == 1 and not is_isolated:
+            for key, task in tasks.items():
+                yield key, Outcome(OK, function(task))
+            return
+        waiting = iter(tasks.items())
+        workers = [Worker() for _ in range(min(self.jobs or available_cores(), len(tasks)))]
+        key_of: dict[Worker, Key] = {}
+
+        def start_next(worker: Worker) -> None:
+            for key, task in islice(waiting, 1):
+                key_of[worker] = key
+                worker.give(Call(pickled_call(function, task), self.setup.page), timeout)
+
+        try:
+            for worker in workers:
+                start_next(worker)
+            while key_of:
+                wait_for_step(list(key_of))
+                for worker in list(key_of):
+                    if (outcome := worker.step()) is not None:
+                        key = key_of.pop(worker)
+                        start_next(worker)
+                        yield key, outcome
+        finally:
+            for worker in workers:
+                worker.close()
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    if os.name == "posix" and os.uname().sysname == "Linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
