@@ -1,10 +1,10 @@
-"""What a coupling does to the damping of a mode, measured on the running system.
+"""What a coupling does to the damping of a mode, from the multipliers of its steps.
 
 A value that is held over a communication step arrives late, and a delay tau around a loop changes
-the damping ratio of an oscillation that runs through it by -omega tau / 2. Two runs, one of them
-with a small kick, differ by the free response of the coupled system. Its modes at several steps
-separate the artificial damping from the real damping. Where all parts offer model exchange and the
-linearised system does not change along the motion, its eigenvalue gives the real damping.
+the damping ratio of an oscillation that runs through it by -omega tau / 2. The multipliers of the
+coupled steps show the damping that the coupling gives; from several step sizes it is continued to
+steps of zero, which is the damping of the system itself. Where all parts offer model exchange and
+the linearised system does not change along the motion, its eigenvalue is that damping.
 """
 
 from __future__ import annotations
@@ -12,37 +12,56 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
 
-from ..engine.changes import discrete_changes
-from ..engine.control import Adaptive
-from ..engine.driver import Driver, RowReader
-from ..engine.initialise import initialise
-from ..engine.part import Part
-from ..engine.recorder import Recorder
 from ..engine.settings import RunSettings
-from ..engine.sources import InputSource
 from ..errors import FmuError, SetupError
 from ..requirements import setup_problems
-from ..system import Network, System, connect
+from ..system import System, connect
 from ..system.graph import stepping_order
-from .free_response import SIGNIFICANT, Array, Fit, Mode, fit
 from .linearize import linearize
+from .multipliers import Multiplier, Spectrum, step_spectrum
+from .perturbation import PerturbedRuns
 
-KICK = 1e-3
-FEWEST_STEPS, MOST_STEPS = 256, 1 << 12
-FEWEST_ROWS, MEMORY = 32, 4
-PERIODS, SEEN, TRIED = 4.0, 0.25, 0.125
-NOTICEABLE, VISIBLE, ABOVE_NOISE = 0.1, 1e-3, 100.0
-ALMOST, AT_ONCE = 0.9, 32
-PROPORTIONAL, LEAST_GROWTH = 0.1, 0.05
-SPREAD = 3.0
-UNEXPLAINED, UNCERTAIN, NEGLIGIBLE, UNDAMPED = 0.02, 0.1, 1e-4, 1e-6
-MOMENTS, STEADY, EXACT, STIFF = (0.0, 0.382, 1.0), 1e-6, 1e-9, 1e5
+#: Steps of the first record and of the longest: a convention; 256 steps of a quarter of the step in
+#: question are 64 of those, and 4096 take about a second with two FMUs.
+FIRST_STEPS, MAX_STEPS = 256, 1 << 12
+#: Periods of the mode that are recorded: derived from the halves of a record, which show two each.
+RECORDED_PERIODS = 4.0
+#: Parts of the recorded time that one perturbation lasts: an eighth of a period of the mode.
+PERTURBATIONS_IN_RECORD = 32
+#: Least share of a signal's energy that makes a mode one of the coupling, and that is followed: a
+#: convention.
+MIN_SHARE, MIN_FOLLOWED_SHARE = 0.1, 1e-3
+#: Least part of its period for which a mode has been recorded when it is chosen: a convention.
+MIN_RECORDED_PERIODS = 0.25
+#: Largest share left unexplained by modes that are trusted: a convention.
+MAX_RESIDUAL = 0.02
+#: Largest error of a damping ratio that is stated, relative and absolute: conventions.
+MAX_RELATIVE_ERROR, MAX_SMALL_ERROR = 0.1, 1e-4
+#: Damping ratios below are called none: the accuracy of a measured ratio.
+MIN_DAMPING = 1e-6
+#: Part of the allowed change of the damping that the recommended step uses up, and the accuracy with
+#: which the step is found, relative: a convention.
+USED_SHARE, STEP_ACCURACY = 0.95, 0.02
+#: Longest search for a step: derived from 2^5 = 32 times below the shortest step of the record.
+MAX_HALVINGS = 5
+#: Least growth over the record that is called a drift, and how far it may be from proportional to the
+#: step: conventions.
+MIN_GROWTH, PROPORTIONAL = 0.05, 0.1
+#: Shares of the recorded time at which the linearised system must be the same.
+MOMENTS = (0.0, 0.382, 1.0)
+#: Largest change of the linearised system between them, relative to each entry and to the largest.
+MAX_CHANGE, MAX_ABSOLUTE_CHANGE = 1e-6, 1e-9
+#: Most time constants over which a stiff motion is followed by the reference solution.
+MAX_STIFFNESS = 1e5
+#: The step sizes, relative to the one in question, from which the damping is continued to zero.
+STEP_SHARES = (0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True)
@@ -58,6 +77,10 @@ class Diagnosis:
     `recommended_step` [s] kept the difference within `share` of the damping when it was tried; it is
     None if no step did. `drift` is the rate [1/s] at which the coupling makes a motion without
     oscillation grow. `residual` is the rms share of the response that the modes do not explain.
+
+    `frequency_error` [rad/s], `damping_seen_error`, `delay_error` [s], `drift_error` [1/s] and
+    `recommended_step_error` [s] are the errors of these figures; the last one says how much longer the
+    step could be.
     """
 
     algorithm: str
@@ -72,16 +95,21 @@ class Diagnosis:
     drift: float
     residual: float
     linear: bool = False
+    frequency_error: float = math.nan
+    damping_seen_error: float = math.nan
+    delay_error: float = math.nan
+    drift_error: float = math.nan
+    recommended_step_error: float = math.nan
 
     @property
     def damped(self) -> bool:
         """Whether the damping of the oscillation is known, and can be distinguished from zero."""
-        return self.trusted and _decays(self)
+        return self.trusted and _is_decaying(self.frequency, self.damping, self.error)
 
     @property
     def trusted(self) -> bool:
         """Whether the modes explain the response and the damping at steps of zero is known."""
-        return _certain(self) and self.residual <= UNEXPLAINED
+        return _is_certain(self.damping, self.error) and self.residual <= MAX_RESIDUAL
 
     def __str__(self) -> str:
         """The diagnosis in plain words."""
@@ -100,7 +128,7 @@ class Diagnosis:
             yield f"No oscillation shows on the wires with {self.algorithm} and steps of {self.step:.4g} s."
         elif self.damped:
             yield from self._mode()
-        elif self.trusted and self.damping <= max(UNDAMPED, self.error):
+        elif self.trusted and self.damping <= max(MIN_DAMPING, self.error):
             yield "The oscillation has no damping to speak of: the system itself does not damp it."
             return
         else:
@@ -116,10 +144,10 @@ class Diagnosis:
             )
 
     def _mode(self) -> Iterator[str]:
-        way = "from derivatives of the FMUs" if self.linear else "from runs with shorter steps"
+        source = "from derivatives of the FMUs" if self.linear else "from runs with shorter steps"
         yield (
             f"The oscillation at {self.frequency / (2 * math.pi):.4g} Hz has a damping ratio of "
-            f"{self.damping:.4g} +- {self.error:.1g}, {way}. With {self.algorithm} and steps of "
+            f"{self.damping:.4g} +- {self.error:.1g}, {source}. With {self.algorithm} and steps of "
             f"{self.step:.4g} s it shows {self.damping_seen:.4g}: a loop delay of {self.delay:.3g} s."
         )
         if self.damping_seen < 0.0 < self.damping:
@@ -146,14 +174,15 @@ def diagnose(
 ) -> Diagnosis:
     """Measure the loop delay of an algorithm on a system, and find the step that keeps it small.
 
-    From `start` [s] the system runs for `settle` [s], then all its Real wires are kicked. Of the
-    oscillations that they show well, the least damped one is followed from `step` [s] to three quarters,
-    a half and a quarter of it, and from there to zero, or to the eigenvalue found by `linearize`. Then
-    shorter steps are tried until the artificial damping is at most `share` of the real damping. `order`
-    and `input_order` are those of `run`.
+    From `start` [s] the system runs for `settle` [s], then its Real wires are perturbed one after the
+    other. Of the oscillations that they show well, the least damped one is followed from a quarter of
+    `step` [s] to `step`, and from there to steps of zero, or to the eigenvalue found by `linearize`.
+    Then the longest step is sought whose artificial damping is at most `share` of the real damping.
+    `order` and `input_order` are those of `run`.
 
-    This also works on a steady motion, as long as the kick is small compared with it: the modes are
-    then those of the deviations from that motion. Raises SetupError for a system that cannot be run.
+    This also works on a steady motion: the modes are then those of the deviations from that motion. If
+    the motion repeats, as that of a machine that turns does, they are its Floquet exponents.
+    Raises SetupError for a system that cannot be run.
     """
     network = connect(system)
     settings = RunSettings(start + step, step, start, algorithm, order, input_order)
@@ -165,160 +194,80 @@ def diagnose(
         raise SetupError(f"settle = {settle!r} s must be a finite number of at least 0")
     if not any(wire.source.type == "Real" for wire in network.wires):
         raise SetupError("a diagnosis needs a wire that carries a Real")
+    runs = PerturbedRuns(network, settings, stepping_order(network, order), settle)
     try:
-        return _diagnose(Bench(network, settings, stepping_order(network, order), settle), share)
+        return _diagnose(runs, share)
     except FmuError as failure:
         raise SetupError(str(failure)) from failure
 
 
-@dataclass(frozen=True)
-class Bench:
-    """A system whose free response is measured again and again, from a kick after `settle` [s]."""
+class ModeTracker:
+    """Follows one mode over the step: `modes` and `spectra` by the step [s] at which they were measured.
 
-    network: Network
-    settings: RunSettings
-    sequence: Sequence[str]
-    settle: float
+    `chosen` is the least damped oscillation that the wires show well at `step`, None without any.
+    """
+
+    def __init__(self, runs: PerturbedRuns, step: float) -> None:
+        self.runs = runs
+        self.modes: dict[float, Multiplier] = {}
+        self.spectra: dict[float, Spectrum] = {}
+        self.span = FIRST_STEPS * step
+        self.chosen = self._choose(step)
+
+    def follow(self, h: float) -> Multiplier:
+        """Measure the mode at steps of h [s]; raises FmuError."""
+        if h not in self.modes:
+            spectrum = self._spectrum(h)
+            near = sorted(self.modes, key=lambda other: abs(other - h))[:2]
+            line = np.polyfit(near, [self.modes[other].s for other in near], len(near) - 1)
+            expected = complex(np.polyval(line, h))
+            oscillating = [
+                mode
+                for mode in spectrum.modes
+                if mode.share >= MIN_FOLLOWED_SHARE and mode.s.imag > 0.0 and not mode.is_shift
+            ]
+            if not (oscillating or spectrum.modes):
+                raise SetupError(f"with steps of {h!r} s the deviations show no mode")
+            candidates = oscillating or spectrum.modes
+            self.spectra[h] = spectrum
+            self.modes[h] = min(candidates, key=lambda mode: abs(mode.s - expected))
+        return self.modes[h]
 
     @property
-    def step(self) -> float:
-        """The step in question [s]; the kick lasts as long."""
-        assert not isinstance(self.settings.step, Adaptive)
-        return self.settings.step
+    def residual(self) -> float:
+        """The largest share of deviations that a spectrum has left unexplained."""
+        return max(spectrum.residual for spectrum in self.spectra.values())
 
-    def modes(self, h: float, span: float) -> Fit:
-        """The modes at steps of h [s], from what is seen for `span` [s]; raises FmuError."""
-        count = min(MOST_STEPS, round(span / h))
-        calm, kicked = (self._run(h, count, kick) for kick in (0.0, KICK))
-        rows = min(len(calm), len(kicked))
-        memory = MEMORY * len(self.sequence) * (1 + self.settings.input_order)
-        response = (kicked[:rows] - calm[:rows])[memory:]
-        if len(response) < FEWEST_ROWS:
-            raise SetupError(f"with steps of {h!r} s a part fails soon after the kick")
-        return fit(response, h, calm[memory:rows])
+    def _choose(self, h: float) -> Multiplier | None:
+        """Record for long enough to see the mode."""
+        steps, before = FIRST_STEPS, 0
+        spectrum, mode = Spectrum((), 0.0), None
+        while steps > before:
+            self.span = steps * h
+            spectrum = self._spectrum(h)
+            mode = _least_damped(spectrum, self.span)
+            wanted = 4 * steps
+            if mode is not None:
+                wanted = math.ceil(RECORDED_PERIODS * 2 * math.pi / (mode.frequency * h))
+            before, steps = steps, min(max(steps, wanted), MAX_STEPS)
+        self.spectra[h] = spectrum
+        if mode is not None:
+            self.modes[h] = mode
+        return mode
 
-    def _run(self, h: float, count: int, kick: float) -> Array:
-        """The outputs from the end of the kick on, shape (times, outputs); to where a part fails."""
-        real = (wire.source for wire in self.network.wires if wire.source.type == "Real")
-        ports = list({port.name: port for port in real}.values())
-        settled = round(self.settle / h)
-        begin = settled + max(1, round(self.step / h))
-        end = begin + count
-
-        recorder = Recorder([port.name for port in ports], {})
-
-        def go(first: int, last: int) -> int:
-            plan = replace(self.settings, start=began + first * h, stop=began + last * h, step=h)
-            made = discrete_changes(self.network, named, plan.start, plan.stop)
-            for _ in Driver(parts, plan, RowReader(parts, ports), recorder, made).steps():
-                pass
-            return recorder.count
-
-        began = self.settings.start
-        with ExitStack() as stack:
-            whole = replace(self.settings, stop=began + end * h)
-            named = initialise(self.network, whole, self.sequence, stack)
-            parts = [named[name] for name in self.sequence]
-            if settled:
-                go(0, settled)
-            with _kicked(parts, kick):
-                before = go(settled, begin)
-            with suppress(FmuError):
-                go(begin, end)
-        return np.array(recorder.rows).reshape(recorder.count, -1)[before:, 1:]
+    def _spectrum(self, h: float) -> Spectrum:
+        count = min(MAX_STEPS, round(self.span / h))
+        gap = max(1, count // PERTURBATIONS_IN_RECORD)
+        deviations = self.runs.record(h, count, gap)
+        steps = step_spectrum(deviations)
+        if not deviations.same_events:
+            return Spectrum(steps.modes, math.inf)
+        return steps
 
 
-@contextmanager
-def _kicked(parts: Sequence[Part], kick: float) -> Iterator[None]:
-    """Offset every wired Real input by `kick` times the size of its source."""
-    links = [link for part in parts for link in part.links if link.real]
-    links = [link for link in links if not isinstance(link.signal, InputSource)]
-    before = [link.offset for link in links]
-    for link in links:
-        link.offset += link.factor * kick * (1.0 + abs(link.source.value))
-    try:
-        yield
-    finally:
-        for link, offset in zip(links, before):
-            link.offset = offset
-
-
-def _diagnose(bench: Bench, share: float) -> Diagnosis:
-    step, algorithm = bench.step, bench.settings.algorithm
-    found, span = _watch(bench, step / 4)
-    first = _chosen(found, span)
-    if first is None:
-        how, nan = (algorithm, step, share), math.nan
-        return Diagnosis(*how, nan, nan, nan, nan, nan, None, 0.0, found.residual)
-    fits, modes = {step / 4: found}, {step / 4: first}
-
-    def follow(h: float) -> None:
-        fits[h] = bench.modes(h, span)
-        modes[h] = _nearest(fits[h], modes, h)
-
-    for part in (0.5, 0.75, 1.0):
-        follow(part * step)
-    law = Law(modes, fits)
-    own = _own(bench, law, span)
-    law = Law(modes, fits, own)
-    recommended = step if _decays(law) else None
-    while recommended is not None and not law.keeps(recommended, share):
-        shorter = law.step(share)
-        if shorter > ALMOST * recommended:
-            shorter = recommended / 2
-        recommended = max(shorter, min(modes) / AT_ONCE)
-        if recommended * MOST_STEPS * law.frequency < 2 * math.pi * TRIED:
-            recommended = None
-        else:
-            follow(recommended)
-            further = Law(modes, fits, own)
-            if further.error > law.error and not _certain(further):
-                recommended = None
-            else:
-                law = further
-    seen = modes[step].damping
-    return Diagnosis(
-        algorithm=algorithm, step=step, share=share, frequency=law.frequency,
-        damping=law.damping, error=law.error, damping_seen=seen,
-        delay=-2 * (seen - law.damping) / law.frequency, recommended_step=recommended,
-        drift=_drift(fits, step, span), residual=max(found.residual for found in fits.values()),
-        linear=own is not None,
-    )  # fmt: skip
-
-
-def _own(bench: Bench, law: Law, span: float) -> Own | None:
-    """The eigenvalue of the coupled system itself next to a mode, from model exchange.
-
-    None if a part does not offer model exchange, if the linear system changes within `span` [s] of the
-    motion, so that the eigenvalues at an instant are not those of the motion, if no eigenvalue is near,
-    or if the motion is too stiff to be followed that far.
-    """
-    system, start = bench.network.system, bench.settings.start
-    times = [bench.settle + share * span for share in MOMENTS]
-    try:
-        fastest = np.abs(linearize(system, start=start).eigenvalues).max(initial=0.0)
-        if fastest * times[-1] > STIFF:
-            return None
-        first, *later = (linearize(system, start=start, at=at) for at in times)
-    except SetupError:
-        return None
-    near = STEADY * np.abs(first.A) + EXACT * np.abs(first.A).max()
-    if any((np.abs(found.A - first.A) > near).any() for found in later):
-        return None
-    expected = law.frequency * complex(-law.damping, math.sqrt(max(0.0, 1.0 - law.damping**2)))
-    s, *others = (
-        complex(min(found.eigenvalues, key=lambda s: abs(s - expected), default=math.nan))
-        for found in (first, *later)
-    )
-    if not abs(s - expected) <= (UNCERTAIN + law.error) * abs(s):
-        return None
-    moved = max(abs(other - s) for other in others) / abs(s)
-    return Own(abs(s), -s.real / abs(s), moved + EXACT)
-
-
-class Own(NamedTuple):
-    """Natural frequency [rad/s] and damping ratio of a mode; `error` is relative for the frequency and
-    absolute for the damping.
+class Eigenmode(NamedTuple):
+    """Natural frequency [rad/s] and damping ratio of a mode of the system itself, with their errors:
+    relative for the frequency, absolute for the damping.
     """
 
     frequency: float
@@ -326,102 +275,190 @@ class Own(NamedTuple):
     error: float
 
 
-class Law:
-    """A mode's damping ratio over the step: the cubic through the four shortest steps, or the parabola
-    through the system's own value at zero and the two shortest.
+class DampingModel:
+    """A mode's frequency and damping ratio over the step, continued to steps of zero.
 
-    The error of the value at zero is the larger of the differences from the line and from the parabola
-    through the shortest steps, plus what the extrapolation makes of SPREAD times the residuals, of what
-    a fit neglects per radian, and of how far a mode moves when it is observed for a shorter time, as
-    modes of a system that changes along its motion do.
+    Both follow the cubic through the four shortest steps, or the parabola through the eigenmode of the
+    system at zero and the two shortest. The error at zero is the difference from the parabola through
+    the three shortest, plus what the extrapolation makes of the errors of the multipliers.
     """
 
-    def __init__(
-        self, modes: Mapping[float, Mode], fits: Mapping[float, Fit], own: Own | None = None
-    ) -> None:
-        self.modes, self.fits = modes, fits
-        steps = sorted(modes)[:4] if own is None else [0.0, *sorted(modes)[:2]]
-        powers = np.vander(steps)
-        ratios = [own.damping if own and not h else modes[h].damping for h in steps]
-        self.curve = np.linalg.solve(powers, ratios)
-        if own is not None:
-            self.frequency, self.damping, self.error = own
+    def __init__(self, modes: Mapping[float, Multiplier], eigenmode: Eigenmode | None) -> None:
+        self.modes = modes
+        steps = np.array(sorted(modes)[:4])
+        if eigenmode is not None:
+            self.frequency, self.damping, self.error = eigenmode
+            self.frequency_error = eigenmode.error * eigenmode.frequency
+            steps = np.array([0.0, *steps[:2]])
+            ratios = [eigenmode.damping, *(modes[h].damping for h in steps[1:].tolist())]
+            self.curve = np.linalg.solve(np.vander(steps), ratios)
             return
-        self.damping = float(self.curve[-1])
-        self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
-        lower = [np.linalg.solve(np.vander(steps[:n]), ratios[:n])[-1] for n in (2, 3)]
-        unknown = [self._unknown(h) for h in steps]
-        self.error = max(abs(self.damping - float(value)) for value in lower)
-        self.error += float(np.abs(np.linalg.inv(powers)[-1]) @ unknown)
+        measured = [modes[h] for h in steps.tolist()]
+        errors = np.array([mode.error for mode in measured])
+        ratios = [mode.damping for mode in measured]
+        self.curve = np.linalg.solve(np.vander(steps), ratios)
+        self.damping, self.error = _continued(steps, np.array(ratios), errors)
+        frequencies = np.array([mode.frequency for mode in measured])
+        self.frequency, self.frequency_error = _continued(steps, frequencies, errors * frequencies)
 
-    def _unknown(self, h: float) -> float:
-        """What may be wrong with a damping ratio that was seen at a step [s]."""
-        neglected = SIGNIFICANT / (self.frequency * h)
-        return SPREAD * self.fits[h].residual + neglected + self.modes[h].moved
+    def change(self, mode: Multiplier) -> float:
+        """The largest difference of a mode's damping ratio from that at zero, within the errors."""
+        return abs(mode.damping - self.damping) + self.error + mode.error
 
-    def keeps(self, h: float, share: float) -> bool:
-        """Whether a step that was tried keeps the damping within its share for certain."""
-        off = abs(self.modes[h].damping - self.damping) + self.error + self._unknown(h)
-        return off <= share * abs(self.damping)
-
-    def step(self, share: float) -> float:
-        """The step at which the damping all but leaves its share."""
-        allowed = ALMOST * share * abs(self.damping)
+    def longest_step(self, share: float) -> float:
+        """The step [s] at which the curve leaves the share of the damping."""
+        allowed = share * abs(self.damping)
         roots = np.concatenate([np.roots([*self.curve[:-1], side]) for side in (-allowed, allowed)])
-        real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0.0)]
-        return float(real.min(initial=math.inf))
+        is_real = np.abs(roots.imag) <= math.sqrt(np.finfo(float).eps) * np.abs(roots)
+        return float(roots.real[is_real & (roots.real > 0.0)].min(initial=math.inf))
 
 
-def _decays(found: Diagnosis | Law) -> bool:
-    """Whether it is an oscillation whose damping can be distinguished from zero."""
-    return found.frequency > 0.0 and max(UNDAMPED, found.error) < found.damping < 1.0
+def _continued(
+    steps: NDArray[np.float64], values: NDArray[np.float64], errors: NDArray[np.float64]
+) -> tuple[float, float]:
+    """The polynomial through values at steps, continued to zero, and its error."""
+    limits = [
+        float(np.linalg.solve(np.vander(steps[:n]), values[:n])[-1])
+        for n in (len(steps) - 1, len(steps))
+    ]
+    weights = np.abs(np.linalg.inv(np.vander(steps))[-1])
+    return limits[-1], abs(limits[1] - limits[0]) + float(weights @ errors)
 
 
-def _certain(found: Diagnosis | Law) -> bool:
-    """Whether the damping at steps of zero is known."""
-    return found.error <= max(UNCERTAIN * abs(found.damping), NEGLIGIBLE)
+def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
+    step, algorithm = runs.step, runs.settings.algorithm
+    tracker = ModeTracker(runs, min(STEP_SHARES) * step)
+    if tracker.chosen is None:
+        residual = tracker.residual
+        nan = math.nan
+        return Diagnosis(algorithm, step, share, nan, nan, nan, nan, nan, None, 0.0, residual)
+    for part in STEP_SHARES[1:]:
+        tracker.follow(part * step)
+    model = DampingModel(tracker.modes, None)
+    eigenmode = _eigenmode(tracker, model)
+    if eigenmode is not None:
+        model = DampingModel(tracker.modes, eigenmode)
+    recommended = _recommended_step(tracker, model, share)
+    mode = tracker.modes[step]
+    delay = -2 * (mode.damping - model.damping) / model.frequency
+    delay_error = 2 * (mode.error + model.error) / model.frequency
+    delay_error += abs(delay) * model.frequency_error / model.frequency
+    drift, drift_error = _drift(tracker, step)
+    return Diagnosis(
+        algorithm=algorithm, step=step, share=share, frequency=model.frequency,
+        damping=model.damping, error=model.error, damping_seen=mode.damping, delay=delay,
+        recommended_step=recommended, drift=drift, residual=tracker.residual,
+        linear=eigenmode is not None, frequency_error=model.frequency_error,
+        damping_seen_error=mode.error, delay_error=delay_error, drift_error=drift_error,
+        recommended_step_error=math.nan if recommended is None else STEP_ACCURACY * recommended,
+    )  # fmt: skip
 
 
-def _watch(bench: Bench, h: float) -> tuple[Fit, float]:
-    """The modes at a step [s], and the time [s] that shows PERIODS of the one of interest."""
-    count = FEWEST_STEPS
-    while True:
-        found = bench.modes(h, count * h)
-        mode = _chosen(found, count * h)
-        wanted = 4 * count
-        if mode is not None:
-            wanted = math.ceil(PERIODS * 2 * math.pi / (mode.frequency * h))
-        if wanted <= count or count == MOST_STEPS:
-            return found, count * h
-        count = min(wanted, MOST_STEPS)
+def _recommended_step(tracker: ModeTracker, model: DampingModel, share: float) -> float | None:
+    """The longest step [s], up to the one in question, that was seen to keep the damping within a share.
+
+    Bisection by Brent's method between a step that keeps it and one that does not. None if the damping
+    is not known, or no step that could be tried keeps it.
+    """
+    step = tracker.runs.step
+    if not (
+        _is_decaying(model.frequency, model.damping, model.error)
+        and _is_certain(model.damping, model.error)
+        and tracker.residual <= MAX_RESIDUAL
+    ):
+        return None
+    allowed = share * abs(model.damping)
+    if model.change(tracker.modes[step]) <= allowed:
+        return step
+    aim = USED_SHARE * allowed
+
+    def excess(h: float) -> float:
+        return model.change(tracker.follow(h)) - aim
+
+    try:
+        unused = USED_SHARE * (aim - model.error) / abs(model.damping)
+        low = min(model.longest_step(max(unused, share / 4)), step / 2)
+        for _ in range(MAX_HALVINGS):
+            if excess(low) <= 0.0:
+                break
+            low /= 2
+        else:
+            return None
+        tried = [h for h in tracker.modes if h > low and excess(h) > 0.0]
+        high = min(tried, default=step)
+        brentq(excess, low, high, rtol=STEP_ACCURACY, xtol=STEP_ACCURACY * low)
+    except (SetupError, FmuError):
+        pass
+    kept = [h for h, mode in tracker.modes.items() if h <= step and model.change(mode) <= allowed]
+    return max(kept, default=None)
 
 
-def _chosen(found: Fit, span: float) -> Mode | None:
-    """The least damped oscillation that the response shows well."""
-    noticed = (mode for mode in found.modes if mode.share >= NOTICEABLE and not mode.shift)
-    shown = (mode for mode in noticed if mode.s.imag * span > 2 * math.pi * SEEN)
-    return min(shown, key=lambda mode: mode.damping, default=None)
+def _eigenmode(tracker: ModeTracker, model: DampingModel) -> Eigenmode | None:
+    """The eigenvalue of the coupled system itself next to a mode, from model exchange.
 
-
-def _nearest(found: Fit, modes: Mapping[float, Mode], h: float) -> Mode:
-    """The mode that was seen at other steps, where the line through the nearest two expects it."""
-    steps = sorted(modes, key=lambda other: abs(other - h))[:2]
-    expected = complex(
-        np.polyval(np.polyfit(steps, [modes[n].s for n in steps], len(steps) - 1), h)
+    None if a part does not offer model exchange, if the linear system changes during the record, so
+    that the eigenvalues at an instant are not those of the motion, if no eigenvalue is near, or if the
+    motion is too stiff to be followed that far.
+    """
+    runs = tracker.runs
+    system, start = runs.network.system, runs.settings.start
+    times = [runs.settle + share * tracker.span for share in MOMENTS]
+    try:
+        fastest = np.abs(linearize(system, start=start).eigenvalues).max(initial=0.0)
+        if fastest * times[-1] > MAX_STIFFNESS:
+            return None
+        first, *later = (linearize(system, start=start, at=at) for at in times)
+    except SetupError:
+        return None
+    tolerance = MAX_CHANGE * np.abs(first.A) + MAX_ABSOLUTE_CHANGE * np.abs(first.A).max()
+    if any((np.abs(linear.A - first.A) > tolerance).any() for linear in later):
+        return None
+    damping = min(max(model.damping, -1.0), 1.0)
+    expected = model.frequency * complex(-damping, math.sqrt(1.0 - damping**2))
+    s, *others = (
+        complex(min(linear.eigenvalues, key=lambda s: abs(s - expected), default=math.nan))
+        for linear in (first, *later)
     )
-    shown = [mode for mode in found.modes if mode.share >= VISIBLE and mode.s.imag > 0.0]
-    return min(shown or found.modes, key=lambda mode: abs(mode.s - expected))
+    if not abs(s - expected) <= (MAX_RELATIVE_ERROR + model.error) * abs(s):
+        return None
+    difference = max(abs(other - s) for other in others) / abs(s)
+    return Eigenmode(abs(s), -s.real / abs(s), difference + MAX_ABSOLUTE_CHANGE)
 
 
-def _drift(fits: Mapping[float, Fit], step: float, span: float) -> float:
-    """The rate [1/s] at which a motion without oscillation grows, if the step is what makes it."""
+def _least_damped(spectrum: Spectrum, span: float) -> Multiplier | None:
+    """The least damped oscillation that the deviations show well."""
+    visible = (
+        mode
+        for mode in spectrum.modes
+        if mode.share >= MIN_SHARE
+        and not mode.is_shift
+        and mode.s.imag * span > 2 * math.pi * MIN_RECORDED_PERIODS
+    )
+    return min(visible, key=lambda mode: mode.damping, default=None)
 
-    def clear(mode: Mode, found: Fit) -> bool:
-        return mode.share >= (ABOVE_NOISE * found.residual) ** 2
 
-    whole, half = (
-        max((m.s.real for m in fits[h].modes if not m.s.imag and clear(m, fits[h])), default=0.0)
+def _is_decaying(frequency: float, damping: float, error: float) -> bool:
+    """Whether it is an oscillation whose damping can be distinguished from zero."""
+    return frequency > 0.0 and max(MIN_DAMPING, error) < damping < 1.0
+
+
+def _is_certain(damping: float, error: float) -> bool:
+    """Whether the damping at steps of zero is known."""
+    return error <= max(MAX_RELATIVE_ERROR * abs(damping), MAX_SMALL_ERROR)
+
+
+def _drift(tracker: ModeTracker, step: float) -> tuple[float, float]:
+    """The rate [1/s] at which a motion without oscillation grows if the step makes it grow, and its error.
+
+    The growth that a step makes is proportional to the step, so that half of the step shows half of it.
+    """
+    full, half = (
+        max(
+            (mode.s.real for mode in tracker.spectra[h].modes if not mode.s.imag and mode.share),
+            default=0.0,
+        )
         for h in (step, step / 2)
     )
-    made = abs(whole - 2 * half) <= PROPORTIONAL * whole
-    return whole if made and whole * span >= LEAST_GROWTH else 0.0
+    difference = abs(full - 2 * half)
+    grows = difference <= PROPORTIONAL * full and full * tracker.span >= MIN_GROWTH
+    return (full, difference) if grows else (0.0, 0.0)

@@ -15,7 +15,6 @@ import pytest
 
 from cosim import SetupError, System, diagnose, linearize
 from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
-from cosim.analysis.free_response import fit
 from cosim.verification.systems import DC_MOTOR, OSCILLATOR, couple, drive, twisting_drive
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
@@ -166,7 +165,8 @@ def test_loop_delay_of_the_conveyor_drive_on_its_orbit(algorithm: str, delay: fl
     assert got.damping == pytest.approx(machine.zeta, rel=2e-3)
     assert got.delay / got.step == pytest.approx(delay, abs=0.02)
     if delay:
-        assert got.recommended_step == pytest.approx(0.9 * 0.05 * machine.J / machine.B, rel=0.05)
+        longest = 0.05 * machine.J / machine.B
+        assert 0.75 * longest < got.recommended_step < longest
     else:
         assert got.recommended_step == got.step
 
@@ -204,7 +204,9 @@ def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
     got = diagnose(coupled(fmus, OSCILLATOR), step=0.01, algorithm="jacobi")
     assert got.trusted
     assert abs(got.damping) <= got.error < 1e-4
-    assert got.damping_seen == pytest.approx(0.062894, rel=1e-4)
+    s = rates(OSCILLATOR, Scheme("jacobi"), 0.01)
+    growing = min(s[s.imag > 0.0], key=lambda s: -s.real / abs(s))
+    assert got.damping_seen == pytest.approx(-growing.real / abs(growing), rel=1e-6)
     assert got.recommended_step is None
     assert "does not damp it" in got.text()
 
@@ -352,47 +354,3 @@ def test_what_cannot_be_diagnosed_is_refused(fmus: Path) -> None:
     alone = System({"a": fmus / "LinearSystem.fmu"}, start={f"a.u[{i}]": 0.0 for i in range(1, 5)})
     with pytest.raises(SetupError, match="needs a wire that carries a Real"):
         diagnose(alone, step=1e-3)
-
-
-def test_modes_are_found_over_part_of_a_period_growing_or_not() -> None:
-    h, count = 1e-3, 400
-    t = h * np.arange(count)
-    s = [complex(-0.3, 5.0), complex(2.0, 40.0), complex(-7.0, 0.0)]
-    waves = [(np.exp(v * t) * complex(1.0, -0.5)).real for v in s]
-    y = np.array([[1.0, 0.1, 0.4], [0.2, 1.0, -1.0]]) @ waves
-    found = fit(np.transpose(y), h)
-    best = [min(found.modes, key=lambda mode: abs(mode.s - v)) for v in s]
-    assert [mode.s for mode in best] == pytest.approx(s, rel=1e-5)
-    assert best[1].damping == pytest.approx(-2.0 / abs(s[1]), rel=1e-5)
-    assert found.residual < 1e-9
-    assert {mode.s for mode in best} == {mode.s for mode in found.modes if mode.share > 1e-6}
-    assert max(mode.moved for mode in best) < 1e-5
-
-
-def test_the_mode_of_a_frequency_that_drifts_moves_with_the_time_watched() -> None:
-    """By 3 % over the record: the residual of 16 windows and more modes does not show it."""
-    t = 0.02 * np.arange(400)
-    phase = 5.0 * t + 0.01 * t**2
-    found = fit(np.transpose([np.sin(phase), np.cos(phase)]), 0.02)
-    strongest = max(found.modes, key=lambda mode: mode.share)
-    assert found.residual < 1e-3 < strongest.moved
-
-
-def test_a_mode_that_shifts_the_motion_in_time_is_told_from_one_of_its_own() -> None:
-    """Of a motion with two harmonics, pushed on by 2 ms; another mode has the same frequency."""
-    h = 2e-3
-    t = h * np.arange(800)
-    motion = np.transpose([np.sin(9.0 * t) + 0.3 * np.cos(18.0 * t), np.cos(9.0 * t + 0.4)])
-    rates = np.transpose([9 * np.cos(9 * t) - 5.4 * np.sin(18 * t), -9 * np.sin(9 * t + 0.4)])
-    decaying = np.outer(np.exp(-0.8 * t) * np.cos(21.0 * t + 1.0), [0.02, 0.05])
-    pushed = fit(2e-3 * rates + decaying, h, motion).modes
-    assert sorted(round(mode.s.imag) for mode in pushed if mode.shift) == [9, 18]
-    assert [round(mode.s.imag) for mode in pushed if not mode.shift and mode.share > 0.01] == [21]
-    other = np.transpose([np.sin(9.0 * t + 0.2), np.cos(9.0 * t + 0.1)])
-    assert not any(mode.shift for mode in fit(other, h, motion).modes)
-
-
-def test_a_response_that_is_no_sum_of_modes_leaves_a_residual() -> None:
-    noise = np.random.default_rng(7).standard_normal((400, 2))
-    assert fit(noise, 1e-3).residual > 0.5
-    assert fit(np.zeros((400, 2)), 1e-3).modes == []

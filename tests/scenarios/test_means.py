@@ -419,7 +419,7 @@ def test_the_curve_of_the_characteristic_shifts_the_resonance_by_the_square_of_t
         r = SETS["B"].r * math.sqrt(share)
         kloss, line = induction_motor.located(sheet(r=r, theta1=0.5 - 100 * r**2))
         shifts.append(1 - kloss.value / line.value)
-        ripple = abs(sheet().there.speed_ripple(30.0)) * share / sheet().breakdown
+        ripple = abs(sheet().tangent.speed_ripple(30.0)) * share / sheet().breakdown
         assert shifts[-1] == pytest.approx(3 / 8 * ripple**2, rel=0.1)
     assert math.log2(shifts[0] / shifts[1]) == pytest.approx(2.0, abs=0.1)
 

@@ -1,0 +1,238 @@
+"""How often `diagnose` is right: linear systems, centres and conveyors drawn at random.
+
+    .venv/bin/python benchmarks/damping.py --linear 200 --centres 100 --conveyors 100
+
+The truth comes from eigenvalues of the whole, from the multipliers of the coupling theory, and from the
+Floquet multipliers of the conveyor's own equations. Every stated ratio must lie within its error, none
+may be stated for a centre, and at most 5 % of the conveyors may be refused.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import random
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from cosim import Diagnosis, SetupError, System, diagnose
+from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
+from cosim.verification.systems import couple
+
+NATIVE = ROOT / "fmus" / "native"
+#: Sidebands of a Floquet exponent that may be stated: a convention.
+MAX_SIDEBAND = 8
+#: Most refused conveyors, relative: what the benchmark demands.
+MAX_REFUSED = 0.05
+
+
+@dataclass(frozen=True)
+class Case:
+    """What was stated of a system, and what is true: all NaN where nothing was stated.
+
+    `ratio` is the difference of the damping ratio from the truth by its error, `seen_ratio` that of the
+    damping ratio at the step.
+    """
+
+    kind: str
+    seed: int
+    stated: bool
+    damping: float
+    truth: float
+    ratio: float
+    seen_ratio: float
+    reason: str
+
+
+def linear_case(seed: int) -> Case:
+    """Two masses with springs and dampers to the ground and between them, in two parts."""
+    draw = random.Random(seed)
+    m, n = (10 ** draw.uniform(-1.0, 1.0) for _ in "ab")
+    c, k = (10 ** draw.uniform(0.0, 3.0) * draw.choice([0, 1, 1]) for _ in "ab")
+    between, share = 10 ** draw.uniform(0.0, 3.0), 10 ** draw.uniform(-4.0, 0.0)
+    d, e, both = (
+        share * draw.uniform(0.0, 2.0) * math.sqrt(stiffness * mass)
+        for stiffness, mass in ((c, m), (k, n), (between, m))
+    )
+    units = {
+        "a": Unit([[0, 1], [-c / m, -d / m]], [[0], [1 / m]], np.eye(2), [0.1, 0], ["b.1"]),
+        "b": Unit(
+            [[0, 1], [-(k + between) / n, -(e + both) / n]], [[0, 0], [between / n, both / n]],
+            [[between, both]], [0, 0.2], ["a.1", "a.2"], D=[[-between, -both]],
+        ),
+    }  # fmt: skip
+    A = np.array(
+        [
+            [0, 1, 0, 0],
+            [-(c + between) / m, -(d + both) / m, between / m, both / m],
+            [0, 0, 0, 1],
+            [between / n, both / n, -(k + between) / n, -(e + both) / n],
+        ]
+    )
+    modes = np.linalg.eigvals(A)
+    h = 2 * math.pi / np.abs(modes).max() / 10 ** draw.uniform(0.8, 2.3)
+    algorithm = draw.choice(["jacobi", "gauss-seidel", "strang"])
+    system = couple(units, ROOT / "fmus" / "LinearSystem.fmu")
+    z = Ideal(units).eigenvalues(Scheme(algorithm), h)
+    steps = np.log(z[np.abs(z) > 1e-6]) / h
+    return judged(
+        "linear", seed, lambda: diagnose(system, step=h, algorithm=algorithm), modes, steps
+    )
+
+
+def conveyor_case(seed: int) -> Case:
+    """A linear motor that turns a vibrating conveyor with a long rod, on its periodic orbit."""
+    draw = random.Random(seed)
+    J, r, m = draw.uniform(0.3, 1.0), draw.uniform(0.005, 0.015), draw.uniform(100.0, 300.0)
+    c, alpha = 10 ** draw.uniform(4.5, 5.5), draw.uniform(0.0, 1000.0)
+    T, zeta = 10 ** draw.uniform(-2.0, -1.0), draw.uniform(0.05, 0.4)
+    nu, algorithm = draw.uniform(20.0, 60.0), draw.choice(["jacobi", "gauss-seidel", "strang"])
+    B = J / (4.0 * zeta**2 * T)
+    count = draw.choice([64, 128, 256])
+    turn = 2 * math.pi / nu
+    load = alpha * r**2 / 2 * nu
+    start: dict[str, Any] = {
+        "motor.A": load + B * nu, "motor.B": B, "motor.T": T, "motor.tau": load,
+        "conveyor.rotor.J": J, "conveyor.crank.r": r, "conveyor.trough.m": m,
+        "conveyor.trough.d": alpha, "conveyor.spring.c": c, "conveyor.w": nu,
+    }  # fmt: skip
+    wires = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+    parts = {"motor": NATIVE / "DriveMotor.fmu", "conveyor": NATIVE / "CrankConveyor.fmu"}
+    system = System(parts, wires, start)
+    settle = 30.0 * max(turn, 2 * T, J / B)
+
+    def rates(_: float, x: Any) -> Any:
+        phi, w, tau = x[:3]
+        slope, bend = r * np.cos(phi), -r * np.sin(phi)
+        torque = c * r * np.sin(phi) * slope + alpha * slope**2 * w + m * slope * bend * w**2
+        return [w, (tau - torque) / (J + m * slope**2), (load + B * (nu - w) - tau) / T]
+
+    orbit = solve_ivp(rates, (0.0, settle), [0.0, nu, load], rtol=1e-11, atol=1e-11).y[:, -1]
+
+    def after_half_turn(x: Any) -> Any:
+        def turned(_: float, y: Any) -> Any:
+            return y[0] - orbit[0] - math.pi
+
+        turned.terminal = True  # type: ignore[attr-defined]
+        run = solve_ivp(rates, (0.0, 2 * turn), x, events=turned, rtol=1e-12, atol=1e-12)
+        return np.append(run.y[1:, -1], run.t[-1])
+
+    delta = 1e-5
+    columns = []
+    for i in (1, 2):
+        size = np.zeros(3)
+        size[i] = delta * max(1.0, abs(orbit[i]))
+        columns.append(
+            (after_half_turn(orbit + size) - after_half_turn(orbit - size)) / 2 / size[i]
+        )
+    period = after_half_turn(orbit)[2]
+    mu = np.linalg.eigvals(np.array(columns).T[:2])
+    log = np.log(mu + 0j)
+    sidebands = log.imag[:, None] + 2 * math.pi * np.arange(MAX_SIDEBAND)
+    modes = ((log.real[:, None] + 1j * sidebands) / period).ravel()
+
+    def stated() -> Diagnosis:
+        return diagnose(system, step=turn / count, algorithm=algorithm, settle=settle)
+
+    return judged("conveyor", seed, stated, modes, None)
+
+
+def centre_case(seed: int, half: Path) -> Case:
+    """Hunters and prey on an orbit around their centre: no damping may be stated."""
+    draw = random.Random(seed)
+    a, b = draw.uniform(0.5, 2.0), draw.uniform(0.5, 2.0)
+    parts = {"prey": f"x1 * ({a!r} - u1)", "hunter": f"x1 * (u1 - {b!r})"}
+    start: dict[str, Any] = {f"{name}.f1": rate for name, rate in parts.items()}
+    start |= {"prey.x1": b * draw.uniform(0.4, 2.5), "hunter.x1": a * draw.uniform(0.4, 2.5)}
+    start |= {"prey.u2": 0.0, "hunter.u2": 0.0}
+    wires = ["prey.x1 -> hunter.u1", "hunter.x1 -> prey.u1"]
+    system = System(dict.fromkeys(parts, half), wires, start)
+    step, settle = 10 ** draw.uniform(-2.0, -0.7), draw.choice([0.0, draw.uniform(0.0, 20.0)])
+    algorithm = draw.choice(["jacobi", "gauss-seidel", "strang"])
+
+    def stated() -> Diagnosis:
+        return diagnose(system, step=step, algorithm=algorithm, settle=settle)
+
+    return judged("centre", seed, stated, np.array([1j]), None)
+
+
+def judged(kind: str, seed: int, stated: Callable[[], Diagnosis], modes: Any, steps: Any) -> Case:
+    """Compare what is stated with the mode next to it."""
+    nan = math.nan
+    try:
+        diagnosis = stated()
+    except SetupError as error:
+        return Case(kind, seed, False, nan, nan, nan, nan, str(error))
+    if not diagnosis.damped:
+        return Case(kind, seed, False, nan, nan, nan, nan, diagnosis.text()[:60])
+    zeta = diagnosis.damping
+    s = diagnosis.frequency * complex(-zeta, math.sqrt(1.0 - zeta**2))
+    near = min(modes, key=lambda mode: abs(mode - s))
+    truth = float(-near.real / abs(near))
+    seen_ratio = nan
+    if steps is not None:
+        seen = min((-s.real / abs(s) for s in steps), key=lambda x: abs(x - diagnosis.damping_seen))
+        error = max(diagnosis.damping_seen_error, 1e-12)
+        seen_ratio = float(abs(seen - diagnosis.damping_seen) / error)
+    ratio = float(abs(zeta - truth) / diagnosis.error)
+    return Case(kind, seed, True, zeta, truth, ratio, seen_ratio, "")
+
+
+def summary(kind: str, cases: list[Case]) -> str:
+    """One line of the table."""
+    stated = [case for case in cases if case.stated]
+    outside = [case for case in stated if not case.ratio <= 1.0]
+    seen = [case for case in stated if case.seen_ratio > 1.0]
+    worst = max((case.ratio for case in stated), default=math.nan)
+    return (
+        f"{kind:10} {len(cases):4} systems, {len(stated):4} stated, {len(outside):3} outside their "
+        f"error (worst {worst:.2g} times), {len(seen):3} outside at the step"
+    )
+
+
+def main() -> int:
+    """Run the benchmark; 1 if it fails."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    for kind, count in (("linear", 200), ("centres", 100), ("conveyors", 100)):
+        parser.add_argument(f"--{kind}", type=int, default=count)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--half", type=Path, help="the FMU of tests/hosts/half.py, for the centres")
+    parser.add_argument("--out", type=Path, help="JSON file for all cases")
+    options = parser.parse_args()
+    seeds = {
+        kind: range(options.seed, options.seed + getattr(options, kind))
+        for kind in ("linear", "centres", "conveyors")
+    }
+    cases = {"linear": [linear_case(seed) for seed in seeds["linear"]]}
+    if options.half is not None:
+        cases["centres"] = [centre_case(seed, options.half) for seed in seeds["centres"]]
+    cases["conveyors"] = [conveyor_case(seed) for seed in seeds["conveyors"]]
+    for kind, of_kind in cases.items():
+        print(summary(kind, of_kind))
+        for case in of_kind:
+            if not (case.ratio <= 1.0 and not case.seen_ratio > 1.0) and case.kind != "centre":
+                print(f"  {asdict(case)}")
+    if options.out is not None:
+        every = [asdict(case) for of_kind in cases.values() for case in of_kind]
+        options.out.write_text(json.dumps(every, indent=1), encoding="utf-8")
+    refused = sum(not case.stated for case in cases["conveyors"])
+    fails = (
+        any(case.ratio > 1.0 for of_kind in cases.values() for case in of_kind)
+        or any(case.stated for case in cases.get("centres", ()))
+        or refused > MAX_REFUSED * len(cases["conveyors"])
+    )
+    return int(fails)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,279 @@
+"""Small deviations of a coupled run: the same steps with and without a perturbation of one wire.
+
+The wires are perturbed one after the other, by an offset that is small compared with the signal's
+nominal value. A perturbation in either direction gives the linear
+part of the deviation as a central difference; the rest is a measure of its error. Where all parts
+can save their state, the system settles once and comes back to there; others are started again.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.changes import discrete_changes
+from ..engine.control import Adaptive
+from ..engine.driver import Driver, RowReader
+from ..engine.hermite import SignalHistory
+from ..engine.initialise import initialise
+from ..engine.links import Link
+from ..engine.recorder import Recorder
+from ..engine.settings import RunSettings
+from ..engine.snapshot import Snapshot
+from ..engine.sources import InputSource
+from ..errors import FmuError, SetupError
+from ..system import STATE, Network, parts_without
+
+Array = NDArray[np.float64]
+
+#: Relative size of a perturbation: derived from the rounding error eps / d and the truncation error d^2
+#: of a central difference, which are equal at d = eps^(1/3).
+RELATIVE_SIZE = sys.float_info.epsilon ** (1 / 3)
+#: Most directions in which wires are perturbed at one time, so that the effort does not grow with the
+#: number of wires: measured in `benchmarks/damping.py`, whose systems have at most 6 wires.
+MAX_DIRECTIONS = 8
+#: Fewest perturbations, so that as many states can be told apart at one time: derived from the three
+#: states of a drive, angle, speed and a lagging torque, and one more.
+MIN_PERTURBATIONS = 4
+#: Fewest rows that show anything: derived from two rows of each of 16 windows.
+MIN_ROWS = 32
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """What the wired Real outputs do without and after perturbations, at steps of `step` [s].
+
+    Attributes
+    ----------
+    motion : array (times, outputs)
+        The unperturbed outputs.
+    values : array (perturbations, times, outputs)
+        Their deviations for perturbations of unit size, relative to each signal's own size.
+    sizes : array (outputs,)
+        What the deviations have been divided by, in the outputs' units.
+    noise : float
+        The relative error of the deviations, from rounding and from the part that is not linear.
+    same_events : bool
+        Whether no perturbation has changed a discrete output or the number of events.
+    """
+
+    step: float
+    motion: Array
+    values: Array
+    sizes: Array
+    noise: float
+    same_events: bool
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The rows of one run, its discrete columns apart, and how often steps were divided."""
+
+    real: Array
+    discrete: Array
+    divisions: int
+
+
+@dataclass(frozen=True)
+class PerturbedRuns:
+    """A system that is perturbed again and again after `settle` [s].
+
+    Attributes
+    ----------
+    network, settings, sequence
+        What is run, how, and in which stepping order; `settings.stop` and `settings.step` do not matter.
+    settle : float
+        Time [s] from the start until the first perturbation.
+    """
+
+    network: Network
+    settings: RunSettings
+    sequence: Sequence[str]
+    settle: float
+
+    @property
+    def step(self) -> float:
+        """The communication step in question [s]."""
+        assert not isinstance(self.settings.step, Adaptive)
+        return self.settings.step
+
+    def record(self, h: float, count: int, gap: int) -> Deviations:
+        """Return the deviations over `count` steps of h [s].
+
+        Parameters
+        ----------
+        h : float
+            Communication step [s].
+        count : int
+            Number of steps after the last perturbation.
+        gap : int
+            Number of steps that a perturbation lasts; the next one follows at once.
+
+        Raises
+        ------
+        SetupError
+            If a part fails soon after a perturbation.
+        FmuError
+            If a part fails before.
+        """
+        with ExitStack() as stack:
+            runner = _Runner(self, h, count, gap, stack)
+            unperturbed = runner.run(0, 0, {})
+            directions = list(_directions(runner.sizes(unperturbed)))
+            runs = [
+                runner.run(k * gap, gap, {i: sign * RELATIVE_SIZE * x for i, x in offsets.items()})
+                for k in range(runner.times)
+                for offsets in directions
+                for sign in (1.0, -1.0)
+            ]
+        return _deviations(h, runner.times * gap + runner.memory, unperturbed, runs)
+
+
+class _Runner:
+    """Brings the parts to the time of the first perturbation and runs them from there."""
+
+    def __init__(
+        self, experiment: PerturbedRuns, h: float, count: int, gap: int, stack: ExitStack
+    ) -> None:
+        self.experiment, self.h = experiment, h
+        network = experiment.network
+        ports = list({wire.source.name: wire.source for wire in network.wires}.values())
+        self.real = [port for port in ports if port.type == "Real"]
+        self.discrete = [p for p in ports if p.type not in ("Real", "String", "Binary")]
+        wires = sum(wire.source.type == "Real" for wire in network.wires)
+        self.times = math.ceil(MIN_PERTURBATIONS / wires)
+        # Values that are handed on from part to part, and nodes of moving inputs, die out in so many steps.
+        self.memory = len(experiment.sequence) * (1 + experiment.settings.input_order) + 1
+        self.count = self.times * gap + self.memory + count
+        self.settled_steps = round(experiment.settle / h)
+        self._saves = not parts_without(network.descriptions, STATE)
+        if self._saves:
+            self._settle(stack)
+            self._snapshot = Snapshot(self.parts)
+            self._snapshot.take()
+            self._nodes = [list(history.nodes) for history in self._histories()]
+
+    def run(self, first: int, count: int, offsets: Mapping[int, float]) -> _Rows:
+        """Run with offsets on the links of these indices, from step `first` for `count` steps."""
+        if not self._saves:
+            with ExitStack() as stack:
+                self._settle(stack)
+                return self._run(first, count, offsets)
+        self._snapshot.restore()
+        for history, nodes in zip(self._histories(), self._nodes):
+            history.nodes = list(nodes)
+        return self._run(first, count, offsets)
+
+    def sizes(self, unperturbed: _Rows) -> dict[int, float]:
+        """The size of the signal of each Real link by its index: its nominal value, or its largest one."""
+        peaks = np.abs(unperturbed.real).max(axis=0, initial=0.0)
+        sizes = {}
+        for port, peak in zip(self.real, peaks.tolist()):
+            nominal = abs(float(port.variable.nominal or 0.0))
+            sizes[port.name] = nominal or peak or 1.0
+        return {
+            i: abs(link.factor) * sizes[link.source.name]
+            for i, link in enumerate(self._links())
+            if link.real and not isinstance(link.signal, InputSource) and link.source.name in sizes
+        }
+
+    def _settle(self, stack: ExitStack) -> None:
+        """Bring the parts to the time of the first perturbation."""
+        experiment = self.experiment
+        stop = experiment.settings.start + (self.settled_steps + self.count) * self.h
+        settings = replace(experiment.settings, stop=stop)
+        self.by_name = initialise(experiment.network, settings, experiment.sequence, stack)
+        self.parts = [self.by_name[name] for name in experiment.sequence]
+        if self.settled_steps:
+            self._go(-self.settled_steps, 0)
+
+    def _run(self, first: int, count: int, offsets: Mapping[int, float]) -> _Rows:
+        pieces = [self._go(0, first)] if first else []
+        complete = True
+        if count:
+            with _offset(self._links(), offsets):
+                pieces.append(self._go(first, first + count))
+            complete = len(pieces[-1].real) == count + 1
+        if complete:
+            pieces.append(self._go(first + count, self.count))
+        real, discrete = (
+            np.concatenate([rows if k == 0 else rows[1:] for k, rows in enumerate(parts)])
+            for parts in zip(*((piece.real, piece.discrete) for piece in pieces))
+        )
+        return _Rows(real, discrete, sum(piece.divisions for piece in pieces))
+
+    def _go(self, first: int, last: int) -> _Rows:
+        """Step from one communication point to another, or to where a part fails."""
+        origin = self.experiment.settings.start + self.settled_steps * self.h
+        settings = replace(
+            self.experiment.settings,
+            start=origin + first * self.h, stop=origin + last * self.h, step=self.h,
+        )  # fmt: skip
+        ports = [*self.real, *self.discrete]
+        recorder = Recorder([port.name for port in ports], {})
+        changes = discrete_changes(
+            self.experiment.network, self.by_name, settings.start, settings.stop
+        )
+        driver = Driver(self.parts, settings, RowReader(self.parts, ports), recorder, changes)
+        with suppress(FmuError) if first >= 0 else ExitStack():
+            for _ in driver.steps():
+                pass
+        rows = np.array(recorder.rows).reshape(recorder.count, -1)[:, 1:]
+        split = len(self.real)
+        return _Rows(rows[:, :split], rows[:, split:], driver.discarded)
+
+    def _links(self) -> list[Link]:
+        return [link for part in self.parts for link in part.links]
+
+    def _histories(self) -> list[SignalHistory]:
+        return [s for part in self.parts if part.curves for s in part.curves.signals]
+
+
+@contextmanager
+def _offset(links: Sequence[Link], offsets: Mapping[int, float]) -> Iterator[None]:
+    """Add offsets to the links of these indices."""
+    saved = [link.offset for link in links]
+    for i, offset in offsets.items():
+        links[i].offset += offset
+    try:
+        yield
+    finally:
+        for link, value in zip(links, saved):
+            link.offset = value
+
+
+def _directions(sizes: Mapping[int, float]) -> Iterator[dict[int, float]]:
+    """Offsets of unit size: one link after the other, or random mixtures of many."""
+    if len(sizes) <= MAX_DIRECTIONS:
+        yield from ({i: size} for i, size in sizes.items())
+        return
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (MAX_DIRECTIONS, len(sizes)))
+    yield from (dict(zip(sizes, row * np.array([*sizes.values()]))) for row in signs)
+
+
+def _deviations(h: float, lead: int, unperturbed: _Rows, runs: Sequence[_Rows]) -> Deviations:
+    """Make central differences of pairs of runs."""
+    count = min(len(rows.real) for rows in (unperturbed, *runs))
+    if count - lead < MIN_ROWS:
+        raise SetupError(f"with steps of {h!r} s a part fails soon after the perturbation")
+    motion = unperturbed.real[:count]
+    same_events = all(
+        rows.divisions == unperturbed.divisions
+        and np.array_equal(rows.discrete[:count], unperturbed.discrete[:count])
+        for rows in runs
+    )
+    up, down = (np.array([rows.real[lead:count] for rows in runs[k::2]]) for k in (0, 1))
+    odd, even = (up - down) / 2, (up + down) / 2 - motion[lead:]
+    size = np.abs(odd).max(axis=(0, 1))
+    size[size == 0.0] = 1.0
+    peak = np.abs(motion).max(axis=0, initial=0.0)
+    rounding = float((sys.float_info.epsilon * peak / size).max(initial=0.0))
+    curvature = float((np.abs(even) / size).max(initial=0.0))
+    values = odd / size
+    return Deviations(h, motion[lead:], values, size, rounding + curvature**2, same_events)
