@@ -356,7 +356,8 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
     torque = on.panels[0]
     assert isinstance(torque, Panel)
     assert [level.at for level in torque.levels] == [100.0, 50.0]
-    assert list(torque.curves[1].error or ()) == [0.5] * 41
+    error = torque.curves[1].error
+    assert error is not None and list(error) == [0.5] * 41
 
 
 def arm(frames: int) -> Motion:
