@@ -19,8 +19,8 @@ class Options(Run):
 
 
 def system(o, fmus):
-    switched_off = {"motor.A": 0.0, "motor.B": 35.8, "motor.T": o.lag, "conveyor.w": o.speed}
-    return System(fmus, WIRES, {**switched_off, **o.start})
+    no_supply = {"motor.A": 0.0, "motor.B": 35.8, "motor.T": o.lag, "conveyor.w": o.speed}
+    return System(fmus, WIRES, {**no_supply, **o.start})
 
 
 def figures(o, r):

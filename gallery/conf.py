@@ -11,8 +11,9 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
 project, author = "Drive FMUs", "The drive FMU authors"
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 default_role = "code"
+napoleon_google_docstring = False
 myst_enable_extensions = ["attrs_block", "colon_fence", "dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 3

@@ -23,7 +23,7 @@ PROGRAM = "scenarios"
 API = {
     "cosim": ("The master", ()),
     "workbench": ("Questions", ("measure", "live", "charts.motion")),
-    "fmukit": ("Machines", ("step.hybrid", "step.flow", "step.jet")),
+    "fmukit": ("Machines", ("runtime.hybrid", "runtime.flow", "runtime.jet")),
 }
 SCRIPTS = {
     "python build_fmus.py": ["build_fmus.py"],

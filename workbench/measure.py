@@ -14,8 +14,15 @@ from cosim import Result, metrics
 from .figure import Figure
 
 Samples = NDArray[np.float64]
+#: Orders that are fitted together by default; a convention.
 HIGHEST = 8
-ROUNDING, ON_LEVEL, TOUCHED = 1e-12, 1e-9, 1e-3
+#: Smallest error of a value over its size, some thousand roundings of double precision.
+ROUNDING = 1e-12
+#: Largest distance of a root from its level, over that of the rows; SciPy's piecewise roots are far closer.
+ON_LEVEL = 1e-9
+#: Distance of a turning point from a level, over the range of the rows, below which it may or may not pass; a
+#: convention, larger than the error of a spline with a few dozen rows in a period.
+TOUCHED = 1e-3
 
 
 class Measured(NamedTuple):
@@ -49,26 +56,32 @@ class Peak(NamedTuple):
         return Measured(self.value, self.error).figure(unit, meaning)
 
 
-def measured(tell: Callable[..., float], *columns: Samples) -> Measured:
+def measured(quantity: Callable[..., float], *columns: Samples) -> Measured:
     """What `tell` returns for columns of shape (n,). Its error is how much it would change with every
     second row alone, of either half. The first and the last row are in both halves.
     """
-    value = float(tell(*columns))
-    others = [float(tell(*(x[half] for x in columns))) for half in _halves(len(columns[0]))]
-    return _away(value, others)
+    value = float(quantity(*columns))
+    half_values = [
+        float(quantity(*(x[half] for x in columns))) for half in _halves(len(columns[0]))
+    ]
+    return _largest_change(value, half_values)
 
 
 def with_row_errors(
-    tell: Callable[[Result], Mapping[str, Figure]], result: Result
+    quantity: Callable[[Result], Mapping[str, Figure]], result: Result
 ) -> dict[str, Figure]:
     """The figures that `tell` returns for a result, by name, with the same error; refused ones stay so."""
-    whole = tell(result)
-    others = [tell(with_rows(result, result.data[half])) for half in _halves(len(result.data))]
+    all_rows = quantity(result)
+    half_values = [
+        quantity(with_rows(result, result.data[half])) for half in _halves(len(result.data))
+    ]
     return {
         name: figure
         if figure.error is None
-        else figure._replace(error=_away(figure.value, [x[name].value for x in others]).error)
-        for name, figure in whole.items()
+        else figure._replace(
+            error=_largest_change(figure.value, [x[name].value for x in half_values]).error
+        )
+        for name, figure in all_rows.items()
     }
 
 
@@ -88,9 +101,9 @@ def _halves(rows: int) -> list[NDArray[np.int64]]:
     return [np.unique([0, *range(first, rows, 2), rows - 1]) for first in (0, 1)]
 
 
-def _away(value: float, others: Sequence[float]) -> Measured:
-    away = max(abs(value - other) for other in others)
-    return Measured(value, max(away, ROUNDING * abs(value)))
+def _largest_change(value: float, half_values: Sequence[float]) -> Measured:
+    change = max(abs(value - other) for other in half_values)
+    return Measured(value, max(change, ROUNDING * abs(value)))
 
 
 def largest(t: Samples, x: Samples) -> Peak:
@@ -102,15 +115,15 @@ def largest(t: Samples, x: Samples) -> Peak:
 
 def smallest(t: Samples, x: Samples) -> Peak:
     """The least value of x and its time, on the spline through the rows around it."""
-    found = largest(t, -x)
-    return found._replace(value=-found.value)
+    peak = largest(t, -x)
+    return peak._replace(value=-peak.value)
 
 
 def since(t: Samples, x: Samples, begin: float) -> tuple[Samples, Samples]:
     """The rows from a time on, the first of them on the spline through all."""
-    late = t > begin
+    after = t > begin
     first = float(metrics.spline(t, x)(begin))
-    return np.concatenate([[begin], t[late]]), np.concatenate([[first], x[late]])
+    return np.concatenate([[begin], t[after]]), np.concatenate([[first], x[after]])
 
 
 def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
@@ -121,34 +134,35 @@ def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
     a small error of x decides which time it is.
     """
     times = crossing_times(t, x, level)
-    found, begin, end = Measured(math.nan, math.nan), t[0], t[-1]
+    time, begin, end = Measured(math.nan, math.nan), t[0], t[-1]
     if -len(times) <= which < len(times):
         k = which % len(times)
-        found, others = _crossing(t, x, level, times, k), np.concatenate([t[:1], times, t[-1:]])
-        begin, end = (others[k], end) if which < 0 else (begin, others[k + 2])
+        time = _crossing(t, x, level, times, k)
+        bounds = np.concatenate([t[:1], times, t[-1:]])
+        begin, end = (bounds[k], end) if which < 0 else (begin, bounds[k + 2])
     curve = metrics.spline(t, x)
     turns = curve.derivative().roots(extrapolate=False)
     near = np.abs(curve(turns) - level) < TOUCHED * (x.max() - x.min())
     doubtful = near & (begin < turns) & (turns < end)
-    return found._replace(error=math.inf) if doubtful.any() else found
+    return time._replace(error=math.inf) if doubtful.any() else time
 
 
 def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> Measured:
     """One of the times that `passes` tells, with the error that the rows' spacing leaves."""
     time = float(times[k])
-    others = [crossing_times(t[half::2], x[half::2], level) for half in (0, 1)]
-    away = max(abs(o - time).min() if len(o) else math.inf for o in others)
+    half_values = [crossing_times(t[half::2], x[half::2], level) for half in (0, 1)]
+    change = max(abs(o - time).min() if len(o) else math.inf for o in half_values)
     gap = min(abs(np.delete(times, k) - time), default=math.inf)
     spacing = float(np.diff(t).max())
-    error = away if away < min(gap, 4 * spacing) else spacing
+    error = change if change < min(gap, 4 * spacing) else spacing
     return Measured(time, max(float(error), ROUNDING * abs(time)))
 
 
 def crossing_times(t: Samples, x: Samples, level: float) -> Samples:
     """The times alone, without those that SciPy finds by mistake where x hardly moves, from rest."""
     curve = metrics.spline(t, x)
-    found = curve.solve(level, extrapolate=False)
-    return np.asarray(found[abs(curve(found) - level) <= ON_LEVEL * abs(x - level).max()])
+    times = curve.solve(level, extrapolate=False)
+    return np.asarray(times[abs(curve(times) - level) <= ON_LEVEL * abs(x - level).max()])
 
 
 def integral(t: Samples, x: Samples) -> Measured:

@@ -35,7 +35,7 @@ PEAK_INSIDE = 0.6
 PEAK_REACH = 1.5
 
 
-class RootNotFoundError(Exception):
+class NoRootError(Exception):
     """There is no such root, or the search does not reach it; says why in a sentence."""
 
 
@@ -84,7 +84,7 @@ class SecantSearch:
 
         Raises
         ------
-        RootNotFoundError
+        NoRootError
             If the search leaves x > 0, or does not converge.
         """
         slope, curvature = self.slope, 1.0
@@ -93,7 +93,7 @@ class SecantSearch:
             slope = (residual - value) / (self.x - x)
             curvature = min(1.0, abs(1.0 - self.slope / slope)) if slope else 1.0
         if not (slope and math.isfinite(slope)):
-            raise RootNotFoundError("the residual of the root search does not change")
+            raise NoRootError("the residual of the root search does not change")
         step = -residual / slope
         error, unsure = abs(step) * curvature, noise / abs(slope)
         if error <= max(ROOT_TOLERANCE * self.x, unsure):
@@ -102,9 +102,9 @@ class SecantSearch:
         self.x += step
         self._rounds += 1
         if self.x <= 0.0:
-            raise RootNotFoundError("the root search ran down to zero")
+            raise NoRootError("the root search ran down to zero")
         if self._rounds >= MAX_ROUNDS:
-            raise RootNotFoundError(f"the root search did not converge in {MAX_ROUNDS} rounds")
+            raise NoRootError(f"the root search did not converge in {MAX_ROUNDS} rounds")
         return None
 
 
@@ -146,7 +146,7 @@ class PeakSearch:
 
         Raises
         ------
-        RootNotFoundError
+        NoRootError
             If the search leaves x > 0, or does not converge.
         """
         ends = [self.center - self.half_width, self.center + self.half_width]
@@ -155,14 +155,14 @@ class PeakSearch:
         if abs(x - self.center) <= PEAK_INSIDE * self.half_width:
             coarse_x, coarse_height = self._top(fit.truncate(PEAK_NODES - 1))
             unsure = 2.0 * noise / self.half_width / max(self._bend(fit, x), 1e-300)
-            place = Root(x, abs(x - coarse_x) + unsure)
-            return place, Root(height, abs(height - coarse_height) + noise * height)
+            position = Root(x, abs(x - coarse_x) + unsure)
+            return position, Root(height, abs(height - coarse_height) + noise * height)
         self.center = x
         self._rounds += 1
         if self.center <= self.half_width:
-            raise RootNotFoundError("the peak search ran down to zero")
+            raise NoRootError("the peak search ran down to zero")
         if self._rounds >= MAX_ROUNDS:
-            raise RootNotFoundError(f"the peak search did not converge in {MAX_ROUNDS} rounds")
+            raise NoRootError(f"the peak search did not converge in {MAX_ROUNDS} rounds")
         return None
 
     def _top(self, fit: Chebyshev) -> tuple[float, float]:

@@ -116,7 +116,9 @@ def answer(
         if not isinstance(findings, Findings):
             raise SetupError(f"{question.path}: solve must return workbench.Findings")
         check_figures(findings.figures, question.path)
-        verdict = question.verdict(o, findings.figures, findings.data)
+        verdict = drop_undetermined(
+            question.verdict(o, findings.figures, findings.data), findings.figures
+        )
         system = findings.system or System({})
         values = parameters(system, question.fixed_starts) if system.parts else {}
         live_part = live.of(question.live, o, findings, modules, command)
@@ -130,7 +132,7 @@ def answer(
         **vars(findings) | {"provenance": {**made_by, "flavour": flavour}},
         scenario=question.name,
         question=question.title,
-        verdict=drop_undetermined(verdict, findings.figures),
+        verdict=verdict,
         options=option_values(o, findings.defaults),
         parameters=values,
         warnings=warnings(),

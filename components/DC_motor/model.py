@@ -45,10 +45,13 @@ FLANGES = {"flange": ("tau", "w")}
 
 @record
 class Parameters:
-    R: Resistance = real(0.5, "Armature resistance", positive=True)
+    R: Resistance = real(0.5, "Armature resistance", positive=True, tunable=True)
     L: Inductance = real(0.002, "Armature inductance", positive=True)
     k: ElectricalTorqueConstant = real(
-        0.2, "Torque per current, and induced voltage per speed", min=0.0
+        0.2,
+        "Torque per current, and induced voltage per speed",
+        min=0.0,
+        tunable=True,
     )
 
 

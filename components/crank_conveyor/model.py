@@ -81,7 +81,10 @@ class Rod:
 class Trough:
     m: Mass = real(200.0, "Mass of the trough", positive=True)
     d: TranslationalDamping = real(
-        4000.0, "Coefficient of the viscous resistance to the trough", min=0.0
+        4000.0,
+        "Coefficient of the viscous resistance to the trough",
+        min=0.0,
+        tunable=True,
     )
 
 

@@ -49,9 +49,9 @@ class Characteristic(IntEnum):
 
 @record
 class Kloss:
-    tau_b: Torque = real(190.0, "Breakdown torque", positive=True)
-    s_b: Ratio = real(0.16, "Breakdown slip", positive=True)
-    w_s: AngularVelocity = real(65.4, "Synchronous speed", positive=True)
+    tau_b: Torque = real(190.0, "Breakdown torque", positive=True, tunable=True)
+    s_b: Ratio = real(0.16, "Breakdown slip", positive=True, tunable=True)
+    w_s: AngularVelocity = real(65.4, "Synchronous speed", positive=True, tunable=True)
 
 
 @record
@@ -59,9 +59,9 @@ class Parameters:
     characteristic: Characteristic = discrete(
         Characteristic.linear, "Static characteristic: linear (0) or Kloss (1)"
     )
-    A: Torque = real(8000.0, "Torque of the linear characteristic at standstill")
-    B: RotationalDamping = real(199.8, "Slope of the linear characteristic", min=0.0)
-    T: Time = real(0.0625, "Time constant of the torque", positive=True)
+    A: Torque = real(8000.0, "Torque of the linear characteristic at standstill", tunable=True)
+    B: RotationalDamping = real(199.8, "Slope of the linear characteristic", min=0.0, tunable=True)
+    T: Time = real(0.0625, "Time constant of the torque", positive=True, tunable=True)
     kloss: Kloss
 
 

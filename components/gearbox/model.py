@@ -48,7 +48,11 @@ FLANGES = {"flange_a": ("tau_a", "w_a", "phi_a"), "flange_b": ("tau_b", "w_b", "
 class Parameters:
     i: Ratio = real(5.0, "Ratio w_a/w_b, negative if the shafts turn in opposite senses")
     eta: Ratio = real(
-        0.9, "Efficiency, the same in both directions of power flow", min=0.01, max=1.0
+        0.9,
+        "Efficiency, the same in both directions of power flow",
+        min=0.01,
+        max=1.0,
+        tunable=True,
     )
     J: Inertia = real(0.01, "Moment of inertia of all rotating parts, at shaft a", positive=True)
     w_0: AngularVelocity = real(

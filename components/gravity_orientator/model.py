@@ -95,18 +95,22 @@ class Spring:
 class Chute:
     R: Length = real(0.270, "Distance of the chute's wall from the rotor's axis", positive=True)
     H: Length = real(0.040, "Height of the fall in the chute", positive=True)
-    mu: Ratio = real(0.35, "Friction coefficient between cup and wall", min=0.0)
+    mu: Ratio = real(0.35, "Friction coefficient between cup and wall", min=0.0, tunable=True)
 
 
 @record
 class Neglected:
-    mu_side: Ratio = real(0.0, "Friction coefficient between cup and side walls", min=0.0)
+    mu_side: Ratio = real(
+        0.0, "Friction coefficient between cup and side walls", min=0.0, tunable=True
+    )
     J_a: Inertia = real(
         1.3e-5,
         "Moment of inertia of the cup about its axis, for friction at the side walls",
         positive=True,
     )
-    mu_catcher: Ratio = real(0.0, "Friction coefficient between cup and catcher", min=0.0, max=1.0)
+    mu_catcher: Ratio = real(
+        0.0, "Friction coefficient between cup and catcher", min=0.0, max=1.0, tunable=True
+    )
     rim: Length = real(
         0.0, "Radius of the rim's edge, on which the cup turns in the catcher's corner", min=0.0
     )

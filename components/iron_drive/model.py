@@ -145,8 +145,10 @@ class Spring:
 
 @record
 class Friction:
-    K_down: Ratio = real(-0.0747, "Ratio of friction to load with the iron going down")
-    K_up: Ratio = real(0.089, "Ratio of friction to load with the iron going up")
+    K_down: Ratio = real(
+        -0.0747, "Ratio of friction to load with the iron going down", tunable=True
+    )
+    K_up: Ratio = real(0.089, "Ratio of friction to load with the iron going up", tunable=True)
 
 
 @record
@@ -165,18 +167,28 @@ class Follower:
         "Restitution of a landing: impulse of rebound over impulse of approach",
         min=0.0,
         max=1.0,
+        tunable=True,
     )
     v: Velocity = real(
-        1e-3, "Rebound speed below which the follower stays on the cam", positive=True
+        1e-3,
+        "Rebound speed below which the follower stays on the cam",
+        positive=True,
+        tunable=True,
     )
 
 
 @record
 class Joints:
-    cam: RotationalDamping = real(0.0, "Viscous friction of the cam's shaft", min=0.0)
-    rocker: RotationalDamping = real(0.0, "Viscous friction of the rocker's axis", min=0.0)
-    link: RotationalDamping = real(0.0, "Viscous friction between rocker and link", min=0.0)
-    sprocket: RotationalDamping = real(0.0, "Viscous friction of the sprocket's axis", min=0.0)
+    cam: RotationalDamping = real(0.0, "Viscous friction of the cam's shaft", min=0.0, tunable=True)
+    rocker: RotationalDamping = real(
+        0.0, "Viscous friction of the rocker's axis", min=0.0, tunable=True
+    )
+    link: RotationalDamping = real(
+        0.0, "Viscous friction between rocker and link", min=0.0, tunable=True
+    )
+    sprocket: RotationalDamping = real(
+        0.0, "Viscous friction of the sprocket's axis", min=0.0, tunable=True
+    )
 
 
 @record
@@ -187,6 +199,7 @@ class Parameters:
     on_invalid: OnInvalid = discrete(
         OnInvalid.stop,
         "If the follower would have to pull or the chain to push: stop (0) or warn (1)",
+        tunable=True,
     )
     g: Acceleration = real(9.80665, "Gravity", positive=True)
     reducer: Reducer

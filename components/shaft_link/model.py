@@ -48,7 +48,7 @@ FLANGES = {"flange_a": ("tau_a", "w_a"), "flange_b": ("tau_b", "w_b")}
 @record
 class Parameters:
     c: RotationalStiffness = real(1000.0, "Stiffness of the shaft", positive=True)
-    d: RotationalDamping = real(5.0, "Damping of the shaft, only in contact", min=0.0)
+    d: RotationalDamping = real(5.0, "Damping of the shaft, only in contact", min=0.0, tunable=True)
     b: Angle = real(0.02, "Backlash, from flank to flank", min=0.0)
 
 

@@ -88,7 +88,10 @@ class Link:
 class Trough:
     m: Mass = real(180.0, "Mass of the trough", positive=True)
     d: TranslationalDamping = real(
-        4000.0, "Coefficient of the viscous resistance to the trough", min=0.0
+        4000.0,
+        "Coefficient of the viscous resistance to the trough",
+        min=0.0,
+        tunable=True,
     )
 
 

@@ -34,11 +34,17 @@ FLANGES = {"flange": ("tau", "w")}
 
 @record
 class Parameters:
-    K: RotationalDamping = real(2.0, "Gain: torque per deviation of the speed", positive=True)
-    T_i: Time = real(0.5, "Integral time", positive=True)
-    tau_max: Torque = real(30.0, "Limit of the torque in both directions", positive=True)
-    T_t: Time = real(0.1, "Time constant of the back-calculation", positive=True)
-    antiwindup: bool = discrete(True, "Back-calculation of the integral part at the torque limit")
+    K: RotationalDamping = real(
+        2.0, "Gain: torque per deviation of the speed", positive=True, tunable=True
+    )
+    T_i: Time = real(0.5, "Integral time", positive=True, tunable=True)
+    tau_max: Torque = real(
+        30.0, "Limit of the torque in both directions", positive=True, tunable=True
+    )
+    T_t: Time = real(0.1, "Time constant of the back-calculation", positive=True, tunable=True)
+    antiwindup: bool = discrete(
+        True, "Back-calculation of the integral part at the torque limit", tunable=True
+    )
 
 
 @record

@@ -59,14 +59,14 @@ class Rotor:
     )
     m: Mass = real(0.5, "Eccentric mass", min=0.0)
     r: Length = real(0.05, "Radius of the eccentric mass", min=0.0)
-    d: RotationalDamping = real(0.005, "Viscous friction of the bearings", min=0.0)
+    d: RotationalDamping = real(0.005, "Viscous friction of the bearings", min=0.0, tunable=True)
 
 
 @record
 class Mount:
     m: Mass = real(19.5, "Mass carried by the mount, without the eccentric mass", positive=True)
     c: TranslationalStiffness = real(50000.0, "Stiffness of the mount", min=0.0)
-    d: TranslationalDamping = real(80.0, "Damping of the mount", min=0.0)
+    d: TranslationalDamping = real(80.0, "Damping of the mount", min=0.0, tunable=True)
 
 
 @record

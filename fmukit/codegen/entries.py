@@ -13,7 +13,8 @@ from ..declare.interface import Interface, Variable, class_name, co_simulation_o
 from ..declare.record import Value, start
 from ..runtime import direction, hybrid, jet, ode
 from ..trace import feedthrough, purity, tangents
-from ..trace.graph import Function, size, symbol
+from ..trace.graph import Function, argument, size
+from ..trace.ops import libm_functions
 from ..trace.tracer import Tracer, note
 from . import c, python
 
@@ -35,7 +36,7 @@ BOUNDARIES = {
 
 
 SLAVE = (
-    "model_check", "model_initial", "model_begin", "model_input_trajectory", "model_step", "model_outputs"
+    "model_check", "model_check_start", "model_initial", "model_begin", "model_input_trajectory", "model_step", "model_outputs"
 )  # fmt: skip
 
 
@@ -88,6 +89,8 @@ def source(interface: Interface, functions: list[Function], indicators: int) -> 
         [
             f"/* {class_name(interface.model)}: written by build_fmus.py. */",
             *(f"#define {name} {value}" for name, value in defined.items()),
+            f"#define LIBM_FUNCTIONS(F) {' '.join(f'F({name})' for name, n in libm_functions().items() if n == 1)}",
+            f"#define LIBM_FUNCTIONS_2(F) {' '.join(f'F({name})' for name, n in libm_functions().items() if n == 2)}",
             '#include "fmi2.c"\n',
             *map(c.definition, functions),
             f"static const Variable variables[VARIABLES] = {{\n{table(interface)}\n}};\n",
@@ -130,13 +133,15 @@ def traced(interface: Interface) -> list[Function]:
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
     inputs = hybrid.InputTrajectory(u, u, 0.0, 1, (u,) * (hybrid.HIGHEST_DEGREE - 1))
 
+    def symbols_of_values() -> list[Value]:
+        return [argument("p", v.reference, v.kind) for v in interface.variables]  # type: ignore[misc]
+
     def check(p: Any) -> None:
-        values: list[Value] = [
-            symbol("element", "p", v.reference, kind=v.kind)  # type: ignore[misc]
-            for v in interface.variables
-        ]
-        for sentence in bounds.check_start_values(interface, p, values):
+        for sentence in bounds.check_parameters(interface, p, symbols_of_values()):
             note(sentence)
+
+    def check_start(p: Any) -> None:
+        bounds.check_start(interface, symbols_of_values())
 
     def begin(p: Any, t: Any, x: Any, now: Any) -> Any:
         return hybrid.sample(model, p, t, x, None, now, note)
@@ -191,6 +196,7 @@ def traced(interface: Interface) -> list[Function]:
     counts: list[int] = []
 
     tracer.entry("model_check", check, p=p)
+    tracer.entry("model_check_start", check_start, p=p)
     tracer.entry("model_begin", begin, p=p, t=0.0, x=x, now=u)
     tracer.entry(
         "model_input_trajectory", input_trajectory, hold=0, before=u, now=u, past=0.0, h=0.0
@@ -203,7 +209,7 @@ def traced(interface: Interface) -> list[Function]:
     tracer.entry("model_event_indicators", event_indicators, p=p, t=0.0, x=x, u=u)
     tracer.entry("model_event", event, p=p, t=0.0, x=x, before=u, now=u, which=0.0)
     for name, run in (("model_directional", initial_values), ("model_tangents", present_values)):
-        with tracer.patched():
+        with tracer.tracing():
             primal = tracer.trace(name, run, p=p, t=0.0, x=x, u=u)
             derivative = tangents.derived(tracer, primal, ("p", "t", "x", "u"))
         tracer.functions = {k: v for k, v in tracer.functions.items() if v is not derivative}

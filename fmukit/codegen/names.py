@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..trace.graph import Node
+from ..trace.graph import Argument, LoopVariable, Node
 
 
 def printed_name(name: str) -> str:
@@ -14,9 +14,8 @@ def printed_name(name: str) -> str:
 
 
 def parameter_name(node: Node) -> str | None:
-    """A number that a function has been given, or carries through a loop; None for any other."""
-    if node.op == "symbol":
-        return printed_name(node.args[0])
-    if node.op == "element":
-        return f"{printed_name(node.args[0])}[{node.args[1]}]"
-    return f"v{node.args[0]}_{node.args[1]}" if node.op == "variable" else None
+    """A number that is an argument of a function, or carried through a loop; None for any other."""
+    if isinstance(node, Argument):
+        name = printed_name(node.name)
+        return name if node.index is None else f"{name}[{node.index}]"
+    return f"v{node.loop}_{node.index}" if isinstance(node, LoopVariable) else None

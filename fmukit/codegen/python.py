@@ -3,39 +3,42 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..trace.graph import (
-    COMPARISONS,
-    MARK,
-    NODES,
-    Branch,
+    AttemptEnd,
+    Call,
     Function,
     Leaf,
+    Loop,
     Node,
-    Tree,
+    Note,
+    Operation,
+    Result,
+    Text,
     Untraceable,
-    ancestors,
-    has_effect,
-    joins_of,
-    needed,
-    nodes_in_text,
+    calls_in,
     size,
 )
-from .c import contiguous_start, has_array
-from .names import parameter_name, printed_name
+from ..trace.ops import OPS
+from .names import printed_name
+from .printer import Printer, contiguous_start, has_array
 
-HEAD = """
-from math import acos, acosh, asin, asinh, atan, atan2, atanh, ceil, copysign, cos, cosh, erf, erfc
-from math import exp, expm1, floor, fmod, inf, log, log1p, log2, log10, nan, pow, sin, sinh, sqrt
-from math import tan, tanh, trunc
+#: Functions in the `python` column of the table that need no import.
+BUILT_IN = {"abs", "float"}
 
-"""
-INFIX = {"+", "-", "*", "/", "power", "modulo", "floordiv", *COMPARISONS}
-SIGNS = {"power": "**", "modulo": "%", "floordiv": "//", "fabs": "abs"}
-ROUNDING = {"floor", "ceil", "trunc"}
+
+def head() -> str:
+    """The import of all functions of `math` that the table names, and of what constants are written with."""
+    called = {name for op in OPS.values() for name in re.findall(r"(\w+)\(", op.python)}
+    names = ", ".join(sorted(called - BUILT_IN | {"inf", "nan"}))
+    return f"\nfrom math import ({names})\n\n"
+
+
+#: Operations that are written where they are read: those that Python evaluates without a call.
 NESTED = {"+", "-", "*", "neg"}
 #: Largest number of results of a call that become local variables; a convention of this kit.
 MOST_LOCAL_RESULTS = 8
@@ -48,31 +51,18 @@ def module(functions: list[Function], entries: tuple[str, ...]) -> str:
     wanted = set(entries)
     for function in reversed(functions):
         if function.name in wanted:
-            wanted |= {node.args[0].name for node in calls(function.tree)}
+            wanted |= {node.function.name for node in calls_in(function.tree)}
     needed_functions = [function for function in functions if function.name in wanted]
-    return HEAD + "\n\n".join(definition(function) for function in needed_functions)
-
-
-def calls(tree: Tree) -> Iterator[Node]:
-    """All calls in a tree."""
-    for node in tree.nodes:
-        if node.op == "call":
-            yield node
-        elif node.op in ("loop", "join"):
-            for part in node.args[1:3] if node.op == "join" else node.args[2:]:
-                yield from calls(part)
-    if isinstance(tree, Branch):
-        yield from calls(tree.true)
-        yield from calls(tree.false)
+    return head() + "\n\n".join(definition(function) for function in needed_functions)
 
 
 def definition(function: Function) -> str:
     names = [n for n, shape in function.parameters.items() if size(shape) or function.entry]
     parameters = map(printed_name, names)
     head = f"def {function.name}({', '.join(['note', *parameters])}):"
-    draft = Printer(function, frozenset())
-    deque(draft.tree(function.tree, 1, None), maxlen=0)
-    return "\n".join([head, *Printer(function, draft.read_once()).tree(function.tree, 1, None), ""])
+    draft = PythonPrinter(function, frozenset())
+    deque(draft.lines(), maxlen=0)
+    return "\n".join([head, *PythonPrinter(function, draft.read_once()).lines(), ""])
 
 
 def real(value: float) -> str:
@@ -81,68 +71,80 @@ def real(value: float) -> str:
     return repr(float(value))
 
 
-class Printer:
+class PythonPrinter(Printer):
     """One function in Python; `nested` are the nodes that stand where they are read, without a name."""
 
+    IF = "if {}:"
+    ELSE = "else:"
+    END = ""
+
     def __init__(self, function: Function, nested: frozenset[int]) -> None:
-        self.function, self.nested = function, nested
-        self.names: dict[int, str] = {}
+        super().__init__(function)
+        self.nested = nested
         self.trying = False
-        self.block = 0
         self.block_of_node: dict[int, int] = {}
+        self.nestable: set[int] = set()
         self.readers: dict[int, list[int]] = {}
-        self.used = ancestors(needed(function.tree), joins_of(function.tree))
 
-    def nodes(self, nodes: list[Node], depth: int, block: int) -> Iterator[str]:
-        for node in nodes:
-            self.block = self.block_of_node[node.number] = block
-            text = f"({self.expression(node)})" if node.number in self.nested else ""
-            if 0 < len(text) < LONGEST_NESTED:
-                self.names[node.number] = text
-            elif node.number in self.used or has_effect(node) or self.used_phis(node):
-                yield from self.statement(node, depth)
-        self.block = block
-
-    def used_phis(self, node: Node) -> list[tuple[Node, int]]:
-        """The values that a join hands on to where they are used, with their places."""
-        phis = node.args[3] if node.op == "join" else ()
-        return [(phi, index) for index, phi in enumerate(phis) if phi.number in self.used]
-
-    def tree(self, tree: Tree, depth: int, loop: Node | None) -> Iterator[str]:
-        yield from self.nodes(tree.nodes, depth, id(tree))
-        if self.trying:
-            raise Untraceable("a condition within what is attempted")
-        indent = "    " * depth
-        if isinstance(tree, Branch):
-            condition, short, long = self.value(tree.condition), tree.true, tree.false
-            if isinstance(long, Leaf) and isinstance(short, Branch):
-                condition, short, long = f"not {condition}", long, short
-            yield f"{indent}if {condition}:"
-            yield from self.tree(short, depth + 1, loop)
-            yield from self.tree(long, depth, loop)
-        elif tree.error is not None:
-            yield f"{indent}raise ValueError({self.text(tree.error)})"
-        elif loop is not None:
-            yield from self.loop_end(tree, loop, indent)
-        elif has_array(self.function) or not tree.values:
-            yield f"{indent}return {self.array(tree.values)}"
-        else:
-            yield f"{indent}return {self.value(tree.values[0])}"
+    def is_nested(self, node: Node) -> bool:
+        self.block_of_node[node.number] = self.block
+        if not isinstance(node, Operation):
+            return False
+        self.nestable |= {node.number} if node.op in NESTED else set()
+        if node.number not in self.nested:
+            return False
+        text = f"({self.expression(node)})"
+        if len(text) < LONGEST_NESTED:
+            self.names[node.number] = text
+        return len(text) < LONGEST_NESTED
 
     def read_once(self) -> frozenset[int]:
         """The nodes, of those printed, that are only read once, and on the path that computes them."""
         return frozenset(
             number
             for number, blocks in self.readers.items()
-            if NODES[number].op in NESTED and blocks == [self.block_of_node[number]]
+            if number in self.nestable and blocks == [self.block_of_node[number]]
         )
 
-    def loop_end(self, leaf: Leaf, loop: Node, indent: str) -> Iterator[str]:
-        """The end of a loop's body: the next values of its variables."""
+    def depth_of_statement(self, depth: int) -> int:
+        return depth + self.trying
+
+    def require_no_attempt(self) -> None:
+        if self.trying:
+            raise Untraceable("a condition within what is attempted")
+
+    def condition(self, node: Operation) -> str:
+        return self.value(node)
+
+    def negated(self, condition: str) -> str:
+        return f"not {condition}"
+
+    def choice(self, name: str, condition: str, yes: str, no: str) -> str:
+        return f"{name} = {yes} if {condition} else {no}"
+
+    def assigned(self, names: Sequence[str], values: Sequence[Any], indent: str) -> Iterator[str]:
+        yield f"{indent}{', '.join(names)} = {', '.join(map(self.value, values))}"
+
+    def failure(self, error: Text, indent: str) -> Iterator[str]:
+        yield f"{indent}raise ValueError({self.text(error)})"
+
+    def returned(self, leaf: Leaf, indent: str) -> Iterator[str]:
+        is_tuple = has_array(self.function) or not leaf.values
+        value = self.array(leaf.values) if is_tuple else self.value(leaf.values[0])
+        yield f"{indent}return {value}"
+
+    def loop(self, node: Loop, depth: int) -> Iterator[str]:
+        indent = "    " * self.depth_of_statement(depth)
+        for index, value in enumerate(node.start):
+            yield f"{indent}v{node.loop}_{index} = {self.value(value)}"
+        yield f"{indent}while True:"
+        yield from self.tree(node.body, depth + 1, node)
+
+    def loop_end(self, leaf: Leaf, loop: Loop, indent: str) -> Iterator[str]:
         done, *values = leaf.values
-        old = [f"v{loop.args[0]}_{index}" for index in range(len(values))]
+        names = [f"v{loop.loop}_{index}" for index in range(len(values))]
         moves = {
-            name: new for name, value in zip(old, values) if (new := self.value(value)) != name
+            name: new for name, value in zip(names, values) if (new := self.value(value)) != name
         }
         if isinstance(done, Node):
             moves["done"] = self.value(done)
@@ -153,137 +155,66 @@ class Printer:
             yield f"{indent}    break"
         yield f"{indent}{'continue' if isinstance(done, Node) or not done else 'break'}"
 
-    def join(self, node: Node, depth: int) -> Iterator[str]:
-        """A condition, and what either arm hands on."""
-        indent = "    " * depth
-        condition, used_phis, block = self.value(node.args[0]), self.used_phis(node), self.block
-        true, false = node.args[1:3]
-        names = [self.name(phi, "j") for phi, _ in used_phis]
-        if not true.nodes and not false.nodes and true.error is false.error is None:
-            for name, (_, index) in zip(names, used_phis):
-                yes, no = self.value(true.values[index]), self.value(false.values[index])
-                yield f"{indent}{name} = {yes} if {condition} else {no}"
-            return
-        arms = [list(self.arm(arm, names, used_phis, depth + 1)) for arm in (true, false)]
-        self.block = block
-        if not arms[0]:
-            condition, arms = f"not {condition}", arms[::-1]
-        yield f"{indent}if {condition}:"
-        yield from arms[0]
-        if arms[1]:
-            yield f"{indent}else:"
-            yield from arms[1]
+    def note(self, node: Note, indent: str) -> Iterator[str]:
+        yield f"{indent}note({self.text(node.text)})"
 
-    def arm(
-        self, arm: Leaf, names: list[str], used_phis: list[tuple[Node, int]], depth: int
-    ) -> Iterator[str]:
-        """One arm of a join."""
-        indent = "    " * depth
-        yield from self.nodes(arm.nodes, depth, id(arm))
-        if arm.error is not None:
-            yield f"{indent}raise ValueError({self.text(arm.error)})"
-            return
-        if names:
-            values = ", ".join(self.value(arm.values[index]) for _, index in used_phis)
-            yield f"{indent}{', '.join(names)} = {values}"
+    def attempt_start(self, indent: str) -> Iterator[str]:
+        yield f"{indent}try:"
+        self.trying = True
 
-    def statement(self, node: Node, depth: int) -> Iterator[str]:
-        indent = "    " * (depth + self.trying)
-        if node.op == "note":
-            yield f"{indent}note({self.text(node.args[0])})"
-        elif node.op == "leave if failed":
-            yield f"{indent}try:"
-            self.trying = True
-        elif node.op == "forget failure":
-            self.trying = False
-            yield f"{indent}{self.name(node)} = False"
-            yield f"{indent[4:]}except (ArithmeticError, ValueError):"
-            yield f"{indent}{self.name(node)} = True"
-        elif node.op == "loop":
-            number, start, body = node.args
-            for index, value in enumerate(start):
-                yield f"{indent}v{number}_{index} = {self.value(value)}"
-            yield f"{indent}while True:"
-            yield from self.tree(body, depth + 1, node)
-        elif node.op == "call":
-            yield f"{indent}{self.call(node)}"
-        elif node.op == "join":
-            yield from self.join(node, depth + self.trying)
-        else:
-            yield f"{indent}{self.name(node)} = {self.expression(node)}"
+    def attempt_end(self, node: AttemptEnd, indent: str) -> Iterator[str]:
+        self.trying = False
+        yield f"{indent}{self.name(node)} = False"
+        yield f"{indent[4:]}except (ArithmeticError, ValueError):"
+        yield f"{indent}{self.name(node)} = True"
 
-    def name(self, node: Node, letter: str = "n") -> str:
-        return self.names.setdefault(node.number, f"{letter}{len(self.names)}")
-
-    def call(self, node: Node) -> str:
-        traced, groups = node.args
-        shapes = [shape for shape in traced.parameters.values() if size(shape)]
-        arguments = ["note"]
-        for shape, group in zip(shapes, groups, strict=True):
-            arguments.append(self.value(group[0]) if shape == "number" else self.array(group))
-        name, count = self.name(node), size(traced.shape)
+    def call(self, node: Call, indent: str) -> Iterator[str]:
+        arguments = ", ".join(["note", *self.arguments(node)])
+        name, count = self.name(node), size(node.function.shape)
         parts = [f"{name}_{index}" for index in range(count)]
-        small = has_array(traced) and count <= MOST_LOCAL_RESULTS
-        target = f"{', '.join(parts)}, = {name}" if small else name
-        return f"{target} = {traced.name}({', '.join(arguments)})"
+        has_locals = has_array(node.function) and count <= MOST_LOCAL_RESULTS
+        target = f"{', '.join(parts)}, = {name}" if has_locals else name
+        yield f"{indent}{target} = {node.function.name}({arguments})"
 
-    def array(self, group: list[Any]) -> str:
-        """Numbers side by side: where they already are, or as a new tuple."""
-        first = contiguous_start(group)
-        if first is not None:
-            base, index = first.args
-            if first.op == "result":
-                name, shape = self.names[base], NODES[base].args[0].shape
-            else:
-                name, shape = printed_name(base), self.function.parameters[base]
-            is_complete = shape is not None and size(shape) == len(group)
-            return name if is_complete else f"{name}[{index}:{index + len(group)}]"
-        return f"({''.join(f'{self.value(value)}, ' for value in group)})"
+    def definition(self, node: Operation, indent: str) -> Iterator[str]:
+        yield f"{indent}{self.name(node)} = {self.expression(node)}"
+
+    def expression(self, node: Operation) -> str:
+        return OPS[node.op].python.format(*map(self.value, node.operands))
 
     def value(self, value: Any) -> str:
-        """A number where it is used."""
-        if not isinstance(value, Node):
-            return real(value)
-        name = parameter_name(value)
-        if name is not None:
+        text = super().value(value)
+        if isinstance(value, Node) and self.names.get(value.number) == text:
+            self.readers.setdefault(value.number, []).append(self.block)
+        return text
+
+    def constant(self, value: float) -> str:
+        return real(value)
+
+    def result(self, value: Result) -> str:
+        traced, name = value.call.function, self.names[value.call.number]
+        if not has_array(traced):
             return name
-        if value.op == "result":
-            call, index = value.args
-            traced, name = NODES[call].args[0], self.names[call]
-            if not has_array(traced):
-                return name
-            return (
-                f"{name}_{index}"
-                if size(traced.shape) <= MOST_LOCAL_RESULTS
-                else f"{name}[{index}]"
-            )
-        if value.op in COMPARISONS:
-            return f"({self.expression(value)})"
-        self.readers.setdefault(value.number, []).append(self.block)
-        return self.names[value.number]
+        has_locals = size(traced.shape) <= MOST_LOCAL_RESULTS
+        return f"{name}_{value.index}" if has_locals else f"{name}[{value.index}]"
 
-    def expression(self, node: Node) -> str:
-        """What a node computes."""
-        values = [self.value(arg) for arg in node.args]
-        sign = SIGNS.get(node.op, node.op)
-        if node.op == "select":
-            return f"{values[2]} if {values[0]} else {values[1]}"
-        if node.op in INFIX:
-            return f"{values[0]} {sign} {values[1]}"
-        if node.op == "neg":
-            return f"-{values[0]}"
-        if node.op in ROUNDING:
-            return f"float({sign}({values[0]}))"
-        return f"{sign}({', '.join(values)})"
+    def array(self, group: Sequence[Any]) -> str:
+        first = contiguous_start(group)
+        if first is None:
+            return f"({''.join(f'{self.value(value)}, ' for value in group)})"
+        if isinstance(first, Result):
+            name, shape = self.names[first.call.number], first.call.function.shape
+        else:
+            name, shape = printed_name(first.name), self.function.parameters[first.name]
+        start = first.index or 0
+        is_complete = shape is not None and size(shape) == len(group)
+        return name if is_complete else f"{name}[{start}:{start + len(group)}]"
 
-    def text(self, text: str) -> str:
+    def text(self, text: Text) -> str:
         """A text with its values, as an f-string."""
         types = {"Real": "", "Boolean": "bool"}
-        form = repr(text.replace("{", "{{").replace("}", "}}"))
-        values = iter(list(nodes_in_text(text)))
-
-        def written(_: Any) -> str:
-            node = next(values)
-            return f"{{{types.get(node.kind, 'int')}({self.value(node)})!r}}"
-
-        return "f" + MARK.sub(written, form.replace("\\x01", "\x01").replace("\\x02", "\x02"))
+        pieces = [piece.replace("{", "{{").replace("}", "}}") for piece in text.pieces]
+        values = [f"{types.get(node.kind, 'int')}({self.value(node)})" for node in text.nodes]
+        # the quotes of the f-string are those that repr chooses for all pieces together
+        form = repr("\x01".join(pieces)).split("\\x01")
+        return "f" + "".join(a + b for a, b in zip(form, [*(f"{{{v}!r}}" for v in values), ""]))

@@ -45,16 +45,23 @@ def require_bounds(variable: Variable, value: Value) -> None:
     raise ValueError(f"{variable.name} = {format_value(value, variable.unit)} must be {limit}")
 
 
-def check_start_values(
+def check_parameters(
     interface: Interface, parameters: Any, values: Sequence[Value]
 ) -> Iterator[str]:
-    """Check all that may be set before the start; yield warnings, raise ValueError.
+    """Check the parameters, before the start and where one changes; yield warnings, raise ValueError.
 
     `parameters` is the record passed to the component's own `check(p)`, which yields a sentence for
     each unusual value and raises ValueError for an impossible one.
     """
     for variable in interface.variables:
-        if variable.settable_before_start:
+        if variable.causality == "parameter":
             require_bounds(variable, values[variable.reference])
     if hasattr(interface.model, "check"):
         yield from interface.model.check(parameters)
+
+
+def check_start(interface: Interface, values: Sequence[Value]) -> None:
+    """Check the inputs and the states before the start; raises ValueError."""
+    for variable in interface.variables:
+        if variable.settable_before_start and variable.causality != "parameter":
+            require_bounds(variable, values[variable.reference])

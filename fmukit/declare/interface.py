@@ -149,7 +149,11 @@ class Interface:
         return slice(first, len(self.variables))
 
     def _append(self, name: str, causality: str, initial: str, declaration: Declaration) -> None:
-        variability = "fixed" if causality == "parameter" else "discrete"
+        if declaration.tunable and causality != "parameter":
+            raise TypeError(f"{name} is declared tunable, which only a parameter can be")
+        variability = "discrete"
+        if causality == "parameter":
+            variability = "tunable" if declaration.tunable else "fixed"
         if causality != "parameter" and declaration.kind == "Real" and not declaration.held:
             variability = "continuous"
         self.variables.append(

@@ -47,6 +47,7 @@ class Declaration(NamedTuple):
     positive: bool = False
     quantity: Quantity | None = None
     follows: bool = False
+    tunable: bool = False
 
     @property
     def kind(self) -> str:
@@ -73,23 +74,40 @@ def real(
     held: bool = False,
     positive: bool = False,
     follows: bool = False,
+    tunable: bool = False,
 ) -> Any:
     """Declare a Real; `positive` is min = 0 without the 0 itself.
 
     `feedthrough` names the inputs that act on an output without delay. A `held` variable is part of the
-    State and changes only at events. One that `follows` is computed by `settle` and cannot be set.
+    State and changes only at events. One that `follows` is computed by `settle` and cannot be set. A
+    `tunable` parameter may be set between communication steps and in event mode.
     """
     if positive and min is not None:
         raise ValueError(f"positive=True means min = 0 without the 0 itself: leave out min={min!r}")
     low = 0.0 if positive else min
     return Declaration(
-        float(start), meaning, low, max, nominal, feedthrough, held, positive, follows=follows
+        float(start),
+        meaning,
+        low,
+        max,
+        nominal,
+        feedthrough,
+        held,
+        positive,
+        follows=follows,
+        tunable=tunable,
     )
 
 
-def discrete(start: int | bool | str, meaning: str, feedthrough: tuple[str, ...] = ()) -> Any:
+def discrete(
+    start: int | bool | str,
+    meaning: str,
+    feedthrough: tuple[str, ...] = (),
+    *,
+    tunable: bool = False,
+) -> Any:
     """Declare an Integer, Boolean, String or, with an IntEnum member, an Enumeration."""
-    return Declaration(start, meaning, feedthrough=feedthrough)
+    return Declaration(start, meaning, feedthrough=feedthrough, tunable=tunable)
 
 
 def array(start: Any, meaning: str, **rest: Any) -> Any:

@@ -26,8 +26,11 @@ def functions(interface: Interface) -> SimpleNamespace:
         return fill(model.Parameters, v[interface.parameters])
 
     def model_check(note: Note, v: Numbers) -> None:
-        for sentence in bounds.check_start_values(interface, parameters(v), v):
+        for sentence in bounds.check_parameters(interface, parameters(v), v):
             note(sentence)
+
+    def model_check_start(note: Note, v: Numbers) -> None:
+        bounds.check_start(interface, v)
 
     def model_initial(note: Note, v: Numbers, t: float, x: Numbers, u: Numbers) -> Numbers:
         settled = hybrid.settle(model, parameters(v), state(x))

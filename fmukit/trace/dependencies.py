@@ -10,7 +10,20 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from .execute import kinds
-from .graph import COMPARISONS, Branch, Function, Leaf, Node, Tree, key
+from .graph import (
+    Argument,
+    Branch,
+    Call,
+    Function,
+    Join,
+    Leaf,
+    Node,
+    Operation,
+    Result,
+    Tree,
+    key,
+    operands_of,
+)
 
 #: Arguments of a function: the name of the parameter and the place of a number in it.
 Arguments = frozenset[tuple[str, int]]
@@ -18,7 +31,7 @@ Arguments = frozenset[tuple[str, int]]
 NOTHING: Arguments = frozenset()
 
 
-class Result(NamedTuple):
+class Dependency(NamedTuple):
     """What a value depends on, and what makes it the same as another one."""
 
     arguments: Arguments
@@ -39,28 +52,29 @@ class Dependencies:
         self.arguments_by_node: dict[int, Arguments] = {}
         self.arguments_by_call: dict[int, list[Arguments]] = {}
 
-    def along(self, tree: Tree) -> list[Result] | None:
+    def along(self, tree: Tree) -> list[Dependency] | None:
         """The results at the end of a tree; None where all its paths fail."""
         for node in tree.nodes:
-            if node.op == "join":
+            if isinstance(node, Join):
                 self.join(node)
-            elif node.op == "call":
+            elif isinstance(node, Call):
                 self.arguments_by_call[node.number] = self.call(node)
             else:
-                self.arguments_by_node[node.number] = self.of_all(node.args)
+                operands = operands_of(node) if isinstance(node, Operation) else ()
+                self.arguments_by_node[node.number] = self.of_all(operands)
         if isinstance(tree, Branch):
             true, false = self.along(tree.true), self.along(tree.false)
             return self.either(tree.condition, true, false)
         return self.at_end(tree)
 
-    def at_end(self, leaf: Leaf) -> list[Result] | None:
+    def at_end(self, leaf: Leaf) -> list[Dependency] | None:
         if leaf.error is not None:
             return None
-        return [Result(self.of(value), key(value)) for value in leaf.values]
+        return [Dependency(self.of(value), key(value)) for value in leaf.values]
 
     def either(
-        self, condition: Node, true: list[Result] | None, false: list[Result] | None
-    ) -> list[Result] | None:
+        self, condition: Operation, true: list[Dependency] | None, false: list[Dependency] | None
+    ) -> list[Dependency] | None:
         """The results of two paths, of which the condition selects one."""
         if true is None or false is None:
             return false if true is None else true
@@ -68,20 +82,19 @@ class Dependencies:
         return [
             a
             if a.identity == b.identity
-            else Result(
+            else Dependency(
                 decides | a.arguments | b.arguments, (condition.number, a.identity, b.identity)
             )
             for a, b in zip(true, false, strict=True)
         ]
 
-    def join(self, node: Node) -> None:
-        condition, *arms, phis = node.args
-        ends = [self.along(arm) for arm in arms]
-        for phi, result in zip(phis, self.either(condition, *ends) or []):
+    def join(self, node: Join) -> None:
+        ends = [self.along(arm) for arm in node.arms]
+        for phi, result in zip(node.phis, self.either(node.condition, *ends) or []):
             self.arguments_by_node[phi.number] = result.arguments
 
-    def call(self, node: Node) -> list[Arguments]:
-        function, groups = node.args
+    def call(self, node: Call) -> list[Arguments]:
+        function, groups = node.function, node.groups
         if function.name not in self.functions:
             inner = Dependencies(self.functions).along(function.tree) or []
             self.functions[function.name] = [result.arguments for result in inner]
@@ -103,14 +116,11 @@ class Dependencies:
         """What a value depends on that is computed from the nodes so far."""
         if not isinstance(value, Node):
             return NOTHING
-        if value.op == "symbol":
-            return frozenset({(value.args[0], 0)})
-        if value.op == "element":
-            name, index = value.args
-            return frozenset({(name, index)})
-        if value.op == "result":
-            call, index = value.args
-            return self.arguments_by_call[call][int(index)]
-        if value.op in COMPARISONS and value.number not in self.arguments_by_node:
-            return self.of_all(value.args)
+        if isinstance(value, Argument):
+            return frozenset({(value.name, value.index or 0)})
+        if isinstance(value, Result):
+            return self.arguments_by_call[value.call.number][value.index]
+        if isinstance(value, Operation) and value.is_comparison:
+            arguments = self.arguments_by_node.get(value.number)
+            return self.of_all(value.operands) if arguments is None else arguments
         return self.arguments_by_node[value.number]

@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ..declare.record import Declaration
-from .graph import PATHS, Branch, Leaf, Node, Tree, Untraceable, symbol
+from .context import current
+from .graph import Branch, Leaf, Node, Operation, Tree, Untraceable, text_of
 from .merge import merge_arms
 
 #: Limit of the conditions on one path: tracing doubles with each, so that more can only be a loop that does not end.
@@ -19,7 +20,7 @@ MOST_CONDITIONS = 100
 class Fork(BaseException):
     """The end of a run at a condition that is still open."""
 
-    def __init__(self, condition: Node) -> None:
+    def __init__(self, condition: Operation) -> None:
         self.condition = condition
 
 
@@ -57,7 +58,7 @@ class Path:
             self.nodes.append(node)
         return node
 
-    def decide(self, condition: Node) -> bool:
+    def decide(self, condition: Operation) -> bool:
         if condition.number not in self.facts:
             if self.decided == MOST_CONDITIONS:
                 raise Untraceable(
@@ -70,9 +71,9 @@ class Path:
             self.nodes = []
         return self.facts[condition.number]
 
-    def learn(self, condition: Node, answer: bool) -> None:
+    def learn(self, condition: Operation, answer: bool) -> None:
         self.facts[condition.number] = answer
-        left, right = condition.args
+        left, right = condition.operands
         if condition.op == "==" and left.items and not isinstance(right, Node):
             possible = self.choices.get(left.number, left.items)
             self.choices[left.number] = [item for item in possible if (item == right) == answer]
@@ -124,30 +125,28 @@ def kinds(shape: Any) -> Iterator[tuple[str, Sequence[int]]]:
                 yield from kinds(part)
 
 
-def symbols(shape: Any, name: Callable[[int], tuple[Any, ...]]) -> Any:
-    """A value of this shape made of symbols, each named by its place."""
-    numbers = (
-        symbol(*name(index), kind=kind, items=items)
-        for index, (kind, items) in enumerate(kinds(shape))
-    )
-    return arranged(shape, iter(list(numbers)))
+def symbols(shape: Any, make: Callable[[int, str, Sequence[int]], Node]) -> Any:
+    """A value of this shape made of nodes; `make` takes index, type and items of each."""
+    numbers = [make(index, kind, items) for index, (kind, items) in enumerate(kinds(shape))]
+    return arranged(shape, iter(numbers))
 
 
 def explore(run: Callable[[], Any], token: tuple[Any, ...], answers: tuple[bool, ...] = ()) -> Tree:
     """All paths through `run` that begin with these answers, joined where they do the same."""
-    path = Path(answers, PATHS[-1] if PATHS else None, token)
-    PATHS.append(path)
+    paths = current().paths
+    path = Path(answers, paths[-1] if paths else None, token)
+    paths.append(path)
     try:
         shape, values = flatten(run())
         return Leaf(path.nodes, values, shape, None)
     except (ValueError, ArithmeticError) as error:
-        return Leaf(path.nodes, [], None, str(error))
+        return Leaf(path.nodes, [], None, text_of(str(error)))
     except LookupError as error:
-        return Leaf(path.nodes, [], None, type(error).__name__)
+        return Leaf(path.nodes, [], None, text_of(type(error).__name__))
     except Fork as fork:
         condition = fork.condition
     finally:
-        PATHS.pop()
+        paths.pop()
     true, false = (explore(run, token, (*answers, answer)) for answer in (True, False))
     return merge_arms(path.nodes, condition, true, false)
 

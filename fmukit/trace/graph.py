@@ -1,22 +1,15 @@
-"""Values of traced functions: numbers known only at run time, as nodes of what computes them."""
+"""Traced numbers: nodes of a graph, each of a kind of its own, and trees of what is computed on each path."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-if TYPE_CHECKING:
-    from .execute import Path
+from .context import current
+from .ops import COMPARISONS, OPS, Failure
 
-COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
-FAILING = {
-    "/", "power", "modulo", "floordiv", "fmod", "pow", "sin", "cos", "tan", "asin", "acos", "sinh",
-    "cosh", "acosh", "atanh", "sqrt", "exp", "expm1", "log", "log10", "log2", "log1p", "floor",
-    "ceil", "trunc",
-}  # fmt: skip
-EFFECTS = {"call", "loop", "note", "leave if failed", "forget failure"}
-BETWEEN = {"result", *COMPARISONS}
 MARK = re.compile("\x01(\\d+)\x02")
 
 
@@ -24,15 +17,23 @@ class Untraceable(TypeError):
     """What C cannot compute as Python does."""
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Node:
-    """A number known only at run time; `items` are its possible values if it is an enumeration."""
+    """A number known only at run time.
 
-    __slots__ = ("args", "items", "kind", "number", "op")
+    Attributes
+    ----------
+    number
+        Its position in the order in which nodes were made; nodes are the same if their numbers are.
+    kind
+        Its type: Real, Integer, Boolean or Enumeration.
+    items
+        Its possible values if it is an enumeration.
+    """
 
-    def __init__(
-        self, number: int, op: str, args: tuple[Any, ...], kind: str, items: Sequence[int]
-    ) -> None:
-        self.number, self.op, self.args, self.kind, self.items = number, op, args, kind, items
+    number: int
+    kind: str
+    items: tuple[int, ...]
 
     def __add__(self, other: Any) -> Any:
         return operation("+", self, other)
@@ -104,9 +105,7 @@ class Node:
         return comparison("!=", self, other)
 
     def __bool__(self) -> bool:
-        if self.op == "!=":
-            return not comparison("==", *self.args)
-        return PATHS[-1].decide(self) if self.op in COMPARISONS else bool(self != 0.0)
+        return bool(self != 0.0)
 
     def __hash__(self) -> int:
         return hash(self.choice())
@@ -124,7 +123,7 @@ class Node:
         raise Untraceable("round() of a number known only at run time: write floor(x + 0.5)")
 
     def __repr__(self) -> str:
-        """A mark in a text, for a value that the FMU will know."""
+        """Return a mark in a text, for a value that the FMU will know."""
         return f"\x01{self.number}\x02"
 
     def __format__(self, spec: str) -> str:
@@ -133,7 +132,7 @@ class Node:
         return repr(self)
 
     def choice(self) -> Any:
-        """The one of its items that it is on this path."""
+        """Return the one of its items that it is on this path."""
         for item in self.items:
             if self == item:
                 return item
@@ -166,20 +165,134 @@ for _names, _what in {
         setattr(Node, f"__{_name}__", _refuse(_what))
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Operation(Node):
+    """An operation of the table `OPS` on numbers and nodes."""
+
+    op: str
+    operands: tuple[Any, ...]
+
+    def __bool__(self) -> bool:
+        if self.op == "!=":
+            return not comparison("==", *self.operands)
+        return current().path.decide(self) if self.op in COMPARISONS else bool(self != 0.0)
+
+    @property
+    def is_comparison(self) -> bool:
+        """Whether the result is true or false."""
+        return self.op in COMPARISONS
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Argument(Node):
+    """A parameter of a traced function, or the number at an index of one that is a record."""
+
+    name: str
+    index: int | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopVariable(Node):
+    """A number that a loop carries on, by the number of the loop."""
+
+    loop: int
+    index: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Call(Node):
+    """A call of a traced function, with a group of numbers for each parameter that has any."""
+
+    function: Function
+    groups: tuple[tuple[Any, ...], ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(Node):
+    """One of the numbers that a call returns."""
+
+    call: Call
+    index: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Loop(Node):
+    """A loop of unknown length: the start of its variables; its body ends with `done` and their next values."""
+
+    loop: int
+    start: tuple[Any, ...]
+    body: Tree
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Phi(Node):
+    """A value after a join, which comes from one of its arms: phi of static single assignment."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Join(Node):
+    """A condition with an arm for either answer, after which one path goes on with the values in `phis`."""
+
+    condition: Operation
+    true: Leaf
+    false: Leaf
+    phis: tuple[Phi, ...]
+
+    @property
+    def arms(self) -> tuple[Leaf, Leaf]:
+        """The arms for true and for false."""
+        return self.true, self.false
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Note(Node):
+    """A sentence for the log of the host."""
+
+    text: Text
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AttemptStart(Node):
+    """The start of what may fail without an end of the function; what failed before ends it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AttemptEnd(Node):
+    """The end of an attempt, which forgets its failure: true if there was one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Text:
+    """A text with the values of nodes in it: pieces around them."""
+
+    pieces: tuple[str, ...]
+    nodes: tuple[Node, ...]
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What makes it the same as another text."""
+        return self.pieces, tuple(node.number for node in self.nodes)
+
+    def marked(self) -> str:
+        """Return the text with marks for the values, from which `text_of` makes it again."""
+        values = [*map(repr, self.nodes), ""]
+        return "".join(piece + value for piece, value in zip(self.pieces, values))
+
+
 class Leaf(NamedTuple):
     """Nodes in the order of their computation, then the end: values, or the text of an error."""
 
     nodes: list[Node]
     values: list[Any]
     shape: Any
-    error: str | None
+    error: Text | None
 
 
 class Branch(NamedTuple):
     """Nodes in the order of their computation, then one of two trees."""
 
     nodes: list[Node]
-    condition: Node
+    condition: Operation
     true: Tree
     false: Tree
 
@@ -201,61 +314,83 @@ class Function(NamedTuple):
     entry: bool = False
 
 
-PATHS: list[Path] = []
-TABLE: dict[Any, Node] = {}
-NODES: list[Node] = []
-
-
 def key(value: Any) -> Any:
-    """What makes a value the same as another: its number, or its bits."""
+    """Return what makes a value the same as another: its number, or its bits."""
     return value.number if isinstance(value, Node) else float(value).hex()
 
 
 def kind_of(value: Any) -> str:
-    """The type of a value."""
+    """Return the type of a value."""
     if isinstance(value, Node):
         return value.kind
     return {bool: "Boolean", int: "Integer"}.get(type(value), "Real")
 
 
-def unique(
-    identity: tuple[Any, ...], args: Sequence[Any], kind: str = "Real", items: Sequence[int] = ()
-) -> Node:
-    """The node of this identity, which begins with its operation."""
-    if identity not in TABLE:
-        TABLE[identity] = Node(len(NODES), identity[0], tuple(args), kind, items)
-        NODES.append(TABLE[identity])
-    return TABLE[identity]
+def argument(name: str, index: int | None, kind: str = "Real", items: Sequence[int] = ()) -> Node:
+    """Return the node of a parameter, or of the number at an index of one."""
+    identity = ("argument", name, index, kind, tuple(items))
+    return current().unique(identity, lambda n: Argument(n, kind, tuple(items), name, index))
 
 
-def symbol(op: str, *args: Any, kind: str = "Real", items: Sequence[int] = ()) -> Node:
-    """A symbol that is told from others by its arguments."""
-    return unique((op, *args, kind, tuple(items)), args, kind, items)
+def loop_variable(loop: int, index: int, kind: str, items: Sequence[int]) -> Node:
+    """Return the node of a number that a loop carries on."""
+    identity = ("variable", loop, index, kind, tuple(items))
+    return current().unique(identity, lambda n: LoopVariable(n, kind, tuple(items), loop, index))
 
 
-def operation_node(op: str, args: Sequence[Any]) -> Node:
-    """The node of an operation, wherever it stands."""
-    kind = "Integer" if op in ("floor", "ceil", "trunc") else "Real"
-    return unique((op, *map(key, args)), as_reals(args), "Boolean" if op in COMPARISONS else kind)
+def call_result(call: Call, index: int, kind: str, items: Sequence[int]) -> Node:
+    """Return the node of a number that a call returns."""
+    identity = ("result", call.number, index, kind, tuple(items))
+    return current().unique(identity, lambda n: Result(n, kind, tuple(items), call, index))
 
 
-def operation(op: str, *args: Any) -> Any:
-    """The result of an operation that C knows by this name, computed here."""
-    if not all(isinstance(arg, (int, float, Node)) for arg in args):
+def new_phi(kind: str = "Real") -> Phi:
+    """Return a new value after a join."""
+    identity = ("phi", len(current().nodes))
+    return current().unique(identity, lambda n: Phi(n, kind, ()))
+
+
+def new_join(condition: Operation, arms: Sequence[Leaf], phis: Sequence[Phi]) -> Join:
+    """Return a new join of the arms for true and for false."""
+    true, false = arms
+    identity = ("join", len(current().nodes))
+    return current().unique(
+        identity, lambda n: Join(n, "Real", (), condition, true, false, tuple(phis))
+    )
+
+
+def call_node(function: Function, groups: Sequence[Sequence[Any]], mark: tuple[Any, ...]) -> Call:
+    """Return the node of a call; one without results is the same only with the same mark."""
+    identity: tuple[Any, ...] = ("call", function.name, *(tuple(map(key, g)) for g in groups))
+    identity += () if size(function.shape) else (mark,)
+    numbers = tuple(as_reals(group) for group in groups)
+    return current().unique(identity, lambda n: Call(n, "Real", (), function, numbers))
+
+
+def operation_node(op: str, operands: Sequence[Any]) -> Operation:
+    """Return the node of an operation, wherever it stands."""
+    identity = (op, *map(key, operands))
+    kind = OPS[op].result.value
+    return current().unique(identity, lambda n: Operation(n, kind, (), op, as_reals(operands)))
+
+
+def operation(op: str, *operands: Any) -> Any:
+    """Return the result of an operation, computed at this point of the path."""
+    if not all(isinstance(operand, (int, float, Node)) for operand in operands):
         return NotImplemented
-    return PATHS[-1].visit(operation_node(op, args))
+    return current().path.visit(operation_node(op, operands))
 
 
-def as_reals(args: Sequence[Any]) -> list[Any]:
-    """Numbers as Reals."""
-    return [arg if isinstance(arg, Node) else float(arg) for arg in args]
+def as_reals(operands: Sequence[Any]) -> tuple[Any, ...]:
+    """Return numbers as Reals, and nodes as they are."""
+    return tuple(x if isinstance(x, Node) else float(x) for x in operands)
 
 
 def comparison(op: str, left: Node, right: Any) -> Any:
-    """A comparison, with its answer where the path knows it."""
+    """Return a comparison, with its answer where the path knows it."""
     if not isinstance(right, (int, float, Node)):
         return NotImplemented
-    possible = PATHS[-1].choices.get(left.number, left.items)
+    possible = current().path.choices.get(left.number, left.items)
     if possible and not isinstance(right, Node) and op in ("==", "!="):
         if right not in list(possible):
             return op == "!="
@@ -264,55 +399,55 @@ def comparison(op: str, left: Node, right: Any) -> Any:
     return operation_node(op, (left, right))
 
 
+def text_of(sentence: str) -> Text:
+    """Return a sentence with the marks of nodes replaced by the nodes."""
+    pieces = MARK.split(sentence)
+    nodes = current().nodes
+    return Text(tuple(pieces[::2]), tuple(nodes[int(number)] for number in pieces[1::2]))
+
+
 def size(shape: Any) -> int:
-    """How many numbers are arranged so."""
+    """Return how many numbers a value of this shape has."""
     return 1 if shape == "number" else 0 if shape[0] == "static" else sum(map(size, shape[1]))
 
 
-def nodes_in_text(text: str) -> Iterator[Node]:
-    """The values that stand in a text."""
-    for number in MARK.findall(text):
-        yield NODES[int(number)]
-
-
-def operands(node: Any) -> Iterator[Any]:
-    """The values that a node is computed from."""
-    if not isinstance(node, Node):
-        return
-    if node.op == "result":
-        yield NODES[node.args[0]]
-    elif node.op == "call":
-        for group in node.args[1]:
-            yield from group
-    elif node.op == "loop":
-        yield from node.args[1]
-        yield from needed(node.args[2])
-    elif node.op == "join":
-        yield from node.args[0].args
-        for arm in node.args[1:3]:
-            yield from needed(arm._replace(values=[]))
-    elif node.op == "note":
-        yield from nodes_in_text(node.args[0])
-    elif node.op not in ("symbol", "element", "variable", "phi"):
-        yield from node.args
+def operands_of(node: Any) -> Iterator[Any]:
+    """Yield the values that a node is computed from."""
+    match node:
+        case Operation():
+            yield from node.operands
+        case Result():
+            yield node.call
+        case Call():
+            for group in node.groups:
+                yield from group
+        case Loop():
+            yield from node.start
+            yield from needed(node.body)
+        case Join():
+            yield from node.condition.operands
+            for arm in node.arms:
+                yield from needed(arm._replace(values=[]))
+        case Note():
+            yield from node.text.nodes
 
 
 def needed(tree: Tree) -> Iterator[Any]:
-    """The values a tree needs: results, conditions, texts, and what may fail or acts."""
-    yield from (arg for node in tree.nodes if has_effect(node) for arg in operands(node))
+    """Yield the values a tree needs: results, conditions, texts, and the operands of effects."""
+    yield from (x for node in tree.nodes if has_effect(node) for x in operands_of(node))
     if isinstance(tree, Branch):
-        yield from tree.condition.args
+        yield from tree.condition.operands
         yield from needed(tree.true)
         yield from needed(tree.false)
     else:
         yield from tree.values
-        yield from nodes_in_text(tree.error or "")
+        yield from tree.error.nodes if tree.error else ()
 
 
 def ancestors(
-    values: Iterable[Any], joins: dict[int, list[Node]], inside: set[int] | None = None
+    values: Iterable[Any], joins: dict[int, list[Join]], inside: set[int] | None = None
 ) -> set[int]:
-    """The numbers of all nodes that these values are computed from; `joins` from `joins_of`.
+    """Return the numbers of all nodes that these values are computed from; `joins` from `joins_of`.
 
     What is not `inside` is not followed further.
     """
@@ -322,62 +457,85 @@ def ancestors(
         value = waiting.pop()
         if isinstance(value, Node) and value.number not in numbers:
             numbers.add(value.number)
-            if inside is None or value.number in inside or value.op in BETWEEN:
-                waiting += operands(value)
+            if inside is None or value.number in inside or is_between(value):
+                waiting += operands_of(value)
             for join in joins.get(value.number, ()):
-                _, *arms, phis = join.args
-                index = next(n for n, phi in enumerate(phis) if phi is value)
-                waiting += [join, *(arm.values[index] for arm in arms)]
+                index = next(n for n, phi in enumerate(join.phis) if phi is value)
+                waiting += [join, *(arm.values[index] for arm in join.arms)]
     return numbers
 
 
+def is_between(node: Node) -> bool:
+    """Whether a node stands in no list of nodes: comparisons and results are written where they are read."""
+    return isinstance(node, Result) or (isinstance(node, Operation) and node.is_comparison)
+
+
+def subtrees(node: Node) -> tuple[Tree, ...]:
+    """Return the trees within a node: the arms of a join, the body of a loop."""
+    if isinstance(node, Join):
+        return node.arms
+    return (node.body,) if isinstance(node, Loop) else ()
+
+
 def all_nodes(tree: Tree) -> set[int]:
-    """The numbers of all nodes of a tree."""
+    """Return the numbers of all nodes of a tree."""
     numbers = set()
     for node in tree.nodes:
         numbers.add(node.number)
-        for arm in node.args[1:3] if node.op == "join" else ():
-            numbers |= all_nodes(arm)
-        if node.op == "loop":
-            numbers |= all_nodes(node.args[2])
+        for part in subtrees(node):
+            numbers |= all_nodes(part)
     if isinstance(tree, Branch):
         numbers |= all_nodes(tree.true) | all_nodes(tree.false)
     return numbers
 
 
-def joins_of(tree: Tree) -> dict[int, list[Node]]:
-    """The joins of a tree, by the numbers of the values that they hand on."""
-    joins_by_phi: dict[int, list[Node]] = {}
+def joins_of(tree: Tree) -> dict[int, list[Join]]:
+    """Return the joins of a tree, by the numbers of their phis."""
+    joins_by_phi: dict[int, list[Join]] = {}
     for join in joins_in(tree):
-        for phi in join.args[3]:
+        for phi in join.phis:
             joins_by_phi.setdefault(phi.number, []).append(join)
     return joins_by_phi
 
 
-def joins_in(tree: Tree) -> Iterator[Node]:
-    """All joins of a tree."""
+def joins_in(tree: Tree) -> Iterator[Join]:
+    """Yield all joins of a tree."""
     for node in tree.nodes:
-        if node.op == "join":
+        if isinstance(node, Join):
             yield node
-        for part in node.args[1:3] if node.op == "join" else node.args[2:3]:
-            if node.op in ("join", "loop"):
-                yield from joins_in(part)
+        for part in subtrees(node):
+            yield from joins_in(part)
     if isinstance(tree, Branch):
         yield from joins_in(tree.true)
         yield from joins_in(tree.false)
 
 
+def calls_in(tree: Tree) -> Iterator[Call]:
+    """Yield all calls of a tree."""
+    for node in tree.nodes:
+        if isinstance(node, Call):
+            yield node
+        for part in subtrees(node):
+            yield from calls_in(part)
+    if isinstance(tree, Branch):
+        yield from calls_in(tree.true)
+        yield from calls_in(tree.false)
+
+
 def has_effect(node: Node) -> bool:
     """Whether a node does something even where its value is not used."""
-    if node.op == "join":
-        return any(
-            arm.error is not None or any(map(has_effect, arm.nodes)) for arm in node.args[1:3]
-        )
-    return node.op in EFFECTS or may_fail(node)
+    if isinstance(node, Join):
+        return any(arm.error is not None or any(map(has_effect, arm.nodes)) for arm in node.arms)
+    if isinstance(node, (Call, Loop, Note, AttemptStart, AttemptEnd)):
+        return True
+    return may_fail(node)
 
 
 def may_fail(node: Node) -> bool:
     """Whether Python may raise here."""
-    if node.op == "/":
-        return isinstance(node.args[1], Node) or node.args[1] == 0.0
-    return node.op in FAILING
+    if not isinstance(node, Operation):
+        return False
+    failure = OPS[node.op].failure
+    if failure is Failure.FOR_DIVISOR_ZERO:
+        return isinstance(node.operands[1], Node) or node.operands[1] == 0.0
+    return failure is Failure.FOR_SOME_OPERANDS

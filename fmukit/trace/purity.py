@@ -85,4 +85,4 @@ def _describe(value: Any) -> str:
 
 def ends(tree: Tree) -> list[tuple[Any, ...]]:
     """What tells the values at the ends of all paths apart."""
-    return [(leaf.error, *map(key, leaf.values)) for leaf in leaves(tree)]
+    return [(leaf.error and leaf.error.identity, *map(key, leaf.values)) for leaf in leaves(tree)]

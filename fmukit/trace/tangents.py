@@ -1,28 +1,32 @@
-"""Directional derivatives of traced functions, by the rules of differentiation, in forward mode."""
+"""Directional derivatives of traced functions, by the rules of the table of operations, in forward mode."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
+from .context import current
 from .execute import explore, kinds
 from .graph import (
-    COMPARISONS,
-    NODES,
-    PATHS,
+    Argument,
     Branch,
+    Call,
     Function,
+    Join,
     Leaf,
     Node,
+    Operation,
+    Result,
     Tree,
     Untraceable,
+    argument,
+    new_join,
+    new_phi,
     operation,
-    symbol,
 )
-from .merge import join
-from .tracer import Tracer, call_results, function, logarithm
+from .ops import OPS, is_moving
+from .tracer import Tracer, call_results, function
 
 
 def forward(
@@ -31,16 +35,12 @@ def forward(
     """Tangents of the results for given tangents of the arguments."""
     names = [name for name, shape in traced.parameters.items() if list(kinds(shape))]
     moving = {
-        n: group for n, group in zip(names, tangents, strict=True) if any(map(changes, group))
+        n: group for n, group in zip(names, tangents, strict=True) if any(map(is_moving, group))
     }
     if not moving:
         return [0.0 for _ in kinds(traced.shape)]
     derivative = derived(tracer, traced, tuple(moving))
     return call_results(derivative, [*map(tuple, groups), *map(tuple, moving.values())])
-
-
-def changes(tangent: Any) -> bool:
-    return isinstance(tangent, Node) or tangent != 0.0
 
 
 def derived(tracer: Tracer, traced: Function, moving: tuple[str, ...]) -> Function:
@@ -85,22 +85,22 @@ class Tangents:
         self.tangents_by_node: dict[int, Any] = dict(tangents_by_node or {})
 
     def along(self, tree: Tree) -> list[Any]:
+        """The tangents of the results at the end of a path."""
         for node in tree.nodes:
-            if node.op == "join":
+            if isinstance(node, Join):
                 self.join(node)
                 continue
-            PATHS[-1].visit(node)
+            current().path.visit(node)
             self.tangents_by_node[node.number] = self.rule(node)
         if isinstance(tree, Branch):
             return self.along(tree.true if tree.condition else tree.false)
         if tree.error is not None:
-            raise ValueError(tree.error)
+            raise ValueError(tree.error.marked())
         return [self.of(value) for value in tree.values]
 
-    def join(self, node: Node) -> None:
-        """A join that hands on the tangents too, the same whenever this place is run through."""
-        condition, *arms, phis = node.args
-        mark = PATHS[-1].mark()
+    def join(self, node: Join) -> None:
+        """A join that has phis for the tangents too, the same whenever this place is run through."""
+        mark = current().path.mark()
 
         def both(arm: Leaf) -> Any:
             inner = Tangents(self.tracer, self.moving, self.tangents_by_node)
@@ -108,119 +108,37 @@ class Tangents:
 
         joins = self.tracer.joins
         if mark not in joins:
-            arms_with_tangents = [
-                explore(partial(both, arm), (*mark, index)) for index, arm in enumerate(arms)
+            arms: list[Any] = [
+                explore(partial(both, arm), (*mark, index)) for index, arm in enumerate(node.arms)
             ]
-            joins[mark] = join(
-                condition, arms_with_tangents, (*phis, *(symbol("phi", len(NODES)) for _ in phis))
-            )
-        PATHS[-1].visit(joins[mark])
-        new_phis = joins[mark].args[3][len(phis) :]
-        self.tangents_by_node |= {phi.number: tangent for phi, tangent in zip(phis, new_phis)}
+            phis = (*node.phis, *(new_phi() for _ in node.phis))
+            joins[mark] = new_join(node.condition, arms, phis)
+        current().path.visit(joins[mark])
+        of_tangents = joins[mark].phis[len(node.phis) :]
+        pairs = zip(node.phis, of_tangents)
+        self.tangents_by_node |= {phi.number: tangent for phi, tangent in pairs}
 
     def of(self, value: Any) -> Any:
-        if not isinstance(value, Node) or value.op in COMPARISONS:
+        """The tangent of a value."""
+        if not isinstance(value, Node) or (isinstance(value, Operation) and value.is_comparison):
             return 0.0
-        if value.op in ("symbol", "element"):
-            name, *index = value.args
-            tangent = tangent_of(name)
-            return symbol(value.op, tangent, *index) if tangent in self.moving else 0.0
-        if value.op == "result":
-            call, index = value.args
-            return self.tangents_by_node[NODES[call].number][index]
+        if isinstance(value, Argument):
+            tangent = tangent_of(value.name)
+            return argument(tangent, value.index) if tangent in self.moving else 0.0
+        if isinstance(value, Result):
+            return self.tangents_by_node[value.call.number][value.index]
         return self.tangents_by_node[value.number]
 
     def rule(self, node: Node) -> Any:
-        if node.op == "call":
-            traced, groups = node.args
-            tangents = [[self.of(value) for value in group] for group in groups]
-            return forward(self.tracer, traced, groups, tangents)
-        if node.op not in RULES:
-            raise Untraceable(f"the derivative of {node.op}")
-        tangents = [self.of(arg) for arg in node.args]
-        if not any(map(changes, tangents)):
+        """The tangent of an operation, those of the results of a call."""
+        if isinstance(node, Call):
+            groups = [[self.of(value) for value in group] for group in node.groups]
+            return forward(self.tracer, node.function, node.groups, groups)
+        rule = OPS[node.op].derivative if isinstance(node, Operation) else None
+        if rule is None or not isinstance(node, Operation):
+            what = node.op if isinstance(node, Operation) else type(node).__name__
+            raise Untraceable(f"the derivative of {what}")
+        tangents = [self.of(operand) for operand in node.operands]
+        if not any(map(is_moving, tangents)):
             return 0.0
-        return RULES[node.op](node, *node.args, *tangents)
-
-
-def plus(a: Any, b: Any) -> Any:
-    return a + b if changes(a) and changes(b) else a if changes(a) else b
-
-
-def times(a: Any, tangent: Any) -> Any:
-    return a * tangent if changes(tangent) else 0.0
-
-
-def power(n: Node, base: Any, exponent: Any, tangent: Any, growth: Any) -> Any:
-    square = not isinstance(exponent, Node) and exponent == 2.0
-    slope = exponent * base if square else exponent * raised(base, exponent - 1.0)
-    return plus(
-        times(slope, tangent), times(n * logarithm(base), growth) if changes(growth) else 0.0
-    )
-
-
-def raised(base: Any, exponent: Any) -> Any:
-    return operation("power", base, exponent)
-
-
-def magnitude(_: Node, a: Any, tangent: Any) -> Any:
-    return -tangent if a < 0.0 else tangent
-
-
-def of_base(base: float) -> Callable[..., Any]:
-    """The rule of a logarithm."""
-    return lambda n, a, da: da / (a * math.log(base))
-
-
-def remainder(da: Any, db: Any, *rounded_quotient: Any) -> Any:
-    return plus(da, -times(operation(*rounded_quotient), db)) if changes(db) else da
-
-
-def flat(n: Node, *_: Any) -> float:
-    """The rule of a step function."""
-    return 0.0
-
-
-RULES: dict[str, Callable[..., Any]] = {
-    "+": lambda n, a, b, da, db: plus(da, db),
-    "-": lambda n, a, b, da, db: plus(da, -db if changes(db) else 0.0),
-    "*": lambda n, a, b, da, db: plus(times(b, da), times(a, db)),
-    "/": lambda n, a, b, da, db: plus(da, -times(n, db) if changes(db) else 0.0) / b,
-    "neg": lambda n, a, da: -da,
-    "fabs": magnitude,
-    "copysign": lambda n, a, b, da, db: times(
-        operation("copysign", 1.0, a) * operation("copysign", 1.0, b), da
-    ),
-    "power": power,
-    "pow": power,
-    "modulo": lambda n, a, b, da, db: remainder(da, db, "floordiv", a, b),
-    "fmod": lambda n, a, b, da, db: remainder(da, db, "trunc", a / b) if changes(db) else da,
-    "floordiv": flat,
-    "floor": flat,
-    "ceil": flat,
-    "trunc": flat,
-    "sin": lambda n, a, da: operation("cos", a) * da,
-    "cos": lambda n, a, da: -operation("sin", a) * da,
-    "tan": lambda n, a, da: (1.0 + n * n) * da,
-    "asin": lambda n, a, da: da / operation("sqrt", 1.0 - a * a),
-    "acos": lambda n, a, da: -da / operation("sqrt", 1.0 - a * a),
-    "atan": lambda n, a, da: da / (1.0 + a * a),
-    "atan2": lambda n, y, x, dy, dx: (
-        plus(times(x, dy), -times(y, dx) if changes(dx) else 0.0) / (x * x + y * y)
-    ),
-    "sinh": lambda n, a, da: operation("cosh", a) * da,
-    "cosh": lambda n, a, da: operation("sinh", a) * da,
-    "tanh": lambda n, a, da: (1.0 - n * n) * da,
-    "asinh": lambda n, a, da: da / operation("sqrt", a * a + 1.0),
-    "acosh": lambda n, a, da: da / operation("sqrt", a * a - 1.0),
-    "atanh": lambda n, a, da: da / (1.0 - a * a),
-    "sqrt": lambda n, a, da: da / (2.0 * n),
-    "exp": lambda n, a, da: n * da,
-    "expm1": lambda n, a, da: (n + 1.0) * da,
-    "log": lambda n, a, da: da / a,
-    "log10": of_base(10.0),
-    "log2": of_base(2.0),
-    "log1p": lambda n, a, da: da / (1.0 + a),
-    "erf": lambda n, a, da: 2.0 / math.sqrt(math.pi) * operation("exp", -(a * a)) * da,
-    "erfc": lambda n, a, da: -2.0 / math.sqrt(math.pi) * operation("exp", -(a * a)) * da,
-}
+        return rule(operation, node, *node.operands, *tangents)

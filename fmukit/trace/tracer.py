@@ -15,24 +15,30 @@ from types import BuiltinFunctionType, FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 from ..runtime import flow
+from .context import TraceContext, active, current
 from .execute import arranged, explore, flatten, has_static, kinds, leaves, symbols
 from .graph import (
-    NODES,
-    PATHS,
-    TABLE,
+    AttemptEnd,
+    AttemptStart,
     Function,
+    Join,
     Leaf,
+    Loop,
     Node,
-    Tree,
+    Note,
     Untraceable,
+    argument,
     as_reals,
+    call_node,
+    call_result,
     key,
     kind_of,
+    loop_variable,
     operation,
     size,
-    symbol,
-    unique,
+    text_of,
 )
+from .ops import OPS
 
 #: Largest number of operations of a function that is inlined; a convention of this kit, all compilers inline such.
 MOST_INLINED_OPERATIONS = 40
@@ -49,11 +55,8 @@ def function(
             **{name: parameter_of(name, shape, kind) for (name, shape), kind in typed_shapes}
         )
 
-    paths, PATHS[:] = PATHS[:], []
-    try:
+    with current().from_start():
         tree = explore(call, (name,))
-    finally:
-        PATHS[:] = paths
     shapes_of_results = {leaf.shape for leaf in leaves(tree) if leaf.error is None}
     unified_shapes = {unified(shape) for shape in shapes_of_results}
     if len(unified_shapes) != 1 or (
@@ -64,9 +67,10 @@ def function(
 
 
 def parameter_of(name: str, shape: Any, kind: str) -> Any:
+    """The nodes of a parameter: one for a number, else one for each number of a record."""
     if shape == "number":
-        return symbol("symbol", name, kind=kind)
-    return symbols(shape, lambda index: ("element", name, index))
+        return argument(name, None, kind)
+    return symbols(shape, lambda index, kind, items: argument(name, index, kind, items))
 
 
 def unified(shape: Any) -> Any:
@@ -82,15 +86,14 @@ class Tracer:
 
     def __init__(self, model: ModuleType, kit: dict[ModuleType, tuple[str, ...]]) -> None:
         self.model, self.kit = model, kit
-        for record in (TABLE, NODES, LOOPS, BODIES):
-            record.clear()
+        self.context = TraceContext()
         self.functions: dict[Any, Function | None] = {}
-        self.joins: dict[Any, Node] = {}
+        self.joins: dict[Any, Join] = {}
 
     def trace(self, name: str, run: Callable[..., Any], **examples: Any) -> Function:
         """Trace a function with symbols in the shape of these examples."""
         shapes = {parameter: flatten(value)[0] for parameter, value in examples.items()}
-        with self.patched():
+        with self.tracing():
             traced = function(name, run, shapes)
         if traced is None:
             raise Untraceable(f"{name} does not return the same record on all paths")
@@ -101,8 +104,18 @@ class Tracer:
         self.functions[name] = self.trace(name, run, **examples)._replace(entry=True)
 
     @contextmanager
+    def tracing(self) -> Iterator[None]:
+        """Record what is computed within this context, with the modules patched."""
+        with active(self.context), self.patched():
+            yield
+
+    @contextmanager
     def patched(self) -> Iterator[None]:
-        """Replace mathematics, loops and boundaries of model and kit by what records them."""
+        """Replace mathematics, loops and boundaries of model and kit by what records them.
+
+        This is the one place that patches modules. A model is plain Python over floats that calls `math` and
+        its own functions by their names; only its globals lead from these names to what records them.
+        """
         saved = []
         for module in (self.model, *self.kit):
             for name, value in list(vars(module).items()):
@@ -159,17 +172,20 @@ class Tracer:
 def is_short(traced: Function) -> bool:
     """Whether a function is better followed than called: one path, and a short one."""
     nodes = traced.tree.nodes
-    is_straight = isinstance(traced.tree, Leaf) and not {"join", "loop"} & {n.op for n in nodes}
+    is_straight = isinstance(traced.tree, Leaf) and not any(
+        isinstance(node, Join | Loop) for node in nodes
+    )
     return is_straight and len(nodes) <= MOST_INLINED_OPERATIONS and size(traced.shape) > 0
 
 
 def call_results(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
     """The numbers that a call of this function returns; one without any is called each time."""
-    identity: tuple[Any, ...] = ("call", traced.name, *(tuple(map(key, g)) for g in numbers))
-    identity += () if size(traced.shape) else (PATHS[-1].mark(),)
-    call = PATHS[-1].visit(unique(identity, (traced, [as_reals(group) for group in numbers])))
+    path = current().path
+    mark = () if size(traced.shape) else path.mark()
+    call = call_node(traced, numbers, mark)
+    path.visit(call)
     return [
-        symbol("result", call.number, index, kind=kind, items=items)
+        call_result(call, index, kind, items)
         for index, (kind, items) in enumerate(kinds(traced.shape))
     ]
 
@@ -196,25 +212,21 @@ def logarithm(x: Any, *base: Any) -> Any:
     return operation("/", logarithm(x), logarithm(*base)) if base else operation("log", x)
 
 
-def effect(op: str, *args: Any) -> Node:
-    """Record a side effect here."""
-    path = PATHS[-1]
-    return path.visit(unique((op, path.mark()), args))
-
-
 def note(sentence: str) -> None:
     """Say this to the host's log."""
-    effect("note", sentence)
+    path, text = current().path, text_of(sentence)
+    path.visit(current().unique(("note", path.mark()), lambda n: Note(n, "Real", (), text)))
 
 
 def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
     """`flow.attempted` for symbols."""
-    effect("leave if failed")
+    path, unique = current().path, current().unique
+    path.visit(unique(("attempt", path.mark()), lambda n: AttemptStart(n, "Real", ())))
     try:
         shape, numbers = flatten(run())
     except (ArithmeticError, ValueError):
         return otherwise
-    failed = effect("forget failure")
+    failed = path.visit(unique(("end", path.mark()), lambda n: AttemptEnd(n, "Real", ())))
     _, alternatives = flatten(otherwise)
     chosen = [
         operation("select", failed, number, alternative)
@@ -227,14 +239,17 @@ def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
 
 def repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
     """`flow.repeat` for symbols: the body is followed once, its state is in variables."""
-    mark = PATHS[-1].mark()
+    context, path = current(), current().path
+    mark = path.mark()
     shape, start = flatten(carry)
-    number = LOOPS.setdefault(mark, len(LOOPS))
-    state = symbols(shape, lambda index: ("variable", number, index))
-    if mark not in BODIES:
-        BODIES[mark] = explore(lambda: finished(*body(state)), (*mark, "body"))
-    identity = ("loop", number, *map(key, start))
-    PATHS[-1].visit(unique(identity, (number, as_reals(start), BODIES[mark])))
+    loop = context.loop_numbers.setdefault(mark, len(context.loop_numbers))
+    state = symbols(shape, lambda index, kind, items: loop_variable(loop, index, kind, items))
+    if mark not in context.loop_bodies:
+        context.loop_bodies[mark] = explore(lambda: finished(*body(state)), (*mark, "body"))
+    inner = context.loop_bodies[mark]
+    identity = ("loop", loop, *map(key, start))
+    numbers = as_reals(start)
+    path.visit(context.unique(identity, lambda n: Loop(n, "Real", (), loop, numbers, inner)))
     return state
 
 
@@ -243,14 +258,8 @@ def finished(done: Any, carry: Any) -> tuple[bool, Any]:
     return bool(done), carry
 
 
-LOOPS: dict[Any, int] = {}
-BODIES: dict[Any, Tree] = {}
-
-OPERATIONS = {
-    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh",
-    "atanh", "sqrt", "exp", "expm1", "log10", "log2", "log1p", "pow", "fmod", "copysign", "erf",
-    "erfc", "floor", "ceil", "trunc", "fabs",
-}  # fmt: skip
+#: The functions of `math` that are operations of the table.
+OPERATIONS = {op.name for op in OPS.values() if op.from_math and op.name != "log"}
 OTHERWISE: dict[str, Callable[..., Any]] = {
     "log": logarithm,
     "degrees": lambda x: x * (180.0 / math.pi),

@@ -25,9 +25,9 @@ from workbench import Figure
 from workbench.measure import Measured
 from workbench.roots import (
     Crossing,
+    NoRootError,
     PeakSearch,
     Root,
-    RootNotFoundError,
     SecantSearch,
     falling_roots,
 )
@@ -57,7 +57,7 @@ Sweep = Sequence[tuple[float, Orbit]]
 Curve = Callable[[Any], Any]
 
 
-class FeatureNotFoundError(Exception):
+class NoFeatureError(Exception):
     """A feature that the response does not have, or that it does not show; says why."""
 
 
@@ -151,7 +151,7 @@ class ResponseLine:
         if not sweep:
             return lambda x: self.theory_inverse(feature, x)
         if problem := next((orbit.problem for _, orbit in sweep if orbit.problem), ""):
-            raise FeatureNotFoundError(problem)
+            raise NoFeatureError(problem)
         x = np.array([at for at, _ in sweep])
         spline = CubicSpline(x, self.correction(feature, x, [orbit for _, orbit in sweep]))
         return lambda x: self.theory_inverse(feature, x) + spline(x)
@@ -204,7 +204,7 @@ class ResponseLine:
 
         Raises
         ------
-        FeatureNotFoundError
+        NoFeatureError
             If it is not there.
         """
         curve = self.inverse_response(feature, sweep)
@@ -216,24 +216,24 @@ class ResponseLine:
         if feature.kind is Kind.PEAK:
             top = max(crossings, key=lambda crossing: height(crossing.x), default=None)
             if top is None or height(top.x) < max(map(height, (self.first, self.last))):
-                raise FeatureNotFoundError(AT_EDGE)
+                raise NoFeatureError(AT_EDGE)
             return top
         if feature.kind is not Kind.LAG:
             crossings.sort(key=lambda crossing: abs(crossing.x - feature.near))
         else:
             crossings = [crossing for crossing in crossings if curve(crossing.x).imag > 0.0]
         if not crossings:
-            raise FeatureNotFoundError(NOT_IN_RANGE)
+            raise NoFeatureError(NOT_IN_RANGE)
         load = np.abs(self.load(self.grid)).max()
         if feature.kind is Kind.LAG and abs(self.load(crossings[0].x)) < VANISHING * load:
-            raise FeatureNotFoundError(PHASE_UNDEFINED.format("there"))
+            raise NoFeatureError(PHASE_UNDEFINED.format("there"))
         return crossings[0]
 
     def theory(self, feature: Feature) -> float:
         """Return where first-order theory has the feature, formula (22) the lag; nan where it is not."""
         try:
             return self.expected(feature).x
-        except FeatureNotFoundError:
+        except NoFeatureError:
             return math.nan
 
     def limits_passed(self, level: float, sweep: Sweep) -> list[Feature]:
@@ -255,9 +255,9 @@ class FeatureSearch:
     def __init__(
         self, line: ResponseLine, feature: Feature, sweep: Sweep, step_multiple: int
     ) -> None:
-        """Start from what the orbits of a sweep say; raises FeatureNotFoundError."""
+        """Start from what the orbits of a sweep say; raises NoFeatureError."""
         if len(sweep) < 2:
-            raise FeatureNotFoundError(NEED_TWO_SPEEDS)
+            raise NoFeatureError(NEED_TWO_SPEEDS)
         guess = line.expected(feature, sweep)
         self.line, self.feature, self.step_multiple = line, feature, step_multiple
         self.method: SecantSearch | PeakSearch = SecantSearch(guess.x, guess.slope)
@@ -283,13 +283,13 @@ class FeatureSearch:
 
         Raises
         ------
-        FeatureNotFoundError
+        NoFeatureError
             If an orbit is not steady.
-        RootNotFoundError
+        NoRootError
             If the search fails.
         """
         if problem := next((orbit.problem for orbit in orbits if orbit.problem), ""):
-            raise FeatureNotFoundError(problem)
+            raise NoFeatureError(problem)
         feature, x = self.feature, np.array(self._x)
         noise = max(
             feature.settling_error(sample) / abs(feature.amplitude(sample)) for sample in orbits
@@ -329,7 +329,7 @@ def search_together(
         for n, batch in batches.items():
             try:
                 roots = pending[n].update(batch)
-            except (FeatureNotFoundError, RootNotFoundError) as reason:
+            except (NoFeatureError, NoRootError) as reason:
                 results[n] = str(reason), str(reason)
             else:
                 if roots is None:
@@ -363,7 +363,7 @@ def locate(
         for multiple in step_multiples:
             try:
                 searches.append(FeatureSearch(line, feature, sweep, multiple))
-            except FeatureNotFoundError as reason:
+            except NoFeatureError as reason:
                 searches.append(str(reason))
     results = search_together(searches, runner)
     figures, order = [], CONVERGENCE_ORDERS[runner.algorithm]

@@ -23,7 +23,12 @@ Samples = NDArray[np.float64]
 Amplitudes = NDArray[np.complex128]
 Position = Callable[[Samples], Samples]
 Path = tuple[Samples, Samples, Samples]
-HIGHEST, NODES, SLOPE = 16, 256, 1e-3
+#: Highest order of the Fourier series of a mechanism, a convention; the series falls with a power of crank over rod.
+HIGHEST = 16
+#: Even angles of a revolution, eight for each period of the highest order; a power of 2 for the FFT.
+NODES = 256
+#: Relative step of a central difference in the speed; its error is of the order of its square.
+SLOPE = 1e-3
 ANGLES = np.linspace(0.0, 2 * math.pi, NODES, endpoint=False)
 FIELDS = {
     "motor.B": "B",

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cosim import Result
 
 Parameters = Mapping[str, Any]
+#: How many times too long crank and stroke are drawn relative to the rod; a convention, so that they are seen.
 ENLARGED = 4.0
 RECORD = (
     "motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x", "conveyor.tau_load", "conveyor.f_rod",

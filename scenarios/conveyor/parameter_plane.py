@@ -70,7 +70,7 @@ class Plane(NamedTuple):
     def nodes(self) -> list[tuple[float, float]]:
         """x and y of all points, row by row."""
         x, y = self.x.along.values.tolist(), self.y.along.values.tolist()
-        return [(one, level) for level in y for one in x]
+        return [(column, level) for level in y for column in x]
 
     def points(self) -> list[OperatingPoint]:
         """The machines of these and their mean speeds."""
@@ -140,7 +140,9 @@ class Built(NamedTuple):
         self, samples: Sequence[Sample], runs: int, limit: float, runner: OrbitRunner
     ) -> list[dict[str, Any]]:
         """Co-simulate the first machines of each sample."""
-        points = [self.at(one.row, float(one.x[k]), k) for one in samples for k in range(runs)]
+        points = [
+            self.at(sample.row, float(sample.x[k]), k) for sample in samples for k in range(runs)
+        ]
         orbits = runner.orbits(points, "check of the probability")
         groups = [(sample, list(islice(orbits, runs))) for sample in samples]
         steady = [group for group in groups if any(not orbit.problem for orbit in group[1])]

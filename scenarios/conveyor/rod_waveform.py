@@ -21,10 +21,14 @@ from .orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner
 
 #: Springs around that of formula (17), over it.
 AROUND = (0.5, 0.75, 1.0, 1.25, 1.5)
-FINE, CLOSE = 4096, 1e-6
+#: Even angles from the best of which Newton's method begins; a period of order 32 has 128 of them.
+FINE = 4096
+#: Relative error to which a spring is located; a convention, below the coupling errors of a force.
+CLOSE = 1e-6
 #: Newton's steps from one of FINE angles to a peak, which leaves an error of the order of 1e-3^8; then rounding.
 NEWTON_STEPS = 4
-ORDER = 1.0  # of the force that an FMU tells of a torque that was given half a step before
+#: Convergence order of the rod force, which follows the torque of half a step before at once.
+ORDER = 1.0
 
 
 def waveform(

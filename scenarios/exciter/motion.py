@@ -11,6 +11,7 @@ from workbench.charts import motion
 from workbench.charts.motion import Columns, Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
 
+#: How many times too large the displacement is drawn; a convention, so that it is seen.
 ENLARGED = 2.0
 NOTE = f"The displacement is drawn {ENLARGED:g} times as large as it is."
 

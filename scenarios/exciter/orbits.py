@@ -31,9 +31,11 @@ STEP_MULTIPLES = (1, 2, 4)
 
 #: Steps in a revolution at least; measured: the default folds then have a coupling error below 1e-5.
 STEPS_PER_REV = 64
-#: Scales of current [A], amplitude of the mount [m] and voltage [V] where they vanish; conventions.
+#: Scale of a current that vanishes [A]; a convention.
 LEAST_CURRENT = 1e-2
+#: Scale of an amplitude of the mount that vanishes [m]; a convention.
 LEAST_AMPLITUDE = 1e-6
+#: Scale of a voltage that vanishes [V]; a convention.
 LEAST_SUPPLY = 1e-2
 #: Relative perturbation for central differences; derived from the cube root of the machine precision.
 PERTURBATION = 1e-5

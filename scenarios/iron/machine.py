@@ -14,7 +14,10 @@ from workbench.charts.model import Span
 from workbench.measure import largest
 from workbench.options import Start
 
+#: Inertia of a rotor that imposes a constant speed [kg.m2]; the acceleration left is below 1e-11 rad/s2.
 FLYWHEEL = 1e9
+#: Distance from the ends of rise and return within which rows are left out [rad]; rows of two turns are at the
+#: same angles within 1e-11 rad.
 EDGE = 1e-6
 NOMINAL = "40rpm"
 PER_MINUTE = 30 / math.pi

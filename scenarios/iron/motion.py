@@ -19,6 +19,7 @@ from .machine import turn
 
 Positions = NDArray[np.complex128]
 AXIS = math.radians(-35.0)
+#: Radius of the roller [m], chosen for the drawing.
 ROLLER = 0.012
 COLUMNS = ("phi", "alpha", "beta", "H", "lift", "motion")
 ANGLES = ("phi", "alpha", "beta")

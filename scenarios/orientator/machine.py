@@ -12,8 +12,12 @@ from workbench.charts.model import Span
 from workbench.measure import with_rows
 
 PARTS = {"orientator": "GravityOrientator"}
+#: Time after which a product that has not come out is given up [s]; a convention, five slow products long.
 LONGEST = 1.5
-ORIENTED, JAMMED = 4, 5
+#: Number of the stage of a product that came out, by the FMU.
+ORIENTED = 4
+#: Number of the stage of a jam, by the FMU.
+JAMMED = 5
 STAGES = ("falling", "joint", "turning", "released", "oriented", "jammed", "waiting")
 COLORS = ("grey", "sky", "green", "gold", "grey", "red", "grey")
 REASONS = (

@@ -48,7 +48,9 @@ MISUSE = {
         "w = nan rad/s must be a finite number": lambda u: u.start().set(w=nan),
         "w = inf rad/s must be a finite number": lambda u: u.start().set(w=inf),
         "T = nan s must be a finite number": lambda u: u.set(T=nan),
-        "T = 0.1 s cannot be set: fixed parameter, after init": lambda u: u.start().set(T=0.1),
+        "input_hold = 1 cannot be set: fixed parameter, after init": lambda u: u.start().set(
+            input_hold=1
+        ),
         "characteristic = 1 cannot be set: fixed": lambda u: u.start().set(characteristic=1),
         "tau = 0.1 N.m cannot be set: continuous output": lambda u: u.start().set(tau=0.1),
         "P = 1.0 W cannot be set: continuous output": lambda u: u.set(P=1.0),

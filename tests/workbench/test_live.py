@@ -209,12 +209,12 @@ def test_the_sweep_runs_through_the_rows_of_the_answer(shown: Browser, folder: P
     traces = shown.value(
         f"{PART}.querySelector('.live-chart').data.filter(x => x.name === 'co-simulation').map(x => [x.x, x.y])"
     )
-    sweep, speeds = answer.data, traces[0][0]
+    data, speeds = answer.data, traces[0][0]
     assert len(speeds) == SWEEP_POINTS and speeds == sorted(speeds)
-    coarser = sweep.setup.steps_per_rev // SWEEP_STEPS
+    multiple = data.sweep.runner.steps_per_rev // SWEEP_STEPS
     some = speeds[::TRIED_POINTS]
-    orbits = [simulate(sweep.setup.case(*sweep.line.at(nu), coarser)) for nu in some]
-    loads = [sweep.line.at(nu)[0].load_ripple(nu) for nu in some]
+    orbits = [simulate(data.sweep.runner.task(*data.line.at(nu), multiple)) for nu in some]
+    loads = [data.line.at(nu)[0].load_ripple(nu) for nu in some]
     lags = [float(np.angle(load / x.torque, deg=True)) % 360 for load, x in zip(loads, orbits)]
     expected = [[abs(x.torque) for x in orbits], [abs(x.speed) for x in orbits], lags]
     for (x, y), values in zip(traces, expected, strict=True):
@@ -405,7 +405,7 @@ def test_a_module_computes_what_its_fmu_does(name: str, shown: Browser, tmp_path
     """All outputs over steps of the default experiment; sin, cos and their like may round otherwise."""
     system = cosim.System({"m": FMUS / "native" / f"{name}.fmu"})
     description = connect(system).descriptions["m"]
-    step = float(description.defaultExperiment.stepSize)
+    step = float(description.defaultExperiment.step)
     inputs = [x.name for x in description.modelVariables if x.causality == "input"]
     result = cosim.run(system, stop=50 * step, step=step)
     engine = script(WORKER[:3])

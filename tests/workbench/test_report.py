@@ -325,7 +325,12 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
     rest = {f"{name}_error": 0.5 for name in ("tau2", "w2", "lag")} | {"w2": 1.0, "lag": 90.0}
     told = [{"nu": x, "tau2": abs(machine.torque_ripple(x)), **rest} for x in nu.tolist()]
     rows = {row["nu"]: {name: (x, "") for name, x in row.items()} for row in told}
-    line: Any = SimpleNamespace(at=lambda nu: (machine, nu))
+    line: Any = SimpleNamespace(at=lambda nu: (machine, nu), first=20.0, last=60.0)
+    measured: Any = SimpleNamespace(line=line, speeds=(*nu,), frame=pd.DataFrame(told))
+    band: Any = [
+        SimpleNamespace(is_upward=is_upward, speed=at, figure=Figure(at, "rad/s", 0.1))
+        for is_upward, at in ((True, 27.0), (False, 45.0))
+    ]
     figures = {
         "nu_res": Figure(40.0, "rad/s", 0.0),
         "zeta": Figure(0.1, "1", 0.0),
@@ -337,7 +342,8 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
     for speed, lag in ((40.0, 90.0), (57.0, 160.0)):
         o, known = resonance.Options(), figures | {"lag_operating": Figure(lag, "deg", 0.1)}
         known |= {"tau2_operating": Figure(rows[speed]["tau2"][0], "N.m", 0.1)}
-        sweep = resonance.Sweep(line, line, [*rows], speed, rows, [], [(27.0, 45.0)], [])
+        operating: Any = SimpleNamespace(rows=[row for row in told if row["nu"] == speed])
+        sweep = resonance.ResonanceData(measured, speed, operating, band, False)
         charts.append(resonance.ripple(o, known, sweep, resonance.headline(o, known, sweep)))
     on, off = charts
     answers = ("at 40 rad/s: yes. Torque ripple above 50 N.m: yes",
@@ -350,7 +356,8 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
     torque = on.panels[0]
     assert isinstance(torque, Panel)
     assert [level.at for level in torque.levels] == [100.0, 50.0]
-    assert list(torque.curves[1].error or ()) == [0.5] * 41
+    error = torque.curves[1].error
+    assert error is not None and list(error) == [0.5] * 41
 
 
 def arm(frames: int) -> Motion:

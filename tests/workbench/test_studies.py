@@ -160,7 +160,7 @@ REFUSED = [
     (GRID, "[10, 20.0]", "['low']", "grid.y = 'low' must be a number"),
     (GRID, "[10, 20.0]", "10", "grid.y = 10 must be a list of values or { from, to, number }"),
     (GRID, X, "times = [1.5]", "grid.times = 1.5 must be a whole number"),
-    (GRID, "x = {", "places = [3, [1, 2]]\nx = {", "grid.places = 3 must be a list, each a string"),
+    (GRID, "x = {", "points = [3, [1, 2]]\nx = {", "grid.points = 3 must be a list, each a string"),
     (GRID, X, "mood = ['bad']", "grid.mood = 'bad' must be one of good, warn, refuse, fail"),
     (GRID, X, "motor.T = [1.0]", "grid.motor: write a start value in quotes, \"motor.T\" = …"),
     (GRID, X, "start = ['a=1']", "grid.start: plane has no option 'start'"),
@@ -460,7 +460,7 @@ def test_whatever_changes_makes_another_study_but_for_what_is_shown(
         return {name for name in before if before[name] != other[name]}
 
     assert changed(who(flavour="native")) == {"flavour", "fmus", "contents"}
-    seeds = study.plan.Study.samples
+    seeds = study.file.Study.samples
     for part, name, other in (
         ("versions", "cosim.versions", lambda: before["versions"] | {"numpy": "9.9"}),
         (
@@ -470,7 +470,7 @@ def test_whatever_changes_makes_another_study_but_for_what_is_shown(
         ),
         (
             "inputs",
-            f"{study.plan.__name__}.Study.samples",
+            f"{study.file.__name__}.Study.samples",
             lambda plan: [(x + 1e-15,) for (x,) in seeds(plan)],
         ),
     ):

@@ -93,7 +93,7 @@ typedef struct {
 typedef struct {
     double values[VARIABLES], before[AT_LEAST_ONE(INPUTS)], end[AT_LEAST_ONE(INPUTS)], slopes[AT_LEAST_ONE(INPUTS)];
     double rates[HIGHEST_DEGREE][AT_LEAST_ONE(INPUTS)];
-    double time, past, stale, phase, driven, kind, events;
+    double time, past, stale, unchecked, phase, driven, kind, events;
 } State;
 
 typedef struct {
@@ -117,6 +117,7 @@ typedef struct {
 static const Variable variables[VARIABLES];
 static const Continuous continuous[AT_LEAST_ONE(DERIVATIVES)];
 static void model_check(Context *c, const double *p);
+static void model_check_start(Context *c, const double *p);
 static void model_begin(Context *c, const double *p, double t, const double *x, const double *now,
                         double *result);
 static void model_input_trajectory(Context *c, double hold, const double *before, const double *now,
@@ -171,6 +172,7 @@ NOINLINE static fmi2Status set(Instance *i, const char *kind, const fmi2ValueRef
         double value = *kind == 'R' ? reals[k] : *kind == 'B' ? integers[k] != 0 : integers[k];
         if (!may_set(i, kind, vr[k], value)) break;
         i->state.values[vr[k]] = value;
+        if (i->state.phase > INITIALIZING && is_tunable(vr[k])) i->state.stale = i->state.unchecked = 1.0;
     }
     if (i->state.phase != STEPPING) i->state.stale = 1.0;
     return finish(i);
@@ -308,6 +310,7 @@ EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
     s = &i->state, x = values_from(i, FIRST_STATE), now = values_from(i, FIRST_INPUT);
     if (allowed(i, "exitInitializationMode", EITHER, INITIALIZING, INITIALIZING)) refresh(i);
     if (!i->context.failed) {
+        model_check_start(&i->context, s->values);
         model_check(&i->context, s->values);
         model_begin(&i->context, s->values, s->time, x, now, result);
     }
@@ -385,7 +388,7 @@ static int may_step(Instance *i, double t, double h) {
         fail(&i->context, "communication step = %r s must be a finite number above 0", h);
     else if (!(fabs(t - time) <= 1e-3 * h + 1e-9 * fabs(time)))
         fail(&i->context, "communication point = %r s must be %r s, no jump", t, time);
-    return !i->context.failed;
+    return check_changed_parameters(i);
 }
 
 EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real h, fmi2Boolean final) {

@@ -124,15 +124,13 @@ static inline int clear_failure(Context *c) {
 }
 
 /* Arithmetic that Python refuses. The functions of libm are called through pointers, because
-   compilers replace some by others that round otherwise. */
+   compilers replace some by others that round otherwise. The list is made from the table of operations
+   (fmukit/trace/ops.py). */
 
 #define LIBM(name) static double (*const volatile libm_##name)(double) = name;
-LIBM(sin) LIBM(cos) LIBM(tan) LIBM(asin) LIBM(acos) LIBM(atan) LIBM(sinh) LIBM(cosh) LIBM(tanh)
-LIBM(asinh) LIBM(acosh) LIBM(atanh) LIBM(exp) LIBM(expm1) LIBM(log) LIBM(log10) LIBM(log2)
-LIBM(log1p) LIBM(erf) LIBM(erfc)
-static double (*const volatile libm_pow)(double, double) = pow;
-static double (*const volatile libm_atan2)(double, double) = atan2;
-static double (*const volatile libm_fmod)(double, double) = fmod;
+#define LIBM_2(name) static double (*const volatile libm_##name)(double, double) = name;
+LIBM_FUNCTIONS(LIBM)
+LIBM_FUNCTIONS_2(LIBM_2)
 
 INLINE double checked(Context *c, double x, double value) {
     if (UNLIKELY(!is_finite(value))) {

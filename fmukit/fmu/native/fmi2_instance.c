@@ -125,12 +125,22 @@ static void mark_discardable(Instance *i) {
     i->context.discarded = i->context.failed && i->state.phase == INTEGRATING;
 }
 
+/* Check the parameters after some of them have changed in motion. */
+static int check_changed_parameters(Instance *i) {
+    if (i->state.unchecked != 0.0 && !i->context.failed) {
+        model_check(&i->context, i->state.values);
+        i->state.unchecked = 0.0;
+    }
+    return !i->context.failed;
+}
+
 /* Calculate the outputs from the state and the inputs of this instant. */
 static void refresh(Instance *i) {
     Context *c = &i->context;
     State *s = &i->state;
     double *x = values_from(i, FIRST_STATE), result[AT_LEAST_ONE(STATES + OUTPUTS)];
     if (s->phase == INITIALIZING) {
+        model_check_start(c, s->values);
         model_check(c, s->values);
         c->notes[c->notes_length = c->dropped = 0] = '\0';
         if (c->failed) return;
@@ -138,6 +148,7 @@ static void refresh(Instance *i) {
         model_initial(c, s->values, s->time, x, s->end, result);
         if (!c->failed) memcpy(x, result, STATES * sizeof *x);
     } else {
+        if (!check_changed_parameters(i)) return;
         model_outputs(c, s->values, s->time, x, current_inputs(i), result + STATES);
     }
     for (int k = 0; k < OUTPUTS; k++) check_finite(c, &variables[FIRST_OUTPUT + k], result[STATES + k]);
@@ -147,10 +158,10 @@ static void refresh(Instance *i) {
     s->stale = 0.0;
 }
 
-/* During initialisation, bring what has been set up to date. */
+/* Bring up to date what has been set during initialisation, and check what has been tuned. */
 static int refresh_initial(Instance *i) {
     if (i->state.phase == INITIALIZING && i->state.stale != 0.0) refresh(i);
-    return !i->context.failed;
+    return check_changed_parameters(i);
 }
 
 /* The derivatives of the continuous states at this instant. */
@@ -208,6 +219,10 @@ INLINE int is_integrated(fmi2ValueReference reference) {
            *variables[reference].variability == 'c';
 }
 
+INLINE int is_tunable(fmi2ValueReference reference) {
+    return *variables[reference].variability == 't';
+}
+
 /* Whether a value may be read as it stands. */
 INLINE int is_up_to_date(const State *s, const char *kind, fmi2ValueReference reference) {
     return reference < FIRST_DERIVATIVE && has_type(&variables[reference], kind) &&
@@ -246,6 +261,7 @@ static int may_set(Instance *i, const char *kind, fmi2ValueReference reference, 
     if (phase <= INITIALIZING ? v->settable_before_start
                               : phase <= INTEGRATING && is_input(reference))
         return 1;
+    if ((phase == STEPPING || phase == AT_EVENT) && is_tunable(reference)) return 1;
     fail(c, "%s = %v cannot be set: %s %s, %s", v->name, v, value, v->variability, v->causality,
          PHASES[phase]);
     return 0;

@@ -27,6 +27,7 @@ static int is_possible_state(const State *s) {
     if (!is_integer_between(s->kind, COSIMULATION, MODEL_EXCHANGE) || !is_integer_between(s->events, 0.0, MOST_EVENTS)) return 0;
     if (kind_of((int)s->phase) != EITHER && kind_of((int)s->phase) != s->kind) return 0;
     if (!is_finite(s->time) || !is_finite(s->past) || !is_integer_between(s->stale, 0.0, 1.0)) return 0;
+    if (!is_integer_between(s->unchecked, 0.0, 1.0)) return 0;
     for (int k = 0; k < VARIABLES; k++)
         if (!is_possible_value(&variables[k], s->values[k])) return 0;
     for (int k = 0; k < INPUTS; k++) {

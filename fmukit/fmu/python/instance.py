@@ -22,7 +22,7 @@ PHASES = (
     "after terminate",
     "after a failure (reset the instance first)",
 )
-HIDDEN = ("time", "past", "stale", "phase", "guid")
+HIDDEN = ("time", "past", "stale", "unchecked", "phase", "guid")
 DISCRETE = ("Integer", "Boolean", "String")
 TYPES: dict[str, Callable[[Any], Any]] = {"Integer": int, "Enumeration": int, "Boolean": bool}
 
@@ -75,7 +75,7 @@ def setter(kind: str) -> Callable[[Slave, list[int], list[Any]], None]:
             if i not in self.settable[kind][v[self.phase]]:
                 self.refuse(kind, i, value)
             v[i] = value
-        v[self.stale] |= v[self.phase] != STEPPING
+        self.mark_stale(vrs)
 
     return set_all
 
@@ -98,7 +98,10 @@ class Slave(Fmi2Slave):
     def __init_subclass__(cls) -> None:
         everything = range(len(cls.variables))
         early = {i for i in everything if cls.variables[i].settable}
-        phases = (early, early, set(everything[cls.inputs]), set[int](), set[int]())
+        tunable = {i for i in everything if cls.variables[i].variability == "tunable"}
+        between = set(everything[cls.inputs]) | tunable
+        phases = (early, early, between, set[int](), set[int]())
+        cls.input_references = frozenset(everything[cls.inputs])
         cls.references = {
             kind: frozenset(i for i in everything if cls.variables[i].type == kind)
             for kind in ("Real", *DISCRETE)
@@ -114,6 +117,7 @@ class Slave(Fmi2Slave):
         cls.held_reals = tuple(assigned if phase == INITIALIZING else held for phase in range(5))
 
     references: ClassVar[dict[str, frozenset[int]]]
+    input_references: ClassVar[frozenset[int]]
     settable: ClassVar[dict[str, tuple[frozenset[int], ...]]]
     held_reals: ClassVar[tuple[frozenset[int], ...]]
 
@@ -122,10 +126,11 @@ class Slave(Fmi2Slave):
         count, width = len(self.variables), self.inputs.stop - self.inputs.start
         self.values: list[Any] = [v.start for v in self.variables]
         self.values += 2 * self.values[self.inputs]
-        self.values += [0.0, 0.0, True, INSTANTIATED, self.guid]
+        self.values += [0.0, 0.0, True, False, INSTANTIATED, self.guid]
         self.before = slice(count, count + width)
         self.end = slice(count + width, count + 2 * width)
-        self.time, self.past, self.stale, self.phase, _ = range(len(self.values))[-len(HIDDEN) :]
+        hidden = range(len(self.values))[-len(HIDDEN) :]
+        self.time, self.past, self.stale, self.unchecked, self.phase, _ = hidden
 
     def fail(self, error: BaseException) -> NoReturn:
         """End in FAILED, outputs NaN, and raise what the wrapper can report."""
@@ -153,6 +158,7 @@ class Slave(Fmi2Slave):
         self.require("exitInitializationMode", INITIALIZING)
         self.refresh()
         v, now = self.values, self.values[self.inputs]
+        self.functions.model_check_start(self.warn, v)
         self.functions.model_check(self.warn, v)
         start = self.functions.model_begin(self.warn, v, v[self.time], v[self.states], now)
         self.store(self.states, start)
@@ -173,6 +179,8 @@ class Slave(Fmi2Slave):
         if not abs(t - v[self.time]) <= 1e-3 * h + 1e-9 * abs(v[self.time]):
             raise ValueError(f"communication point = {t!r} s must be {v[self.time]!r} s, no jump")
 
+        if v[self.unchecked]:
+            self.check_changed_parameters()
         x, before, now = v[self.states], v[self.before], v[self.inputs]
         trajectory = self.functions.model_input_trajectory(
             self.warn, v[self.input_hold], before, now, v[self.past], h
@@ -210,6 +218,7 @@ class Slave(Fmi2Slave):
         """Calculate the outputs from the state and the inputs at the end of the last step."""
         v, call = self.values, self.functions
         if v[self.phase] == INITIALIZING:
+            call.model_check_start(lambda _: None, v)
             call.model_check(lambda _: None, v)
             v[self.end] = v[self.inputs]
             results = call.model_initial(self.warn, v, v[self.time], v[self.states], v[self.end])
@@ -217,6 +226,8 @@ class Slave(Fmi2Slave):
             self.store(self.states, results[:width])
             self.store(self.outputs, results[width:])
         else:
+            if v[self.unchecked]:
+                self.check_changed_parameters()
             x, u = v[self.states], v[self.end]
             self.store(self.outputs, call.model_outputs(self.warn, v, v[self.time], x, u))
         v[self.stale] = False
@@ -256,7 +267,20 @@ class Slave(Fmi2Slave):
             if i not in settable or value - value != 0.0:
                 self.refuse("Real", i, value)
             v[i] = value
-        v[self.stale] |= v[self.phase] != STEPPING
+        self.mark_stale(vrs)
+
+    def mark_stale(self, vrs: Sequence[int]) -> None:
+        """Let what has been set act on the outputs: inputs by the next step, a tunable parameter by itself."""
+        v = self.values
+        if v[self.phase] != STEPPING:
+            v[self.stale] = True
+        elif not self.input_references.issuperset(vrs):
+            v[self.stale] = v[self.unchecked] = True
+
+    def check_changed_parameters(self) -> None:
+        """Check the parameters after some of them have changed in motion."""
+        self.functions.model_check(self.warn, self.values)
+        self.values[self.unchecked] = False
 
     def refuse(self, kind: str, reference: int, value: Any) -> NoReturn:
         """Raise ValueError with the reason why this variable cannot take this value now."""

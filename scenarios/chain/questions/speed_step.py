@@ -66,6 +66,7 @@ MACHINE = {
     "load.crank.r": 0.004,
     "load.w": 0.0,
 }
+#: Share of the set speed that the load must reach; a convention of step responses.
 NEAR = 0.9
 TITLE = "Both ends of the shaft"
 NOTE = "The thin hand is the gearbox end of the shaft, the crank the load end. Their angle is the twist."

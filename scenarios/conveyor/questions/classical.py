@@ -20,7 +20,7 @@ from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show
 from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
 from workbench.figure import listed
 from workbench.measure import Measured, crossing_times
-from workbench.roots import RootNotFoundError, SecantSearch
+from workbench.roots import NoRootError, SecantSearch
 
 from .. import motion
 from ..features import ResponseLine
@@ -236,7 +236,7 @@ def limits_of(
             else:
                 try:
                     root = search.update(error.value - level, error.error)
-                except RootNotFoundError:
+                except NoRootError:
                     figures[case] = Figure.undetermined("rad/s", TOO_COARSE)
                 else:
                     inside = sweep.speeds[0] <= search.x <= sweep.speeds[-1]

@@ -22,7 +22,7 @@ from workbench.charts.model import LIFT, THEORY
 from workbench.figure import SHARE_DIGITS, concise
 
 from .. import motion
-from ..features import LAG, FeatureNotFoundError, ResponseLine, locate
+from ..features import LAG, NoFeatureError, ResponseLine, locate
 from ..first_order import SETS, Machine, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised
 from ..machine import PARTS as DRIVE
@@ -41,7 +41,10 @@ FIXED_STARTS = (
     "conveyor.w",
 )
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
-RANGE, GUIDE_SPEEDS = (0.6, 1.4), 5
+#: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
+RANGE = (0.6, 1.4)
+#: Orbits between them whose interpolant gives the first guess; a convention.
+GUIDE_SPEEDS = 5
 MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("full characteristic", "gold")}
 COLUMNS = {
     "resistance": "N.s/m", "breakdown_slip": "1", "load": "N.m", "slip": "1", "slope": "N.m.s/rad",
@@ -107,7 +110,7 @@ class Motor(NamedTuple):
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
         try:
             return self.line.expected(LAG).x
-        except FeatureNotFoundError as reason:
+        except NoFeatureError as reason:
             where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
             raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {reason}") from None
 

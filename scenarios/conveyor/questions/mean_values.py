@@ -49,7 +49,12 @@ MEANT = {
     "motor": ("W", "power into heat in the motor"),
 }
 DRIFT = ("overshoot", "off_16", "off_whole")
-STARTS, SLOWER, LASTS = 8, 0.05, 3.0
+#: Starts at even crank angles whose mean leaves out the ripple of the orders 1 to 7; a convention.
+STARTS = 8
+#: Share by which the speed is lower before the step of the supply; a convention, small for a linear response.
+SLOWER = 0.05
+#: Time constants of the envelope for which the drift is followed; exp(-3) = 5 % of it are left.
+LASTS = 3.0
 #: Length of the drift over the time at which its overshoot is largest; a convention, so that it lies inside.
 PAST_OVERSHOOT = 1.1
 #: Overshoot, as a share of the step, that is too small to make the drift longer; below all stated errors.

@@ -55,7 +55,10 @@ Real = NDArray[np.float64]
 PARTS = DRIVE
 PARALLEL = True
 X, Y = "speed=15:80:60", "motor.T=0.015:0.16:40:log"
-RANGE, FIXED = "45:60", 60.0
+#: Default operating range [rad/s], above the resonance of set A; a convention.
+RANGE = "45:60"
+#: Default operating speed of maps whose x is not the speed [rad/s]; a convention.
+FIXED = 60.0
 TOLERANCES = {
     "motor.T": 0.10,
     "motor.B": 0.05,
@@ -64,7 +67,10 @@ TOLERANCES = {
     "conveyor.trough.m": 0.02,
     "conveyor.trough.d": 0.20,
 }
-SURE, SPEEDS = 0.01, 61
+#: Probability up to which nearly all machines stay clear; a convention.
+SURE = 0.01
+#: Speeds of the operating range at which built machines are judged, 0.25 rad/s apart by default; a convention.
+SPEEDS = 61
 NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
@@ -274,7 +280,7 @@ def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:
         nus, nominal = np.linspace(*r.within, SPEEDS), built._replace(factors={})
         over = [built.sample(n, nus) for n in rows]
         r.rows["ripple_in_range"] = [nominal.sample(n, nus).expected[0] for n in rows]
-        r.rows["probability_in_range"] = [one.probability(most) for one in over]
+        r.rows["probability_in_range"] = [sample.probability(most) for sample in over]
         samples += [over[n] for n in on_edge(r.rows["probability_in_range"], count // 2)]
     return samples
 
@@ -343,7 +349,7 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
 
 def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
     """The values of an axis that are good, as from .. to of those next to each other."""
-    groups = groupby(zip(good, along.values), lambda one: one[0])
+    groups = groupby(zip(good, along.values), lambda pair: pair[0])
     runs = [[x for _, x in group] for ok, group in groups if ok]
     texts = [
         f"{run[0]:.3g} {along.unit}"

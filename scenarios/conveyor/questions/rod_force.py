@@ -58,7 +58,10 @@ UNITS = {
     "nu": "rad/s", "c": "N/m", "f_rod": "N", "f_rod_formula": "N", "f_rod_theory": "N",
     "tau2": "N.m", "tau2_theory": "N.m", "settling": "1",
 }  # fmt: skip
-FEWEST, WELL = 4, 1.02
+#: Fewest speeds and springs of a map, as many as a cubic needs.
+FEWEST = 4
+#: Rod force over the smallest one up to which the present spring is kept; a convention.
+WELL = 1.02
 #: Sampled coupling errors by which a point of the map may be below the largest deviation and still have it;
 #: a safety margin by convention, as a point's error may be larger than those of the sample.
 MARGIN = 3.0
@@ -118,7 +121,7 @@ def solve(o: Options, context: Context) -> Findings:
     present, nu = followed(context.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
     shifted_machine = {key: value for key, value in o.start.items() if key not in FIELDS}
     system = conveyor_drive(context.fmus, {**present.start(nu), **shifted_machine})
-    held = {key: one.value for key, one in parameters(system).items()}
+    held = {key: parameter.value for key, parameter in parameters(system).items()}
     length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
     runner = OrbitRunner(context, shifted_machine, o.algorithm, o.steps_per_rev)
     runner.check(present, min(nu, *o.speeds), STEP_MULTIPLES[-1])
@@ -311,7 +314,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: RodForceData) -> str:
     force, ripple, lag, top = (
         [f[f"{key}{name}"] for name in SPRINGS] for key in ("f_rod", "tau2", "nu_90", "tau2_peak")
     )
-    if any(one.error is None for one in force):
+    if any(figure.error is None for figure in force):
         advice = (
             f"Use a spring of {spring.brief()} instead of {present.brief()} {at}. With it the largest rod force is "
             f"{force[1].brief()}; with the machine's spring it is {force[0].brief()}."
@@ -329,9 +332,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: RodForceData) -> str:
             f"{ripple[0].brief()} to {ripple[1].brief()}."
         )
     lines = [advice, formula_text]
-    if all(one.error is not None for one in lag):
+    if all(figure.error is not None for figure in lag):
         lines.append(shifted(r, *lag))
-    if all(one.error is not None for one in top):
+    if all(figure.error is not None for figure in top):
         lines.append(
             f"The largest torque ripple is {top[0].brief()} with the machine's spring and "
             f"{top[1].brief()} with the other."

@@ -42,6 +42,7 @@ LOADS = {
     "tau": ("motor.tau", "torque"),
     "f_rod": ("conveyor.f_rod", "rod force"),
 }
+#: Share of a run after which its end begins; a convention.
 END = 0.8
 #: Mean speed at the end over the largest there, below which the crank only rocks; 2 / pi where it turns forward.
 ROCKING = 0.1

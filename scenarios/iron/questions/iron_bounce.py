@@ -26,7 +26,10 @@ from .. import motion
 
 PARTS = {"iron": "IronDrive"}
 FIXED_STARTS = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
-TURNS, FINER = 3, 4
+#: Turns of a run, of which the last two show whether they repeat; a convention.
+TURNS = 3
+#: By how many times slower the impacts are at which bounces end, in the run that shows the error; a convention.
+FINER = 4
 TABLE = "iron_bounce.csv"
 UNITS = {
     "nu": "rad/s", "flight": "s", "landings": "1", "gap": "rad", "speed": "m/s", "impulse": "N.s",
@@ -128,9 +131,9 @@ def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:
     hardest, impulse = (float(x[1:][new > 0].max(initial=0.0)) for x in (v, S))
     e = r.provenance["parts"]["iron"]["parameters"]["follower.e"]
     are_distinct = not (v[1:][new > 1] > e * hardest / 2).any()
-    time_off, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
+    flight_time, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
     widest = largest(r["time"][rows], gap).value
-    return Flight(speed, time_off, landings, widest, hardest, impulse, loss, are_distinct)
+    return Flight(speed, flight_time, landings, widest, hardest, impulse, loss, are_distinct)
 
 
 def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:

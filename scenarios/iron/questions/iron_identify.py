@@ -34,8 +34,16 @@ LOADS = ("iron.iron.m", "iron.spring.c", "iron.friction.K_up", "iron.friction.K_
 FREE = ("motor.B", "motor.T", *LOADS)
 FIXED_STARTS = (SUPPLY, *STATES[1:])
 EXACT = ("iron.reducer.J", "iron.reducer.i_g", "iron.spring.e_0")
-SAMPLES, FORESEEN = 360, 0.02
-ANGLES, TURN, LOAD = 256, 5e-3, 0.1
+#: Rows of a turn from which a loss is taken; a convention.
+SAMPLES = 360
+#: Noise of a torque that a further record would have, over the rated torque; a convention.
+FORESEEN = 0.02
+#: Even angles at which two turns are correlated; a power of 2 for the FFT.
+ANGLES = 256
+#: Cam angle of a communication step of the run that begins a fit [rad]; a convention.
+TURN = 5e-3
+#: Mean torque of the motor at the start of a fit [N.m]; a convention.
+LOAD = 0.1
 DERIVED = {
     "mu": ("1", "guide friction over the pull of the chain"),
     "loss": ("J", "work of the guide friction per turn"),

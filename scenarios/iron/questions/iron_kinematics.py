@@ -41,7 +41,12 @@ DIMENSIONS = {
     "rocker.alpha0": "alpha0", "link.l": "l_T", "chain.l": "l_c", "sprocket.A": "A",
     "sprocket.C": "C", "sprocket.R": "R_z",
 }  # fmt: skip
-ROTOR, PACE, CHANGE = 1e3, 4.0, 2e-3
+#: Inertia of a rotor that imposes the speed [kg.m2]; it is taken out of A_1 again.
+ROTOR = 1e3
+#: Speed of the cam [rad/s], which the transfer functions do not depend on; a convention.
+PACE = 4.0
+#: Relative change of a dimension, whose halving shows the error of the derivative; a convention.
+CHANGE = 2e-3
 UNITS = {"dimension": "1", "function": "1", "change": "%", "change_error": "%"}
 
 

@@ -33,11 +33,19 @@ from .. import motion
 Frame = Any
 PARTS = iron.PARTS
 FIXED_STARTS = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
-ORDERS, HIGHEST = 12, 60
+#: Orders of the cam angle that are reported; a convention.
+ORDERS = 12
+#: Highest order that is fitted, so that higher ones do not pass for those reported.
+HIGHEST = 60
 LAGS = (12, 80, 200)
+#: Communication steps per revolution of the cam, four for a degree; a convention.
 PER_REV = 1440
+#: Inertia of a light rotor [kg.m2], with which the inertia of the mechanism keeps more digits.
 LIGHT = 1e4
-IMPORTANT, SMALL = 10.0, 0.1
+#: Share of the largest torque that the lag must add to an order for a resonance to matter [%]; a convention.
+IMPORTANT = 10.0
+#: Excitation over the largest one below which the gain of an order is not drawn; a convention.
+SMALL = 0.1
 ALGORITHM = "strang"
 FORCES = [force for force, _, _ in iron.LETS_GO.values()]
 LET_GO = "the results are not valid until all is loaded again"

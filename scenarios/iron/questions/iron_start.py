@@ -27,6 +27,7 @@ PARTS = iron.PARTS
 STANDS = 0.01
 #: Rows of a slow turn.
 SAMPLES = 720
+#: Time that the first chart shows [s]; a convention.
 FIRST = 0.3
 
 

@@ -30,8 +30,16 @@ SPEED, DROP, FRICTION = "orientator.w", "orientator.release", "orientator.chute.
 TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
 FIXED_STARTS = (SPEED, DROP, FRICTION)
 EXACT = ("orientator.chute.H", "orientator.chute.R", "orientator.cup.m")
-PERIOD, BEFORE, LEAST = 1.6, 0.25, 1e-3
-FRICTIONS, NEXT = np.linspace(0.0, 1.0, 21), (0.5, 0.8, 0.9, 0.95)
+#: Time between two products [s], longer than the longest product.
+PERIOD = 1.6
+#: Share of a period before a product is released, in which the rotor has its speed; a convention.
+BEFORE = 0.25
+#: Smallest friction of which the limit is asked; the formulas divide by it.
+LEAST = 1e-3
+#: Frictions of which the nearest begins the fit; a convention.
+FRICTIONS = np.linspace(0.0, 1.0, 21)
+#: Speeds of records that are advised, over the limit; a convention.
+NEXT = (0.5, 0.8, 0.9, 0.95)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,7 +43,7 @@ class Options(workbench.Options):
     friction: float = option(0.35, "friction at which dimensions are changed", "1", above=0.0)
 
 
-def drawn_cup(d: float, h: float) -> dict[str, Value]:
+def shell_cup(d: float, h: float) -> dict[str, Value]:
     """A drawn cup of this diameter and height of its cylinder [m]: a shell, its bottom thrice as thick
     as its wall, which is the one that gives 40 g to a cup of 40 mm and 48 mm."""
     r = d / 2
@@ -57,8 +57,8 @@ def drawn_cup(d: float, h: float) -> dict[str, Value]:
 
 CUPS: dict[str, tuple[dict[str, Value], str]] = {
     "cup of the FMU": ({}, "blue"),
-    "short cup": (drawn_cup(0.044, 0.040), "red"),
-    "tall cup": (drawn_cup(0.036, 0.056), "green"),
+    "short cup": (shell_cup(0.044, 0.040), "red"),
+    "tall cup": (shell_cup(0.036, 0.056), "green"),
 }
 
 

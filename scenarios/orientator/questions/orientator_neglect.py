@@ -34,7 +34,12 @@ FIXED_STARTS = (
     "orientator.chute.mu", "orientator.w", "orientator.release", f"{NEGLECTED}mu_side",
     f"{NEGLECTED}mu_catcher", f"{NEGLECTED}rim", f"{NEGLECTED}anchored", f"{NEGLECTED}length",
 )  # fmt: skip
-TABLE, PLAIN, SPACING, NEAR_LIMIT = "orientator_neglect.csv", "paper", 0.03, (0.98, 1.02, 3)
+TABLE = "orientator_neglect.csv"
+PLAIN = "paper"
+#: Spacing of the speeds at which a limit is sought, over that at which friction holds a cup; a convention.
+SPACING = 0.03
+#: Speeds at which the limit with another creep is sought, over the first limit, and their number; a convention.
+NEAR_LIMIT = (0.98, 1.02, 3)
 EFFECTS = {
     "coriolis": "Coriolis forces",
     "hook": "friction on the hook",

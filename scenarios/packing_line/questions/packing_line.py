@@ -54,6 +54,7 @@ WIRES = (
     "conveyor_motor.tau -> conveyor.tau",
     "conveyor.w -> conveyor_motor.w",
 )
+#: Gear ratio of the reducer of the iron drive, the default of its FMU.
 I_G = 36.0
 RECORD = (
     "iron_motor.P", "iron_motor.tau", *(f"iron.{x}" for x in iron_motion.COLUMNS), "iron.w_cam",
@@ -75,9 +76,16 @@ STATISTICS = {
     "most": "largest power",
 }
 HIGHEST = {"iron": 12, "conveyor": 4}
-TURN, MEASURED, EVEN = 2 * math.pi, 2, 120
+TURN = 2 * math.pi
+#: Whole cycles at the end over which powers are measured; a convention, two show whether they repeat.
+MEASURED = 2
+#: Even angles of a turn at which a power is taken, ten for each of the orders; a convention.
+EVEN = 120
 UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
-MAIN, AROUND = 0.1, 0.05
+#: Amplitude of an order over the largest one of its drive above which it counts as strong; a convention.
+MAIN = 0.1
+#: Time before and after a cycle that a chart shows, over the cycle; a convention.
+AROUND = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,186 @@
+"""Tunable parameters: changed in motion, against closed solutions and other integrators."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import read_model_description
+from scipy.integrate import solve_ivp
+
+from cosim import System, Table, run
+from fmukit.declare.interface import Interface
+from tests.fmukit.test_native import MODELS
+from tests.hosts.host import Unit
+
+FOLDERS = {"python": ".", "native": "native", "fmi3": "fmi3"}
+
+
+@pytest.fixture(params=FOLDERS)
+def folder(request: pytest.FixtureRequest, fmus: Path) -> Path:
+    """The FMUs of one flavour and version; those of FMI 3.0 are not built everywhere."""
+    path = fmus / FOLDERS[request.param]
+    if not (path / "DriveMotor.fmu").exists():
+        pytest.skip(f"no FMUs in {path}")
+    return path
+
+
+def held(*rows: tuple[float, float]) -> Table:
+    """A table that holds each value until the next time."""
+    times, values = zip(*rows)
+    return Table(list(times), list(values), held=True)
+
+
+def test_a_motor_follows_the_changes_of_its_line_and_its_lag(folder: Path) -> None:
+    """tau' = (A - B w - tau)/T at a constant speed: exponentials from change to change."""
+    system = System(
+        {"motor": folder / "DriveMotor.fmu"},
+        start={"motor.w": 40.0, "motor.tau": 8.0},
+        inputs={"motor.A": held((0.0, 8000.0), (0.1, 8010.0))},
+        changes=["at 0.25 s motor.T = 0.02", "at 0.313 s motor.B = 200.0"],
+    )
+    result = run(system, stop=0.5, step=0.01)
+    tau, before = 8.0, 0.0
+    line = {"A": 8000.0, "B": 199.8, "T": 0.0625}
+    for time, name, value in (
+        (0.1, "A", 8010.0),
+        (0.25, "T", 0.02),
+        (0.313, "B", 200.0),
+        (0.5, "T", 1.0),
+    ):
+        final = line["A"] - line["B"] * 40.0
+        tau = final + (tau - final) * math.exp(-(time - before) / line["T"])
+        line[name], before = value, time
+    assert result["motor.tau"][-1] == pytest.approx(tau, rel=1e-12)
+
+
+def test_a_heated_winding_lowers_the_current(folder: Path) -> None:
+    """L i' = v - R i - k w, R from one value to another: two exponentials."""
+    R, R_hot, L, v, k, w = 0.5, 0.7, 0.002, 48.0, 0.2, 200.0
+    system = System({"motor": folder / "DCMotor.fmu"}, changes=["at 0.013 s motor.R = 0.7"])
+    i = np.array(run(system, stop=0.05, step=1e-3)["motor.i"])[-1]
+    first = (v - k * w) / R * (1.0 - math.exp(-0.013 * R / L))
+    last = (v - k * w) / R_hot
+    assert i == pytest.approx(last + (first - last) * math.exp(-0.037 * R_hot / L), rel=1e-12)
+
+
+def test_a_conveyor_that_drags_more_slows_down(folder: Path) -> None:
+    """The mechanism with a long rod, integrated by SciPy, with another resistance from 0.1 s on."""
+    r, m, c, J, tau = 0.010, 200.0, 720000.0, 0.49, 8.0
+
+    def slope(t: float, y: Any, d: float) -> list[float]:
+        x, dx, ddx = r * math.sin(y[0]), r * math.cos(y[0]), -r * math.sin(y[0])
+        load = c * x * dx + d * dx * dx * y[1] + m * dx * ddx * y[1] ** 2
+        return [y[1], (tau - load) / (J + m * dx * dx)]
+
+    y: Any = [0.0, 40.0]
+    for begin, end, d in ((0.0, 0.1, 4000.0), (0.1, 0.3, 9000.0)):
+        y = solve_ivp(slope, (begin, end), y, args=(d,), rtol=1e-11, atol=1e-12).y[:, -1]
+    system = System(
+        {"crank": folder / "CrankConveyor.fmu"}, changes=["at 0.1 s crank.trough.d = 9000"]
+    )
+    result = run(system, stop=0.3, step=1e-3)
+    assert [result["crank.phi"][-1], result["crank.w"][-1]] == pytest.approx(y, rel=1e-8)
+
+
+def test_gains_of_a_controller_change_without_a_bump_of_its_integral_part(folder: Path) -> None:
+    """tau_i' = K/T_i e at a constant deviation: straight lines, and a torque that steps with K."""
+    system = System(
+        {"controller": folder / "SpeedController.fmu"},
+        start={"controller.tau_max": 1e6},
+        changes=["at 0.5 s controller.K = 3", "at 1 s controller.T_i = 0.25"],
+    )
+    result = run(system, stop=1.5, step=0.01)
+    integral = 5.0 * (0.5 * 2.0 / 0.5 + 0.5 * 3.0 / 0.5 + 0.5 * 3.0 / 0.25)
+    assert result["controller.tau_i"][-1] == pytest.approx(integral, rel=1e-9)
+    assert result["controller.tau"][-1] == pytest.approx(integral + 3.0 * 5.0, rel=1e-9)
+
+
+def test_an_iron_that_sticks_lets_go_when_its_guide_is_freed(folder: Path) -> None:
+    """Stuck with a rough guide; less friction in motion lets it move in the next step, as from the start."""
+    stuck = {"phi": 0.9, "friction.K_up": 0.6, "friction.K_down": -0.9, "on_invalid": 1}
+    system = System(
+        {"iron": folder / "IronDrive.fmu"},
+        start={f"iron.{name}": value for name, value in stuck.items()},
+        changes=["at 0.02 s iron.friction.K_down = -0.01"],
+    )
+    result = run(system, stop=0.04, step=1e-3)
+    speed = np.abs(result["iron.w_cam"])
+    assert speed[:21].max() == 0.0
+    free = stuck | {"friction.K_down": -0.01}
+    freed = System(
+        {"iron": folder / "IronDrive.fmu"}, start={f"iron.{n}": v for n, v in free.items()}
+    )
+    after, fresh = result["iron.w_cam"][20:], run(freed, stop=0.02, step=1e-3)["iron.w_cam"]
+    assert np.abs(fresh).max() > 1e-3
+    assert after == pytest.approx(fresh, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("flavour", ["python", "native"])
+def test_outputs_follow_a_parameter_at_once_and_a_state_brings_it_back(
+    flavour: str, fmus: Path
+) -> None:
+    unit = Unit(fmus / FOLDERS[flavour] / "DriveMotor.fmu").start(w=40.0).step(0.0, 0.1)
+    before, state = unit.outputs(), unit.fmi.getFMUState()
+    unit.set(A=8100.0)
+    assert unit.get("tau_static") == pytest.approx(8100.0 - 199.8 * 40.0)
+    assert unit.get("tau") == before[0]
+    after = unit.step(0.1, 0.1).outputs()
+    unit.fmi.setFMUState(state)
+    assert [unit.get("A"), unit.outputs()] == [8000.0, before]
+    assert unit.set(A=8100.0).step(0.1, 0.1).outputs() == after
+
+
+@pytest.mark.parametrize("flavour", ["python", "native"])
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("T", -1.0, "T = -1.0 s must be > 0"),
+        ("T", math.nan, "T = nan s must be a finite number"),
+        (
+            "characteristic",
+            1,
+            "characteristic = 1 cannot be set: fixed parameter, after initialisation",
+        ),
+    ],
+)
+def test_an_impossible_value_in_motion_is_refused(
+    flavour: str, name: str, value: float, message: str, fmus: Path
+) -> None:
+    unit = Unit(fmus / FOLDERS[flavour] / "DriveMotor.fmu").start().step(0.0, 0.1)
+    assert message in unit.refusal(lambda u: u.set(**{name: value}).step(0.1, 0.1))
+
+
+def test_the_check_of_a_model_also_holds_in_motion(fmus: Path) -> None:
+    unit = Unit(fmus / "native" / "IronDrive.fmu").start()
+    call: Callable[[Unit], Any] = lambda u: u.set(**{"friction.K_down": -1.5}).step(0.0, 1e-3)
+    assert "friction: -1 < K_down <= 0 <= K_up violated" in unit.refusal(call)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_all_flavours_agree_on_what_is_tunable(name: str, fmus: Path) -> None:
+    variables = Interface(MODELS[name]).variables
+    tunable = {v.name for v in variables if v.variability == "tunable"}
+    assert all(v.causality == "parameter" for v in variables if v.variability == "tunable")
+    for path in FOLDERS.values():
+        fmu = fmus / path / f"{name}.fmu"
+        if fmu.exists():
+            described = read_model_description(str(fmu)).modelVariables
+            assert {v.name for v in described if v.variability == "tunable"} == tunable
+
+
+def test_only_a_parameter_is_tunable(tmp_path: Path) -> None:
+    from fmukit.fmu.load import load
+
+    file = tmp_path / "wrong.py"
+    file.write_text(
+        '"""Wrong"""\nfrom fmukit import Experiment, real, record\nfrom fmukit.si import Ratio\n'
+        "EXPERIMENT = Experiment(stop=1.0, step=0.1)\n"
+        '@record\nclass Inputs:\n    u: Ratio = real(0.0, "Input", tunable=True)\n'
+    )
+    with pytest.raises(TypeError, match="u is declared tunable, which only a parameter can be"):
+        Interface(load(file))
