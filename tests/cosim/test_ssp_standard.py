@@ -15,6 +15,7 @@ from cosim.cli.main import main
 from cosim.formats.ssp.standard import check_standard
 from cosim.formats.ssp.standard_report import Severity
 from tests.cosim.test_linearize import conveyor
+from tests.fmukit.test_fmi3 import built
 
 HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -133,6 +134,8 @@ def test_what_is_written_keeps_the_standard(
     native: Path, fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Packages of SSP 1.0 and of 2.0, with FMUs of FMI 2.0 and 3.0, whose connectors are their variables."""
+    for name in ("DriveMotor", "CrankConveyor"):
+        built(name)
     for folder in (native, fmus / "fmi3"):
         path = tmp_path / "drive.ssp"
         write_ssp(conveyor(folder, motor__T=0.05), path, stop=1.0)

@@ -14,19 +14,23 @@ from scipy.integrate import solve_ivp
 
 from cosim import System, Table, run
 from fmukit.declare.interface import Interface
+from tests.fmukit.test_fmi3 import built
 from tests.fmukit.test_native import MODELS
 from tests.hosts.host import Unit
 
 FOLDERS = {"python": ".", "native": "native", "fmi3": "fmi3"}
 
 
-@pytest.fixture(params=FOLDERS)
+#: machines of these tests, made for FMI 3.0 where that is tried
+TUNED = ("DriveMotor", "DCMotor", "CrankConveyor", "SpeedController", "IronDrive")
+
+
+@pytest.fixture(params=["python", "native", pytest.param("fmi3", marks=pytest.mark.slow)])
 def folder(request: pytest.FixtureRequest, fmus: Path) -> Path:
-    """The FMUs of one flavour and version; those of FMI 3.0 are not built everywhere."""
-    path = fmus / FOLDERS[request.param]
-    if not (path / "DriveMotor.fmu").exists():
-        pytest.skip(f"no FMUs in {path}")
-    return path
+    """The FMUs of one flavour and version."""
+    for name in TUNED if request.param == "fmi3" else ():
+        built(name)
+    return fmus / FOLDERS[request.param]
 
 
 def held(*rows: tuple[float, float]) -> Table:
