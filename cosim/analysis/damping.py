@@ -29,7 +29,7 @@ from .multipliers import Multiplier, Spectrum, step_spectrum
 from .perturbation import PerturbedRuns
 
 #: Steps of the first record and of the longest: a convention; 256 steps of a quarter of the step in
-#: question are 64 of those, and 4096 take about a second with two FMUs.
+#: question are 64 of those.
 FIRST_STEPS, MAX_STEPS = 256, 1 << 12
 #: Periods of the mode that are recorded: derived from the halves of a record, which show two each.
 RECORDED_PERIODS = 4.0

@@ -24,7 +24,7 @@ Complex = NDArray[np.complex128]
 WINDOWS = 16
 #: Windows of each perturbation: a convention, ten times the rank that a map has at most.
 COLUMNS = 256
-#: Least singular value that counts, relative to the largest: measured in `benchmarks/damping.py`.
+#: Least singular value that counts, relative to the largest: a convention.
 MIN_SINGULAR_VALUE = 1e-9
 #: Singular values below this multiple of the noise are noise: a convention, three standard deviations.
 NOISE_MARGIN = 3.0

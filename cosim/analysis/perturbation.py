@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 #: of a central difference, which are equal at d = eps^(1/3).
 RELATIVE_SIZE = sys.float_info.epsilon ** (1 / 3)
 #: Most directions in which wires are perturbed at one time, so that the effort does not grow with the
-#: number of wires: measured in `benchmarks/damping.py`, whose systems have at most 6 wires.
+#: number of wires: a convention.
 MAX_DIRECTIONS = 8
 #: Fewest perturbations, so that as many states can be told apart at one time: derived from the three
 #: states of a drive, angle, speed and a lagging torque, and one more.
