@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ..system.description import Variable
 from .times import coincide
+from ..system.description import Variable
 
 
 def is_reached(time: float, t: float) -> bool:
