@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from .times import coincide
 from ..system.description import Variable
+from .times import coincide
 
 
 def is_reached(time: float, t: float) -> bool:
