@@ -149,7 +149,7 @@ def locate_misfit(column: Column, residual: ColumnResidual) -> Iterator[Finding]
             yield Finding(f"{name}: {span} the residual is {ratio:.1f} times the noise", False)
 
 
-def segments(times: Samples, number: int) -> Iterator[slice]:
+def segments(times: Samples, number: int) -> Iterator[slice[int, int, None]]:
     """A record in at most so many pieces of equal duration that hold rows."""
     edges = np.searchsorted(times, np.linspace(times[0], times[-1], number + 1)[1:-1])
     for first, last in pairwise([0, *edges.tolist(), len(times)]):
