@@ -31,8 +31,8 @@ from .system.inputs import Table
 
 if TYPE_CHECKING:
     from .identification.design import Advice, Experiment, advise
-    from .identification.intervals import Interval
     from .identification.identify import Identified, identify
+    from .identification.intervals import Interval
     from .identification.record import measured
 
 __version__ = "1.0.0rc1"

@@ -23,8 +23,8 @@ from .linearisation import DEVIATIONS, Linearisation, refine
 from .parameters import (
     Array,
     FreeNames,
-    ValuesWithDeviation,
     Prior,
+    ValuesWithDeviation,
     free_parameters,
     independent_prior,
     is_sensor_parameter,
