@@ -52,7 +52,7 @@ def test_an_fmu_that_keeps_its_promises_passes_every_check(
 ) -> None:
     found = verdicts(pack(tmp_path / "sound.fmu", version=version))
     assert {verdict.status for verdict in found.verdicts} == {PASSED}, found.text()
-    assert found["discard"].said == discard
+    assert found["discard"].detail == discard
 
 
 SAMPLE3 = ("bytes lack a value", "moves in a discard")
@@ -89,7 +89,7 @@ def test_a_crash_or_a_hang_fails_its_check_alone(fault: str, version: str, tmp_p
     found = crosscheck(pack(tmp_path / "deadly.fmu", fault, version), timeout=8.0)
     assert ", ".join(failed(found)) == DEADLY[fault], found.text()
     said = "no answer within 8 s" if "hangs" in fault else "killed by signal SIG"
-    assert all(said in found[check].said for check in failed(found))
+    assert all(said in found[check].detail for check in failed(found))
     assert len(found.verdicts) == len(CHECKS)
 
 
@@ -136,7 +136,7 @@ def test_what_is_not_offered_is_not_passed(flag: str, names: str, tmp_path: Path
     without = described((f'{flag}="true"', f'{flag}="false"'))
     fmu = rewritten(pack(tmp_path / "sound.fmu"), tmp_path / "less.fmu", without)
     found = verdicts(fmu, *names.split(", "))
-    assert {(v.status, v.said) for v in found.verdicts} == {(NOT_OFFERED, f"{flag} is false")}
+    assert {(v.status, v.detail) for v in found.verdicts} == {(NOT_OFFERED, f"{flag} is false")}
     with pytest.raises(SetupError, match="must end in"):
         found.write(tmp_path / "it.pdf")
 
@@ -174,15 +174,15 @@ def test_the_order_of_an_fmu_in_its_step_is_told(step: float, tmp_path: Path) ->
     """Of Euler's method, with which nothing is wrong; by longer steps where those asked for show none."""
     subject = Subject(pack(tmp_path / "euler.fmu", "one Euler step"), step)
     found = checks.checked(subject, "step size")
-    assert found.status == PASSED and found.said.startswith("order 1.0: ")
-    assert ("0.04 and 0.02 s" in found.said) is (step == 0.01)
+    assert found.status == PASSED and found.detail.startswith("order 1.0: ")
+    assert ("0.04 and 0.02 s" in found.detail) is (step == 0.01)
 
 
 def test_what_counts_an_instance_s_life_is_found_by_reset_and_state(tmp_path: Path) -> None:
     found = verdicts(foreign(tmp_path / "foreign.fmu"))
     assert failed(found) == ["stop time", "reset", "state"]  # it shows the stop time, too
-    assert "steps after step 1 is 31 after a reset, not 1" in found["reset"].said
-    assert "states_alive after step 21 is 1 after a state is saved" in found["state"].said
+    assert "steps after step 1 is 31 after a reset, not 1" in found["reset"].detail
+    assert "states_alive after step 21 is 1 after a state is saved" in found["state"].detail
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
@@ -200,22 +200,22 @@ def test_a_crash_in_an_instance_of_its_own_process_is_told(tmp_path: Path) -> No
     flag = ("<CoSimulation", '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true"')
     found = crosscheck(rewritten(fmu, tmp_path / "crashes.fmu", described(flag)))
     assert failed(found) == ["memory"]
-    assert found["memory"].said == "the process was killed by signal 11 (an FMU crashed)"
+    assert found["memory"].detail == "the process was killed by signal 11 (an FMU crashed)"
 
 
 def test_a_derivative_at_a_kink_is_that_of_either_side_or_between(tmp_path: Path) -> None:
     found = verdicts(pack(tmp_path / "kink.fmu", "kink"), "directional derivatives")
     assert failed(found) == [], found.text()
-    assert "at a kink" in found["directional derivatives"].said
+    assert "at a kink" in found["directional derivatives"].detail
     wrong = verdicts(pack(tmp_path / "wrong.fmu", "kink, wrong"), "directional derivatives")
     assert failed(wrong) == ["directional derivatives"]
-    assert "0.99995 and 2.00005, on two sides of a kink" in wrong["directional derivatives"].said
+    assert "0.99995 and 2.00005, on two sides of a kink" in wrong["directional derivatives"].detail
 
 
 def test_what_does_not_repeat_is_reported_once(tmp_path: Path) -> None:
     found = verdicts(pack(tmp_path / "noisy.fmu", "not repeatable"))
     assert failed(found) == ["repetition"]
-    assert "the other checks leave out y" in found["repetition"].said
+    assert "the other checks leave out y" in found["repetition"].detail
 
 
 def test_a_badge_says_how_many_checks_failed(native: Path) -> None:

@@ -63,11 +63,11 @@ class Verdict(NamedTuple):
     check: str
     clause: str
     status: str
-    said: str
-    again: str
+    detail: str
+    instructions: str
 
 
-class Broken(Exception):
+class CheckFailed(Exception):
     """A promise that is not kept: what was found, and after which calls."""
 
 
@@ -86,21 +86,21 @@ class Subject:
         self.path = path
         self.description: ModelDescription = describe_fmu("fmu", path)
         require_cosimulation({"fmu": self.description}, {"fmu": path})
-        self.third = self.description.fmiVersion == "3.0"
+        self.is_fmi3 = self.description.fmiVersion == "3.0"
         self.can = self.description.interface("coSimulation")
         variables = self.description.modelVariables
         self.inputs = [v for v in variables if is_continuous_input(Port("fmu", v))]
-        self.shown = [
+        self.observed = [
             v for v in variables if v.causality in ("output", "local") and v.type != "Clock"
         ]
-        self.outputs = [v for v in self.shown if v.causality == "output"]
+        self.outputs = [v for v in self.observed if v.causality == "output"]
         experiment = self.description.defaultExperiment
         self.start = experiment.start or 0.0
         self.stop = self.start + 1.0 if experiment.stop is None else experiment.stop
         self.h = step or experiment.step or abs(self.stop - self.start) / 100 or 0.01
         self.tolerance = experiment.tolerance
         self.once = bool(self.can.canBeInstantiatedOnlyOncePerProcess)
-        self.shaken = True
+        self.is_excited = True
         self._numbers = count(1)
 
     @contextmanager
@@ -132,7 +132,7 @@ class Subject:
     def initialise(self, part: Part) -> None:
         """From instantiated to the first step."""
         self.enter(part)
-        self.steer(part, self.inputs_at(0))
+        self.set_inputs(part, self.inputs_at(0))
         part.begin()
 
     def enter(self, part: Part) -> None:
@@ -146,13 +146,15 @@ class Subject:
 
     def inputs_at(self, k: int) -> list[float]:
         """The Real inputs at step k."""
-        wide = [SHAKE * self.size(v) * self.shaken for v in self.inputs]
+        amplitudes = [SHAKE * self.size(v) * self.is_excited for v in self.inputs]
         return [
-            bounded(v, float(declared_start(v) or 0.0) + w * math.sin(0.37 * (j + 1) * k + j))
-            for j, (v, w) in enumerate(zip(self.inputs, wide))
+            bounded(
+                v, float(declared_start(v) or 0.0) + amplitude * math.sin(0.37 * (j + 1) * k + j)
+            )
+            for j, (v, amplitude) in enumerate(zip(self.inputs, amplitudes))
         ]
 
-    def steer(self, part: Part, u: Sequence[float]) -> None:
+    def set_inputs(self, part: Part, u: Sequence[float]) -> None:
         """Set the Real inputs."""
         for v, value in zip(self.inputs, u):
             part.set(v, value)
@@ -161,23 +163,23 @@ class Subject:
         """The rows after the steps from number `first` to `last`, each with the inputs of its step."""
         rows = []
         for k in range(first, last):
-            self.steer(part, self.inputs_at(k))
+            self.set_inputs(part, self.inputs_at(k))
             part.advance(self.start + k * self.h, self.h)
             rows.append(self.row(part))
         return rows
 
     def row(self, part: Part) -> Row:
         """What the FMU shows now."""
-        return tuple(part.values(self.shown).values())
+        return tuple(part.values(self.observed).values())
 
     @cached_property
     def steps(self) -> int:
         """How many steps it takes as it is excited, at most STEPS; raises FmuError if none."""
-        for self.shaken in (True, False):
+        for self.is_excited in (True, False):
             taken, failure = self.in_process(self._taken)
-            if failure is None or taken > STEPS // 2 or (not self.shaken and taken > 3):
+            if failure is None or taken > STEPS // 2 or (not self.is_excited and taken > 3):
                 return taken
-            if not self.shaken:
+            if not self.is_excited:
                 raise failure
         raise AssertionError
 
@@ -219,33 +221,43 @@ class Subject:
             return frozenset(
                 v.name
                 for ours, theirs in zip(self.second_rows, self.reference)
-                for v, x, y in zip(self.shown, ours, theirs)
+                for v, x, y in zip(self.observed, ours, theirs)
                 if differ(x, y)
             )
         return frozenset()
 
     def how(self) -> str:
         """Over which steps and with which inputs it is run."""
-        told = f"steps of h = {self.h:g} s from {self.start:g} s"
+        stepping = f"steps of h = {self.h:g} s from {self.start:g} s"
         excited = f"start + {SHAKE:g} size sin(0.37 (j + 1) k + j)"
-        return f"{told}; Real inputs j = 0, 1, ... in step k: {excited}" if self.inputs else told
+        return (
+            f"{stepping}; Real inputs j = 0, 1, ... in step k: {excited}"
+            if self.inputs
+            else stepping
+        )
 
-    def same(self, rows: Sequence[Row], wanted: Sequence[Row], what: str, first: int = 0) -> None:
+    def same(
+        self, rows: Sequence[Row], expected_rows: Sequence[Row], what: str, first: int = 0
+    ) -> None:
         """Raise Broken at the first value that differs in a bit; `first` is the number of the first row.
 
         What does not repeat in a second instance, which has a check of its own, is left out.
         """
-        for k, (row, other) in enumerate(zip(rows, wanted), first + 1):
-            for v, ours, theirs in zip(self.shown, row, other):
-                if differ(ours, theirs) and v.name not in self.unsteady:
-                    raise Broken(f"{v.name} after step {k} is {ours!r} {what}, not {theirs!r}")
+        for k, (row, reference) in enumerate(zip(rows, expected_rows), first + 1):
+            for v, value, expected in zip(self.observed, row, reference):
+                if differ(value, expected) and v.name not in self.unsteady:
+                    raise CheckFailed(
+                        f"{v.name} after step {k} is {value!r} {what}, not {expected!r}"
+                    )
 
     def needs(self, ability: str) -> None:
         """Raise NotOffered without a capability flag."""
         if not getattr(self.can, ability):
-            raise NotOffered(f"{RENAMED.get(ability, ability) if self.third else ability} is false")
+            raise NotOffered(
+                f"{RENAMED.get(ability, ability) if self.is_fmi3 else ability} is false"
+            )
 
-    def known(self, v: Variable) -> bool:
+    def is_settable(self, v: Variable) -> bool:
         """Whether a variable may be set while initialising."""
         exact: bool = v.initial == "exact" and v.variability != "constant"
         return exact or v.causality == "input"
@@ -257,7 +269,7 @@ class Subject:
             with self.running(n) as part:
                 t = self.start + n * self.h
                 for h in sizes:
-                    self.steer(part, u)
+                    self.set_inputs(part, u)
                     part.advance(t, h)
                     t += h
                 return reals(part, [v for v in self.outputs if smooth(v)])
@@ -268,17 +280,18 @@ class Subject:
         self, n: int, u: Sequence[float], j: int, h: float, share: float
     ) -> dict[str, tuple[float, float]]:
         """Of the Real outputs by input j, above and below its value, after n steps and one of h [s]."""
-        wide = share * self.size(self.inputs[j])
+        amplitude = share * self.size(self.inputs[j])
         up, middle, down = (
-            self.after(n, [*u[:j], u[j] + off, *u[j + 1 :]], [h]) for off in (wide, 0.0, -wide)
+            self.after(n, [*u[:j], u[j] + change, *u[j + 1 :]], [h])
+            for change in (amplitude, 0.0, -amplitude)
         )
-        return {x: ((up[x] - middle[x]) / wide, (middle[x] - down[x]) / wide) for x in up}
+        return {x: ((up[x] - middle[x]) / amplitude, (middle[x] - down[x]) / amplitude) for x in up}
 
     @cached_property
     def ranges(self) -> dict[str, float]:
         """How far each Real output that repeats moves, or its size if it does not move."""
         spans = {}
-        for v, column in zip(self.shown, zip(*self.reference)):
+        for v, column in zip(self.observed, zip(*self.reference)):
             if smooth(v) and v.causality == "output" and v.name not in self.unsteady:
                 spans[v.name] = max(column) - min(column) or max(map(abs, column)) or 1.0
         return spans
@@ -308,48 +321,48 @@ def bounded(v: Variable, value: float) -> float:
 
 def nudged(v: Variable, share: float = NUDGE) -> Value | None:
     """Another value that a variable may have, near its start; None for a text, or where there is none."""
-    own = declared_start(v)
+    start = declared_start(v)
     if v.type == "Boolean":
-        return not own
+        return not start
     if v.type == "Enumeration":
-        return next((x for x in enumeration(v).values() if x != own), None)
+        return next((x for x in enumeration(v).values() if x != start), None)
     if v.type not in ("Real", "Integer"):
         return None
-    value = float(own or 0.0)
-    wide = share * Subject.size(v) if v.type == "Real" else 1.0
-    for other in (bounded(v, value + wide), bounded(v, value - wide)):
-        if other != value:
-            return other if v.type == "Real" else round(other)
+    value = float(start or 0.0)
+    change = share * Subject.size(v) if v.type == "Real" else 1.0
+    for candidate in (bounded(v, value + change), bounded(v, value - change)):
+        if candidate != value:
+            return candidate if v.type == "Real" else round(candidate)
     return None
 
 
 def description(s: Subject) -> str:
     """The XML schema, and what FMPy looks for beyond it."""
     if problems := validate_fmu(str(s.path)):
-        raise Broken("; ".join(" ".join(problem.split()) for problem in problems[:3]))
+        raise CheckFailed("; ".join(" ".join(problem.split()) for problem in problems[:3]))
     return f"{len(s.description.modelVariables)} variables; FMPy reports no problem"
 
 
 def binary(s: Subject) -> str:
     """What the binary says of itself."""
     with s.instance() as part:
-        told = part.slave.getVersion()
-        platform = "default" if s.third else part.slave.getTypesPlatform()
+        stated = part.slave.getVersion()
+        platform = "default" if s.is_fmi3 else part.slave.getTypesPlatform()
     version = s.description.fmiVersion
-    if (platform, told.partition("-")[0]) != ("default", version):
-        found = f"types platform {platform!r} and version {told!r}"
-        raise Broken(f"{found}, not 'default' and {version!r}")
-    return f"version {told}" if s.third else f"version {told}, types platform {platform}"
+    if (platform, stated.partition("-")[0]) != ("default", version):
+        differences = f"types platform {platform!r} and version {stated!r}"
+        raise CheckFailed(f"{differences}, not 'default' and {version!r}")
+    return f"version {stated}" if s.is_fmi3 else f"version {stated}, types platform {platform}"
 
 
 def runs(s: Subject) -> str:
     """All outputs are finite numbers."""
     for k, row in enumerate(s.reference, 1):
-        for v, value in zip(s.shown, row):
+        for v, value in zip(s.observed, row):
             if v.causality == "output" and isinstance(value, float) and not math.isfinite(value):
-                raise Broken(f"{v.name} after step {k} is {value!r}")
-    shaken = "" if s.shaken or not s.inputs else "; its inputs had to be kept constant"
-    return f"{s.steps} steps of {s.h:g} s{shaken}"
+                raise CheckFailed(f"{v.name} after step {k} is {value!r}")
+    excitation = "" if s.is_excited or not s.inputs else "; its inputs had to be kept constant"
+    return f"{s.steps} steps of {s.h:g} s{excitation}"
 
 
 def starts(s: Subject) -> str:
@@ -357,21 +370,21 @@ def starts(s: Subject) -> str:
     exact = [
         v for v in s.description.modelVariables if v.initial == "exact" and v.start is not None
     ]
-    shown = [v for v in exact if v.causality == "output"]
+    outputs = [v for v in exact if v.causality == "output"]
     parameters = [v for v in exact if v.causality == "parameter"]
     with s.instance() as part:
         s.enter(part)
-        found = part.values(shown)
+        values = part.values(outputs)
         part.begin()
-        found |= part.values(parameters)
-    for v in [*shown, *parameters]:
-        value, own = found[v.name], declared_start(v)
-        match value, own:
-            case float(), float() if math.isclose(value, own, rel_tol=ROUNDING):
+        values |= part.values(parameters)
+    for v in [*outputs, *parameters]:
+        value, start = values[v.name], declared_start(v)
+        match value, start:
+            case float(), float() if math.isclose(value, start, rel_tol=ROUNDING):
                 continue
-        if value != own:
-            raise Broken(f"{v.name} is {value!r}, not {own!r}")
-    return f"{len(found)} start values"
+        if value != start:
+            raise CheckFailed(f"{v.name} is {value!r}, not {start!r}")
+    return f"{len(values)} start values"
 
 
 def terminates(s: Subject) -> str:
@@ -385,17 +398,17 @@ def terminates(s: Subject) -> str:
 
 def repeats(s: Subject) -> str:
     """A second instance gives the rows of the first."""
-    for k, (row, other) in enumerate(zip(s.second_rows, s.reference), 1):
-        for v, ours, theirs in zip(s.shown, row, other):
-            if differ(ours, theirs):
-                raise Broken(
-                    f"{v.name} after step {k} is {ours!r} in a new instance, not {theirs!r}; "
+    for k, (row, reference) in enumerate(zip(s.second_rows, s.reference), 1):
+        for v, value, expected in zip(s.observed, row, reference):
+            if differ(value, expected):
+                raise CheckFailed(
+                    f"{v.name} after step {k} is {value!r} in a new instance, not {expected!r}; "
                     f"the other checks leave out {', '.join(sorted(s.unsteady))}"
                 )
-    return f"{s.steps} rows of {len(s.shown)} variables, bit for bit"
+    return f"{s.steps} rows of {len(s.observed)} variables, bit for bit"
 
 
-def looks(s: Subject) -> str:
+def getting(s: Subject) -> str:
     """Getting values again, in the opposite order or one at a time, does not change them."""
     with s.running() as part:
         rows: list[Row] = []
@@ -403,9 +416,9 @@ def looks(s: Subject) -> str:
             rows += s.go(part, k, k + 1)
             s.same([s.row(part)], rows[-1:], "when it is got again", k)
             if k in (0, s.steps // 2, s.steps - 1):
-                back = tuple(part.values(s.shown[::-1]).values())[::-1]
+                back = tuple(part.values(s.observed[::-1]).values())[::-1]
                 s.same([back], rows[-1:], "when the values are got in the opposite order", k)
-                single = tuple(part.values([v])[v.name] for v in s.shown)
+                single = tuple(part.values([v])[v.name] for v in s.observed)
                 s.same([single], rows[-1:], "when it is got alone", k)
     s.same(rows, s.reference, "where values are got twice")
     return f"{s.steps} rows got twice, three of them in the opposite order and one value at a time"
@@ -413,14 +426,14 @@ def looks(s: Subject) -> str:
 
 def resets(s: Subject) -> str:
     """A reset after a run with other parameters, if it runs with them."""
-    others = [v for v in s.description.modelVariables if v.causality == "parameter"]
-    values = {v: nudged(v) for v in others if v.type == "Real" and v.variability != "constant"}
-    for given in ({v: x for v, x in values.items() if x is not None}, {}):
+    parameters = [v for v in s.description.modelVariables if v.causality == "parameter"]
+    values = {v: nudged(v) for v in parameters if v.type == "Real" and v.variability != "constant"}
+    for changed in ({v: x for v, x in values.items() if x is not None}, {}):
 
-        def work(given: dict[Variable, Value] = given) -> list[Row] | None:
+        def work(changed: dict[Variable, Value] = changed) -> list[Row] | None:
             with s.instance() as part:
                 try:
-                    for v, value in given.items():
+                    for v, value in changed.items():
                         part.set(v, value)
                     s.initialise(part)
                     s.go(part, 0, s.steps // 2)
@@ -432,20 +445,20 @@ def resets(s: Subject) -> str:
 
         if (rows := s.in_process(work)) is not None:
             s.same(rows, s.reference, "after a reset")
-            return f"{s.steps} rows after a run with {len(given)} other parameters, bit for bit"
-    raise Broken("it does not run a second time")
+            return f"{s.steps} rows after a run with {len(changed)} other parameters, bit for bit"
+    raise CheckFailed("it does not run a second time")
 
 
 def instances(s: Subject) -> str:
     """An instance stepped in turn with another one whose inputs are ahead."""
     if s.can.canBeInstantiatedOnlyOncePerProcess:
         raise NotOffered("canBeInstantiatedOnlyOncePerProcess is true")
-    with s.running() as part, s.running(s.steps // 3) as other:
+    with s.running() as part, s.running(s.steps // 3) as second:
         rows: list[Row] = []
         for k in range(s.steps):
             rows += s.go(part, k, k + 1)
             with suppress(FmuError):
-                s.go(other, k + s.steps // 3, k + s.steps // 3 + 1)
+                s.go(second, k + s.steps // 3, k + s.steps // 3 + 1)
     s.same(rows, s.reference, "beside another instance")
     return f"{s.steps} rows beside another instance, bit for bit"
 
@@ -455,16 +468,16 @@ def states(s: Subject) -> str:
     s.needs("canGetAndSetFMUstate")
     third = s.steps // 3
     with s.running(third) as part:
-        early, late = part.state(), part.state()
-        part.save(early)
+        first, second = part.state(), part.state()
+        part.save(first)
         s.same(s.go(part, third, 2 * third), s.reference[third:], "after a state is saved", third)
-        part.save(late)
+        part.save(second)
         s.go(part, 2 * third, s.steps)
-        for state, first in ((early, third), (late, 2 * third), (early, third)):
+        for state, row in ((first, third), (second, 2 * third), (first, third)):
             part.restore(state)
-            s.same([s.row(part)], [s.reference[first - 1]], "when the state is set", first - 1)
-            rows = s.go(part, first, s.steps)
-            s.same(rows, s.reference[first:], "after the state is set", first)
+            s.same([s.row(part)], [s.reference[row - 1]], "when the state is set", row - 1)
+            rows = s.go(part, row, s.steps)
+            s.same(rows, s.reference[row:], "after the state is set", row)
     return f"{s.steps - third} rows from two states, bit for bit"
 
 
@@ -472,37 +485,41 @@ def bytes_(s: Subject) -> str:
     """A state carried as bytes from one instance to another."""
     s.needs("canSerializeFMUstate")
     half = s.steps // 2
-    with s.running(half) as part, nullcontext(part) if s.once else s.running() as other:
+    with s.running(half) as part, nullcontext(part) if s.once else s.running() as receiver:
         state = part.state()
         part.save(state)
-        copy, size = part.carried(state, other)
-        other.restore(copy)
-        rows = s.go(other, half, s.steps)
+        copy, size = part.carried(state, receiver)
+        receiver.restore(copy)
+        rows = s.go(receiver, half, s.steps)
     s.same(rows, s.reference[half:], "after the state was carried over as bytes", half)
     return f"{s.steps - half} rows from {size} bytes, bit for bit"
 
 
-def halves(s: Subject) -> str:
+def step_sizes(s: Subject) -> str:
     """One step of 4 h against two of 2 h, and one of 2 h against two of h; longer ones to see an order."""
     s.needs("canHandleVariableCommunicationStepSize")
-    for h in (s.h * longer for longer in LONGER):
+    for h in (s.h * multiple for multiple in LONGER):
         try:
-            apart, moved = split(s, h)
+            differences, changes = split(s, h)
         except FmuError:
             if h == s.h:
                 raise
             break
-        moving = [name for name in moved if moved[name][1] > NOISE]
-        off = [x for x in moving if apart[x][1] > max(0.3 * moved[x][1], 0.5 * apart[x][0])]
-        if h == s.h and off and 2 * len(off) >= len(moving):
-            raise Broken(
-                f"{', '.join(off)}: one step and two of half the size differ by a third of the change "
+        moving = [name for name in changes if changes[name][1] > NOISE]
+        inconsistent = [
+            x
+            for x in moving
+            if differences[x][1] > max(0.3 * changes[x][1], 0.5 * differences[x][0])
+        ]
+        if h == s.h and inconsistent and 2 * len(inconsistent) >= len(moving):
+            raise CheckFailed(
+                f"{', '.join(inconsistent)}: one step and two of half the size differ by a third of the change "
                 f"or more, for {4 * h:g} s and for {2 * h:g} s"
             )
-        far, near = (sum(apart[name][level] for name in moving) for level in (0, 1))
-        if near > NOISE:
-            order = math.log2(far / near) - 1.0
-            return f"order {order:.1f}: {far:.2g} and {near:.2g} of the range, {4 * h:g} and {2 * h:g} s"
+        coarse, fine = (sum(differences[name][level] for name in moving) for level in (0, 1))
+        if fine > NOISE:
+            order = math.log2(coarse / fine) - 1.0
+            return f"order {order:.1f}: {coarse:.2g} and {fine:.2g} of the range, {4 * h:g} and {2 * h:g} s"
     return f"no difference above {NOISE:g} of the range: exact, or smaller internal steps"
 
 
@@ -510,16 +527,16 @@ def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[
     """By Real output, in units of its range and summed over three points: the difference between one step
     of 4 h and two of 2 h, then between one of 2 h and two of h; and how far the one step moves it.
     """
-    apart, moved = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
+    differences, changes = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
     for n in (1, s.steps // 3, 2 * s.steps // 3):
         u = s.inputs_at(n)
         begin = s.after(n, u, [])
         for level, size in enumerate((4 * h, 2 * h)):
-            whole, parts = s.after(n, u, [size]), s.after(n, u, [size / 2, size / 2])
-            for name, wide in s.ranges.items():
-                apart[name][level] += abs(whole[name] - parts[name]) / wide
-                moved[name][level] += abs(whole[name] - begin[name]) / wide
-    return apart, moved
+            single, double = s.after(n, u, [size]), s.after(n, u, [size / 2, size / 2])
+            for name, span in s.ranges.items():
+                differences[name][level] += abs(single[name] - double[name]) / span
+                changes[name][level] += abs(single[name] - begin[name]) / span
+    return differences, changes
 
 
 def outputs(s: Subject) -> str:
@@ -534,21 +551,21 @@ def outputs(s: Subject) -> str:
         u = s.inputs_at(n)
         coarse |= _unresolved(s, n)
         reals = [v for v in reals if v.name not in coarse]
-        for j, known in enumerate(s.inputs[:MOST_INPUTS]):
+        for j, driver in enumerate(s.inputs[:MOST_INPUTS]):
             slopes = {h: s.slopes(n, u, j, h, SHAKE) for h in (s.h / 64, s.h / 1024)}
             for v in reals:
                 (up, down), (long_up, _) = slopes[s.h / 1024][v.name], slopes[s.h / 64][v.name]
-                floor = NOISE * s.ranges[v.name] / s.size(known)
-                feels = abs(up) > max(0.5 * abs(long_up), floor)
+                resolution = NOISE * s.ranges[v.name] / s.size(driver)
+                responds = abs(up) > max(0.5 * abs(long_up), resolution)
                 names, kinds = declared.get(v.name, (None, None))
-                if feels and names is not None and known not in names:
-                    raise Broken(
-                        f"{v.name} depends on {known.name} at once, with slope {up:.4g}, undeclared"
+                if responds and names is not None and driver not in names:
+                    raise CheckFailed(
+                        f"{v.name} depends on {driver.name} at once, with slope {up:.4g}, undeclared"
                     )
-                kind = kinds[names.index(known)] if kinds and names and known in names else ""
-                if kind in ("constant", "fixed") and abs(up - down) > AGREES * abs(up) + floor:
-                    raise Broken(
-                        f"{v.name} by {known.name} is declared {kind}, but its slope is {down:.6g} on one "
+                kind = kinds[names.index(driver)] if kinds and names and driver in names else ""
+                if kind in ("constant", "fixed") and abs(up - down) > AGREES * abs(up) + resolution:
+                    raise CheckFailed(
+                        f"{v.name} by {driver.name} is declared {kind}, but its slope is {down:.6g} on one "
                         f"side and {up:.6g} on the other"
                     )
     if coarse and not reals:
@@ -567,8 +584,8 @@ def _unresolved(s: Subject, n: int) -> set[str]:
     begin, short, long = (s.after(n, u, sizes) for sizes in ([], [s.h / 1024], [s.h / 64]))
     return {
         name
-        for name, wide in s.ranges.items()
-        if abs(short[name] - begin[name]) > max(0.5 * abs(long[name] - begin[name]), NOISE * wide)
+        for name, span in s.ranges.items()
+        if abs(short[name] - begin[name]) > max(0.5 * abs(long[name] - begin[name]), NOISE * span)
     }
 
 
@@ -577,35 +594,37 @@ def unknowns(s: Subject) -> str:
     entries = s.description.initialUnknowns
     if not entries:
         raise NotOffered("there are no InitialUnknowns")
-    known = [v for v in s.description.modelVariables if s.known(v)]
-    shown = [u.variable for u in entries]
+    settable = [v for v in s.description.modelVariables if s.is_settable(v)]
+    unknown_variables = [u.variable for u in entries]
 
-    def found(v: Variable | None = None, value: Value = 0) -> dict[str, Value]:
+    def values_with(v: Variable | None = None, value: Value = 0) -> dict[str, Value]:
         def work() -> dict[str, Value]:
             with s.instance() as part:
                 s.enter(part)
                 if v is not None:
                     part.set(v, value)
-                return part.values(shown)
+                return part.values(unknown_variables)
 
         return s.in_process(work)
 
-    base, tried = found(), 0
+    base, tried = values_with(), 0
     steady = [u for u in entries if u.variable.name not in s.unsteady]
-    for v in known[:MOST_KNOWNS]:
+    for v in settable[:MOST_KNOWNS]:
         if (value := nudged(v)) is None:
             continue
         with suppress(FmuError):
-            other = found(v, value)
+            changed = values_with(v, value)
             tried += 1
             for u in steady:
                 name = u.variable.name
-                felt = other[name] != base[name] and base[name] == base[name]  # not so for nan
-                if felt and u.dependencies is not None and v not in u.dependencies:
-                    raise Broken(
-                        f"{name} is {other[name]!r}, not {base[name]!r}, with {v.name} = {value!r}, undeclared"
+                responds = (
+                    changed[name] != base[name] and base[name] == base[name]
+                )  # not so for nan
+                if responds and u.dependencies is not None and v not in u.dependencies:
+                    raise CheckFailed(
+                        f"{name} is {changed[name]!r}, not {base[name]!r}, with {v.name} = {value!r}, undeclared"
                     )
-    return f"{len(entries)} unknowns by {tried} of {len(known)} values"
+    return f"{len(entries)} unknowns by {tried} of {len(settable)} values"
 
 
 class Slope(NamedTuple):
@@ -617,7 +636,7 @@ class Slope(NamedTuple):
 
     when: str
     unknown: Variable
-    known: Variable
+    driver: Variable
     stated: float
     low: float
     high: float
@@ -629,17 +648,17 @@ def derivatives(s: Subject) -> str:
     s.needs("providesDirectionalDerivative")
     pairs = kinks = 0
     for slope in chain(s.in_process(lambda: list(_initial_slopes(s))), _later_slopes(s)):
-        x, v = slope.unknown, slope.known
+        x, v = slope.unknown, slope.driver
         middle = (slope.low + slope.high) / 2.0
-        floor = NOISE * s.ranges.get(x.name, s.size(x)) / s.size(v)
-        allowed = AGREES * abs(middle) + 2.0 * slope.error + floor
+        resolution = NOISE * s.ranges.get(x.name, s.size(x)) / s.size(v)
+        allowed = AGREES * abs(middle) + 2.0 * slope.error + resolution
         kink = slope.high - slope.low > 2.0 * allowed
-        off = max(slope.low - slope.stated, slope.stated - slope.high) if kink else (
+        error = max(slope.low - slope.stated, slope.stated - slope.high) if kink else (
             abs(slope.stated - middle)
         )  # fmt: skip
-        if not off <= allowed:
+        if not error <= allowed:
             sides = f"{slope.low:.6g} and {slope.high:.6g}, on two sides of a kink"
-            raise Broken(
+            raise CheckFailed(
                 f"the derivative of {x.name} by {v.name} {slope.when} is {slope.stated:.6g}; "
                 f"differences give {sides if kink else f'{middle:.6g}'}"
             )
@@ -648,41 +667,41 @@ def derivatives(s: Subject) -> str:
 
 
 def _initial_slopes(s: Subject) -> Iterator[Slope]:
-    known = [v for v in s.description.modelVariables if s.known(v) and smooth(v)]
-    known = [v for v in known if v.causality != "parameter" and nudged(v) is not None]
+    drivers = [v for v in s.description.modelVariables if s.is_settable(v) and smooth(v)]
+    drivers = [v for v in drivers if v.causality != "parameter" and nudged(v) is not None]
     real = [u.variable for u in s.description.initialUnknowns if smooth(u.variable)]
     real = [v for v in real if v.name not in s.unsteady]
     with s.instance() as part:
         s.enter(part)
-        for v in known if real else ():
-            own = float(declared_start(v) or 0.0)
+        for v in drivers if real else ():
+            start = float(declared_start(v) or 0.0)
             stated, middle = part.slopes(real, v), reals(part, real)
             middles, sides = [], []
-            for wide in (1e-4 * s.size(v), 2e-4 * s.size(v)):
-                above, below = (bounded(v, own + off) for off in (wide, -wide))
+            for step in (1e-4 * s.size(v), 2e-4 * s.size(v)):
+                above, below = (bounded(v, start + change) for change in (step, -step))
                 ends = []
                 for value in (above, below):
                     part.set(v, value)
                     ends.append(reals(part, real))
-                part.set(v, own)
+                part.set(v, start)
                 middles.append(
                     [(ends[0][x.name] - ends[1][x.name]) / (above - below) for x in real]
                 )
-                sides.append(_sides(real, middle, ends, (above - own, below - own)))
-            for x, value, near, far, either in zip(real, stated, *middles, sides[0]):
-                low, high = sorted(either)
-                yield Slope("while initialising", x, v, value, low, high, abs(near - far))
+                sides.append(_sides(real, middle, ends, (above - start, below - start)))
+            for x, value, fine, coarse, slope_pair in zip(real, stated, *middles, sides[0]):
+                low, high = sorted(slope_pair)
+                yield Slope("while initialising", x, v, value, low, high, abs(fine - coarse))
 
 
 def _sides(
     real: Sequence[Variable],
     middle: dict[str, float],
     ends: Sequence[dict[str, float]],
-    away: Sequence[float],
+    distances: Sequence[float],
 ) -> list[list[float]]:
     """By variable, the slopes from its value in the middle to those at the ends that are away from it."""
-    pairs = [(end, far) for end, far in zip(ends, away) if far]
-    slopes = [[(end[x.name] - middle[x.name]) / far for end, far in pairs] for x in real]
+    pairs = [(end, distance) for end, distance in zip(ends, distances) if distance]
+    slopes = [[(end[x.name] - middle[x.name]) / distance for end, distance in pairs] for x in real]
     return [pair * 2 if len(pair) == 1 else pair for pair in slopes]
 
 
@@ -691,25 +710,27 @@ def _later_slopes(s: Subject) -> Iterator[Slope]:
     for n in (1, s.steps // 2) if s.can.canHandleVariableCommunicationStepSize else ():
         u = s.inputs_at(n)
         for j, v in enumerate(s.inputs[:MOST_INPUTS]):
-            near, far = (s.slopes(n, u, j, s.h / d, 1e-3) for d in (1024, 64))
+            fine, coarse = (s.slopes(n, u, j, s.h / d, 1e-3) for d in (1024, 64))
 
             def work(n: int = n, u: list[float] = u, v: Variable = v) -> list[float]:
                 with s.running(n) as part:
-                    s.steer(part, u)
+                    s.set_inputs(part, u)
                     part.advance(s.start + n * s.h, s.h / 1024)
                     return part.slopes(real, v)
 
             for x, value in zip(real, s.in_process(work)):
-                middle, other = sum(near[x.name]) / 2, sum(far[x.name]) / 2
-                low, high = sorted(near[x.name])
-                yield Slope(f"after step {n + 1}", x, v, value, low, high, abs(middle - other))
+                middle, coarse_middle = sum(fine[x.name]) / 2, sum(coarse[x.name]) / 2
+                low, high = sorted(fine[x.name])
+                yield Slope(
+                    f"after step {n + 1}", x, v, value, low, high, abs(middle - coarse_middle)
+                )
 
 
 def discards(s: Subject) -> str:
     """A step over the whole experiment, which the FMU may discard."""
     s.needs("canHandleVariableCommunicationStepSize")
     t, h = s.start, s.stop - s.start
-    if s.third:
+    if s.is_fmi3:
         return untouched(s, t, h)
 
     def long_step() -> tuple[int, float, bool]:
@@ -720,13 +741,15 @@ def discards(s: Subject) -> str:
             return part.stopped()
 
     answer, reached, ended = s.in_process(long_step)
-    said = f"a step of {h:g} s is discarded"
+    discarded = f"a step of {h:g} s is discarded"
     if answer > WARNING:
-        raise Broken(f"{said}, fmi2LastSuccessfulTime is not reported: {STATUS[answer]}")
+        raise CheckFailed(f"{discarded}, fmi2LastSuccessfulTime is not reported: {STATUS[answer]}")
     if not t <= reached < t + h:
-        raise Broken(f"fmi2LastSuccessfulTime is {reached!r} s after a step from {t!r} by {h!r} s")
+        raise CheckFailed(
+            f"fmi2LastSuccessfulTime is {reached!r} s after a step from {t!r} by {h!r} s"
+        )
     if ended:
-        return f"{said} at {reached:g} s, where the FMU wants to end"
+        return f"{discarded} at {reached:g} s, where the FMU wants to end"
 
     def short_step() -> None:
         with s.running() as part:
@@ -734,7 +757,7 @@ def discards(s: Subject) -> str:
 
     if reached > t:
         s.in_process(short_step)
-    return f"{said}, one to {reached:g} s is accepted"
+    return f"{discarded}, one to {reached:g} s is accepted"
 
 
 def untouched(s: Subject, t: float, h: float) -> str:
@@ -756,22 +779,24 @@ def stop_time(s: Subject) -> str:
     stop = max(s.stop, s.start + 2 * s.steps * s.h)
     with s.instance() as part:
         part.set_up(s.tolerance, s.start, stop)
-        s.steer(part, s.inputs_at(0))
+        s.set_inputs(part, s.inputs_at(0))
         part.begin()
         rows = s.go(part, 0, s.steps)
     condition = f"with a stop time of {stop:g} s"
     worst = 0.0
-    for v, ours, theirs in zip(s.shown, zip(*rows), zip(*s.reference)):
+    for v, values, expected in zip(s.observed, zip(*rows), zip(*s.reference)):
         if v.name in s.unsteady:
             continue
         real = v.type == "Real"
-        wide = (max(theirs) - min(theirs) or max(map(abs, theirs)) or 1.0) if real else 0.0
-        for k, (x, y) in enumerate(zip(ours, theirs), 1):
+        span = (max(expected) - min(expected) or max(map(abs, expected)) or 1.0) if real else 0.0
+        for k, (x, y) in enumerate(zip(values, expected), 1):
             if not differ(x, y):
                 continue
-            if not real or not abs(float(x) - float(y)) <= AGREES * wide:
-                raise Broken(f"{v.name} after step {k} is {x!r} {condition}, {y!r} without one")
-            worst = max(worst, abs(float(x) - float(y)) / wide)
+            if not real or not abs(float(x) - float(y)) <= AGREES * span:
+                raise CheckFailed(
+                    f"{v.name} after step {k} is {x!r} {condition}, {y!r} without one"
+                )
+            worst = max(worst, abs(float(x) - float(y)) / span)
     agree = f"within {worst:.2g} of the range" if worst else "bit for bit"
     return f"{s.steps} rows {condition} are those without one, {agree}"
 
@@ -786,7 +811,7 @@ def start_time(s: Subject) -> str:
     with s.instance() as part:
         try:
             part.set_up(s.tolerance, first, None)
-            s.steer(part, s.inputs_at(0))
+            s.set_inputs(part, s.inputs_at(0))
             part.begin()
         except FmuError as reason:
             raise NotOffered(f"it does not start at {first:g} s: {reason}") from reason
@@ -794,10 +819,10 @@ def start_time(s: Subject) -> str:
             t = first + k * s.h
             for name, value in reals(part, clocks).items():
                 if not abs(value - t) <= NOISE * (abs(t) + s.h):
-                    raise Broken(
+                    raise CheckFailed(
                         f"{name} is {value!r} after {k} steps of a run from {first!r} s, not {t!r}"
                     )
-            s.steer(part, s.inputs_at(k))
+            s.set_inputs(part, s.inputs_at(k))
             part.advance(t, s.h)
     return f"{clocks[0].name} is right in a run from {first:g} s"
 
@@ -827,11 +852,11 @@ def memory(s: Subject) -> str:
                     sizes.append(resident())
         if life <= s.steps // 2 or (s.once and life < LONG):
             raise NotOffered(f"it takes no more than {life} steps with constant inputs")
-    grown = [after - before for before, after in pairwise(sizes)]
-    said = f"{sum(grown) / 1024:.0f} KiB more after {LONG} steps than after {LONG // 5}"
-    if sum(grown) > LEAK and sum(g > 0 for g in grown) > len(grown) / 2:
-        raise Broken(said)
-    return said if s.once else f"{said}; {_lives(s)}"
+    growths = [current - previous for previous, current in pairwise(sizes)]
+    growth = f"{sum(growths) / 1024:.0f} KiB more after {LONG} steps than after {LONG // 5}"
+    if sum(growths) > LEAK and sum(g > 0 for g in growths) > len(growths) / 2:
+        raise CheckFailed(growth)
+    return growth if s.once else f"{growth}; {_lives(s)}"
 
 
 def _lives(s: Subject) -> str:
@@ -844,10 +869,10 @@ def _lives(s: Subject) -> str:
             pass
         if k in marks:
             sizes.append(resident())
-    grown = [after - before for before, after in pairwise(sizes)]
-    growth = f"{sum(grown) / 1024:.0f} KiB more after {LIVES} instances than after {early}"
-    if sum(grown) > LEFT * (LIVES - early) and all(g > 0 for g in grown):
-        raise Broken(growth)
+    growths = [current - previous for previous, current in pairwise(sizes)]
+    growth = f"{sum(growths) / 1024:.0f} KiB more after {LIVES} instances than after {early}"
+    if sum(growths) > LEFT * (LIVES - early) and all(g > 0 for g in growths):
+        raise CheckFailed(growth)
     return growth
 
 
@@ -855,15 +880,15 @@ class Check(NamedTuple):
     """A check, its clauses of FMI 2.0 and 3.0, its function, and how to repeat it by hand."""
 
     name: str
-    second: str
-    third: str
-    does: Callable[[Subject], str]
-    again: str
+    clause2: str
+    clause3: str
+    function: Callable[[Subject], str]
+    instructions: str
 
-    def verdict(self, version: str, status: str, said: str) -> Verdict:
+    def verdict(self, version: str, status: str, detail: str) -> Verdict:
         """How the check of an FMU of a version ended."""
-        clause = self.third if version == "3.0" else self.second
-        return Verdict(self.name, clause, status, said, self.again)
+        clause = self.clause3 if version == "3.0" else self.clause2
+        return Verdict(self.name, clause, status, detail, self.instructions)
 
 
 CHECKS = {check.name: check for check in (
@@ -879,14 +904,14 @@ CHECKS = {check.name: check for check in (
     Check("start time", "2.1.6", "2.3.2", start_time,
           "run from a later start time; get the independent variable"),
     Check("repetition", "4.1.2", "4.1", repeats, "run; free the instance, run a new one"),
-    Check("getting", "2.1.7", "2.2.7.2", looks, "run, and get all values twice after each step, in the opposite order, and one at a time"),
+    Check("getting", "2.1.7", "2.2.7.2", getting, "run, and get all values twice after each step, in the opposite order, and one at a time"),
     Check("reset", "2.1.6", "2.3.1", resets, "set other parameters, run; reset, run without them"),
     Check("instances", "4.3.1", "2.2.1", instances, "step two instances in turn, one a third ahead"),
     Check("state", "2.1.8", "2.2.7.4", states,
           "get the FMU state after a third and after two thirds of the steps; set each, step on"),
     Check("serialization", "2.1.8", "2.2.7.4", bytes_,
           "after half the steps serialize the state; deserialize and set it in a new instance, step on"),
-    Check("step size", "4.2.2", "4.2.1", halves,
+    Check("step size", "4.2.2", "4.2.1", step_sizes,
           "with constant inputs: one step of 4 h against two of 2 h, one of 2 h against two of h"),
     Check("output dependencies", "2.2.8", "2.4.8", outputs,
           "a step of h / 1024, and in an equal instance with another input; the same with h / 64"),
@@ -901,16 +926,16 @@ CHECKS = {check.name: check for check in (
 
 def checked(s: Subject, name: str) -> Verdict:
     """The verdict of one check; what needs a run is not tried where there is none."""
-    status, before = NOT_RUN, "it does not run: "
+    status, prefix = NOT_RUN, "it does not run: "
     try:
         if name not in ("description", "binary", "run"):
             s.unsteady  # noqa: B018
             s.reference  # noqa: B018
-        status, before = FAILED, ""
-        said = s.in_process(lambda: CHECKS[name].does(s))
+        status, prefix = FAILED, ""
+        detail = s.in_process(lambda: CHECKS[name].function(s))
         status = PASSED
     except NotOffered as reason:
-        status, said = NOT_OFFERED, str(reason)
-    except (Broken, FmuError) as reason:
-        said = f"{before}{reason}"
-    return CHECKS[name].verdict(s.description.fmiVersion, status, said)
+        status, detail = NOT_OFFERED, str(reason)
+    except (CheckFailed, FmuError) as reason:
+        detail = f"{prefix}{reason}"
+    return CHECKS[name].verdict(s.description.fmiVersion, status, detail)
