@@ -12,8 +12,9 @@ from pathlib import Path
 from ...engine.instance import quiet
 from ...errors import SetupError
 from ...isolated import child, death
-from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Subject, Verdict, checked
+from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Verdict, checked
 from .report import Crosscheck
+from .subject import Subject
 
 
 def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 60.0) -> Crosscheck:
