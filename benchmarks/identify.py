@@ -280,7 +280,7 @@ def fitted(record: Record, data: Mapping[str, Table], rng: np.random.Generator) 
         guess["motor.v"] = guess["motor.k"] * mean + 0.5 * guess["motor.R"]
     system = System(record.parts, record.wires, guess | dict(record.fixed))
     return identify(
-        system, data, free=record.free, known=known, first=record.first,
+        system, data, free=record.free, prior=known, first=record.first,
         derived={"resonance": lambda values, _: record.resonance(values)}, units={"resonance": "rad/s"},
     )  # fmt: skip
 
@@ -294,8 +294,8 @@ def trial(seed: int, kind: str, error: str = "") -> dict[str, Any]:
     fit = fitted(record, data, rng)
     told = {"kind": error or kind, "seed": seed, "seconds": time.process_time() - began}
     told |= {"runs": fit.runs, "misfit": list(fit.misfit), "minima": list(fit.minima)}
-    truth, local = record.resonance(record.machine), fit.local
-    told |= {"shift": (float(local.derived[0]) - truth) / local.reach(local.gradients[0])}
+    truth, local = record.resonance(record.machine), fit.linearisation
+    told |= {"shift": (float(local.derived[0]) - truth) / local.half_width(local.gradients[0])}
     if not fit.misfit:
         found = fit.derived["resonance"]
         told |= {"held": found.low <= truth <= found.high, "width": found.error / truth}

@@ -10,8 +10,8 @@ from .engine.control import Adaptive
 from .engine.energy import find_bonds
 from .engine.initialise import monitored_outputs
 from .engine.settings import RunSettings
-from .engine.times import coincide
 from .errors import SetupError
+from .fmu.times import coincide
 from .system import STATE, VARIABLE_STEP, Network, parts_without, require_cosimulation
 from .system.graph import algebraic_loops, describe_loop
 

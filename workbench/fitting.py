@@ -109,7 +109,7 @@ class RecordOptions(Options):
             system,
             data,
             free=list(dict.fromkeys([*free, *self.free])),
-            known=self.priors,
+            prior=self.priors,
             noise=dict(noise(system, text) for text in self.noise),
             outliers=self.outliers / 100,
             starts=self.starts,
@@ -179,14 +179,14 @@ def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> d
 
 def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> dict[str, Any]:
     """Further entries of the JSON; `exact` are values that were taken as exact, unless free."""
-    taken = fit.model.values(fit.local.p)
+    taken = fit.start_values
     return {
         "chi2": {"sum": fit.chi2, "degrees": fit.dof, "band": list(fit.band)},
         "minima": list(fit.minima),
         "misfit": list(fit.misfit),
         "notes": list(fit.notes),
         "exact": {name: taken[name] for name in exact if name in taken and name not in fit.names},
-        "alike": [list(group) for group in fit.alike],
+        "alike": [list(group) for group in fit.correlated_groups],
         "correlations": {
             name: dict(zip(fit.names, map(float, row)))
             for name, row in zip(fit.names, fit.correlations)

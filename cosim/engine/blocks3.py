@@ -8,10 +8,10 @@ from functools import partial
 from itertools import groupby
 from typing import Any
 
+from ..fmu.operations import Code, Layout
 from ..system.arrays import WIDTHS
 from ..system.description import Variable
 from .instance import CELL, OK, WARNING, Instance, VariableBlock
-from .operations import Code, Layout
 
 NATIVE: dict[str, Any] = {name: getattr(ctypes, f"c_{name.lower()}") for name in WIDTHS} | {
     "Float32": ctypes.c_float,

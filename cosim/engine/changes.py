@@ -7,11 +7,11 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from ..fmu.times import coincide
 from ..system import Network, Port, Value, is_continuous_input
 from ..system.description import Variable
 from ..system.inputs import FunctionInput, Table
 from .part import Part
-from .times import coincide
 
 
 class Change(NamedTuple):

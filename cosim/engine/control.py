@@ -7,10 +7,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
+from ..fmu.times import coincide
 from .part import Part
 from .schedule import Advance
 from .snapshot import Snapshot, drop_nodes_after
-from .times import coincide
 
 #: Share of the size that the error allows. A convention: Hairer, Norsett and Wanner, Solving Ordinary
 #: Differential Equations I, section II.4, use 0.8 to 0.9.

@@ -10,11 +10,12 @@ from itertools import chain
 import numpy as np
 
 from ..errors import EventReached, FmuError, StepDiscarded
+from ..fmu.buffers import Slot
+from ..fmu.times import coincide
 from ..report import Statistics
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
 from .algorithms import find_algorithm
-from .buffers import Slot
 from .changes import Change, with_changes
 from .control import Adaptive, Controller, by_energy, doubling
 from .iteration import Iteration
@@ -25,7 +26,6 @@ from .row_file import RowFile
 from .schedule import Advance, coupling_context, explicit, schedule
 from .settings import RunSettings
 from .snapshot import Snapshot, drop_nodes_after
-from .times import coincide
 
 #: Steps between two saved states. A convention: taken again, they cost less than a saved state in each step.
 CHECKPOINT = 1000

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from ..errors import SetupError
+from ..fmu.buffers import Slot, address
+from ..fmu.operations import Code, Layout, Operation
 from ..report import BondEnergy
 from ..system import Connection, Network, Port, unit_exponents
-from .buffers import Slot, address
-from .operations import Code, Layout, Operation
 
 ENERGY, EXCHANGED, BEFORE = range(3)
 #: The powers of the base units in a W, without angles.

@@ -10,16 +10,16 @@ from itertools import chain
 from typing import Any
 
 from ..errors import EventReached, FmuError, StepDiscarded
+from ..fmu.buffers import address
+from ..fmu.clocks import IntervalClock, is_reached
 from ..fmu.library import Library
+from ..fmu.operations import Code, Layout, Operation
+from ..fmu.times import coincide
 from ..system import Value
 from ..system.description import ModelDescription, Variable
 from .blocks3 import VariableBlock3
-from .buffers import address
-from .clocks import IntervalClock, is_reached
 from .instance import DISCARD, OK, Instance, VariableBlock
-from .operations import Code, Layout, Operation
 from .part import Part
-from .times import coincide
 
 #: Whether an FMU knows the interval of a clock, or has changed it: fmi3IntervalQualifier, a convention of FMI 3.0.
 UNCHANGED = 1

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .times import coincide
+from ..fmu.times import coincide
 
 
 class Node(NamedTuple):

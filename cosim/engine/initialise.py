@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FmuError
+from ..fmu.buffers import Slot
 from ..fmu.library import borrow
 from ..system import Network, Port, Value, declared_start, feedthrough
-from .buffers import Slot
 from .changes import continuous_profiles
 from .energy import BondSide, find_bonds, watts_per_product
 from .fmi3 import Part3

@@ -26,11 +26,11 @@ from fmpy.fmi2 import (
 from fmpy.logging import addLoggerProxy
 
 from ..errors import FmuError, NonFiniteValueError, SimulationTerminated, StepDiscarded
+from ..fmu.buffers import Slot, address
 from ..fmu.library import Library
+from ..fmu.operations import NOT_FINITE, Code, Layout, Operation
 from ..system import Value
 from ..system.description import ModelDescription, Variable
-from .buffers import Slot, address
-from .operations import NOT_FINITE, Code, Layout, Operation
 
 #: Statuses, a convention of FMI.
 OK = 0

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from itertools import groupby, zip_longest
 
 from ..errors import FmuError
-from .buffers import Slot, working_slot
+from ..fmu.buffers import Slot, working_slot
+from ..fmu.operations import Code, Layout, Operation
 from .hermite import Node, SignalHistory, polynomial_mean, polynomial_value
 from .instance import Instance, VariableBlock
-from .operations import Code, Layout, Operation
 from .sources import InputSource
 
 

@@ -12,10 +12,10 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from ..errors import FmuError
-from .buffers import Slot, address
+from ..fmu.buffers import Slot, address
+from ..fmu.operations import Layout
 from .compiler import OPTIONS, SOURCE, compile_loop, file_name
 from .instance import WARNING, VariableBlock
-from .operations import Layout
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource

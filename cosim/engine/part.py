@@ -6,12 +6,12 @@ import ctypes
 from collections.abc import Iterator, Mapping, Sequence
 
 from ..fmu.library import Library
+from ..fmu.operations import Code, Layout, Operation
 from ..system import feedthrough
 from ..system.description import ModelDescription, Variable
 from .energy import BondSide
 from .instance import OK, Instance, VariableBlock
 from .links import InputPolynomials, Link
-from .operations import Code, Layout, Operation
 from .sources import InputSource
 
 

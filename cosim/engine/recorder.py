@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FmuError, SetupError
+from ..fmu.times import coincide
 from ..report import RunReport, RunSetup
 from ..result import Result, Rows, open_unlinked, partial, read_rows, require_names, write_json
-from .times import coincide
 
 #: Rows that wait in memory before they are written. A convention: a page or two of memory for each column.
 CHUNK = 4096

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
+from ..fmu.operations import Operation
 from .algorithms import CouplingContext, Feedthrough, Stage
-from .operations import Operation
 from .part import Part
 
 #: It carries all parts from t to t + h [s] and leaves their outputs in their buffers.

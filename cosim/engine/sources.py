@@ -6,9 +6,9 @@ import ctypes
 import math
 
 from ..errors import NonFiniteValueError
+from ..fmu.buffers import Slot, address
+from ..fmu.operations import NOT_FINITE, Code, Layout, Operation
 from ..system.inputs import FunctionInput, Table
-from .buffers import Slot, address
-from .operations import NOT_FINITE, Code, Layout, Operation
 
 
 class InputSource(Operation):

@@ -18,7 +18,7 @@ import pytest
 from fmpy import simulate_fmu
 from numpy.testing import assert_array_equal
 
-from cosim import System, run, write_ssp
+from cosim import System, certify, run, write_ssp
 from cosim.cli import commands
 from cosim.cli.main import main, parser
 from scenarios.conveyor.first_order import SETS
@@ -110,6 +110,22 @@ def test_certify_states_errors_and_orders(drive: Path, said: Said) -> None:
     assert "order 2.0" in mean
     (rate,) = [line for line in text.splitlines() if "conveyor.a, mean" in line]
     assert re.search(r" \+- 0\.\d+ rad/s2 +order (0\.9|1\.\d)$", rate)
+
+
+@pytest.mark.parametrize("has_file", [False, True])
+def test_the_errors_of_certify_are_those_of_three_different_runs(
+    drive: Path, fmus: Path, tmp_path: Path, said: Said, has_file: bool
+) -> None:
+    """The command runs in another process, which writes one file after another; the figures are the same."""
+    out = ("--out", tmp_path / "rows.csv") if has_file else ()
+    options = ("--stop", 0.1, "--step", 1e-3, "--certify", "--record", "motor.tau")
+    text = said("run", drive, *options, *out)
+    system = pair(fmus / "native")
+    certified = certify(system, stop=0.1, step=1e-3, record=["motor.tau"])
+    for name, figure in certified.figures.items():
+        assert figure.error is not None and figure.error > 1e-6
+        (line,) = [line for line in text.splitlines() if f"{name} " in line]
+        assert figure.text("N.m") in line
 
 
 def test_figures_of_names_with_commas_keep_their_units(fmus: Path, said: Said) -> None:

@@ -11,7 +11,7 @@ import pytest
 from cosim.engine.compiler import SOURCE
 from cosim.engine.fmi3 import Answer
 from cosim.engine.loop import Column
-from cosim.engine.operations import NOT_FINITE, Code, Layout
+from cosim.fmu.operations import NOT_FINITE, Code, Layout
 
 TYPES: dict[str, Any] = {
     "int": ctypes.c_int,
