@@ -10,7 +10,8 @@ VISIBLE, SHARE = 48, 2e-4
 
 def differ(one: Path, other: Path) -> str:
     """What is different between two pictures, "" if nothing that can be seen: figures that move in
-    their last digits move no line by a pixel."""
+    their last digits move no line by a pixel.
+    """
     first, second = (np.asarray(Image.open(path).convert("RGB"), int) for path in (one, other))
     if first.shape != second.shape:
         return f"{first.shape} and {second.shape} pixels"

@@ -119,7 +119,8 @@ def test_longest_step_is_kept(fmus: Path) -> None:
 
 def test_energy_control_holds_what_the_bond_creates(fmus: Path) -> None:
     """What the coupling makes follows the tolerance, without going back; at looser ones, with some
-    tens of steps a revolution, the last bit of an FMU decides its sign."""
+    tens of steps a revolution, the last bit of an FMU decides its sign.
+    """
     steps, made, tolerances = [], [], (1e-3, 1e-4)
     for tolerance in tolerances:
         control = Adaptive(tolerance, control="energy")

@@ -1,5 +1,6 @@
 """What an answer shows: pictures as values, both renderers, the page parsed and in a browser, the
-mechanisms that are drawn."""
+mechanisms that are drawn.
+"""
 
 from __future__ import annotations
 
@@ -575,7 +576,8 @@ def test_the_page_of_every_question_shows_without_network_or_error(
 
 def prints_well(shown: Browser, answer: Answer, charts: Sequence[Chart | Field]) -> None:
     """Answer and first chart are on the first sheet, no chart reaches into the margin of its sheet,
-    and the layout of the screen comes back."""
+    and the layout of the screen comes back.
+    """
     headings = shown.headings()
     for k, chart in enumerate(charts):
         sheet, y = headings["".join(chart.title.split())]

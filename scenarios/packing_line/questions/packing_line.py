@@ -100,7 +100,8 @@ class Options(Run):
 
 def system(o: Options, fmus: Mapping[str, Path]) -> System:
     """The line, its motors set for their speeds; all start values are parameters, because some hosts
-    set no other ones."""
+    set no other ones.
+    """
     slope = o.start.get("iron_motor.B", iron.MOTOR["motor.B"])
     ratio = o.start.get("iron.reducer.i_g", I_G)
     values: Start = {
@@ -138,7 +139,8 @@ def supplied(r: Result) -> Result:
 
 def releases(r: Result) -> list[int]:
     """The rows of the releases, whole cycles apart; raises SetupError where the cam does not keep
-    turning."""
+    turning.
+    """
     phi = r["iron.phi"]
     if np.diff(phi).min() <= 0.0:
         raise SetupError(
@@ -151,7 +153,8 @@ def releases(r: Result) -> list[int]:
 
 class Order(NamedTuple):
     """An order of the angle of a drive: its frequency [Hz], its amplitude in the power of the drive's
-    motor, and with all of the other drive that it beats with, as the supply has it at worst [W]."""
+    motor, and with all of the other drive that it beats with, as the supply has it at worst [W].
+    """
 
     drive: str
     order: int
@@ -162,7 +165,8 @@ class Order(NamedTuple):
 
 class Turns(NamedTuple):
     """The last whole turns of a drive: how long they last [s], their number; power of the motor [W]:
-    mean, ripple, least, most, orders."""
+    mean, ripple, least, most, orders.
+    """
 
     lasted: float
     number: int
@@ -172,7 +176,8 @@ class Turns(NamedTuple):
 
 def turns(r: Result, drive: str) -> Turns:
     """Those of the last cycles, of the cam from release to release, of the crank from where the trough is
-    farthest; raises SetupError where there are none."""
+    farthest; raises SetupError where there are none.
+    """
     ends, begin = releases(r), 0.0
     if drive == "iron":
         begin = r.provenance["parts"]["iron"]["parameters"]["cam.rise"]
@@ -197,7 +202,8 @@ def turns(r: Result, drive: str) -> Turns:
 
 def figures(r: Result) -> dict[str, Figure]:
     """Counts of products, and what the last cycles tell; what is not settled in them is at most what
-    they differ from those that end a cycle before. Raises SetupError where there are too few."""
+    they differ from those that end a cycle before. Raises SetupError where there are too few.
+    """
     r, begins = supplied(r), releases(r)
     if len(begins) < MEASURED + 2:
         raise SetupError(
