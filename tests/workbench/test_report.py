@@ -54,7 +54,7 @@ from workbench.charts.model import (
     Span,
 )
 from workbench.charts.motion import Motion, Shape
-from workbench.charts.style import LETTERS_BY_SCREEN, STYLE, Screen
+from workbench.charts.style import COLORS, LETTERS_BY_SCREEN, STYLE, Screen
 from workbench.export import write
 from workbench.figure import Figure
 from workbench.page import html
@@ -443,7 +443,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
     y = np.sin(x)
     y[1234] = 7.5
     panels = [
-        Panel("force", "N", [Curve("theory", x[::500], np.sin(x[::500]), "grey", "theory"),
+        Panel("force", "N", [Curve("theory", x[::500], np.sin(x[::500]), "black", "theory"),
                              Curve("seen", x, y, "red")]),
         Panel("way", "m", [Curve("way", x, x**2, "blue")], [Mark(50.0, "half")]),
     ]  # fmt: skip
@@ -729,6 +729,11 @@ def test_the_page_is_dark_where_the_screen_is(opened: Browser) -> None:
     opened.call("Emulation.setEmulatedMedia", features=features)
     assert opened.value(back) == "rgb(18, 23, 28)"
     assert opened.value(f"getComputedStyle({one('.ytick text')}).fill") == "rgb(227, 232, 237)"
+    strokes = "[...document.querySelectorAll('.js-line')].map(x => getComputedStyle(x).stroke)"
+    assert set(opened.value(strokes)) == {
+        "rgb(227, 232, 237)",
+        *(f"rgb{tuple(bytes.fromhex(COLORS[name][1:]))}" for name in ("red", "blue", "grey")),
+    }
 
 
 def test_thinning_keeps_ends_and_peaks() -> None:
