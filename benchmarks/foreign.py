@@ -97,7 +97,7 @@ def at_same_times(task: Task) -> Columns:
 
 
 def isolated(method: str, task: Task) -> Columns | str:
-    """What one way of WAYS finds in a process of its own, or why it finds nothing."""
+    """The columns that a method of METHODS computes in a separate process, or why it computes none."""
     with TemporaryDirectory() as folder:
         result_path = Path(folder) / "found.json"
         command = [
