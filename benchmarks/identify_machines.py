@@ -25,7 +25,7 @@ from cosim import System, quiet
 from examples import measured_iron, measured_orientator
 from scenarios.__main__ import PROJECT
 from scenarios.iron import machine
-from scenarios.orientator.questions import orientator_limit
+from scenarios.orientator.products import simulated_limit
 from workbench.options import parse_options
 from workbench.question import Question
 from workbench.run import answer
@@ -60,7 +60,7 @@ def orientator(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any]
     p = {"orientator.chute.mu": rng.uniform(0.15, 0.55), "orientator.chute.H": H}
     system = System({"orientator": PROJECT.folders["native"] / "GravityOrientator.fmu"}, start=p)
     with quiet():
-        limit = orientator_limit.limit(system, p["orientator.chute.mu"])[1].value
+        limit = simulated_limit(system, p["orientator.chute.mu"])[1].value
     speeds = np.linspace(LEAST, 0.9 * limit, COUNT).round(1).tolist()
     asked = {
         "map": ["orientator.w=n", *(f"orientator.{x}={x[2:]}" for x in STAGES)],

@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 from components.iron_drive import model as iron
 from cosim import SetupError
 from fmukit.declare.record import declarations, start
-from scenarios.iron.questions import iron_kinematics
+from scenarios.iron import transfer as kinematics
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
 from tests.components.iron_oracle import by_material_points, tables
 from tests.conftest import QUICK, ask
@@ -29,7 +29,7 @@ GIVEN = {
     for name, d in declarations(iron.Parameters)
     if d.kind == "Real" and name != "reducer.J"
 }
-FUNCTIONS = list(iron_kinematics.FUNCTIONS)[:6]
+FUNCTIONS = list(kinematics.FUNCTIONS)[:6]
 
 
 def largest(tell: Any, last: float) -> float:

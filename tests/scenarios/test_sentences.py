@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from cosim import System
+from scenarios.conveyor import classical
+from scenarios.conveyor.first_order import SETS
 from scenarios.iron.questions import iron_bounce
-from scenarios.orientator.questions import orientator_limit
+from scenarios.orientator import formula_comparison
 from tests.conftest import ask
+from workbench.answer import Table
 from workbench.figure import Figure
 
 
@@ -71,17 +74,73 @@ def test_one_landing_is_once_and_one_dimension_is_named_once() -> None:
     )
     verdict = iron_bounce.verdict(iron_bounce.Options(), f | {"landings": one}, None)
     assert "lands once (impact speed up to" in verdict
-    gains = {f"gain_{x.replace('.', '_').lower()}": 0.1 for x in orientator_limit.LENGTHS}
+
+
+def test_the_dimension_that_moves_the_limit_most_is_named_or_none() -> None:
+    """Drawn gains of either sign, some of which are not determined."""
+    rng, outcomes = np.random.default_rng(4), set()
     names = ("limit", "formula", "off", "above_least", "above_most")
-    said = []
-    for strongest in ("gain_cup_h", "gain_chute_r"):
-        values = gains | {strongest: 0.9}
-        f = dict.fromkeys(names, one) | {x: Figure(y, "%", 0.01) for x, y in values.items()}
-        plane = SimpleNamespace(frame=pd.DataFrame({"limit": [1.0]}))
-        o = orientator_limit.Options()
-        said.append(orientator_limit.verdict(o, f, (None, {orientator_limit.PLANE: plane})))  # type: ignore[arg-type]
-    assert said[0].count("cup.h") == 1 and "Of the cup itself" not in said[0]
-    assert "Of the cup itself it is cup.d: " in said[1]
+    plane = Table(pd.DataFrame({"limit": [1.0]}), {})
+    for _ in range(100):
+        gains = {
+            x: Figure.undetermined("%", "one of the limits was not found")
+            if rng.random() < 0.7
+            else Figure(rng.normal(), "%", 0.001)
+            for x in formula_comparison.LENGTHS
+        }
+        f = dict.fromkeys(names, Figure(1.0, "1", 0.0)) | {
+            f"gain_{x.replace('.', '_').lower()}": figure for x, figure in gains.items()
+        }
+        tables = {formula_comparison.PLANE: plane}
+        comparison = formula_comparison.FormulaComparison(System({}), 0.35, (0.5,), f, tables)
+        (text,) = comparison.sentences()
+        known = {x: abs(y.value) for x, y in gains.items() if y.error is not None}
+        most = max(known, key=lambda x: known[x]) if known else ""
+        outcomes.add(bool(most))
+        assert ("is not determined among" in text) == (not most)
+        assert not most or f". {most} moves the limit most: " in text
+    assert outcomes == {True, False}
+
+
+def drawn_comparison(rng: np.random.Generator) -> classical.Comparison:
+    """Limits and largest errors of the classical calculation, each of them as a sweep may leave it."""
+    figures = {}
+    for case in classical.CASES:
+        worst = Figure(rng.choice([3.0, 30.0]), "%", 0.1)
+        if worst.value < 5.0:
+            end = Figure.undetermined("rad/s", "the error stays below 5 % at every speed")
+        elif rng.random() < 0.3:
+            end = Figure.undetermined("rad/s", classical.NOWHERE)
+        elif rng.random() < 0.2:
+            end = Figure.undetermined("rad/s", classical.TOO_COARSE)
+        else:
+            end = Figure(rng.uniform(10.0, 40.0), "rad/s", 1e-3)
+        figures |= {f"limit_{case.key}": end, f"worst_{case.key}": worst}
+    return classical.Comparison(figures, Table(pd.DataFrame(), {}), SETS["A"], 5.0, 20.0)
+
+
+def test_the_classical_calculation_is_said_to_hold_where_all_of_it_does() -> None:
+    rng, outcomes = np.random.default_rng(5), set()
+    for _ in range(200):
+        comparison = drawn_comparison(rng)
+        text = classical.sentence(comparison, "spring")
+        ends = [comparison.figures[f"limit_spring_{load}"] for load in classical.QUANTITIES]
+        nowhere = [end for end in ends if end.reason == classical.NOWHERE]
+        unsure = [end for end in ends if end.reason == classical.TOO_COARSE]
+        speeds = [end.value for end in ends if end.error is not None]
+        if nowhere:
+            outcomes.add("nowhere")
+            assert "is off by more than 5 %" in text and "already at 20 rad/s" in text
+        elif unsure:
+            outcomes.add("open")
+            assert text.endswith(f"is not determined: {classical.TOO_COARSE}.")
+        elif speeds:
+            outcomes.add("up to")
+            assert f"is within 5 % up to {Figure(min(speeds), 'rad/s', 1e-3).brief()}; " in text
+        else:
+            outcomes.add("everywhere")
+            assert text.endswith("is within 5 % at every speed of the sweep.")
+    assert outcomes == {"nowhere", "open", "up to", "everywhere"}
 
 
 def test_orders_that_are_not_valid_are_named_in_a_line_each() -> None:

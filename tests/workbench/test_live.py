@@ -21,8 +21,8 @@ import pytest
 import cosim
 from cosim.system import connect
 from scenarios.__main__ import PROJECT
+from scenarios.conveyor.live_ripple import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
 from scenarios.conveyor.orbits import simulate
-from scenarios.conveyor.questions.resonance import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
 from scenarios.fmu_files import FMUS
 from tests.conftest import ask
 from tests.workbench.browser import Browser

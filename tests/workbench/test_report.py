@@ -30,6 +30,7 @@ from scenarios.conveyor import motion as conveyor
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
 from scenarios.conveyor.questions import resonance
+from scenarios.conveyor.ripple_limit import RippleLimit
 from scenarios.iron import motion as iron_mechanism
 from tests.conftest import SAMPLED, ask, fmus_of, plain
 from tests.workbench.browser import Browser, browser
@@ -37,10 +38,23 @@ from workbench.answer import Answer, Parameter, Show, Table
 from workbench.catalog import load_module, names
 from workbench.charts import model as pictures
 from workbench.charts import mpl, plotly
+from workbench.charts.axes import decades, x_axis
+from workbench.charts.elements import UNDETERMINED, Band, Bars, Line
 from workbench.charts.gif import gif
-from workbench.charts.layout import across, decades
-from workbench.charts.model import Chart, Curve, Field, Lanes, Mark, Panel, SecondUnit, Span
+from workbench.charts.layout import layout_of
+from workbench.charts.model import (
+    Arrow,
+    Chart,
+    Curve,
+    Field,
+    Lanes,
+    Mark,
+    Panel,
+    SecondUnit,
+    Span,
+)
 from workbench.charts.motion import Motion, Shape
+from workbench.charts.style import LETTERS_BY_SCREEN, STYLE, Screen
 from workbench.export import write
 from workbench.figure import Figure
 from workbench.page import html
@@ -145,7 +159,7 @@ def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
     assert (low["y"][-1], high["y"][-1], high["fill"]) == (9.0, 11.0, "tonexty")
     assert [trace["y"][-1] for trace in traces["stored"]] == [10.0, 30.0]
     assert_allclose(
-        drawn["wide"]["xaxis2"]["range"], [x * 30 / math.pi for x in across(chart).ends]
+        drawn["wide"]["xaxis2"]["range"], [x * 30 / math.pi for x in x_axis(chart).ends]
     )
 
 
@@ -154,69 +168,121 @@ def test_marks_spans_and_lanes_have_their_words_and_legends_only_what_is_outside
     wide, data = drawn["wide"], drawn["data"]
     words = {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
     assert words == {"peak", "crossing", "avoid", "falling"}
-    legend = plotly.legend_names(data)
+    legend = [trace["name"] for trace in data if trace.get("showlegend")]
     assert "turning" in legend and "falling" not in legend and "force" not in legend
     shapes = {(s["yref"], s["x0"], s["x1"]) for s in wide["shapes"]}
     rows = [f"y{k} domain" for k in range(1, 6)]
     assert shapes == {(y, *x) for y in rows for x in ((2.0, 4.0), (3.0, 3.0), (3.1, 3.1))}
 
 
-def test_the_image_is_what_the_words_of_plotly_say() -> None:
-    drawn, words = mpl.drawn([sample_chart()], "A title"), plotly.figure(sample_chart())
-    axes, paper = drawn.subfigs[0].axes, words["paper"]
-    assert drawn._suptitle.get_text() == "A title"
-    assert [a.get_ylabel() for a in axes] == [y["title"]["text"] for y in named(words).values()]
-    for k, axis in enumerate(axes, 1):
-        assert axis.get_ylim() == pytest.approx(paper[f"yaxis{k}"]["range"])
-        assert axis.get_xlim() == pytest.approx(paper["xaxis"]["range"])
-        own = [trace for trace in words["data"] if trace["yaxis"] == f"y{k}" and trace.get("name")]
-        lines = [x for x in own if "mode" in x and "fill" not in x]
-        for line, trace in zip(axis.lines, lines, strict=True):
-            assert_allclose(line.get_ydata(), np.array(trace["y"], float))
-            assert line.get_drawstyle() == mpl.STEPS[trace["line"].get("shape", "linear")]
-        tops = [bar.get_width() for bars in axis.containers for bar in bars]
-        assert tops == [trace["width"] for trace in own if trace.get("type") == "bar"]
-        filled = sum("fill" in trace for trace in own)
-        assert len(axis.patches) == filled + len(tops) + len(words["wide"]["shapes"]) / 5
+def test_the_image_draws_the_elements_of_the_layout() -> None:
+    figure, layout = mpl.render([sample_chart()], "A title"), layout_of(sample_chart(), "paper")
+    axes = figure.subfigs[0].axes
+    assert figure._suptitle is not None and figure._suptitle.get_text() == "A title"
+    assert [each.get_ylabel() for each in axes] == [placed.label for placed in layout.rows]
+    for axis, placed in zip(axes, layout.rows, strict=True):
+        row = placed.row
+        assert axis.get_ylim() == pytest.approx(row.y.ends)
+        assert axis.get_xlim() == pytest.approx(layout.x.ends)
+        elements = [x for x in row.elements if isinstance(x, Line)]
+        lines = axis.lines[: len(elements)]
+        for line, element in zip(lines, elements, strict=True):
+            assert_allclose(line.get_ydata(), element.y)
+            assert line.get_drawstyle() == ("steps-mid" if element.is_step else "default")
+            assert line.get_marker() == mpl.MARKERS[element.marker]
+        assert len(axis.lines) == len(lines) + len(layout.marks)
+        widths = [bar.get_width() for bars in axis.containers for bar in bars]
+        assert widths == [x.width for x in row.elements if isinstance(x, Bars)]
+        bands = [x for x in row.elements if isinstance(x, Band)]
+        assert len(axis.collections) == len(bands)
+        assert len(axis.patches) == len(widths) + len(layout.spans)
         legend = axis.get_legend().get_texts() if axis.get_legend() else []
-        assert [text.get_text() for text in legend] == plotly.legend_names(own)
-    placed = {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
-    assert placed == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
+        assert sorted(text.get_text() for text in legend) == sorted(row.legend)
+    texts = {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
+    assert texts == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
     assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
 
 
-@pytest.mark.parametrize("screen", plotly.SCREENS)
-def test_words_above_a_picture_do_not_meet(screen: str) -> None:
-    near = [Mark(39.0 + k / 3, f"a mark with a long text {k}") for k in range(5)]
+@pytest.mark.parametrize("screen", LETTERS_BY_SCREEN)
+def test_labels_above_a_picture_neither_meet_nor_pile_up(screen: Screen) -> None:
+    """A key replaces what would take more lines; its letters name the marks from left to right."""
+    close = [Mark(39.0 + k / 3, f"a mark with a long text {k}") for k in range(5)]
     chart = Chart("", "", [Panel("", "", [Curve("", [20.0, 66.0], [0.0, 1.0], "red")])],
-                  [*near, Mark(22.0, "far")], [Span(30.0, 45.0, "span")])  # fmt: skip
-    x, letters = across(chart), plotly.SCREENS[screen]
-    words = plotly.figure(chart)[screen]["annotations"]
-    lanes: dict[float, list[tuple[float, float]]] = {}
-    for flag in words:
-        long, at = len(flag["text"]) / letters, float(x.share(flag["x"]))
-        first = at - {"left": 0.0, "center": 0.5, "right": 1.0}[flag["xanchor"]] * long
-        assert first > -0.01 and first + long < 1.01
-        lane = lanes.setdefault(flag["yshift"], [])
-        assert all(first + long < a or b < first for a, b in lane)
-        lane.append((first, first + long))
-    assert sorted(w["text"] for w in words) == sorted(m.text for m in (*chart.marks, *chart.spans))
-    assert len(lanes) == {"wide": 3, "paper": 3, "narrow": 6}[screen]
+                  [*close, Mark(22.0, "far")], [Span(30.0, 45.0, "span")])  # fmt: skip
+    for has_key in (False, True):
+        layout = layout_of(chart, screen, has_key=has_key)
+        letters, taken = layout.letters, dict[int, list[tuple[float, float]]]()
+        shares = [(label, float(layout.x.share(label.at))) for label in layout.labels.at_values]
+        for label, at in [*shares, *((label, label.at) for label in layout.labels.key)]:
+            length = len(label.text) / letters
+            first = at - {"left": 0.0, "center": 0.5, "right": 1.0}[label.anchor] * length
+            assert first > -0.01 and first + length < 1.01
+            line = taken.setdefault(label.line, [])
+            assert all(first + length < a or b < first for a, b in line)
+            line.append((first, first + length))
+        assert layout.labels.lines == len(taken)
+        if has_key:
+            assert {label.line for label in layout.labels.at_values} <= {0, 1}
+            key = [label.text.split("  ") for label in layout.labels.key]
+            assert key == [list(x) for x in zip("abcdef", [m.text for m in sorted(chart.marks)])]
+            at_values = " ".join(label.text for label in layout.labels.at_values).split()
+            assert sorted(at_values) == ["a", "b", "c", "d", "e", "f", "span"]
+        else:
+            texts = sorted(label.text for label in layout.labels.at_values)
+            assert texts == sorted(m.text for m in (*chart.marks, *chart.spans))
+            assert layout.labels.lines == {"wide": 3, "paper": 3, "narrow": 6}[screen]
+
+
+def test_points_without_a_value_are_told_and_jumps_are_broken_with_an_arrow() -> None:
+    x, nan = [1.0, 2.0, 3.0, 4.0], math.nan
+    curves = [Curve("up", x, [1.0, 2.0, 8.0, nan], "red", "linked", breaks=[2]),
+              Curve("down", x, [1.0, 2.0, 5.0, 6.0], "blue", "linked")]  # fmt: skip
+    panel = Panel("speed", "rad/s", curves, arrows=[Arrow(2.5, 2.0, 12.0)])
+    (placed,) = layout_of(Chart("", "x", [panel])).rows
+    up, down, missing = placed.row.elements
+    assert isinstance(up, Line) and isinstance(down, Line) and isinstance(missing, Line)
+    assert_allclose(up.y, [1.0, 2.0, nan, 8.0, nan])
+    assert up.marker_px > down.marker_px == STYLE.marker_px and up.marker != down.marker
+    assert (missing.name, missing.x.tolist(), missing.is_in_legend) == (UNDETERMINED, [4.0], True)
+    low, high = placed.row.y.ends
+    assert low < missing.y[0] < low + 0.1 * (high - low) and high > 12.0
+    (arrow,) = placed.row.arrows
+    assert (arrow.x, arrow.start, arrow.end) == (2.5, 2.0, 12.0)
+    notes = plotly.figure(Chart("", "x", [panel]))["wide"]
+    assert [(n["ay"], n["y"]) for n in notes["annotations"] if n["showarrow"]] == [(2.0, 12.0)]
+
+
+def test_a_picture_of_nothing_but_undetermined_points_says_so() -> None:
+    panel = Panel("ripple", "N.m", [Curve("run", [1.0, 2.0], [math.nan] * 2, "red", "points")])
+    chart = Chart("Ripple", "speed", [panel])
+    (placed,) = layout_of(chart).rows
+    assert placed.row.legend == ["run", UNDETERMINED]
+    assert UNDETERMINED in plotly.alt_text(chart)
+    assert mpl.render([chart], "").subfigs[0].axes[0].lines[-1].get_marker() == "X"
 
 
 def test_long_labels_break_and_rows_shrink_to_the_paper() -> None:
     long = "largest torque that the motor of the crank conveyor gives"
     flat = [Panel(long, "N.m", [Curve("a", [0.0, 1.0], [0.0, 1.0], "red")]) for _ in range(5)]
-    drawn = plotly.figure(Chart("", "x", [*flat, Lanes({"lane": [Span(0.0, 1.0, "all")]})]), 6.0)
+    drawn = plotly.figure(Chart("", "x", [*flat, Lanes({"lane": [Span(0.0, 1.0, "all")]})]), 600.0)
     assert drawn["paper"]["height"] == pytest.approx(600.0)
     assert drawn["wide"]["height"] > 900.0
-    for screen in plotly.SCREENS:
-        axis, height = drawn[screen]["yaxis1"], drawn[screen]["height"] - plotly.BELOW
+    for screen in LETTERS_BY_SCREEN:
+        axis, height = drawn[screen]["yaxis1"], drawn[screen]["height"] - STYLE.below_px
         room = (axis["domain"][1] - axis["domain"][0]) * height
         assert max(map(len, axis["title"]["text"].split("<br>"))) <= max(10, room / 7.5)
-    lanes = [(y["domain"][1] - y["domain"][0]) * (d["height"] - plotly.BELOW)
+    lanes = [(y["domain"][1] - y["domain"][0]) * (d["height"] - STYLE.below_px)
              for d in (drawn["paper"], drawn["wide"]) for y in [d["yaxis6"]]]  # fmt: skip
     assert lanes == pytest.approx([30.0, 30.0])
+
+
+def test_a_colour_and_a_look_that_do_not_exist_are_named() -> None:
+    chart = Chart("", "x", [Panel("w", "rad/s", [Curve("w", [0.0, 1.0], [0.0, 1.0], "turquoise")])])
+    with pytest.raises(ValueError, match="color 'turquoise' must be one of red, blue"):
+        layout_of(chart)
+    with pytest.raises(ValueError, match="curve 'w': 'dots' must be one of line, theory, points"):
+        pictures.NamedLook.of(("w", "red", "dots"), "speed")
+    assert pictures.NamedLook.of("red", "speed") == ("speed", "red", "line")
 
 
 def test_a_logarithmic_axis_tells_its_numbers() -> None:
@@ -238,7 +304,7 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     bar = plotly.figure(field)["wide"]["coloraxis"]["colorbar"]
     assert (bar["tickvals"][0], bar["ticktext"][0], bar["ticktext"][-1]) == (-2.0, "0.01", "100")
     assert [set(trace["x"]) - {None} for trace in (rim, line)] == [{0.5}, {0.5}]
-    drawn = mpl.drawn([field], "")
+    drawn = mpl.render([field], "")
     axes, colors = drawn.subfigs[0].axes
     assert axes.collections[0].get_clim() == (-2.0, 2.0)
     assert axes.get_yscale() == "log"
@@ -250,7 +316,7 @@ CLAIMS = {
     "lag behind the load: co-simulation = lag",
     "resonance_map rows": "largest torque ripple: nominal machine = ripple_in_range",
     "mean_values": "mean torque: with ripple, co-simulation = torque",
-    "classical": "torque ripple: co-simulation = tau2; speed ripple: co-simulation = w2; "
+    "classical classical": "torque ripple: co-simulation = tau2; speed ripple: co-simulation = w2; "
     "largest rod force: co-simulation = f_rod_peak; "
     "error, spring and inertia: speed ripple = whole_speed",
     "induction_motor": "speed of 90 deg lag: full characteristic = nu_kloss; "
@@ -343,7 +409,8 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
         o, known = resonance.Options(), figures | {"lag_operating": Figure(lag, "deg", 0.1)}
         known |= {"tau2_operating": Figure(rows[speed]["tau2"][0], "N.m", 0.1)}
         operating: Any = SimpleNamespace(rows=[row for row in told if row["nu"] == speed])
-        sweep = resonance.ResonanceData(measured, speed, operating, band, False)
+        limit = RippleLimit(o.ripple_limit, measured, band)
+        sweep = resonance.ResonanceData(measured, speed, operating, limit)
         charts.append(resonance.ripple(o, known, sweep, resonance.headline(o, known, sweep)))
     on, off = charts
     answers = ("at 40 rad/s: yes. Torque ripple above 50 N.m: yes",
@@ -512,9 +579,8 @@ def prints_well(shown: Browser, answer: Answer, charts: Sequence[Chart | Field])
     headings = shown.headings()
     for k, chart in enumerate(charts):
         sheet, y = headings["".join(chart.title.split())]
-        height = plotly.figure(chart, html.LATER if k else html.first_sheet(answer))["paper"][
-            "height"
-        ]
+        most = html.LATER_PICTURE_PX if k else html.first_picture_px(answer)
+        height = layout_of(chart, "paper", most).height_px
         assert y - 0.75 * height > MARGIN
         assert k or sheet == 0 or answer.live is not None
     shown.until(FITS)
@@ -669,7 +735,7 @@ def test_thinning_keeps_ends_and_peaks() -> None:
     y = np.random.default_rng(1).normal(size=100_000)
     y[[777, 54_321]] = 99.0, -99.0
     kept = plotly.thinned(y)
-    assert len(kept) <= plotly.MOST
+    assert len(kept) <= STYLE.max_points
     assert {777, 54_321, 0, 99_999} <= set(kept)
     assert (np.diff(kept) > 0).all()
     assert y[:10][plotly.thinned(y[:10])].tolist() == y[:10].tolist()
@@ -682,7 +748,7 @@ def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
     table = Table(pd.DataFrame({"x": x}), {"x": "1"})
     whole, note = html.limited(table)
     assert note == "4000 rows"
-    monkeypatch.setattr(html, "LARGEST", len(whole) // 3)
+    monkeypatch.setattr(html, "MAX_TABLE_LETTERS", len(whole) // 3)
     packed, note = html.limited(table)
     assert len(packed) < len(whole) // 3
     assert note == "one row in 4 of 4000; the complete file is next to this page"

@@ -22,7 +22,7 @@ def test_two_systems_are_certified_and_compared() -> None:
     answer = answer_of("stop_compared")
     times = {}
     for name in ("quick", "slow"):
-        frame = answer.tables[f"stop_compared_{name}.csv"].frame
+        frame = answer.tables[f"{name}.csv"].frame
         times[name] = float(np.interp(-20.0, -frame["conveyor.w"], frame["time"]))
     sooner = answer.figures["sooner"]
     assert 0.0 < (sooner.error or 0.0) < 1e-4

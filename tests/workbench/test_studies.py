@@ -30,7 +30,7 @@ from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
 from workbench import run, study
-from workbench.catalog import find, load_module
+from workbench.catalog import load_module
 from workbench.cli import main
 from workbench.question import NO_PROJECT
 from workbench.runs import fingerprint
@@ -485,12 +485,12 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
 
     def answers() -> list[dict[str, Any]]:
         return [
-            run.row(find(PROJECT.home, name), fmus_of(page(name), "python"), o)
+            run.row(PROJECT.locate(name), fmus_of(page(name), "python"), o)
             for name, o in cases.items()
         ]
 
     def page(name: str) -> ModuleType:
-        return load_module(find(PROJECT.home, name))
+        return load_module(PROJECT.locate(name))
 
     before = answers()
     broken = 0

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .model import COLORS, Samples
+from .model import Samples
 from .motion import Motion, Shape
+from .style import COLORS
 
 WIDE, EDGE, TALL, CAPTION = 1000.0, 28.0, 460.0, 60.0
 DRAWN, ABOVE, LETTER = 620, 14, "#202020"

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..charts.model import COLORS
 from ..charts.motion import Columns, Motion, Shape
+from ..charts.style import COLORS
 from ..charts.svg import placed_shapes
 from .declare import Coordinate, LiveMotion
 

@@ -24,7 +24,7 @@ from cosim import SetupError
 from cosim.result import partial
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.charts import model as colors
-from workbench.charts.model import Direction, Field, Level, Span
+from workbench.charts.model import Direction, Field, Level, Look, Span
 from workbench.files import stream
 from workbench.options import check_fixed_starts
 
@@ -75,7 +75,7 @@ NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
-RIDGE_STYLES = (
+RIDGE_STYLES: tuple[tuple[str, str, str, Look], ...] = (
     ("formula", "formula (22)", "grey", "theory"),
     ("lag_90", "90 deg lag", "sky", "points"),
     ("peak", "largest torque ripple", "red", "points"),
