@@ -216,7 +216,9 @@ def test_the_measured_drive_is_its_fmus_but_where_its_belt_slips(fmus: Path) -> 
     )  # fmt: skip
     for column in found.columns:
         out = column.t[column.outside]
-        assert out.size and out.min() > drive.SLIPS and out.max() < drive.SLIPS + 0.25, column
+        assert out.size and out.min() > drive.SLIP_BEGIN and out.max() < drive.SLIP_BEGIN + 0.25, (
+            column
+        )
     assert found["motor.w"].unit == "rpm"
     stale = Result(result.columns, result.units, {}, lambda: result.data * [1.0, 1.03, 1.0])
     off = compare(stale, drive.record(), columns={"motor.w": "speed"}, errors={"motor.w": "8rpm"})

@@ -49,5 +49,5 @@ def test_the_record_is_what_a_logger_makes_of_the_motion() -> None:
     noise = percent - 100 * clean[2] / drive.RATIO / drive.RATED
     assert noise.std() == pytest.approx(drive.NOISE, rel=0.1) and abs(noise.mean()) < 0.1
     ahead = speed / 60 * 2 * np.pi / drive.RATIO / clean[1] - 1
-    slips = abs(t - drive.SLIPS - drive.SLIPPING / 2) < 0.005
+    slips = abs(t - drive.SLIP_BEGIN - drive.SLIP_DURATION / 2) < 0.005
     assert ahead[slips].mean() == pytest.approx(drive.SLIP, rel=0.1)

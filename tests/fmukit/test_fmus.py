@@ -453,7 +453,7 @@ def test_the_default_experiment_ends_as_the_shipped_reference_says(model: Any, f
 def test_the_manifest_names_the_reference_as_the_layered_standard_asks(
     model: Any, fmu: Path
 ) -> None:
-    """Root, fixed attributes and one related file, which is there and is a result."""
+    """Root, fixed attributes and two related files, which are there: a result, and the report on its errors."""
     folder, space = "extra/org.fmi-standard.fmi-ls-ref", "{http://fmi-standard.org/fmi-ls-manifest}"
     with zipfile.ZipFile(fmu) as archive:
         files = [n for n in archive.namelist() if n.startswith(folder)]
@@ -464,14 +464,65 @@ def test_the_manifest_names_the_reference_as_the_layered_standard_asks(
         f"{space}fmi-ls-version": "1.0.0-alpha.1",
         f"{space}fmi-ls-description": "Layered Standard providing information on related files included in an FMU.",
     }
-    (related,) = root
-    assert related.tag == "Related"
-    assert related.attrib.keys() == {"type", "source", "role", "description"}
-    assert (related.get("type"), related.get("role")) == ("text/csv", "result")
-    assert sorted(files) == [
-        f"{folder}/{related.get('source')}",
-        f"{folder}/fmi-ls-manifest.xml",
+    assert [(r.get("type"), r.get("role")) for r in root] == [
+        ("text/csv", "result"),
+        ("text/csv", "report"),
     ]
+    assert all(related.tag == "Related" for related in root)
+    assert all(r.attrib.keys() == {"type", "source", "role", "description"} for r in root)
+    sources = {f"{folder}/{related.get('source')}" for related in root}
+    assert sorted(files) == sorted({*sources, f"{folder}/fmi-ls-manifest.xml"})
+
+
+def shipped(fmu: Path, end: str) -> tuple[list[str], Any]:
+    """Heading and columns of a file of reference results."""
+    with zipfile.ZipFile(fmu) as archive:
+        (name,) = [n for n in archive.namelist() if n.endswith(end)]
+        header, *lines = archive.read(name).decode().splitlines()
+    return header.split(","), np.array([line.split(",") for line in lines], float).T
+
+
+@each_fmu
+def test_the_shipped_errors_belong_to_the_shipped_results(model: Any, fmu: Path) -> None:
+    """The same columns and times; each Real has an error, below the 1e-6 that the tolerance of the kit is made for."""
+    (names, results), (heading, errors) = shipped(fmu, "_ref.csv"), shipped(fmu, "_ref_error.csv")
+    assert heading == names
+    assert np.array_equal(errors[0], results[0])
+    for name, result, error in zip(names[1:], results[1:], errors[1:]):
+        assert (error >= 0.0).all(), name
+        if Interface(model).by_name[name].kind == "Real" and result.any():
+            assert error.min() > 0.0, name
+        assert error.max() <= 1e-6 * (np.ptp(result) or np.abs(result).max() or 1.0), name
+
+
+CONTINUOUS = [model for model in MODELS if not hasattr(model, "event_indicators")]
+
+
+@pytest.mark.parametrize("model", CONTINUOUS, ids=class_name)
+def test_the_shipped_errors_are_no_smaller_than_the_true_ones(model: Any, fmus: Path) -> None:
+    """The truth is SciPy's, at two tolerances whose difference is its own error."""
+    names, (time, *results) = shipped(path_of(model, fmus), "_ref.csv")
+    _, (_, *errors) = shipped(path_of(model, fmus), "_ref_error.csv")
+    p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
+
+    def slopes(t: float, y: Any) -> Any:
+        return model.derivatives(p, t, model.State(*y), u)
+
+    def solution(tolerance: float) -> Any:
+        options = {"rtol": tolerance, "atol": 1e-3 * tolerance, "max_step": model.EXPERIMENT.step}
+        y = solve_ivp(slopes, (0.0, time[-1]), list(x), "DOP853", time, **options).y
+        states = [model.State(*row) for row in y.T]
+        outputs = [model.outputs(p, t, state, u) for t, state in zip(time, states)]
+        return np.column_stack([np.array(states), np.array(outputs, float)]).T
+
+    loose, tight = solution(1e-11), solution(1e-13)
+    doubts = np.abs(tight - loose)
+    for name, result, error, truth, doubt in zip(
+        names[1:], results, errors, tight, doubts, strict=True
+    ):
+        off = np.abs(result - truth)
+        allowed = error + doubt.max() + 1e-12 * np.abs(truth).max()
+        assert (off <= allowed).all(), (name, off.max(), error.max(), doubt.max())
 
 
 @pytest.mark.parametrize("hold", InputHold)

@@ -236,7 +236,7 @@ def test_labels_above_a_picture_neither_meet_nor_pile_up(screen: Screen) -> None
 def test_points_without_a_value_are_told_and_jumps_are_broken_with_an_arrow() -> None:
     x, nan = [1.0, 2.0, 3.0, 4.0], math.nan
     curves = [Curve("up", x, [1.0, 2.0, 8.0, nan], "red", "linked", breaks=[2]),
-              Curve("down", x, [1.0, 2.0, 5.0, 6.0], "blue", "linked")]  # fmt: skip
+              Curve("down", x, [1.0, 2.0, 8.0, 6.0], "blue", "linked")]  # fmt: skip
     panel = Panel("speed", "rad/s", curves, arrows=[Arrow(2.5, 2.0, 12.0)])
     (placed,) = layout_of(Chart("", "x", [panel])).rows
     up, down, missing = placed.row.elements

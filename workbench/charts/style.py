@@ -83,6 +83,8 @@ class Style:
     plane_span_edge_px: float = 2.5
     #: size of a point; chosen: three times a curve's width
     marker_px: float = 5.0
+    #: size of one of many points; chosen: a cloud of them stays a cloud of points
+    many_markers_px: float = 3.0
     #: size of a point over a plane, and of its rim; chosen
     plane_marker_px: float = 7.0
     #: what the rim of a point over a plane adds to its size; chosen

@@ -128,8 +128,8 @@ def solve(o: Options, context: Context) -> Findings:
     length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
     runner = OrbitRunner(context, shifted_machine, o.algorithm, o.steps_per_rev)
     runner.check(present, min(nu, *o.speeds), STEP_MULTIPLES[-1])
-    across = Direction("Operating speed", "rad/s", np.array(o.speeds))
-    up = Direction("Spring", "N/m", np.array(o.springs))
+    across = Direction("operating speed", "rad/s", np.array(o.speeds))
+    up = Direction("stiffness of the spring", "N/m", np.array(o.springs))
     plane = Plane(Axis(SPEED, across), Axis(SPRING, up), present, nu)
 
     def runs(machine: Machine) -> list[OperatingPoint]:
@@ -291,7 +291,7 @@ def deviation(
         [every[k]._replace(step_multiple=n) for k in points for n in STEP_MULTIPLES], "deviation"
     )
     runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(STEP_MULTIPLES))
-    if not np.isfinite(runs).all():
+    if not np.isfinite(runs[:, :2]).all():  # an orbit may be lost with the longest steps only
         return Figure.undetermined(
             "%", "the coupling error is not known; take more steps per revolution"
         )
@@ -425,7 +425,7 @@ def over_speed(r: RodForceData) -> Chart:
 def maps(o: Options, r: RodForceData) -> list[Field]:
     """Rod force and torque ripple over speed and spring, with the springs that unload the rod."""
     x, present, title = r.plane.x.along, r.plane.machine, "The torque ripple"
-    y = Direction("Spring", "kN/m", 1e-3 * r.plane.y.along.values)
+    y = Direction("stiffness of the spring", "kN/m", 1e-3 * r.plane.y.along.values)
     nu = np.linspace(x.values[0], x.values[-1], 121)
     formula = 1e-3 * present.m * nu**2
     inside = (y.values[0] <= formula) & (formula <= y.values[-1])

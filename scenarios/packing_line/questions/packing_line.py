@@ -124,12 +124,14 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     in_window = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
     panel = partial(result_panel, result=result, x=t[in_window], rows=in_window)
     lift = panel("lift of the iron", curves={"iron.lift": ("iron", LIFT)}, unit="mm")
+    pace = bars.pop("pace")
     panels: list[Panel | Lanes] = [lift, Lanes(bars)]
     for name in ("supply", "iron", "conveyor"):
         column, _, color = POWERS[name]
         mean = [Mark.of("mean", f[f"mean_{name}"])]
-        panels.append(panel(f"power, {name}", curves={column: (name, color)}, levels=mean))
-    quantities = ", ".join(bar.text for bar in bars["pace"])
+        curve = {column: (name, color)}
+        panels.append(panel(f"power, {name}", curves=curve, levels=mean, includes=(0.0,)))
+    quantities = ", ".join(bar.text for bar in pace)
     title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {quantities}"
     marks = [Mark(0.0, "release"), Mark(period, "next release")]
     dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] < 0.5)[0]
