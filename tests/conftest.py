@@ -168,7 +168,7 @@ def _garbage_is_what_these_tests_leave() -> None:
     gc.set_threshold(100_000)
 
 
-def hear_ctrl_c() -> None:
+def restore_ctrl_c() -> None:
     """Let a child hear what ends a program although the tests run where that is ignored."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)

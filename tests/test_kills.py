@@ -17,7 +17,7 @@ import pytest
 from cosim import write_ssp
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
-from tests.conftest import ROOT, hear_ctrl_c
+from tests.conftest import ROOT, restore_ctrl_c
 
 MOMENTS, GRACE = 50, 5.0
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
@@ -97,7 +97,7 @@ def test_an_end_at_any_moment_loses_nothing(
     def begin() -> subprocess.Popen[bytes]:
         return subprocess.Popen(
             words, cwd=tmp_path, env=environment, start_new_session=True,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
         )  # fmt: skip
 
     def remove() -> None:

@@ -24,8 +24,10 @@ steer tell tells there told torn way ways whole words
 BANNED = frozenset(BANNED_WORDS.split())
 #: substitutes that say as little
 EMPTY = frozenset({"obj", "res", "stuff", "thing", "things", "tmp"})
-#: names that others gave: a fixture of pytest
-FOREIGN = frozenset({"tmp_path", "tmp_path_factory"})
+#: names that others gave: fixtures of pytest, exceptions of Python, the papers' symbol of the resonance
+FOREIGN = frozenset(
+    {"tmp_path", "tmp_path_factory", "FileNotFoundError", "ModuleNotFoundError", "nu_res"}
+)
 
 
 def words(name: str) -> set[str]:

@@ -315,7 +315,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
     assert none.verdict == "With friction 0.5 and friction 0.6, every product of the sweep jams."
     assert none.show().charts == []
     stall = ask("iron_start", motor_A=0.12, stop=30.0, step=2e-3)
-    assert stall.verdict.startswith("The motor stalls: the cam has made 0.25918")
+    assert stall.verdict.startswith("The motor stalls: the cam has made 0.2592 turns")
     slow = ask("run_up", stop=0.1, start={"motor.kloss.tau_b": 1.0})
     assert "The induction motor does not complete a turn within 0.1 s." in slow.verdict
     slow = ask("run_up", stop=3.0, step=1e-3, start={"motor.kloss.tau_b": 1.0})

@@ -31,7 +31,7 @@ from scenarios.conveyor.parameter_plane import (
     shares,
 )
 from scenarios.conveyor.questions import resonance_map
-from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c, until
+from tests.conftest import ROOT, ask, fmus_of, restore_ctrl_c, until
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Context
 from workbench.export import finish
@@ -384,7 +384,7 @@ def test_ctrl_c_keeps_the_rows(tmp_path: Path) -> None:
         cwd=ROOT,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        preexec_fn=restore_ctrl_c,  # noqa: PLW1509
     )
     kept = tmp_path / "resonance_map.partial.csv"
     until(lambda: kept.exists() and len(kept.read_text().splitlines()) > 3)

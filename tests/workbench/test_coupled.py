@@ -122,6 +122,7 @@ def test_values_in_no_order_have_twice_their_spread_and_only_a_count_is_exact() 
     assert bound_coupling_error([1.1, 1.5, 1.0], 2.0) == 1.0
     assert bound_coupling_error([1.3, 1.1, 1.0], 2.0) == pytest.approx(0.6)
     assert bound_coupling_error([3.0, 3.0, 3.0], 2.0) == 0.0
+    assert bound_coupling_error([1.1, 1.4, math.nan], 2.0) == pytest.approx(3.0 * 0.3 / 3.0)
     assert bound_coupling_error([0.3, 0.3, 0.3], 2.0) == pytest.approx(3e-11)
     assert extrapolate([1.0, 1.2, 1.1], 2.0).error is None
     assert extrapolate([1.0], 2.0).error is None

@@ -16,7 +16,7 @@ import pytest
 
 from cosim import SetupError, SimulationError
 from cosim.cli.options import exit_code
-from tests.conftest import ROOT, hear_ctrl_c, until
+from tests.conftest import ROOT, restore_ctrl_c, until
 from tests.hosts import light, plane
 from workbench import Context
 from workbench.catalog import load_module
@@ -221,7 +221,7 @@ def test_signals_end_a_sweep_and_its_children(number: int, tmp_path: Path) -> No
         env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        preexec_fn=restore_ctrl_c,  # noqa: PLW1509
     )
     until(lambda: len(lines(ledger)) == 3)
     os.killpg(process.pid, number)

@@ -28,7 +28,7 @@ from fmpy.model_description import read_model_description
 import scenarios
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
-from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
+from tests.conftest import ROOT, fmus_of, restore_ctrl_c, until
 from workbench import run, study
 from workbench.catalog import load_module
 from workbench.cli import main
@@ -351,7 +351,7 @@ def at_work(path: Path, out: Path, *options: object) -> subprocess.Popen[bytes]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        preexec_fn=restore_ctrl_c,  # noqa: PLW1509
     )
     ledger = path.parent / "ledger"
     until(lambda: process.poll() or (ledger.exists() and ledger.read_text().count("\n") == 8))
