@@ -3,6 +3,9 @@
 The supply voltage of a motor is raised and lowered in levels, each held until the speed of its
 unbalanced rotor is steady. The voltages at which the speed jumps are the folds of the steady motions,
 which are found by shooting over one revolution.
+
+This question has a `solve` of its own because the voltages are folds of steady motions, which a search
+finds, and each level starts from the end of the one before.
 """
 
 import logging
@@ -212,26 +215,22 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> str
             return f"The voltage of the jump is {f['supply_up'].text()}."
         if top.speed < observed.theory.resonance:
             return (
-                f"The motor stays below the resonance at {f['nu_res'].text()} {high}, where it turns at "
+                f"The motor stays below the resonance at {f['nu_res'].brief()} {high}, where it turns at "
                 f"{top.speed:.4g} rad/s. Its speed does not jump."
             )
         return f"The motor is not caught: {high} its speed does not jump."
-    texts = {name: figure.text() for name, figure in f.items()}
+    texts = {name: figure.brief() for name, figure in f.items()}
     raising = (
-        f"When raised slowly, the supply must reach {texts['supply_up']} to pass the resonance. Below that "
-        f"the motor is caught, finally at {texts['before_up']}; then its speed jumps to "
-        f"{texts['after_up']}."
+        f"When raised slowly, the supply must reach {texts['supply_up']} to pass the resonance; the speed then "
+        f"jumps from {texts['before_up']} to {texts['after_up']}."
     )
-    back = (
-        f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}, where "
-        f"the speed falls from {texts['before_down']} to {texts['after_down']}."
-    )
+    back = f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}."
     return " ".join([*caught(o, f, observed), raising, back])
 
 
 def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]:
     """What the levels show where they end before the jump, or jump before it."""
-    up, down, resonance = f["supply_up"], f["supply_down"], f["nu_res"].text()
+    up, down, resonance = f["supply_up"], f["supply_down"], f["nu_res"].brief()
     if up.error is None:
         return []
     edge, least, top = f["before_up"].value, up.value - up.error, observed.raised[-1]
@@ -251,7 +250,7 @@ def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]
 
 def undamped(f: Mapping[str, Figure], observed: Observed) -> str:
     """What the levels show of a mount without damping."""
-    top, resonance = observed.raised[-1], f["nu_res"].text()
+    top, resonance = observed.raised[-1], f["nu_res"].brief()
     first = f"The mount has no damping, so that no steady motion at its resonance at {resonance} exists."
     where = f"At {top.supply:g} V the motor turns at {top.speed:.4g} rad/s"
     if top.is_steady:
