@@ -227,7 +227,7 @@ def test_where_nothing_lifts_the_option_changes_no_bit(fmus: Path) -> None:
         assert np.array_equal(*rows)
 
 
-def test_a_follower_off_its_cam_needs_the_option(fmus: Path) -> None:
+def test_a_follower_that_leaves_its_cam_needs_the_option(fmus: Path) -> None:
     for values in (
         {"gap": 0.1},
         {"w_gap": 0.1},
@@ -239,7 +239,7 @@ def test_a_follower_off_its_cam_needs_the_option(fmus: Path) -> None:
         unit.fmi.freeInstance()
 
 
-def test_a_motor_drives_a_bouncing_follower_as_one_system(fmus: Path) -> None:
+def test_a_motor_drives_a_bouncing_follower_as_a_coupled_system(fmus: Path) -> None:
     """Two FMUs, Strang, extrapolated from two steps, beside SciPy's one system."""
     motor = MOTOR | {"A": 8.0}
     p = start(iron.Parameters, **FLIES)
@@ -255,7 +255,7 @@ def test_a_motor_drives_a_bouncing_follower_as_one_system(fmus: Path) -> None:
         assert a + (a - b) / 3 == pytest.approx(end[name], rel=1e-5, abs=1e-5), name
 
 
-def test_the_chain_stays_taut_above_the_speed_of_lift_off(fmus: Path) -> None:
+def test_the_chain_stays_taut_above_the_speed_at_which_the_follower_leaves(fmus: Path) -> None:
     """Held to the cam, the run of the chain would go slack at 8.54 rad/s, the iron at 9.11 rad/s."""
     for w in (8.6, 9.4, 12.0):
         options = {"w_cam": w, "tau": 0.0, "reducer.J": 1e3, "phi": 0.0} | FLIES

@@ -18,8 +18,8 @@ def test_coupled_runs_cost_less_than_published(
     name: str, tolerance: float, error: float, steps: int, tmp_path: Path
 ) -> None:
     coupled = system(CASES[name], tmp_path)
-    found = cost(CASES[name], coupled, tolerance, **ALGORITHMS[ORDER_6])
-    assert found.error < error
-    assert found.do_steps < steps
+    measured = cost(CASES[name], coupled, tolerance, **ALGORITHMS[ORDER_6])
+    assert measured.error < error
+    assert measured.do_steps < steps
     held = cost(CASES[name], coupled, tolerance, **ALGORITHMS[HELD])
     assert held.error > error, "held inputs are as bad as theirs, so that the bound can fail"

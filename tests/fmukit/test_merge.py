@@ -189,7 +189,7 @@ def test_what_follows_a_branch_is_written_once() -> None:
     assert len(definition(traced_function).splitlines()) < 60
 
 
-def test_a_branch_that_fails_keeps_its_place_among_what_may_fail() -> None:
+def test_a_branch_that_fails_keeps_its_position_among_what_may_fail() -> None:
     def run(x: Any, y: Any) -> Any:
         a = 1.0 / x
         if y < 0.0:

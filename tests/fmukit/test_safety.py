@@ -88,7 +88,7 @@ def test_foreign_threads_that_step_once_are_not_hoarded(fmus: Path) -> None:
     assert threads == 1
 
 
-def test_python_threads_take_turns_with_one_instance(fmus: Path) -> None:
+def test_python_threads_take_turns_with_the_same_instance(fmus: Path) -> None:
     value, threads = safety.on_python_threads(fmus / MOTOR)
     assert value == pytest.approx(torque(200 / 1024), rel=1e-12)
     assert threads == 1

@@ -19,7 +19,7 @@ from workbench.answer import Table
 from workbench.figure import SHARE_DIGITS, Figure, concise
 
 
-def test_a_cam_that_creeps_into_its_rise_is_not_said_to_turn() -> None:
+def test_a_cam_that_creeps_into_its_rise_does_not_turn_in_the_verdict() -> None:
     """The largest torque of a slow turn is the slope of what is stored and lost over the angle."""
     answer: Any = ask("iron_start", motor_A=0.05)
     f = answer.figures
@@ -50,8 +50,8 @@ def test_a_wall_that_would_have_to_pull_is_named() -> None:
     figure = answer.figures["wall_least"]
     assert least < -0.019
     assert figure.error is not None and abs(figure.value - least) < figure.error < 1e-3
-    said = concise(figure, SHARE_DIGITS)
-    assert f"The reaction of the wall falls to {said}: the wall would" in answer.verdict
+    sentence = concise(figure, SHARE_DIGITS)
+    assert f"The reaction of the wall falls to {sentence}: the wall would" in answer.verdict
     held = ask("orientator_cycle", speed="62.5rpm", friction=0.5)
     assert held.figures["wall_least"].value > 0.2
     assert "pull" not in held.verdict
@@ -68,12 +68,12 @@ def test_a_landing_that_does_not_happen_has_no_impulse() -> None:
     )
 
 
-def test_one_landing_is_once_and_one_dimension_is_named_once() -> None:
-    one = Figure(1.0, "1", 0.0)
+def test_a_single_landing_is_once_and_a_single_dimension_is_named_once() -> None:
+    single = Figure(1.0, "1", 0.0)
     f = dict.fromkeys(
-        ("follower_limit", "cycles", "flight", "speed", "impulse", "force", "loss"), one
+        ("follower_limit", "cycles", "flight", "speed", "impulse", "force", "loss"), single
     )
-    verdict = iron_bounce.verdict(iron_bounce.Options(), f | {"landings": one}, None)
+    verdict = iron_bounce.verdict(iron_bounce.Options(), f | {"landings": single}, None)
     assert "lands once, at up to" in verdict
 
 
@@ -95,15 +95,15 @@ def test_the_dimension_that_moves_the_limit_most_is_named_or_none() -> None:
         tables = {formula_comparison.PLANE: plane}
         comparison = formula_comparison.FormulaComparison(System({}), 0.35, (0.5,), f, tables)
         (text,) = comparison.sentences()
-        known = {x: abs(y.value) for x, y in gains.items() if y.error is not None}
-        most = max(known, key=lambda x: known[x]) if known else ""
+        certain = {x: abs(y.value) for x, y in gains.items() if y.error is not None}
+        most = max(certain, key=lambda x: certain[x]) if certain else ""
         outcomes.add(bool(most))
         assert ("is not determined among" in text) == (not most)
         assert not most or f". {most} moves the limit most: " in text
     assert outcomes == {True, False}
 
 
-def drawn_comparison(rng: np.random.Generator) -> classical.Comparison:
+def random_comparison(rng: np.random.Generator) -> classical.Comparison:
     """Limits and largest errors of the classical calculation, each of them as a sweep may leave it."""
     figures = {}
     for case in classical.CASES:
@@ -120,10 +120,10 @@ def drawn_comparison(rng: np.random.Generator) -> classical.Comparison:
     return classical.Comparison(figures, Table(pd.DataFrame(), {}), SETS["A"], 5.0, 20.0)
 
 
-def test_the_classical_calculation_is_said_to_hold_where_all_of_it_does() -> None:
+def test_the_classical_calculation_holds_in_the_verdict_where_all_of_it_does() -> None:
     rng, outcomes = np.random.default_rng(5), set()
     for _ in range(200):
-        comparison = drawn_comparison(rng)
+        comparison = random_comparison(rng)
         text = classical.sentence(comparison, "spring")
         ends = [comparison.figures[f"limit_spring_{load}"] for load in classical.QUANTITIES]
         nowhere = [end for end in ends if end.reason == classical.NOWHERE]

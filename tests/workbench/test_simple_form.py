@@ -68,7 +68,7 @@ def oscillator(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "limit_cycle.py"
 
 
-def test_a_question_on_an_fmu_beside_it_finds_the_limit_cycle(oscillator: Path) -> None:
+def test_a_question_on_an_fmu_next_to_it_finds_the_limit_cycle(oscillator: Path) -> None:
     for mu in (1.0, 2.0):
         answer = ask(PROJECT, str(oscillator), {"mu": mu}, jobs=1)
         for name, exact in zip(("period", "amplitude"), cycle(mu), strict=True):
@@ -100,7 +100,7 @@ def test_an_example_without_its_fmu_says_what_is_missing() -> None:
         answer_of("limit_cycle")
 
 
-def test_examples_are_short_and_one_is_live() -> None:
+def test_examples_are_short_and_at_least_a_single_is_live() -> None:
     files = {
         name: EXAMPLES / f"{name}.py" for name in ("stop_compared", "brake_work", "limit_cycle")
     }

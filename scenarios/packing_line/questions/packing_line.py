@@ -224,7 +224,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> 
                 for name in HIGHEST
             ),
         ],
-        charts=[LiveChart("The whole run", "time [s]", panels)],
+        charts=[LiveChart("The last whole cycles", "time [s]", panels, window=measured_from)],
         motion=motion.live_motion(*r, f"stop - {cycle}"),
     )
 
