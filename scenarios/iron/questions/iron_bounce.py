@@ -165,11 +165,11 @@ def flying_text(f: Mapping[str, Figure]) -> str:
         return f["flight"].reason
     if not f["flight"].value:
         return "it stays on the cam"
-    off = f"it is off the cam for {f['flight'].brief()} of each turn"
+    flight = f"it is off the cam for {f['flight'].brief()} of each turn"
     if not f["landings"].value:
-        return f"{off} and does not land"
+        return f"{flight} and does not land"
     times = "once" if f["landings"].value == 1.0 else f"{f['landings'].brief()} times"
-    return f"{off} and lands {times}, at up to {f['speed'].brief()} and with a force of up to {f['force'].brief()}"
+    return f"{flight} and lands {times}, at up to {f['speed'].brief()} and with a force of up to {f['force'].brief()}"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Show:

@@ -62,7 +62,7 @@ def process(o: Options, r: Result) -> Result:
     return ledger(r)
 
 
-def beside(o: Options, context: Context, system: System) -> Start:
+def more_runs(o: Options, context: Context, system: System) -> Start:
     """Run two slow turns."""
     return Start(system, slow_torque(system))
 

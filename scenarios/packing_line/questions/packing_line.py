@@ -75,7 +75,7 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     return cycle_figures(r)
 
 
-def beside(o: Options, context: Context, system: System) -> System:
+def more_runs(o: Options, context: Context, system: System) -> System:
     """Return the line, which the drawing needs."""
     return system
 
