@@ -1,4 +1,4 @@
-"""Error and time of co-simulation masters over the step size: python benchmarks/masters.py
+"""Error and time of co-simulation masters over the step size: python benchmarks/masters.py.
 
 Five systems of FMUs run in the masters of the package index, each in an environment of its own that uv makes
 (`--environments` takes ready ones instead). All get the same FMUs, start values, wires and steps, and hold

@@ -56,7 +56,7 @@ def signature(value: object) -> str:
     return f"({', '.join(texts)})"
 
 
-def test_the_public_interface_is_the_one_that_is_listed() -> None:
+def test_the_public_interface_is_that_which_is_listed() -> None:
     listed, actual = LIST.read_text(encoding="utf-8").splitlines(), list(interface())
     gone = [line for line in listed if line not in actual]
     new = [line for line in actual if line not in listed]

@@ -191,7 +191,7 @@ def _read_simple_form(module: ModuleType, options: type[Options], prefix: str) -
         )
     functions = {
         name: content[name]
-        for name in ("run", "process", "beside", "more_figures", "tables", "files")
+        for name in ("run", "process", "more_runs", "more_figures", "tables", "files")
         if name in content
     }
     return SimpleForm(

@@ -64,7 +64,7 @@ class SimpleForm:
     process : function of options and result
         Returns the result with further columns, or only some of its rows. Figures, tables and charts then
         see that.
-    beside : function of options, context and system, or None
+    more_runs : function of options, context and system, or None
         Does further runs, such as a sweep, once the system is certified. The results that functions see are
         then a pair: what was certified, and what this returned.
     more_figures : function of options, certified figures and results
@@ -85,7 +85,7 @@ class SimpleForm:
     run: Callable[[Any], Run] = _options_as_run
     process: Callable[[Any, Result], Result] = _as_recorded
     more_figures: Callable[[Any, Mapping[str, Figure], Any], Mapping[str, Figure]] = _no_figures
-    beside: Callable[[Any, Context, Any], Any] | None = None
+    more_runs: Callable[[Any, Context, Any], Any] | None = None
     tables: Callable[[Any, Mapping[str, Figure], Any], Mapping[str, Table]] = _no_tables
     files: Callable[[Any, Any], Mapping[str, Callable[[Path], object]]] = _no_files
     record: Any = None
@@ -103,8 +103,8 @@ class SimpleForm:
             figures |= self._named(name, of_run) if name else of_run
         tables = {f"{x or self.path.stem}.csv": Table.of(r) for x, r in certified.items()}
         results: Any = certified.get("", certified)
-        if self.beside:
-            results = (results, self.beside(o, context, systems))
+        if self.more_runs:
+            results = (results, self.more_runs(o, context, systems))
         figures |= self.more_figures(o, figures, results)
         return Findings(
             figures,

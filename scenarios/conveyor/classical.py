@@ -243,10 +243,10 @@ def sentence(r: Comparison, method: str) -> str:
     limits = {load: r.figures[f"limit_{method}_{load}"] for load in QUANTITIES}
     subject = f"{LOAD_TEXTS[method].capitalize()} as its load, the classical calculation"
     names = {load: f"the {QUANTITIES[load].name}" for load in QUANTITIES}
-    off = [names[load] for load, end in limits.items() if end.reason == NOWHERE]
-    if off:
+    inaccurate = [names[load] for load, end in limits.items() if end.reason == NOWHERE]
+    if inaccurate:
         return (
-            f"{subject} is off by more than {r.tolerance:g} % for {listed(off)} already at {r.slowest:g} "
+            f"{subject} is off by more than {r.tolerance:g} % for {listed(inaccurate)} already at {r.slowest:g} "
             "rad/s, the lowest speed of the sweep."
         )
     for load, end in limits.items():

@@ -123,17 +123,17 @@ class LiveDrive:
         """Return ripple and lag over the speed, each beside first-order theory."""
         tau2, w2 = TORQUE_PEAK.unit, SPEED_PEAK.unit
         return [
-            beside_theory(
+            theory_panel(
                 "torque ripple", tau2, "figures.tau2", "torque_ripple", colors.TORQUE, self.levels
             ),
-            beside_theory("speed ripple", w2, "figures.w2", "speed_ripple", colors.SPEED, {}),
-            beside_theory(
+            theory_panel("speed ripple", w2, "figures.w2", "speed_ripple", colors.SPEED, {}),
+            theory_panel(
                 "lag behind the load", "deg", LAG, "torque_lag", colors.LIFT, {"90 deg": 90.0}
             ),
         ]
 
 
-def beside_theory(
+def theory_panel(
     quantity: str, unit: str, run: str, theory: str, color: str, levels: Mapping[str, float]
 ) -> LivePanel:
     """Return a panel of what runs give beside a formula of first-order theory."""

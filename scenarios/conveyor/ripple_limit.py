@@ -91,17 +91,17 @@ class RippleLimit:
         total = len(self.sweep.speeds)
         steady = sum(not math.isnan(row["tau2"]) for row in self.sweep.rows)
         answers = [above_limit(self.limit, row) for row in self.sweep.rows]
-        above, known = answers.count("yes"), len(answers) - answers.count(UNDETERMINED)
-        if not known:
+        above, decided = answers.count("yes"), len(answers) - answers.count(UNDETERMINED)
+        if not decided:
             return []
-        if 0 < above < known:
+        if 0 < above < decided:
             return [f"The torque ripple is above the limit at {above} of {total} speeds."]
-        at = f"each of the {known} of {total} speeds at which it is determined"
-        if known == total:
+        at = f"each of the {decided} of {total} speeds at which it is determined"
+        if decided == total:
             at = "every speed of the sweep"
-        elif known == 1:
+        elif decided == 1:
             at = f"the only one of {total} speeds at which it is determined"
-        elif known == steady:
+        elif decided == steady:
             at = f"each of the {steady} of {total} speeds that have a steady orbit"
         return [f"The torque ripple {'is above' if above else 'stays below'} the limit at {at}."]
 

@@ -38,8 +38,10 @@ TABLE = "orientator_neglect.csv"
 PLAIN = "paper"
 #: Spacing of the speeds at which a limit is sought, over that at which friction holds a cup; a convention.
 SPACING = 0.03
-#: The slowest of these speeds over that one, and their end; a convention, since limits are well above a third.
-SLOWEST, FASTEST = 0.3, 1.0
+#: The slowest of these speeds over that one; a convention, since limits are well above a third of it.
+SLOWEST = 0.3
+#: Their end, over the same speed: where friction holds every cup.
+FASTEST = 1.0
 #: Speeds at which the limit with another creep is sought, over the first limit, and their number; a convention.
 NEAR_LIMIT = (0.98, 1.02, 3)
 EFFECTS = {
@@ -109,9 +111,9 @@ class NeglectedComparison:
         shares = {
             label: f[f"{name}_share"] for name, label in EFFECTS.items() if name != "together"
         }
-        known = {label: x for label, x in shares.items() if x.error is not None}
-        if known:
-            label, most = max(known.items(), key=lambda item: abs(item[1].value))
+        determined = {label: x for label, x in shares.items() if x.error is not None}
+        if determined:
+            label, most = max(determined.items(), key=lambda item: abs(item[1].value))
             lines.append(
                 f"{capital(label)} alone changes the time by {concise(most, SHARE_DIGITS)}."
             )

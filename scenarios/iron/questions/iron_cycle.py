@@ -76,7 +76,7 @@ def run(o: Options) -> Run:
     return Run(stop=period, step=period / o.samples)
 
 
-def beside(o: Options, context: Context, system: System) -> Turns:
+def more_runs(o: Options, context: Context, system: System) -> Turns:
     """Run two more turns for the limits, and those of other dimensions."""
     is_compared = o.compare == DIMENSIONS
     plain = System(context.fmus, start=o.start)
