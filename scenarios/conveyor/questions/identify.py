@@ -158,8 +158,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> str:
         f"The torque ripple there is {f['tau2'].text()}; the limit is {o.ripple_limit:g} N.m.",
         *about_limit(o, f, nu),
     ]
-    for group in r.fit.correlated_groups:
-        lines.append(f"The record cannot tell {' and '.join(group)} apart.")
+    lines.extend(
+        f"The record cannot tell {' and '.join(group)} apart." for group in r.fit.correlated_groups
+    )
     now = f["nu_res"].error or math.inf
     lines.append(fitting.next_record(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)
