@@ -89,7 +89,7 @@ def master_in_python(steps: int, fmus: Path) -> Callable[[], object]:
 
 
 def libcosim(steps: int, fmus: Path) -> Callable[[], object]:
-    """libcosim's fixed-step algorithm."""
+    """The fixed-step algorithm of libcosim."""
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
     from libcosimpy.CosimSlave import CosimLocalSlave

@@ -1,6 +1,7 @@
 """Which limit cycle has the oscillator of van der Pol?
 
-It needs VanDerPol.fmu beside this file: that of the Reference FMUs, or one that fmukit builds."""
+It needs VanDerPol.fmu beside this file: that of the Reference FMUs, or one that fmukit builds.
+"""
 
 from dataclasses import dataclass
 

@@ -159,7 +159,7 @@ def require(package: str, what: str) -> None:
 
 
 def assignment(text: str) -> tuple[str, str]:
-    """ "motor.T=0.05" as name and value."""
+    """Name and value of an assignment such as "motor.T=0.05"."""
     name, equals, value = text.partition("=")
     if not equals:
         raise SetupError(f"{text!r} must read NAME=VALUE")

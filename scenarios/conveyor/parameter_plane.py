@@ -68,7 +68,7 @@ class Plane(NamedTuple):
         return replace(self.machine, **{FIELDS[name]: v for name, v in coordinates.items()}), nu
 
     def nodes(self) -> list[tuple[float, float]]:
-        """x and y of all points, row by row."""
+        """Coordinates x and y of all points, row by row."""
         x, y = self.x.along.values.tolist(), self.y.along.values.tolist()
         return [(column, level) for level in y for column in x]
 

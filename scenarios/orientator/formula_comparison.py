@@ -39,7 +39,8 @@ NEAR_LIMIT = (0.94, 1.06, 5)
 
 def shell_cup(d: float, h: float) -> dict[str, Value]:
     """A drawn cup of this diameter and height of its cylinder [m]: a shell, its bottom thrice as thick
-    as its wall, which is the one that gives 40 g to a cup of 40 mm and 48 mm."""
+    as its wall, which is the one that gives 40 g to a cup of 40 mm and 48 mm.
+    """
     r = d / 2
     m = 0.04 * r * (h + 3 * r) / (0.02 * 0.108)
     wall, end = m * h / (h + 3 * r), m * 3 * r / (h + 3 * r)
@@ -161,7 +162,8 @@ def limits(case: tuple[System, float]) -> Sequence[float]:
 
 def gain(base: System, mu: float, speeds: Sequence[float], name: str) -> Sequence[Any]:
     """A row of the dimensions: percent that the limit rises by 1 % more of one, and its error; the
-    limits are sought at these speeds."""
+    limits are sought at these speeds.
+    """
     key = f"orientator.{name}"
     value = float(parameters(base)[key].value)
 

@@ -38,7 +38,8 @@ Quantities = dict[str, tuple[float, str, str]]
 
 def releases(r: Result) -> list[int]:
     """The rows of the releases, whole cycles apart; raises SetupError where the cam does not keep
-    turning."""
+    turning.
+    """
     phi = r["iron.phi"]
     if np.diff(phi).min() <= 0.0:
         raise SetupError(
@@ -51,7 +52,8 @@ def releases(r: Result) -> list[int]:
 
 class Order(NamedTuple):
     """An order of the angle of a drive: its frequency [Hz], its amplitude in the power of the drive's
-    motor, and with all of the other drive that it beats with, as the supply has it at worst [W]."""
+    motor, and with all of the other drive that it beats with, as the supply has it at worst [W].
+    """
 
     drive: str
     order: int
@@ -62,7 +64,8 @@ class Order(NamedTuple):
 
 class Turns(NamedTuple):
     """The last whole turns of a drive: how long they last [s], their number; power of the motor [W]:
-    mean, ripple, least, most, orders."""
+    mean, ripple, least, most, orders.
+    """
 
     lasted: float
     number: int
@@ -72,7 +75,8 @@ class Turns(NamedTuple):
 
 def turns(r: Result, drive: str) -> Turns:
     """Those of the last cycles, of the cam from release to release, of the crank from where the trough is
-    farthest; raises SetupError where there are none."""
+    farthest; raises SetupError where there are none.
+    """
     ends, begin = releases(r), 0.0
     if drive == "iron":
         begin = r.provenance["parts"]["iron"]["parameters"]["cam.rise"]
@@ -97,7 +101,8 @@ def turns(r: Result, drive: str) -> Turns:
 
 def cycle_figures(r: Result) -> dict[str, Figure]:
     """Counts of products, and what the last cycles tell; what is not settled in them is at most what
-    they differ from those that end a cycle before. Raises SetupError where there are too few."""
+    they differ from those that end a cycle before. Raises SetupError where there are too few.
+    """
     begins = releases(r)
     if len(begins) < MEASURED + 2:
         raise SetupError(

@@ -160,7 +160,8 @@ def test_a_heavy_cam_throws_the_follower_back_as_a_moving_flank_does_a_ball() ->
 
 def test_the_friction_of_the_guide_takes_its_share_of_an_impact() -> None:
     """Kinetic energy lost = between cam and follower + in the guide, neither ever made; the share of
-    the contact is (1 - e^2) / 2 m v^2 where the iron does not reverse."""
+    the contact is (1 - e^2) / 2 m v^2 where the iron does not reverse.
+    """
     draw, reversed_ = random.Random(6), 0
     for _ in range(200):
         p = start(iron.Parameters, **FLIES, **{"follower.e": draw.uniform(0.0, 1.0)})
@@ -183,7 +184,8 @@ def test_the_friction_of_the_guide_takes_its_share_of_an_impact() -> None:
 
 def test_a_landing_is_the_limit_of_a_stiff_contact() -> None:
     """Up to the end of the approach: iron rising, reversing, and brought to rest; with a spring whose
-    stiffness grows, the forces of the drive and the friction of the guide act as in flight."""
+    stiffness grows, the forces of the drive and the friction of the guide act as in flight.
+    """
     p = start(iron.Parameters, **FLIES, **{"follower.e": 0.0, "reducer.J": 1e-5})
     reference = Reference(p, 0.1)
     for degrees, w, w_gap in ((50, 3.0, -0.4), (180, 3.0, -2.0), (300, 9.0, -1.0)):

@@ -105,7 +105,8 @@ def test_threads_share_the_fmus(fmus: Path) -> None:
     def work() -> None:
         try:
             for k in range(20):
-                rows.append((run(systems[k % 2], stop=0.01, step=1e-3).data, expected[k % 2]))
+                row = run(systems[k % 2], stop=0.01, step=1e-3).data
+                rows.append((row, expected[k % 2]))
         except Exception as error:  # noqa: BLE001
             failures.append(error)
 

@@ -53,7 +53,8 @@ NAMES = [
 
 class Writer:
     """A function at random: assignments, branches in branches, early ends, calls of others; its names
-    are those that the printers and the runtimes use."""
+    are those that the printers and the runtimes use.
+    """
 
     def __init__(self, rng: random.Random, name: str, callees: list[str], forks: int) -> None:
         self.rng, self.callees, self.forks = rng, callees, forks

@@ -626,7 +626,7 @@ def test_an_importing_tool_can_compile_the_sources(fmus: Path, tmp_path: Path) -
 )
 def test_what_cannot_be_expressed_in_c_is_refused(run: Any, what: str) -> None:
     with pytest.raises(TypeError, match=what), active(TraceContext()):
-        trace.function("f", lambda x: run(x), {"x": "number"})
+        trace.function("f", run, {"x": "number"})
 
 
 def sort_of(node: Node) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from components.drive_motor import model as drive_motor
-from fmukit.fmu.python.pythonfmu import Failure
+from fmukit.fmu.python.pythonfmu import CallError
 from fmukit.fmu.reference import by_equations
 from tests.hosts import safety
 
@@ -35,7 +35,7 @@ def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(both: Pat
 def test_a_failure_does_not_swallow_the_warnings_before_it() -> None:
     slave = by_equations(drive_motor)(instance_name="unit 7")
     slave.warn("wear at 90 %")
-    with pytest.raises(Failure) as failure:
+    with pytest.raises(CallError) as failure:
         slave.do_step(0.0, 0.1)
     assert repr(failure.value).startswith("unit 7: unit 7: wear at 90 %%; doStep is not allowed")
 

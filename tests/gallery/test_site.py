@@ -1,5 +1,6 @@
 """The site: it builds without a warning, every link leads somewhere, and everybody can use it, from a
-file and offline."""
+file and offline.
+"""
 
 from __future__ import annotations
 

@@ -259,7 +259,8 @@ def reads(text: str, value: float) -> bool:
 def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     """With an error it is a figure, to the digit and in its unit, or the difference of two in %; else
     a figure, an option or a fact in the unit that stands behind it, or the ratio of two of them or their
-    difference, in %."""
+    difference, in %.
+    """
     answer = plain(name) if name != "resonance" else ask(name, speeds="34:46:7", steps_per_rev=128)
     figures = [figure for figure in answer.figures.values() if figure.error is not None]
     errors = [f for f in figures if f.error]

@@ -154,7 +154,8 @@ def test_iron_cycle_reports_what_material_points_bear(seed: int) -> None:
 @pytest.mark.parametrize("v", [1e-3, pytest.param(2e-5, marks=SLOW)])
 def test_iron_bounce_reports_what_the_reference_integrates(v: float) -> None:
     """The last of three turns at 90 cycles/min; bounces that go on change no figure by more than its
-    error."""
+    error.
+    """
     answer, w = ask("iron_bounce", speeds="80rpm", samples=720), 3 * math.pi
     heavy = {"reducer.J": 1e4, "follower.lifts": True}
     reference = Reference(start(iron.Parameters, **heavy, **{"follower.v": v}), 0.0)

@@ -1,5 +1,6 @@
 """Mean values, the classical calculation and the induction motor against derivations, exact orbits and
-integration in time of equations written here."""
+integration in time of equations written here.
+"""
 
 from __future__ import annotations
 
@@ -388,7 +389,8 @@ def in_time(motor: induction_motor.Motor, nu: float, flux: bool) -> float:
 
 def test_lag_and_slope_of_the_motor_follow_from_the_flux_of_its_rotor() -> None:
     """Linearised around slip sigma: Kloss's slope at rest, and without slip the lag T of (2), which is
-    1 / (2 pi f s_b) as breakdown is where the flux turns by one radian in T."""
+    1 / (2 pi f s_b) as breakdown is where the flux turns by one radian in T.
+    """
     x, y = sympy.symbols("x y", real=True)
     u, T, p, sigma, tau_b, b = sympy.symbols("u T p sigma tau_b b", positive=True)
     rates = sympy.Matrix([(1 - x + u * y) / T, (-y - u * x) / T])

@@ -249,7 +249,8 @@ def test_a_passage_of_the_orientator_is_that_of_another_solution(seed: int) -> N
 
 def powers(t: Any, x: Mapping[str, Any], ends: Any) -> tuple[tuple[float, ...], Any]:
     """Mean, rms, least and largest of the power of a shaft between two of its angles, whole turns
-    apart, and amplitudes of its orders."""
+    apart, and amplitudes of its orders.
+    """
     turns = round(np.ptp(ends) / TURN)
     at = [CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends]
     mean = float(np.diff(CubicSpline(t, x["work"])(at))[0] / np.ptp(at))

@@ -83,7 +83,8 @@ def test_friction_holds_the_cup_in_the_chute_where_the_bound_has_it() -> None:
 
 def jacobi(m: Machine, W: float) -> tuple[float, float, float] | None:
     """Angles of catcher and cup and the square of the cup's speed at its release, from the equation
-    of motion over phi2 and the energy at the hook contact; None where the catcher comes back first."""
+    of motion over phi2 and the energy at the hook contact; None where the catcher comes back first.
+    """
     slope, a, b, share = m.laid
     phi1, phi2, _ = m.pose
     k = m.hook(phi1, phi2)

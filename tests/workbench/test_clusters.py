@@ -185,7 +185,8 @@ def test_a_cluster_that_is_not_present_is_named(
 @pytest.fixture(autouse=True)
 def collected() -> Iterator[None]:
     """What Dask leaves behind logs its traceback when it is collected, and CPython before 3.11.8 fails
-    if that happens while it parses."""
+    if that happens while it parses.
+    """
     yield
     gc.collect()
 

@@ -259,7 +259,9 @@ def test_a_drawing_is_a_table_of_coefficients_or_is_refused(javascript: Evaluate
         return table.shapes.map((shape) => points(shape, features, [5, 7]));""")
     for shape, (k, position) in zip(poses, enumerate((ground, tip, slide))):
         assert [complex(*xy) for xy in shape] == pytest.approx(list(position[-1] + 5 + 7j)), k
-    with pytest.raises(drawing.NonlinearDrawing, match=r"the points of 'slide' are not linear"):
+    with pytest.raises(
+        drawing.NonlinearDrawingError, match=r"the points of 'slide' are not linear"
+    ):
         drawing.table(arm(0.2), 1)
 
 

@@ -400,8 +400,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> str:
         )
     elif ends[0].error is not None and ends[1].error is not None:
         lines.append(f"Avoid speeds from {ends[0].text()} to {ends[1].text()}.")
-    for group in r.fit.correlated_groups:
-        lines.append(f"The record cannot tell {' and '.join(group)} apart.")
+    lines.extend(
+        f"The record cannot tell {' and '.join(group)} apart." for group in r.fit.correlated_groups
+    )
     now = f["nu_res"].error or math.inf
     lines.append(fitting.next_record(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)

@@ -145,7 +145,8 @@ def measure(drive: System) -> Machine:
 
 def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[float]]:
     """The orders of the steady motion with a lag [s] at a mean speed [rad/s], in so many steps per
-    revolution; a warning and nan where it does not settle."""
+    revolution; a warning and nan where it does not settle.
+    """
     T, nu, per_rev = case
     system, excitation = machine.system(T, nu), machine.torque(nu)
 

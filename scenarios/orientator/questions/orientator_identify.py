@@ -149,7 +149,6 @@ def guess(system: System, data: Mapping[str, Measured]) -> System:
 
 def top(fit: Identified, machine: System) -> Figure:
     """The fastest rotor that orients [rpm]; its error holds that of friction."""
-
     mu = fit.values[FRICTION]
     with cosim.quiet():
         best, *ends = (

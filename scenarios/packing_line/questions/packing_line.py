@@ -45,7 +45,8 @@ class Options(Run):
 
 def system(o: Options, fmus: Mapping[str, Path]) -> System:
     """The line, its motors set for their speeds; all start values are parameters, because some hosts
-    set no other ones."""
+    set no other ones.
+    """
     slope = o.start.get("iron_motor.B", iron.MOTOR["motor.B"])
     ratio = o.start.get("iron.reducer.i_g", I_G)
     values: Start = {
