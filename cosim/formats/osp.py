@@ -357,8 +357,10 @@ def _initial(values: Element, port: Port, value: Value) -> None:
 def _connection(
     functions: Element, connections: Element, wire: Connection, name: str, bond: str | None
 ) -> None:
-    """One connection, or two over a function. That of a bond states what libcosim's ECCO takes for its
-    ends' causality: a source is an input.
+    """One connection, or two over a function.
+
+    The connection of a bond states what libcosim's ECCO takes for its ends' causality: a source is an
+    input.
     """
     if wire.source.type == "Enumeration":
         raise SetupError(f"{wire.source} -> {wire.target}: libcosim cannot wire an Enumeration")
