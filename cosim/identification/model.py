@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.instance import quiet
 from ..errors import SetupError
+from ..fmu.messages import quiet
 from ..master import run
 from ..metrics import spline
 from ..result import Result, SimulationError

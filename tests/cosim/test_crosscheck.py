@@ -16,7 +16,7 @@ from cosim import Crosscheck, SetupError, crosscheck
 from cosim.analysis.crosscheck import checks
 from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED, Subject
 from cosim.analysis.crosscheck.report import COLORS, WRITERS
-from cosim.engine.instance import quiet
+from cosim.fmu.messages import quiet
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.faulty import DEADLY, FAULTS, FAULTS3, pack

@@ -19,11 +19,11 @@ from typing import NamedTuple, TypeVar
 
 from fmpy.validation import validate_fmu
 
-from ...engine.initialise import KINDS
-from ...engine.instance import DISCARD, STATUS, WARNING
-from ...engine.part import Part
+from ...engine.initialise import open_cosimulation
 from ...errors import FmuError, SimulationTerminated, StepDiscarded
+from ...fmu.instance import CoSimulation
 from ...fmu.library import borrow
+from ...fmu.messages import DISCARD, STATUS, WARNING
 from ...system import (
     Port,
     Value,
@@ -104,16 +104,15 @@ class Subject:
         self._numbers = count(1)
 
     @contextmanager
-    def instance(self) -> Iterator[Part]:
+    def instance(self) -> Iterator[CoSimulation]:
         """A new instance, which is terminated and freed."""
-        part = KINDS[self.description.fmiVersion](
+        part = open_cosimulation(
             f"instance_{next(self._numbers)}", self.description, borrow(self.path, self.description)
         )
-        part.open()
         try:
             yield part
         finally:
-            part.close()
+            part.session.close()
 
     def in_process(self, work: Callable[[], Answer]) -> Answer:
         """What `work` returns, which makes an instance. If the FMU allows one instance per process, it is
@@ -122,20 +121,20 @@ class Subject:
         return forked(work) if self.once and hasattr(os, "fork") else work()
 
     @contextmanager
-    def running(self, number: int = 0) -> Iterator[Part]:
+    def running(self, number: int = 0) -> Iterator[CoSimulation]:
         """A new instance after so many steps."""
         with self.instance() as part:
             self.initialise(part)
             self.go(part, 0, number)
             yield part
 
-    def initialise(self, part: Part) -> None:
+    def initialise(self, part: CoSimulation) -> None:
         """From instantiated to the first step."""
         self.enter(part)
         self.steer(part, self.inputs_at(0))
         part.begin()
 
-    def enter(self, part: Part) -> None:
+    def enter(self, part: CoSimulation) -> None:
         """Into initialisation mode, with the tolerance that the FMU states and without a stop time."""
         part.set_up(self.tolerance, self.start, None)
 
@@ -152,12 +151,12 @@ class Subject:
             for j, (v, w) in enumerate(zip(self.inputs, wide))
         ]
 
-    def steer(self, part: Part, u: Sequence[float]) -> None:
+    def steer(self, part: CoSimulation, u: Sequence[float]) -> None:
         """Set the Real inputs."""
         for v, value in zip(self.inputs, u):
             part.set(v, value)
 
-    def go(self, part: Part, first: int, last: int) -> list[Row]:
+    def go(self, part: CoSimulation, first: int, last: int) -> list[Row]:
         """The rows after the steps from number `first` to `last`, each with the inputs of its step."""
         rows = []
         for k in range(first, last):
@@ -166,9 +165,9 @@ class Subject:
             rows.append(self.row(part))
         return rows
 
-    def row(self, part: Part) -> Row:
+    def row(self, part: CoSimulation) -> Row:
         """What the FMU shows now."""
-        return tuple(part.values(self.shown).values())
+        return tuple(part.access.values(self.shown).values())
 
     @cached_property
     def steps(self) -> int:
@@ -294,9 +293,9 @@ def smooth(v: Variable) -> bool:
     return bool(v.type == "Real" and v.native != "Float32")
 
 
-def reals(part: Part, variables: Sequence[Variable]) -> dict[str, float]:
+def reals(part: CoSimulation, variables: Sequence[Variable]) -> dict[str, float]:
     """The values of Real variables."""
-    return {name: float(value) for name, value in part.values(variables).items()}
+    return {name: float(value) for name, value in part.access.values(variables).items()}
 
 
 def bounded(v: Variable, value: float) -> float:
@@ -333,8 +332,8 @@ def description(s: Subject) -> str:
 def binary(s: Subject) -> str:
     """What the binary says of itself."""
     with s.instance() as part:
-        told = part.slave.getVersion()
-        platform = "default" if s.third else part.slave.getTypesPlatform()
+        told = part.session.binding.getVersion()
+        platform = "default" if s.third else part.session.binding.getTypesPlatform()
     version = s.description.fmiVersion
     if (platform, told.partition("-")[0]) != ("default", version):
         found = f"types platform {platform!r} and version {told!r}"
@@ -361,9 +360,9 @@ def starts(s: Subject) -> str:
     parameters = [v for v in exact if v.causality == "parameter"]
     with s.instance() as part:
         s.enter(part)
-        found = part.values(shown)
+        found = part.access.values(shown)
         part.begin()
-        found |= part.values(parameters)
+        found |= part.access.values(parameters)
     for v in [*shown, *parameters]:
         value, own = found[v.name], declared_start(v)
         match value, own:
@@ -378,7 +377,7 @@ def terminates(s: Subject) -> str:
     """The last values remain after termination."""
     with s.running(s.steps - 1) as part:
         last = s.go(part, s.steps - 1, s.steps)
-        part.end()
+        part.session.terminate()
         s.same([s.row(part)], last, "after it is terminated", s.steps - 1)
     return "the last values stay"
 
@@ -403,9 +402,9 @@ def looks(s: Subject) -> str:
             rows += s.go(part, k, k + 1)
             s.same([s.row(part)], rows[-1:], "when it is got again", k)
             if k in (0, s.steps // 2, s.steps - 1):
-                back = tuple(part.values(s.shown[::-1]).values())[::-1]
+                back = tuple(part.access.values(s.shown[::-1]).values())[::-1]
                 s.same([back], rows[-1:], "when the values are got in the opposite order", k)
-                single = tuple(part.values([v])[v.name] for v in s.shown)
+                single = tuple(part.access.values([v])[v.name] for v in s.shown)
                 s.same([single], rows[-1:], "when it is got alone", k)
     s.same(rows, s.reference, "where values are got twice")
     return f"{s.steps} rows got twice, three of them in the opposite order and one value at a time"
@@ -426,7 +425,7 @@ def resets(s: Subject) -> str:
                     s.go(part, 0, s.steps // 2)
                 except FmuError:
                     return None
-                part.reset()
+                part.session.reset()
                 s.initialise(part)
                 return s.go(part, 0, s.steps)
 
@@ -475,7 +474,7 @@ def bytes_(s: Subject) -> str:
     with s.running(half) as part, nullcontext(part) if s.once else s.running() as other:
         state = part.state()
         part.save(state)
-        copy, size = part.carried(state, other)
+        copy, size = part.session.transfer(state, other.session)
         other.restore(copy)
         rows = s.go(other, half, s.steps)
     s.same(rows, s.reference[half:], "after the state was carried over as bytes", half)
@@ -586,7 +585,7 @@ def unknowns(s: Subject) -> str:
                 s.enter(part)
                 if v is not None:
                     part.set(v, value)
-                return part.values(shown)
+                return part.access.values(shown)
 
         return s.in_process(work)
 
@@ -656,7 +655,7 @@ def _initial_slopes(s: Subject) -> Iterator[Slope]:
         s.enter(part)
         for v in known if real else ():
             own = float(declared_start(v) or 0.0)
-            stated, middle = part.slopes(real, v), reals(part, real)
+            stated, middle = part.access.slopes(real, v), reals(part, real)
             middles, sides = [], []
             for wide in (1e-4 * s.size(v), 2e-4 * s.size(v)):
                 above, below = (bounded(v, own + off) for off in (wide, -wide))
@@ -697,7 +696,7 @@ def _later_slopes(s: Subject) -> Iterator[Slope]:
                 with s.running(n) as part:
                     s.steer(part, u)
                     part.advance(s.start + n * s.h, s.h / 1024)
-                    return part.slopes(real, v)
+                    return part.access.slopes(real, v)
 
             for x, value in zip(real, s.in_process(work)):
                 middle, other = sum(near[x.name]) / 2, sum(far[x.name]) / 2
@@ -714,10 +713,9 @@ def discards(s: Subject) -> str:
 
     def long_step() -> tuple[int, float, bool]:
         with s.running() as part:
-            part.begin_of_step.value, part.size_of_step.value = t, h
-            if part.do_step() != DISCARD:
+            if part.step_status(t, h) != DISCARD:
                 raise NotOffered(f"a step of {h:g} s is not discarded")
-            return part.stopped()
+            return part.last_success()
 
     answer, reached, ended = s.in_process(long_step)
     said = f"a step of {h:g} s is discarded"
