@@ -30,16 +30,16 @@ from .system import System, Wire
 from .system.inputs import Table
 
 if TYPE_CHECKING:
-    from .identification.advise import Advice, Experiment, advise
-    from .identification.evidence import Interval
+    from .identification.design import Advice, Experiment, advise
     from .identification.identify import Identified, identify
+    from .identification.intervals import Interval
     from .identification.record import measured
 
 __version__ = "1.0.0rc1"
 
 HOMES = {
-    "Advice": "advise", "Experiment": "advise", "advise": "advise",
-    "Identified": "identify", "Interval": "evidence", "identify": "identify", "measured": "record",
+    "Advice": "design", "Experiment": "design", "advise": "design",
+    "Identified": "identify", "Interval": "intervals", "identify": "identify", "measured": "record",
 }  # fmt: skip
 
 __all__ = [

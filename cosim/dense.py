@@ -264,7 +264,8 @@ def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Arra
 
 def _fill(c: Array, t: Array, x: Array, gaps: Indices, side: Side) -> None:
     """Set the coefficients in gaps, from the next piece that has a polynomial; without one, they keep the value
-    of its row."""
+    of its row.
+    """
     hidden = {int(k) for k in gaps}
     for k in gaps:
         width = t[k + 1] - t[k]

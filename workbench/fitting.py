@@ -109,7 +109,7 @@ class RecordOptions(Options):
             system,
             data,
             free=list(dict.fromkeys([*free, *self.free])),
-            known=self.priors,
+            prior=self.priors,
             noise=dict(noise(system, text) for text in self.noise),
             outliers=self.outliers / 100,
             starts=self.starts,
@@ -118,7 +118,7 @@ class RecordOptions(Options):
 
 
 def noise(system: System, text: str) -> tuple[str, float]:
-    """ "conveyor.w=2rpm" as name and number in the unit of the variable."""
+    """Name of a text such as "conveyor.w=2rpm", and its number in the unit of the variable."""
     name, _, value = (part.strip() for part in text.partition("="))
     match = QUANTITY.fullmatch(value)
     if match is None:
@@ -131,7 +131,7 @@ def noise(system: System, text: str) -> tuple[str, float]:
 
 
 def prior(text: str) -> tuple[str, tuple[float, float]]:
-    """ "conveyor.trough.m=200+-5" as name, value and standard deviation."""
+    """Name, value and standard deviation of a text such as "conveyor.trough.m=200+-5"."""
     match = KNOWN.fullmatch(text.strip())
     try:
         value, off = (float(match[part]) for part in ("value", "off")) if match else (0.0, 0.0)
@@ -179,14 +179,14 @@ def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> d
 
 def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> dict[str, Any]:
     """Further entries of the JSON; `exact` are values that were taken as exact, unless free."""
-    taken = fit.model.values(fit.local.p)
+    taken = fit.start_values
     return {
         "chi2": {"sum": fit.chi2, "degrees": fit.dof, "band": list(fit.band)},
         "minima": list(fit.minima),
         "misfit": list(fit.misfit),
         "notes": list(fit.notes),
         "exact": {name: taken[name] for name in exact if name in taken and name not in fit.names},
-        "alike": [list(group) for group in fit.alike],
+        "alike": [list(group) for group in fit.correlated_groups],
         "correlations": {
             name: dict(zip(fit.names, map(float, row)))
             for name, row in zip(fit.names, fit.correlations)

@@ -33,6 +33,21 @@ PEAK_NODES = 5
 PEAK_INSIDE = 0.6
 #: How far beyond the nodes a peak is looked for, over the half width, to know where to look next.
 PEAK_REACH = 1.5
+#: Lowest x at which a peak is looked for, over the center: a convention, all of x > 0 but for rounding.
+LOWEST_SHARE = 1e-3
+#: Tolerance of the place of a peak, over the half width: the closest that a minimum is told in double precision.
+PEAK_TOLERANCE = 1e-8
+#: By how much noise at the nodes may move the polynomial, over the noise. Derived: the Lebesgue constant of the
+#: nodes, the largest sum of the sizes of their Lagrange polynomials, is 1.554.
+NOISE_OF_VALUE = 1.56
+#: By how much it may move its slope where a peak is accepted, over noise and half width. Derived: the largest sum
+#: of the sizes of the slopes of the Lagrange polynomials within PEAK_INSIDE is 4.563.
+NOISE_OF_SLOPE = 4.57
+#: Rounding of a height's logarithm: derived, ten operations of relative error 2.2e-16.
+HEIGHT_ROUNDING = 2.2e-15
+#: Step of the differences that give the curvature of a height, over the half width. Derived: their error is of the
+#: order of its square, and rounding adds a billionth.
+CURVATURE_STEP = 1e-2
 
 
 class NoRootError(Exception):
@@ -134,8 +149,12 @@ class PeakSearch:
     def update(self, values: Sequence[complex], noise: float) -> tuple[Root, Root] | None:
         """Take the values at the nodes; return place and height of the peak, or None to go on.
 
-        The errors are the changes without the last coefficient of the polynomial. The place has
-        that of noise, too: the slope of the height's logarithm is wrong by about 2 noise / half_width.
+        The polynomial misses about the next term a_n T_n of the series, n = PEAK_NODES, which vanishes at the
+        nodes. The height is wrong by |a_n| at most. With s = (x - center) / half_width, T_n has a slope
+        of up to n / sqrt(1 - s^2). That of the height's logarithm is wrong by as much, relative to the
+        function, and the place by this over its curvature. Noise adds to both, and the place is not
+        known more closely than rounding leaves the top flat (Brent, Algorithms for Minimization without
+        Derivatives, 1973, chapter 5).
 
         Parameters
         ----------
@@ -151,12 +170,20 @@ class PeakSearch:
         """
         ends = [self.center - self.half_width, self.center + self.half_width]
         fit = Chebyshev.fit(self.nodes, values, PEAK_NODES - 1, domain=ends)
-        x, height = self._top(fit)
-        if abs(x - self.center) <= PEAK_INSIDE * self.half_width:
-            coarse_x, coarse_height = self._top(fit.truncate(PEAK_NODES - 1))
-            unsure = 2.0 * noise / self.half_width / max(self._bend(fit, x), 1e-300)
-            position = Root(x, abs(x - coarse_x) + unsure)
-            return position, Root(height, abs(height - coarse_height) + noise * height)
+
+        def log_height(s: float) -> float:
+            x = self.center + self.half_width * s
+            return float(np.log(self.height(x, fit(x))))
+
+        s = self._top(log_height)
+        x, height = self.center + self.half_width * s, math.exp(log_height(s))
+        if abs(s) <= PEAK_INSIDE:
+            missed = self._height_error(x, fit(x), next_coefficient(fit.coef.tolist()))
+            slope = PEAK_NODES * missed / math.sqrt(1.0 - s**2) + NOISE_OF_SLOPE * noise
+            curvature = max(_curvature(log_height, s), HEIGHT_ROUNDING)
+            flat = math.sqrt(2.0 * HEIGHT_ROUNDING / curvature)
+            position = Root(x, self.half_width * (slope / curvature + flat))
+            return position, Root(height, height * (missed + NOISE_OF_VALUE * noise))
         self.center = x
         self._rounds += 1
         if self.center <= self.half_width:
@@ -165,23 +192,49 @@ class PeakSearch:
             raise NoRootError(f"the peak search did not converge in {MAX_ROUNDS} rounds")
         return None
 
-    def _top(self, fit: Chebyshev) -> tuple[float, float]:
-        """Where the height is largest on a fit, and the height."""
-        reach = PEAK_REACH * self.half_width
-        bounds = max(self.center - reach, 1e-3 * self.center), self.center + reach
+    def _top(self, log_height: Callable[[float], float]) -> float:
+        """Where the height is largest, over the half width from the center."""
+        lowest = max(-PEAK_REACH, (LOWEST_SHARE - 1.0) * self.center / self.half_width)
         top = minimize_scalar(
-            lambda x: -float(np.log(self.height(x, fit(x)))),
-            bounds=bounds,
+            lambda s: -log_height(s),
+            bounds=(lowest, PEAK_REACH),
             method="bounded",
-            options={"xatol": 1e-9 * self.center},
+            options={"xatol": PEAK_TOLERANCE},
         )
-        return float(top.x), math.exp(-float(top.fun))
+        return float(top.x)
 
-    def _bend(self, fit: Chebyshev, x: float) -> float:
-        """The second derivative of the height's logarithm at x, without its sign."""
-        h = self.half_width / 4.0
-        left, middle, right = (math.log(float(self.height(y, fit(y)))) for y in (x - h, x, x + h))
-        return abs(left - 2.0 * middle + right) / h**2
+    def _height_error(self, x: float, value: complex, missed: float) -> float:
+        """The share by which the height at x changes, at most, where the smooth function is wrong by so much."""
+        changes = [
+            float(np.log(self.height(x, value + part) / self.height(x, value - part))) / 2.0
+            for part in (missed, 1j * missed)
+        ]
+        return math.hypot(*changes)
+
+
+def next_coefficient(coefficients: Sequence[complex]) -> float:
+    """Bound the size of the first coefficient that a Chebyshev series of a smooth function leaves out.
+
+    Those of an analytic function are below 2 M / rho^k (Trefethen, Approximation Theory and Approximation
+    Practice, 2013, theorem 8.1). The slowest fall between two known ones gives rho, at least 1. The last two each
+    give the coefficient that they fall to; the larger one counts, since one may be small by chance.
+
+    Parameters
+    ----------
+    coefficients : sequence of complex, shape (n,)
+        Those of T_0, T_1, ...; the first, which is the mean, says nothing of the fall.
+    """
+    sizes = np.abs(np.asarray(coefficients)[1:])
+    if not sizes.all():
+        return float(sizes.max())
+    fall = min(1.0, float((sizes[1:] / sizes[:-1]).max()))
+    return float((sizes[-2:] * [fall**2, fall]).max())
+
+
+def _curvature(function: Callable[[float], float], s: float) -> float:
+    """The size of the second derivative at s."""
+    left, middle, right = (function(s + n * CURVATURE_STEP) for n in (-1, 0, 1))
+    return abs(left - 2.0 * middle + right) / CURVATURE_STEP**2
 
 
 def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:

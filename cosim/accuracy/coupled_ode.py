@@ -18,7 +18,7 @@ from ..engine.part import WiredPart
 from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
 from ..fmu.blocks import VariableBlock
-from ..fmu.exchange import Array, ModelExchange, Refused
+from ..fmu.exchange import Array, EvaluationError, ModelExchange
 from ..system import Network, Port
 from ..system.graph import algebraic_loops, describe_loop, stepping_order
 from ..system.inputs import Table
@@ -85,7 +85,7 @@ class Whole:
         return np.where((sizes > 0.0) & (sizes < math.inf), sizes, 1.0)
 
     def at(self, t: float, x: Array) -> None:
-        """Be at a time [s] and a state, all wires settled; raises Refused, FmuError."""
+        """Be at a time [s] and a state, all wires settled; raises EvaluationError, FmuError."""
         self.t = t
         values = iter(x.tolist())
         for part in self.parts:
@@ -103,7 +103,7 @@ class Whole:
             self.at(t, x)
             for part in self.parts:
                 part.instance.get_rates()
-        except Refused:
+        except EvaluationError:
             return np.full(len(x), math.nan)
         return np.array([value for part in self.parts for value in part.instance.dx])
 
@@ -236,7 +236,7 @@ class Whole:
         for _ in range(MOST_ITERATIONS):
             had = np.array([value for block in blocks for value in block.cells])
             if not np.isfinite(had).all():
-                raise Refused("the values of an algebraic loop are no longer finite")
+                raise EvaluationError("the values of an algebraic loop are no longer finite")
             for part in self.parts:
                 part.apply_links()
             off = np.array([value for block in blocks for value in block.cells]) - had

@@ -46,7 +46,8 @@ class Estimate(NamedTuple):
 
     def _rounded(self, digits: int) -> tuple[float, int]:
         """The value with this many decimals, and its error, including that of rounding, in units of the
-        last of them."""
+        last of them.
+        """
         value = round(self.value, digits)
         error = (self.error or 0.0) + abs(self.value - value)
         return value, max(1, math.ceil(error * 10.0**digits * (1 - ROUNDING_FRACTION)))

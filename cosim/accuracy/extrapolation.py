@@ -270,7 +270,9 @@ def divergence(
     return float(t[parts[first][0]]), distant[first:].any(axis=0)
 
 
-def extrapolate(values: Sequence[float], order: float) -> Estimate:
+def extrapolate(
+    values: Sequence[float], order: float, errors: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Estimate:
     """Extrapolate values of runs with the steps h, 2 h and 4 h to a step of zero (Richardson).
 
     Parameters
@@ -279,12 +281,15 @@ def extrapolate(values: Sequence[float], order: float) -> Estimate:
         The value with the step h, 2 h and 4 h; fewer where the runs with longer steps have failed.
     order : float
         The order with which the error falls.
+    errors : sequence of floats
+        What else the values may be wrong by, such as the errors of the searches that found them.
 
     Returns
     -------
     Estimate
         Its error is the distance of what the finer pair of runs extrapolates to from what the coarser pair does,
-        which is at least twice as wrong. Values that move by little and in no order are not
+        which is at least twice as wrong. The errors of the finer two values are added with the weights that
+        these have in the extrapolated one. Values that move by little and in no order are not
         extrapolated and keep four times their moves as error. The error is None, with a reason, where there are
         fewer than three values, or where they move by more and in no order.
     """
@@ -296,19 +301,25 @@ def extrapolate(values: Sequence[float], order: float) -> Estimate:
     if abs(previous) < SLOWEST_FALL * abs(last) or most <= SETTLED_SHARE * abs(fine):
         if most > UNORDERED_SHARE * abs(fine):
             return Estimate(fine, None, math.nan, reason=NOT_CONVERGED)
-        return Estimate(fine, UNORDERED_FACTOR * most, math.nan)
+        return Estimate(fine, UNORDERED_FACTOR * most + errors[0], math.nan)
     observed = math.log2(abs(previous / last)) if last else math.inf
     gain = STEP_RATIO**order - 1.0
     limit, limit_of_coarser = fine + last / gain, middle + previous / gain
     error = abs(limit - limit_of_coarser) + EXTRAPOLATION_SHARE * abs(last)
-    return Estimate(limit, error, observed)
+    own = errors[0] + (errors[0] + errors[1]) / gain
+    return Estimate(limit, error + own, observed)
 
 
 def bound_coupling_error(values: Sequence[float], order: float) -> float:
     """The error of the first of values with the steps h, 2 h and 4 h, see `estimate`, where one is needed.
 
     It is twice the spread of the values where `estimate` states none, and 0 for a count that all runs agree on.
+    Where the longest steps have no value, NaN, the two others have the order of the algorithm and the factor of
+    safety for two grids (Roache 1994, doi:10.1115/1.2910291).
     """
+    if math.isnan(values[-1]):
+        fine, medium = values[0], values[1]
+        return UNCONFIRMED_FACTOR * abs(fine - medium) / (math.pow(STEP_RATIO, order) - 1.0)
     spread = max(values) - min(values)
     if spread == 0.0 and values[0] == round(values[0]):
         return 0.0

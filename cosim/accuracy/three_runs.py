@@ -102,10 +102,10 @@ def three_runs(
             if k == RUNS - 1:
                 last = {"all_rows": path} | ({} if csv is None else {"csv": csv})
             report = partial(_report, progress, begin, end)
-            results.insert(0, runner(system, step=h, **settings, progress=report, **last))
+            result = runner(system, step=h, **settings, progress=report, **last)
+            len(result.data)  # read now: the next run may write the same file
+            results.insert(0, result)
         finest = results[0]
-        for result in results:
-            len(result.data)
         all_rows = read_row_file(path, len(finest.columns)) if path.exists() else finest.data
     return ThreeRuns(results, all_rows, ratio)
 

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 DIFFERENCE = 6e-6
 
 
-class Refused(FmuError):
+class EvaluationError(FmuError):
     """A part cannot compute with the state that was tried."""
 
 
@@ -88,14 +88,14 @@ class ModelExchange:
         self.session.begin()
 
     def array(self, function: str, cells: Any) -> None:
-        """Call "SetContinuousStates" and the like with this array; raises Refused, FmuError."""
+        """Call "SetContinuousStates" and the like with this array; raises EvaluationError, FmuError."""
         if len(cells):
             session = self.session
             status = session.function(function)(
                 session.component, cells, ctypes.c_size_t(len(cells))
             )
             if status == DISCARD:
-                raise Refused(str(session.failure(function, status)))
+                raise EvaluationError(str(session.failure(function, status)))
             if status != OK:
                 session.answered(function, status)
 

@@ -57,20 +57,20 @@ def write_container(
         raise SetupError(f"step = {step!r} s must be above 0")
     path = path.resolve()
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
-        whole = Path(folder) / "Container.fmu"
+        container_path = Path(folder) / "Container.fmu"
         try:
             container = FMUContainer(re.sub(r"\W", "_", f"C_{path.stem}"), Path(folder))
             container.start_time, container.stop_time = start, stop
             _fill(container, network, sequence)
             with _without_repetition(TOOL):
                 _require_order(container, network, sequence)
-                container.make_fmu(whole, step_size=step, sequential=is_sequential)
+                container.make_fmu(container_path, step_size=step, sequential=is_sequential)
         except (FMUContainerError, FMUError) as error:
             raise SetupError(f"{path.name}: {error}") from error
-        problems = validate_fmu(str(whole))
+        problems = validate_fmu(str(container_path))
         if problems:
             raise SetupError(f"{path.name} is not valid: {problems[0]}")
-        whole.replace(path)
+        container_path.replace(path)
 
 
 def _is_sequential(name: str, parts: Sequence[str]) -> bool:

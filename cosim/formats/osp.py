@@ -29,7 +29,7 @@ from ..system import (
     describe_fmu,
     require_fmi2,
 )
-from .ssp.files import LINK, Room, load, locate, plain, require_root
+from .ssp.files import LINK, Budget, load, locate, plain, require_root
 from .ssp.parameters import Parameter
 from .ssp.plan import Arrow, Connector, Node, Plan, dotted
 from .ssp.read import Package
@@ -93,7 +93,7 @@ class _Reader:
     """The plan of a system, in which a function is a connector that drives another."""
 
     def __init__(self, file: Path) -> None:
-        self.file, self.plan = file, Plan(Room(0), {"": {}})
+        self.file, self.plan = file, Plan(Budget(0), {"": {}})
         self.times: dict[str, float] = {}
         self.bonds: dict[str, list[Node]] = defaultdict(list)
         self.added: dict[Node, list[Node]] = {}
@@ -106,26 +106,26 @@ class _Reader:
 
     def take(self, element: Any) -> None:
         """Take one element; raises KeyError or ValueError for what it lacks or has wrong."""
-        tag, given = plain(element.tag), element.attrib
+        tag, attributes = plain(element.tag), element.attrib
         if tag in TIMES:
             self.times[tag] = float(element.text or "")
         elif tag == "Simulator":
-            self._simulator(given["name"], given["source"], given.get("stepSize"))
+            self._simulator(attributes["name"], attributes["source"], attributes.get("stepSize"))
         elif tag == "InitialValue":
             simulator = element.getparent().getparent().attrib["name"]
             self._initial(self.plan.elements[""][simulator], element)
         elif tag == "LinearTransformation":
-            entry, leave = self._function(given["name"], ["in"], ["out"])
-            scale = float(given.get("factor", 1.0)), float(given.get("offset", 0.0))
+            entry, leave = self._function(attributes["name"], ["in"], ["out"])
+            scale = float(attributes.get("factor", 1.0)), float(attributes.get("offset", 0.0))
             self.plan.add_arrow(Arrow(entry, leave, Step(tag, None, False, *scale)))
         elif tag in ("Sum", "VectorSum"):
-            inputs, width = int(given["inputCount"]), int(given.get("dimension", 1))
+            inputs, width = int(attributes["inputCount"]), int(attributes.get("dimension", 1))
             if min(inputs, width) < 1:
                 raise ValueError("inputCount and dimension must be at least 1")
-            self.plan.room.take(self.at(element), LINK * inputs * width)
-            for place in [f"[{j}]" for j in range(width)] if tag == "VectorSum" else [""]:
-                entries = [f"in[{k}]{place}" for k in range(inputs)]
-                *added, leave = self._function(given["name"], entries, [f"out{place}"])
+            self.plan.budget.take(self.at(element), LINK * inputs * width)
+            for suffix in [f"[{j}]" for j in range(width)] if tag == "VectorSum" else [""]:
+                entries = [f"in[{k}]{suffix}" for k in range(inputs)]
+                *added, leave = self._function(attributes["name"], entries, [f"out{suffix}"])
                 self.added[leave] = added
         elif tag in ("VariableConnection", "SignalConnection"):
             self._connection(element, map(self._end, element.iterchildren("*")))
@@ -158,13 +158,13 @@ class _Reader:
             return {source: (factor, offset)}
         if source in through:
             raise SetupError(f"{self.file.name}: {dotted(source)} is added to itself")
-        whole: dict[Node, tuple[float, float]] = {}
+        total: dict[Node, tuple[float, float]] = {}
         for entry in self.added[source]:
             for origin, (f, o) in self.terms(entry, (*through, source)).items():
-                before = whole.get(origin, (0.0, 0.0))
-                whole[origin] = before[0] + factor * f, before[1] + factor * o + offset
+                sum_so_far = total.get(origin, (0.0, 0.0))
+                total[origin] = sum_so_far[0] + factor * f, sum_so_far[1] + factor * o + offset
                 offset = 0.0
-        return whole
+        return total
 
     def sums(self) -> Iterator[Wire]:
         """The wires into the inputs that sums drive."""
@@ -227,8 +227,8 @@ class _Reader:
             )
             return
         file = GROUPS.format(self.plan.descriptions[part].modelName)
-        places = [folder / file for folder in (self.plan.fmus[part].parent, self.file.parent)]
-        path = next((path for path in places if path.is_file()), None)
+        candidates = [folder / file for folder in (self.plan.fmus[part].parent, self.file.parent)]
+        path = next((path for path in candidates if path.is_file()), None)
         if path is None:
             raise ValueError(f"there is no file {file} to define the groups")
         groups = load(path).iterfind("{*}VariableGroups//*[@name]")
@@ -238,9 +238,9 @@ class _Reader:
         for variable in group.iter("{*}Variable"):
             yield part, variable.attrib["ref"]
 
-    def _connection(self, element: Any, given: Iterable[Node]) -> None:
+    def _connection(self, element: Any, nodes: Iterable[Node]) -> None:
         """A connection, which may be written from either end."""
-        ends = [*given]
+        ends = [*nodes]
         if missing := [dotted(end) for end in ends if end not in self.plan.connectors]:
             raise KeyError(missing[0])
         kinds = [self.plan.connectors[end].kind for end in ends]
@@ -349,9 +349,9 @@ def _connection(
 
 def _sum(functions: Element, connections: Element, wires: list[Connection], name: str) -> None:
     """A sum of outputs, which libcosim takes as they stand: functions are not connected to functions."""
-    if scaled_one := next(filter(scaled, wires), None):
+    if scaled_wire := next(filter(scaled, wires), None):
         raise SetupError(
-            f"{scaled_one.source} has a factor, an offset or a unit other than that of {scaled_one.target}: "
+            f"{scaled_wire.source} has a factor, an offset or a unit other than that of {scaled_wire.target}: "
             "libcosim adds outputs only as they are"
         )
     SubElement(functions, "Sum", name=name, inputCount=str(len(wires)))

@@ -1,39 +1,53 @@
-"""Fit a system to a record of a machine, and say how far the values and what follows can be trusted."""
+"""Fit a system to a record of a machine, and say how far the values and what follows can be trusted.
+
+The way is a sequence of steps, each a function from a frozen record to the next one:
+`prepare` (problem), `fit` (minima), `refine` (linearisation), `validate` (misfit), `estimate_intervals`; `advise`
+takes what comes out and plans the next record.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
-from ..engine.algorithms import CONVERGENCE_ORDERS
 from ..errors import SetupError
 from ..result import Result
 from ..system import System, connect
 from ..system.inputs import Table
-from . import evidence
-from .evidence import DEVIATIONS, Interval, Local, Residual
-from .model import (
-    Derived,
-    Known,
-    Model,
+from .fit import SearchPlan, fit
+from .intervals import Interval, estimate_intervals
+from .linearisation import DEVIATIONS, Linearisation, refine
+from .parameters import (
+    Array,
+    FreeNames,
     Prior,
-    Vector,
-    build,
-    checked,
-    frees,
-    independent,
-    sensor,
-)  # fmt: skip
-from .record import columns
-from .search import Loss, Minimum, descend, search
+    ValuesWithDeviation,
+    free_parameters,
+    independent_prior,
+    is_sensor_parameter,
+)
+from .problem import (
+    DerivedFunction,
+    DerivedQuantity,
+    Problem,
+    SimulationSettings,
+    prepare,
+    require_runnable_guess,
+)
+from .record import measured_columns
+from .residual import ColumnResidual
+from .validation import validate
 
-STARTS, COUPLING, HALVINGS = 12, 0.1, 6
-AMBIGUOUS, APART = 10.8, 3.0
-OUTLIER, SLIGHT = 4.5, 1e-3
+#: a quantity that depends on the values by name only
+ValueFunction = Callable[[Mapping[str, float]], float]
+#: Largest number of starts. Chosen: each of a few minima is met by one of them.
+STARTS = 12
+#: Step of the differences of a quantity, over the standard deviation or the size of a value. Chosen: far below what
+#: the record distinguishes, far above the rounding of doubles.
+GRADIENT_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -41,20 +55,20 @@ class Identified:
     """What a record shows about a machine, or why it shows nothing.
 
     `misfit` is a list of sentences. If there are any, no machine of this kind fits, and `values` and
-    `derived` are empty. `correlations` are those of the free values, in the order of `names`; `alike`
-    are groups of them that the record cannot distinguish; `notes` are further remarks. `minima` are the
-    values of chi2 that the starts reached, smallest first. `result` is the run of the fit, with steps
-    of `step` [s].
+    `derived` are empty. `correlations` are those of the free values, in the order of `names`;
+    `correlated_groups` are groups of them that the record cannot distinguish; `notes` are further remarks.
+    `minima` are the values of chi2 that the starts reached, smallest first. `result` is the run of the fit,
+    with steps of `step` [s].
     """
 
     values: Mapping[str, Interval]
     derived: Mapping[str, Interval]
     misfit: Sequence[str]
     names: Sequence[str]
-    correlations: Vector
-    alike: Sequence[Sequence[str]]
+    correlations: Array
+    correlated_groups: Sequence[Sequence[str]]
     notes: Sequence[str]
-    residuals: Mapping[str, Residual]
+    residuals: Mapping[str, ColumnResidual]
     chi2: float
     dof: int
     band: tuple[float, float]
@@ -62,41 +76,50 @@ class Identified:
     result: Result
     step: float
     runs: int
-    model: Model = field(repr=False)
-    local: Local = field(repr=False)
+    problem: Problem = field(repr=False)
+    linearisation: Linearisation = field(repr=False)
 
-    def shared(self, name: str) -> bool:
-        """Whether a free value is a parameter of the machine, not of this record only."""
-        if sensor(name):
+    @property
+    def start_values(self) -> dict[str, float]:
+        """All start values of the fitted system that are numbers, also where no machine of this kind fits."""
+        return self.problem.start_values(self.linearisation.p)
+
+    def is_shared(self, name: str) -> bool:
+        """Whether the free value `name` is a parameter of the machine, not of this record only."""
+        if is_sensor_parameter(name):
             return False
-        return bool(connect(self.model.system).port(name).variable.causality == "parameter")
+        return bool(connect(self.problem.system).port(name).variable.causality == "parameter")
 
-    def known(self, *without: str) -> Prior:
-        """The machine's parameters as found from this record, with their covariance, for identifying
+    def prior(self, *without: str) -> Prior:
+        """The machine's parameters as identified from this record, with their covariance, for identifying
         another record of it; `without` names those to omit, such as a supply that has changed.
         """
-        places = [
-            k for k, name in enumerate(self.names) if self.shared(name) and name not in without
+        indices = [
+            k for k, name in enumerate(self.names) if self.is_shared(name) and name not in without
         ]
-        covariance = self.local.covariance[np.ix_(places, places)]
-        return Prior([self.names[k] for k in places], self.local.p[places], covariance)
+        covariance = self.linearisation.covariance[np.ix_(indices, indices)]
+        return Prior([self.names[k] for k in indices], self.linearisation.p[indices], covariance)
 
-    def gradient(self, tell: Callable[[Mapping[str, float]], float]) -> Vector:
-        """The gradient of a quantity that depends on the values only, by the free values."""
-        model, p = self.model, self.local.p
-        slight = SLIGHT * np.minimum(np.sqrt(np.diag(self.local.covariance)), model.sizes)
+    def gradient(self, quantity: ValueFunction) -> Array:
+        """The gradient, shape (n,), of a `quantity` that depends on the values only, by the n free values."""
+        problem, p = self.problem, self.linearisation.p
+        deviations = np.sqrt(np.diag(self.linearisation.covariance))
+        steps = GRADIENT_STEP * np.minimum(deviations, problem.sizes)
         below, above = (
-            np.array([tell(model.values(p + sign * move)) for move in np.diag(slight)])
+            np.array([quantity(problem.start_values(p + sign * step)) for step in np.diag(steps)])
             for sign in (-1.0, 1.0)
         )
-        return np.asarray((above - below) / (2 * slight), float)
+        return np.asarray((above - below) / (2 * steps), float)
 
-    def interval(self, tell: Callable[[Mapping[str, float]], float], unit: str = "") -> Interval:
-        """The interval of a quantity that depends on the values only, such as a limit, by their covariance."""
-        g = self.gradient(tell)
-        value, reach = float(tell(self.model.values(self.local.p))), self.local.reach(g)
-        off = reach + self.local.coupling(g)
-        return Interval(value, value - off, value + off, reach / DEVIATIONS, unit)
+    def interval(self, quantity: ValueFunction, unit: str = "") -> Interval:
+        """The interval of a `quantity` in a `unit` that depends on the values only, such as a limit, by
+        their covariance.
+        """
+        gradient = self.gradient(quantity)
+        value = float(quantity(self.start_values))
+        half_width = self.linearisation.half_width(gradient)
+        error = half_width + self.linearisation.coupling_error(gradient)
+        return Interval(value, value - error, value + error, half_width / DEVIATIONS, unit)
 
     def text(self) -> str:
         """The answer in lines."""
@@ -108,11 +131,11 @@ class Identified:
 
 def identify(
     system: System,
-    data: Mapping[str, Table],
+    record: Mapping[str, Table],
     *,
-    free: Sequence[str] | Mapping[str, tuple[float, float]],
-    known: Known | Prior | None = None,
-    derived: Mapping[str, Derived] | None = None,
+    free: FreeNames,
+    prior: ValuesWithDeviation | Prior | None = None,
+    derived: Mapping[str, DerivedFunction] | None = None,
     units: Mapping[str, str] | None = None,
     noise: Mapping[str, float] | None = None,
     first: Sequence[str] = (),
@@ -121,145 +144,105 @@ def identify(
     begin: float | None = None,
     step: float | None = None,
     seed: int = 0,
-    **settings: Any,
+    **settings: Unpack[SimulationSettings],
 ) -> Identified:
     """Fit start values and parameters of a system's FMUs to a record.
 
-    `data` gives measured columns by the outputs that they measure, each with its own times [s]. `free`
-    names the values to be found, with bounds if it is a mapping; the first guess is the system's start
-    value. `known` gives values and standard deviations of what is known beforehand, or what another
-    record gave (`Identified.known`); these values are free too. Besides start values of FMUs,
-    "gain(conveyor.w)", "delay(conveyor.w)" [s] and "zero(conveyor.w)" may be free: those of a sensor
-    that shows gain * w(t - delay) + zero.
+    Besides start values of FMUs, "gain(conveyor.w)", "delay(conveyor.w)" [s] and "zero(conveyor.w)" may be free:
+    those of a sensor that shows gain * w(t - delay) + zero. Steps are halved until the coupling moves nothing by
+    more than a tenth of its interval.
 
-    `derived` are functions of all values and of the fitted run, such as a resonance, in `units`. `noise`
-    gives standard deviations of columns in the units of their variables, by default estimated from the
-    rows. The values named in `first`, such as an angle at the start and the supply, are fitted before
-    the rest, from each of several starts. `outliers` is the share of rows that may be outliers. Runs
-    begin with the first row of all, or at the time `begin` [s] before it. They are those of `run` with
-    these settings. Steps are halved until the coupling moves nothing by more than a tenth of its
-    interval.
+    Parameters
+    ----------
+    system:
+        The machine with its first guess: the start values.
+    record:
+        Measured columns by the outputs that they measure, each with its own times [s].
+    free:
+        The values to be fitted, with bounds if it is a mapping.
+    prior:
+        Values and standard deviations of what is known beforehand, or what another record gave
+        (`Identified.prior`); these values are free too.
+    derived:
+        Functions of all values and of the fitted run, such as a resonance.
+    units:
+        The units of `derived`.
+    noise:
+        Standard deviations of columns in the units of their variables, by default estimated from the rows.
+    first:
+        Values, such as an angle at the start and the supply, that are fitted before the rest, from each of several
+        starts.
+    outliers:
+        The share of rows of a column that may be outliers.
+    starts:
+        The largest number of starts.
+    begin:
+        When runs begin [s], by default with the first row of all.
+    step:
+        The first step of runs [s], by default the spacing of the rows.
+    seed:
+        Of the random starts.
+    settings:
+        Those of `run`.
 
-    Raises SetupError for a record or values that cannot be used, and what `run` raises at the guess.
+    Raises
+    ------
+    SetupError
+        For a record or values that cannot be used, and what `run` raises at the guess.
     """
-    network, derived = connect(system), dict(derived or {})
-    record = columns(network, data, noise or {})
-    before = known if isinstance(known, Prior) else independent(known or {})
-    unknown = frees(network, record, free, before)
-    names = [one.name for one in unknown]
+    network = connect(system)
+    columns = measured_columns(network, record, noise or {})
+    beforehand = prior if isinstance(prior, Prior) else independent_prior(prior or {})
+    parameters = free_parameters(network, columns, free, beforehand)
+    names = [parameter.name for parameter in parameters]
     for name in first:
         if name not in names:
             raise SetupError(f"first: {name} is not free, only {', '.join(names)}")
-    model = build(system, record, unknown, before, step, settings, begin)
-    checked(model)
-    loss: Loss = "huber" if outliers else "linear"
-    _, _, enough = evidence.band(model.columns, len(before.names), len(unknown))
-    sought = [names.index(name) for name in first]
-    minima = search(model, sought, starts, math.inf if outliers else enough, seed, loss)
-    notes: list[str] = []
-    lost: list[str] = []
-    if outliers:
-        lost = list(_set_aside(model, minima[0], outliers, notes))
-    return _judged(model, minima, derived, units or {}, notes, lost)
+    quantities = [
+        DerivedQuantity(name, function, (units or {}).get(name, ""))
+        for name, function in (derived or {}).items()
+    ]
+    problem = prepare(
+        network, columns, parameters, beforehand, quantities, begin=begin, step=step, **settings
+    )
+    require_runnable_guess(problem)
+    plan = SearchPlan([names.index(name) for name in first], starts, seed)
+    return _solve(problem, plan, outliers)
 
 
-def _set_aside(model: Model, best: Minimum, share: float, notes: list[str]) -> Iterator[str]:
-    """Remove outliers from a model's columns; yields a sentence where there are too many."""
-    shown = model.shown(best.p, model.play(best.p))
-    kept = []
-    for column, x in zip(model.columns, shown):
-        inside = np.abs(x - column.values) <= OUTLIER * column.noise.sigma
-        out, rows = int((~inside).sum()), len(inside)
-        if out > share * rows:
-            yield f"{column.name}: {out} of {rows} rows lie beyond {OUTLIER:g} times the noise"
-            inside[:] = True
-        elif out:
-            notes.append(f"{column.name}: {out} of {rows} rows are outliers and are left out.")
-        kept.append(column._replace(times=column.times[inside], values=column.values[inside]))
-    model.columns = kept
-    model._last = None
-
-
-def _judged(
-    model: Model,
-    minima: Sequence[Minimum],
-    derived: Mapping[str, Derived],
-    units: Mapping[str, str],
-    notes: list[str],
-    lost: list[str],
-) -> Identified:
-    """The fit at the best minimum, with all the evidence for and against it."""
-    every = range(len(model.free))
-    best = descend(model, minima[0].p, every, 2 * len(every))
-    look = evidence.looking(model, derived)
-    order = float(CONVERGENCE_ORDERS[model.settings.get("algorithm", "strang")])
-    for _ in range(HALVINGS):
-        local = evidence.close_by(model, best.p, look, order)
-        if evidence.overrated(model, local):
-            best = descend(model, best.p, every, 2 * len(every))
-            continue
-        wanted = [*np.eye(len(model.free)), *local.gradients]
-        if all(local.coupling(g) <= COUPLING * local.reach(g) for g in wanted):
-            break
-        model.step /= 2.0
-        best = descend(model, best.p, every, 2 * len(every))
-    else:
-        lost.append(
-            f"the coupling still moves the values by more than {COUPLING:.0%} of their intervals "
-            f"with steps of {model.step:.3g} s"
-        )
-    result = model.play(local.p, all=True)
-    seen = evidence.residuals(model, model.shown(local.p, result))
-    misfit = [*lost, *evidence.misfits(model, local, seen)]
-    correlations = evidence.correlation(local.covariance)
-    groups = evidence.alike(model.names, correlations)
-    tied = {name for group in groups for name in group}
-    values: dict[str, Interval] = {}
-    told: dict[str, Interval] = {}
-
-    def interval(value: float, g: Vector, unit: str, far: bool, which: int, k: int) -> Interval:
-        """That of a free value (0) or derived quantity (1) k with gradient g, `far` by its profile."""
-        reach, off = local.reach(g), local.coupling(g)
-        low, high = value - reach, value + reach
-        if far:
-            tell = lambda *both: float(both[which][k])
-            low, high = evidence.profile(model, local, look, g, tell)
-        return Interval(value, low - off, high + off, reach / DEVIATIONS, unit)
-
-    if not misfit:
-        for k, name in enumerate(derived):
-            value, g = float(local.derived[k]), local.gradients[k]
-            told[name] = interval(value, g, units.get(name, ""), bool(groups), 1, k)
-        for k, free in enumerate(model.free):
-            value, g = float(local.p[k]), np.eye(len(every))[k]
-            values[free.name] = interval(value, g, free.unit, free.name in tied, 0, k)
-        misfit += _ambiguous(minima, told, local, look)
-        if misfit:
-            values, told = {}, {}
-        for group in groups:
-            notes.append(f"The record cannot distinguish {', '.join(group)} from each other.")
-    dof, low, high = evidence.band(model.columns, len(model.prior.names), len(model.free))
-    for column in model.columns:
+def _solve(problem: Problem, plan: SearchPlan, outliers: float) -> Identified:
+    """Take the steps from a problem to what is known of its machine."""
+    fitted = fit(problem, plan, outliers)
+    refined = refine(fitted)
+    validation = validate(refined)
+    intervals = estimate_intervals(refined, validation, fitted.minima)
+    notes = list(fitted.notes)
+    if not validation.misfit:
+        notes += [
+            f"The record cannot distinguish {', '.join(group)} from each other."
+            for group in intervals.correlated_groups
+        ]
+    for column in refined.problem.columns:
         notes.append(
-            f"Noise of {column.name}: {column.noise.sigma:.3g} {column.port.unit}, {column.noise.told}."
+            f"Noise of {column.name}: {column.noise.sigma:.3g} {column.port.unit}, {column.noise.source}."
         )
+    # one run is that of the guess
     return Identified(
-        values, told, misfit, model.names, correlations, groups, notes, seen, local.chi2, dof,
-        (low, high), [m.chi2 for m in minima], result, model.step, model.runs, model, local,
-    )  # fmt: skip
-
-
-def _ambiguous(
-    minima: Sequence[Minimum], told: Mapping[str, Interval], local: Local, look: evidence.Look
-) -> list[str]:
-    """Other minima that fit equally well but give a different machine."""
-    for other in minima[1:]:
-        if other.chi2 > local.chi2 + AMBIGUOUS:
-            break
-        for (name, mine), value in zip(told.items(), look(other.p)[1].tolist()):
-            if abs(value - mine.value) > APART * mine.error:
-                return [
-                    f"two machines fit equally well: {name} = {mine.value:.5g} and {value:.5g} "
-                    f"{mine.unit} with chi2 = {local.chi2:.5g} and {other.chi2:.5g}"
-                ]
-    return []
+        values=intervals.values,
+        derived=intervals.derived,
+        misfit=intervals.misfit,
+        names=refined.problem.names,
+        correlations=intervals.correlations,
+        correlated_groups=intervals.correlated_groups,
+        notes=notes,
+        residuals=validation.residuals,
+        chi2=refined.linearisation.chi2,
+        dof=validation.band.dof,
+        band=(validation.band.low, validation.band.high),
+        minima=[minimum.chi2 for minimum in fitted.minima],
+        result=validation.result,
+        step=refined.problem.step,
+        runs=1 + fitted.runs + refined.runs + validation.runs + intervals.runs,
+        problem=refined.problem,
+        linearisation=refined.linearisation,
+    )

@@ -1,42 +1,30 @@
-"""A record: measured columns of a file, in the units of variables, and the noise on them."""
+"""A record: measured columns of a file, in the units of variables, each with its noise."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from itertools import pairwise
-from math import comb
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import SetupError
 from ..system import Network, Port, conversion_to
 from ..system.inputs import COLUMN, Reading, Table, read_table
 from ..units import multiples
+from .noise import Noise, Samples, estimate_noise
 
-Samples = NDArray[np.float64]
+#: units of a column of times, in seconds
 SECONDS = {"": 1.0} | multiples("s")
-ORDERS, FEWEST, EVEN = (2, 4, 6, 8), 30, 0.02
-CLIPPED, AGREE = 4.5, 2.0
-NORMAL, MOST = 1.4826, 1e30
+#: Largest measured number. Chosen: its square, for chi2, is still far from the largest double.
+LARGEST_NUMBER = 1e30
 
 
-class Noise(NamedTuple):
-    """The standard deviation of white noise on a column, in its unit; how it was found, and whether it
-    was given; `spread` is the variance of chi2 per row times the number of rows.
-    """
-
-    sigma: float
-    told: str
-    spread: float = 2.0
-    given: bool = False
-
-
-class Column(NamedTuple):
-    """What was measured of a variable: times [s], values in its unit, both of shape (n,), and noise."""
+@dataclass(frozen=True)
+class Column:
+    """What was measured of a variable: times [s], values in its unit, both of shape (n,), and the noise."""
 
     port: Port
     times: Samples
@@ -45,173 +33,144 @@ class Column(NamedTuple):
 
     @property
     def name(self) -> str:
+        """The name of the variable, "part.variable"."""
         return self.port.name
 
 
 def measured(
     path: Path | str, columns: Mapping[str, str], *, time: str | None = "time", gaps: bool = False
 ) -> dict[str, Table]:
-    """Columns of a CSV file by the variables that they measure, all over one column of times, or over
-    the row number, from 0, if `time` is None.
+    """Read columns of a CSV file by the variables that they measure.
 
-    A column is given by its name in the header, with a factor, an offset and a unit after it where
-    needed: "n * 0.4:rpm", "n / 2.5:rpm". A header may have a unit too, "n [rpm]". Times are in s
-    unless they have another unit, "t:ms". With `gaps`, cells may be empty or nan.
+    Parameters
+    ----------
+    path:
+        The file, with a header.
+    columns:
+        By variable, the name of a column in the header, with a factor, an offset and a unit after it where needed:
+        "n * 0.4:rpm", "n / 2.5:rpm". A header may have a unit too, "n [rpm]".
+    time:
+        The column of times, over which all others stand, in s unless it has another unit, "t:ms". None takes the
+        row number, from 0.
+    gaps:
+        Whether cells may be empty or nan.
 
-    Raises SetupError with file, row and column for times that do not rise, for a cell that is not a
-    number, and for a column that is named twice.
+    Raises
+    ------
+    SetupError
+        With file, row and column for times that do not rise, for a cell that is not a number, and for a column that
+        is named twice.
     """
-    head, *rows = read_table(path)
-    heads = [match.groups() for match in map(COLUMN.fullmatch, head) if match]
-    names = [name for name, _ in heads]
-    places: dict[int, str] = {}
-
-    def found(variable: str, text: str) -> tuple[int, float, float, str]:
-        """Place in the header, factor, offset and unit of a column."""
-        name, factor, offset, unit = Reading.read(text, names, str(path))
-        place = names.index(name)
-        if place in places:
-            raise SetupError(
-                f"{path}, column {name}: it is mapped twice, to {places[place]} and {variable}"
-            )
-        places[place] = variable
-        return place, factor, offset, unit or heads[place][1] or ""
-
-    def numbers(place: int, gaps: bool) -> Samples:
-        values = np.full(len(rows), math.nan)
-        for k, row in enumerate(rows):
-            text = row[place].strip() if place < len(row) else ""
-            here = f"{path}, row {k + 2}, column {names[place]}"
-            try:
-                values[k] = float(text or "nan")
-            except ValueError:
-                raise SetupError(f"{here}: {text!r} is not a number") from None
-            if not abs(values[k]) < MOST and not (gaps and math.isnan(values[k])):
-                raise SetupError(
-                    f"{here}: {text or 'an empty cell'!r} is not a finite number "
-                    f"below {MOST:g}; gaps must be allowed, and a time cannot be one"
-                )
-        return values
-
-    def rising(time: str) -> Samples:
-        """The column of times [s]."""
-        place, factor, offset, unit = found("time", time)
-        if unit not in SECONDS:
-            known = ", ".join(filter(None, SECONDS))
-            raise SetupError(
-                f"{path}, column {names[place]}: times are in {known}, not in {unit!r}"
-            )
-        times = (factor * numbers(place, False) + offset) * SECONDS[unit]
-        for k, (before, now) in enumerate(pairwise(times.tolist()), 3):
-            if not before < now:
-                raise SetupError(
-                    f"{path}, row {k}, column {names[place]}: times must rise, but "
-                    f"{now!r} s follows {before!r} s"
-                )
-        return times
-
+    header, *rows = read_table(path)
+    heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
+    source = _Source(path, [name for name, _ in heads], [unit for _, unit in heads], rows)
     if not rows:
         raise SetupError(f"{path} has no rows below its header")
-    times = np.arange(float(len(rows))) if time is None else rising(time)
+    times = np.arange(float(len(rows))) if time is None else source.times(time)
     tables = {}
     for variable, text in columns.items():
-        place, factor, offset, unit = found(variable, text)
-        values = factor * numbers(place, gaps) + offset
-        source = f"{Path(path).name}, column {names[place]}"
-        tables[variable] = Table(times.tolist(), values.tolist(), unit=unit, source=source)
+        values, index, unit = source.column(variable, text, gaps)
+        label = f"{Path(path).name}, column {source.names[index]}"
+        tables[variable] = Table(times.tolist(), values.tolist(), unit=unit, source=label)
     return tables
 
 
-def columns(
-    network: Network, data: Mapping[str, Table], noise: Mapping[str, float]
+@dataclass(frozen=True)
+class _Source:
+    """The cells of a file, the names and units of its header, and which column serves which variable."""
+
+    path: Path | str
+    names: list[str]
+    units: list[str | None]
+    rows: list[list[str]]
+    variables: dict[int, str] = field(default_factory=dict)
+
+    def column(self, variable: str, text: str, gaps: bool) -> tuple[Samples, int, str]:
+        """The values of a column for a variable, its place in the header and its unit."""
+        name, factor, offset, unit = Reading.read(text, self.names, str(self.path))
+        index = self.names.index(name)
+        if index in self.variables:
+            raise SetupError(
+                f"{self.path}, column {name}: it is mapped twice, to {self.variables[index]} and {variable}"
+            )
+        self.variables[index] = variable
+        return factor * self.numbers(index, gaps) + offset, index, unit or self.units[index] or ""
+
+    def numbers(self, index: int, gaps: bool) -> Samples:
+        """The numbers of a column, nan where a cell is empty."""
+        values = np.full(len(self.rows), math.nan)
+        for k, row in enumerate(self.rows):
+            text = row[index].strip() if index < len(row) else ""
+            cell = f"{self.path}, row {k + 2}, column {self.names[index]}"
+            try:
+                values[k] = float(text or "nan")
+            except ValueError:
+                raise SetupError(f"{cell}: {text!r} is not a number") from None
+            if not abs(values[k]) < LARGEST_NUMBER and not (gaps and math.isnan(values[k])):
+                raise SetupError(
+                    f"{cell}: {text or 'an empty cell'!r} is not a finite number "
+                    f"below {LARGEST_NUMBER:g}; gaps must be allowed, and a time cannot be one"
+                )
+        return values
+
+    def times(self, text: str) -> Samples:
+        """The column of times [s], which must rise."""
+        values, index, unit = self.column("time", text, False)
+        if unit not in SECONDS:
+            choices = ", ".join(filter(None, SECONDS))
+            raise SetupError(
+                f"{self.path}, column {self.names[index]}: times are in {choices}, not in {unit!r}"
+            )
+        times = np.asarray(values * SECONDS[unit], float)
+        for k, (previous, current) in enumerate(pairwise(times.tolist()), 3):
+            if not previous < current:
+                raise SetupError(
+                    f"{self.path}, row {k}, column {self.names[index]}: times must rise, but "
+                    f"{current!r} s follows {previous!r} s"
+                )
+        return times
+
+
+def measured_columns(
+    network: Network, record: Mapping[str, Table], noise: Mapping[str, float]
 ) -> list[Column]:
-    """The measured columns in the units of their variables, each with its noise.
+    """The columns of a record in the units of their variables, each with its noise, stated or estimated.
 
     Raises SetupError for a variable that is not a Real output, a unit that does not fit, times that do
     not rise, a column that never changes, and a noise that is neither given nor can be estimated.
     """
-    if not data:
+    if not record:
         raise SetupError("a record needs a column")
     for name, sigma in noise.items():
-        if name not in data or not 0.0 < sigma < math.inf:
+        if name not in record or not 0.0 < sigma < math.inf:
             raise SetupError(
                 f"noise of {name} = {sigma!r} must be above 0 and belong to a measured column"
             )
-    found = []
-    for port, table in ((network.port(name), table) for name, table in data.items()):
-        what = table.source or f"the record of {port.name}"
-        if port.variable.causality != "output" or port.type != "Real":
-            raise SetupError(
-                f"{what}: {port} is not a Real output, so nothing can be compared with it"
-            )
-        factor, offset = conversion_to(network, port, table.unit, "be compared with a column")
-        times, values = np.array(table.times), factor * np.array(table.values, float) + offset
-        there = np.isfinite(values)
-        times, values = times[there], values[there]
-        if len(times) < 2 or not (np.diff(times) > 0.0).all():
-            raise SetupError(f"{what}: its times must rise, and there must be two rows at least")
-        if np.ptp(values) == 0.0:
-            raise SetupError(
-                f"{what}: it is {table.values[0]!r} in all rows and carries no information"
-            )
-        given = noise.get(port.name)
-        known = told(times, values, what) if given is None else Noise(given, "as given", given=True)
-        found.append(Column(port, times, values, known))
-    return found
+    return [
+        _measured_column(network, network.port(name), table, noise)
+        for name, table in record.items()
+    ]
 
 
-def told(times: Samples, values: Samples, what: str) -> Noise:
-    """The noise of a column from differences of neighbouring rows; raises SetupError if they hide it.
-
-    Differences of order k remove what is smooth over k + 1 rows and leave white noise with
-    (2k over k) times its variance. Of several orders, the first one is taken with which the next agrees.
-    Outliers are ignored. A column whose values lie on a grid of spacing q has at least the noise of
-    rounding, q / sqrt(12).
-    """
-    gaps = np.diff(times)
-    even = np.abs(gaps / np.median(gaps) - 1.0) <= EVEN
-    quantum = _quantum(values)
-    found = []
-    for order in ORDERS:
-        whole = np.array([even[k : k + order].all() for k in range(len(even) - order + 1)], bool)
-        weights = np.array([(-1) ** k * comb(order, k) for k in range(order + 1)])
-        weights = weights / math.sqrt(comb(2 * order, order))
-        d = np.convolve(values, weights, "valid")[whole] if whole.any() else np.empty(0)
-        if len(d) < FEWEST:
-            break
-        rough = max(NORMAL * float(np.median(np.abs(d))), quantum / math.sqrt(12.0))
-        kept = d[np.abs(d) <= CLIPPED * rough]
-        rho = np.array([comb(2 * order, order + k) for k in range(order + 1)])
-        rho = rho / comb(2 * order, order)
-        spread = 4.0 * float((rho[1:] ** 2).sum())
-        found.append((float(np.sqrt(np.mean(kept**2))), order, spread))
-    least = quantum / math.sqrt(12.0)
-    for (sigma, order, spread), (after, *_) in pairwise(found):
-        if sigma <= max(after, least) * (1.0 + AGREE * math.sqrt(spread / len(values))):
-            if sigma < least:
-                return Noise(least, f"that of rounding to {quantum:.4g}")
-            grid = f", on a grid of {quantum:.4g}" if quantum else ""
-            return Noise(sigma, f"from differences of order {order} of the rows{grid}", spread)
-    raise SetupError(
-        f"{what}: its rows are too few, too uneven or too far apart to separate noise from signal; "
-        "give the noise"
-    )
-
-
-def _quantum(values: Samples) -> float:
-    """The distance of the grid on which values stand; 0 if there is none that is much of the noise."""
-    levels = np.unique(values)
-    steps = np.diff(levels)
-    least = float(steps.min())
-    if least <= 1e-9 * float(np.abs(values).max()) or len(levels) > len(values) / 2:
-        return 0.0
-    ratio = steps / least
-    return least if (np.abs(ratio - np.round(ratio)) < 0.05 * np.round(ratio)).all() else 0.0
-
-
-def segments(times: Samples, most: int) -> Iterator[slice]:
-    """A record in pieces of equal duration that hold rows, at most so many."""
-    edges = np.searchsorted(times, np.linspace(times[0], times[-1], most + 1)[1:-1])
-    for first, last in pairwise([0, *edges.tolist(), len(times)]):
-        if last > first:
-            yield slice(first, last)
+def _measured_column(
+    network: Network, port: Port, table: Table, noise: Mapping[str, float]
+) -> Column:
+    """The column of a variable, without the rows that are gaps."""
+    source = table.source or f"the record of {port.name}"
+    if port.variable.causality != "output" or port.type != "Real":
+        raise SetupError(
+            f"{source}: {port} is not a Real output, so nothing can be compared with it"
+        )
+    factor, offset = conversion_to(network, port, table.unit, "be compared with a column")
+    times, values = np.array(table.times), factor * np.array(table.values, float) + offset
+    is_number = np.isfinite(values)
+    times, values = times[is_number], values[is_number]
+    if len(times) < 2 or not (np.diff(times) > 0.0).all():
+        raise SetupError(f"{source}: its times must rise, and there must be two rows at least")
+    if np.ptp(values) == 0.0:
+        raise SetupError(
+            f"{source}: it is {table.values[0]!r} in all rows and carries no information"
+        )
+    if port.name in noise:
+        return Column(port, times, values, Noise(noise[port.name], "as given", is_stated=True))
+    return Column(port, times, values, estimate_noise(times, values, source))

@@ -380,7 +380,7 @@ def converged(runs: Sequence[Outcome], order: float, unit: str, meaning: str) ->
     if reasons := [run for run in runs if isinstance(run, str)]:
         return Figure.undetermined(unit, reasons[0], meaning)
     values, errors = np.array(runs).T
-    limit = extrapolate(values.tolist(), order)
+    limit = extrapolate(values.tolist(), order, errors.tolist())
     if limit.error is None:
         return Figure.undetermined(unit, limit.reason, meaning)
-    return Figure(limit.value, unit, limit.error + 2.0 * float(errors.max()), meaning)
+    return Figure(limit.value, unit, limit.error, meaning)

@@ -14,11 +14,12 @@ import pytest
 
 from cosim import Crosscheck, SetupError, crosscheck
 from cosim.analysis.crosscheck import checks
-from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED, Subject
+from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED
 from cosim.analysis.crosscheck.report import COLORS, WRITERS
+from cosim.analysis.crosscheck.subject import Subject
 from cosim.fmu.messages import quiet
 from tests.conftest import ROOT, described, rewritten
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.faulty import DEADLY, FAULTS, FAULTS3, pack
 from tests.cosim.foreign import pack as foreign
 from tests.cosim.third import pack as third
@@ -32,12 +33,12 @@ def verdicts(path: Path, *names: str) -> Crosscheck:
     """What the checks say, in this process."""
     subject = Subject(path)
     with quiet():
-        found = tuple(checks.checked(subject, name) for name in names or CHECKS)
-    return Crosscheck(str(path), "", "", "", found)
+        entries = tuple(checks.checked(subject, name) for name in names or CHECKS)
+    return Crosscheck(str(path), "", "", "", entries)
 
 
-def failed(found: Crosscheck) -> list[str]:
-    return [verdict.check for verdict in found.verdicts if verdict.status == FAILED]
+def failed(report: Crosscheck) -> list[str]:
+    return [verdict.check for verdict in report.verdicts if verdict.status == FAILED]
 
 
 @pytest.mark.parametrize(
@@ -50,9 +51,9 @@ def failed(found: Crosscheck) -> list[str]:
 def test_an_fmu_that_keeps_its_promises_passes_every_check(
     version: str, discard: str, tmp_path: Path
 ) -> None:
-    found = verdicts(pack(tmp_path / "sound.fmu", version=version))
-    assert {verdict.status for verdict in found.verdicts} == {PASSED}, found.text()
-    assert found["discard"].said == discard
+    report = verdicts(pack(tmp_path / "sound.fmu", version=version))
+    assert {verdict.status for verdict in report.verdicts} == {PASSED}, report.text()
+    assert report["discard"].detail == discard
 
 
 SAMPLE3 = ("bytes lack a value", "moves in a discard")
@@ -64,16 +65,14 @@ SEEDED += [
 
 
 @pytest.mark.parametrize(("version", "fault"), SEEDED)
-def test_every_fault_is_found_by_its_checks_and_by_no_other(
-    version: str, fault: str, tmp_path: Path
-) -> None:
+def test_every_fault_fails_its_checks_and_no_more(version: str, fault: str, tmp_path: Path) -> None:
     path = pack(tmp_path / "faulty.fmu", fault, version)
-    found = crosscheck(path) if "leaks" in fault else verdicts(path)  # where no memory lies about
-    assert ", ".join(failed(found)) == (FAULTS3 if version == "3.0" else FAULTS)[fault], (
-        found.text()
+    report = crosscheck(path) if "leaks" in fault else verdicts(path)  # where no memory lies about
+    assert ", ".join(failed(report)) == (FAULTS3 if version == "3.0" else FAULTS)[fault], (
+        report.text()
     )
     if fault == "fails":
-        assert {v.status for v in found.verdicts[3:]} == {NOT_RUN}
+        assert {v.status for v in report.verdicts[3:]} == {NOT_RUN}
 
 
 def test_every_check_has_a_fault_that_fails_it() -> None:
@@ -85,18 +84,20 @@ def test_every_check_has_a_fault_that_fails_it() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("fault", DEADLY)
-def test_a_crash_or_a_hang_fails_its_check_alone(fault: str, version: str, tmp_path: Path) -> None:
-    found = crosscheck(pack(tmp_path / "deadly.fmu", fault, version), timeout=8.0)
-    assert ", ".join(failed(found)) == DEADLY[fault], found.text()
-    said = "no answer within 8 s" if "hangs" in fault else "killed by signal SIG"
-    assert all(said in found[check].said for check in failed(found))
-    assert len(found.verdicts) == len(CHECKS)
+def test_a_crash_or_a_hang_fails_no_further_check(fault: str, version: str, tmp_path: Path) -> None:
+    report = crosscheck(pack(tmp_path / "deadly.fmu", fault, version), timeout=8.0)
+    assert ", ".join(failed(report)) == DEADLY[fault], report.text()
+    detail = "no answer within 8 s" if "hangs" in fault else "killed by signal SIG"
+    assert all(detail in report[check].detail for check in failed(report))
+    assert len(report.verdicts) == len(CHECKS)
 
 
-def test_the_command_survives_a_crash_and_writes_its_reports(tmp_path: Path, said: Said) -> None:
+def test_the_command_survives_a_crash_and_writes_its_reports(
+    tmp_path: Path, command_output: CommandOutput
+) -> None:
     fmu, page, junit = (tmp_path / name for name in ("deadly.fmu", "it.html", "it.xml"))
     pack(fmu, "crashes")
-    text = said("crosscheck", fmu, "--out", page, "--out", junit, code=1)
+    text = command_output("crosscheck", fmu, "--out", page, "--out", junit, code=1)
     assert "memory                   2.1.5  FAILED  the process was killed by signal SIG" in text
     assert "memory, FMI 2.0.4, 2.1.5: 10 000 steps" in text and "18 passed, 1 failed" in text
     suite = ElementTree.parse(junit).getroot()
@@ -116,11 +117,13 @@ def test_the_command_survives_a_crash_and_writes_its_reports(tmp_path: Path, sai
         (["other.fmu"], "offers model exchange only; this master runs co-simulation by FMI 2.0"),
     ],
 )
-def test_bad_input_is_one_line(arguments: Any, message: str, tmp_path: Path, said: Said) -> None:
+def test_bad_input_is_refused_in_a_line(
+    arguments: Any, message: str, tmp_path: Path, command_output: CommandOutput
+) -> None:
     sound = pack(tmp_path / "sound.fmu")
     other = (r"(?s)<CoSimulation.*?/>", '<ModelExchange modelIdentifier="faulty"/>')
     rewritten(sound, tmp_path / "other.fmu", described(other))
-    assert message in said("crosscheck", tmp_path / arguments[0], *arguments[1:], code=2)
+    assert message in command_output("crosscheck", tmp_path / arguments[0], *arguments[1:], code=2)
 
 
 @pytest.mark.parametrize(
@@ -135,29 +138,29 @@ def test_bad_input_is_one_line(arguments: Any, message: str, tmp_path: Path, sai
 def test_what_is_not_offered_is_not_passed(flag: str, names: str, tmp_path: Path) -> None:
     without = described((f'{flag}="true"', f'{flag}="false"'))
     fmu = rewritten(pack(tmp_path / "sound.fmu"), tmp_path / "less.fmu", without)
-    found = verdicts(fmu, *names.split(", "))
-    assert {(v.status, v.said) for v in found.verdicts} == {(NOT_OFFERED, f"{flag} is false")}
+    report = verdicts(fmu, *names.split(", "))
+    assert {(v.status, v.detail) for v in report.verdicts} == {(NOT_OFFERED, f"{flag} is false")}
     with pytest.raises(SetupError, match="must end in"):
-        found.write(tmp_path / "it.pdf")
+        report.write(tmp_path / "it.pdf")
 
 
 @pytest.mark.parametrize("name", QUICK)
 def test_no_check_fails_on_a_native_fmu_of_the_project(name: str, fmus: Path) -> None:
-    found = verdicts(fmus / "native" / f"{name}.fmu")
-    assert failed(found) == [], found.text()
+    report = verdicts(fmus / "native" / f"{name}.fmu")
+    assert failed(report) == [], report.text()
 
 
 def test_no_check_fails_on_fmi_3_with_events_arrays_and_all_types(tmp_path: Path) -> None:
     names = ("reset", "state", "output dependencies", "initial dependencies")
     for fmu in (built("GravityOrientator"), third(tmp_path / "third.fmu")):
-        found = verdicts(fmu, *names)
-        assert {v.status for v in found.verdicts} == {PASSED}, found.text()
+        report = verdicts(fmu, *names)
+        assert {v.status for v in report.verdicts} == {PASSED}, report.text()
 
 
 def test_a_report_names_the_standard_of_the_fmu(tmp_path: Path) -> None:
-    found = crosscheck(pack(tmp_path / "faulty.fmu", "version", "3.0"))
-    assert "binary, FMI 3.0.2, 2.2.5: ask the binary" in found.text()
-    assert "FMI 3.0.2, 2.2.5" in found.junit() and "<th>FMI 3.0.2</th>" in found.html()
+    report = crosscheck(pack(tmp_path / "faulty.fmu", "version", "3.0"))
+    assert "binary, FMI 3.0.2, 2.2.5: ask the binary" in report.text()
+    assert "FMI 3.0.2, 2.2.5" in report.junit() and "<th>FMI 3.0.2</th>" in report.html()
 
 
 @pytest.mark.slow
@@ -165,57 +168,55 @@ def test_no_check_fails_on_any_fmu_of_the_project(fmus: Path) -> None:
     all_of_them = sorted(fmus.rglob("*.fmu"))
     assert len(all_of_them) >= 19
     for path in all_of_them:
-        found = crosscheck(path)
-        assert found.passed and found["run"].status == PASSED, found.text()
+        report = crosscheck(path)
+        assert report.passed and report["run"].status == PASSED, report.text()
 
 
 @pytest.mark.parametrize("step", [0.01, 1e-7])
-def test_the_order_of_an_fmu_in_its_step_is_told(step: float, tmp_path: Path) -> None:
+def test_the_convergence_order_of_an_fmu_is_measured(step: float, tmp_path: Path) -> None:
     """Of Euler's method, with which nothing is wrong; by longer steps where those asked for show none."""
     subject = Subject(pack(tmp_path / "euler.fmu", "one Euler step"), step)
-    found = checks.checked(subject, "step size")
-    assert found.status == PASSED and found.said.startswith("order 1.0: ")
-    assert ("0.04 and 0.02 s" in found.said) is (step == 0.01)
+    report = checks.checked(subject, "step size")
+    assert report.status == PASSED and report.detail.startswith("order 1.0: ")
+    assert ("0.04 and 0.02 s" in report.detail) is (step == 0.01)
 
 
-def test_what_counts_an_instance_s_life_is_found_by_reset_and_state(tmp_path: Path) -> None:
-    found = verdicts(foreign(tmp_path / "foreign.fmu"))
-    assert failed(found) == ["stop time", "reset", "state"]  # it shows the stop time, too
-    assert "steps after step 1 is 31 after a reset, not 1" in found["reset"].said
-    assert "states_alive after step 21 is 1 after a state is saved" in found["state"].said
+def test_a_count_over_an_instance_s_life_fails_reset_and_state(tmp_path: Path) -> None:
+    report = verdicts(foreign(tmp_path / "foreign.fmu"))
+    assert failed(report) == ["stop time", "reset", "state"]  # it shows the stop time, too
+    assert "steps after step 1 is 31 after a reset, not 1" in report["reset"].detail
+    assert "states_alive after step 21 is 1 after a state is saved" in report["state"].detail
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_each_instance_has_its_own_process_where_the_fmu_needs_it(
-    version: str, tmp_path: Path
-) -> None:
-    found = crosscheck(pack(tmp_path / "once.fmu", "once", version))
-    assert failed(found) == [], found.text()
-    others = [v.check for v in found.verdicts if v.status != PASSED]
-    assert others == ["instances"]
+def test_each_instance_has_a_process_where_the_fmu_needs_it(version: str, tmp_path: Path) -> None:
+    report = crosscheck(pack(tmp_path / "once.fmu", "once", version))
+    assert failed(report) == [], report.text()
+    exceptions = [v.check for v in report.verdicts if v.status != PASSED]
+    assert exceptions == ["instances"]
 
 
-def test_a_crash_in_an_instance_of_its_own_process_is_told(tmp_path: Path) -> None:
+def test_a_crash_in_the_process_of_an_instance_is_reported(tmp_path: Path) -> None:
     fmu = pack(tmp_path / "once.fmu", "crashes")
     flag = ("<CoSimulation", '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true"')
-    found = crosscheck(rewritten(fmu, tmp_path / "crashes.fmu", described(flag)))
-    assert failed(found) == ["memory"]
-    assert found["memory"].said == "the process was killed by signal 11 (an FMU crashed)"
+    report = crosscheck(rewritten(fmu, tmp_path / "crashes.fmu", described(flag)))
+    assert failed(report) == ["memory"]
+    assert report["memory"].detail == "the process was killed by signal 11 (an FMU crashed)"
 
 
 def test_a_derivative_at_a_kink_is_that_of_either_side_or_between(tmp_path: Path) -> None:
-    found = verdicts(pack(tmp_path / "kink.fmu", "kink"), "directional derivatives")
-    assert failed(found) == [], found.text()
-    assert "at a kink" in found["directional derivatives"].said
+    report = verdicts(pack(tmp_path / "kink.fmu", "kink"), "directional derivatives")
+    assert failed(report) == [], report.text()
+    assert "at a kink" in report["directional derivatives"].detail
     wrong = verdicts(pack(tmp_path / "wrong.fmu", "kink, wrong"), "directional derivatives")
     assert failed(wrong) == ["directional derivatives"]
-    assert "0.99995 and 2.00005, on two sides of a kink" in wrong["directional derivatives"].said
+    assert "0.99995 and 2.00005, on two sides of a kink" in wrong["directional derivatives"].detail
 
 
 def test_what_does_not_repeat_is_reported_once(tmp_path: Path) -> None:
-    found = verdicts(pack(tmp_path / "noisy.fmu", "not repeatable"))
-    assert failed(found) == ["repetition"]
-    assert "the other checks leave out y" in found["repetition"].said
+    report = verdicts(pack(tmp_path / "noisy.fmu", "not repeatable"))
+    assert failed(report) == ["repetition"]
+    assert "the other checks leave out y" in report["repetition"].detail
 
 
 def test_a_badge_says_how_many_checks_failed(native: Path) -> None:
@@ -228,7 +229,7 @@ def test_a_badge_says_how_many_checks_failed(native: Path) -> None:
         assert COLORS[status] in report.badge()
 
 
-def test_the_action_for_others_is_valid_and_its_options_exist() -> None:
+def test_the_action_is_valid_and_its_options_exist() -> None:
     """It is a composite action by the schema of its host, and calls the command as it is."""
     action = ROOT / "actions" / "crosscheck" / "action.yml"
     program = Path(sys.executable).with_name("check-jsonschema")

@@ -12,9 +12,13 @@ import pytest
 
 from benchmarks.identify import KINDS, trial
 from cosim import Experiment, SetupError, System, Table, advise, identify, measured
-from cosim.identification.evidence import alike, close_by, covariance, looking, spectrum
-from cosim.identification.model import build, frees, independent
-from cosim.identification.record import columns, told
+from cosim.identification.intervals import correlated_groups
+from cosim.identification.linearisation import covariance, linearise
+from cosim.identification.noise import estimate_noise
+from cosim.identification.parameters import free_parameters, independent_prior
+from cosim.identification.problem import Evaluator, prepare
+from cosim.identification.record import measured_columns
+from cosim.identification.residual import spectrum
 from cosim.system import connect
 from examples.measured_conveyor import Samples, simulated
 
@@ -25,7 +29,7 @@ MACHINE = {
     "conveyor.phi": 0.3, "conveyor.w": 36.0, "motor.tau": 60.0,
 }  # fmt: skip
 FREE = ["motor.B", "motor.T", "conveyor.rotor.J", "motor.A", "conveyor.phi", "conveyor.w"]
-KNOWN = {"conveyor.trough.d": (4000.0, 200.0)}
+PRIOR = {"conveyor.trough.d": (4000.0, 200.0)}
 
 
 def resonance(p: Mapping[str, float], _: object = None) -> float:
@@ -36,11 +40,11 @@ def resonance(p: Mapping[str, float], _: object = None) -> float:
     return float((slope / (inertia * p["motor.T"])) ** 0.5 / 2)
 
 
-def system(fmus: Path, **off: float) -> System:
+def system(fmus: Path, **changes: float) -> System:
     """The machine as one would guess it."""
     parts = {"motor": fmus / "native/DriveMotor.fmu", "conveyor": fmus / "native/CrankConveyor.fmu"}
     guess = MACHINE | {"motor.B": 170.0, "motor.T": 0.075, "conveyor.rotor.J": 0.55}
-    return System(parts, WIRES, guess | {"motor.A": 6100.0, "conveyor.phi": 0.0} | off)
+    return System(parts, WIRES, guess | {"motor.A": 6100.0, "conveyor.phi": 0.0} | changes)
 
 
 @pytest.fixture(scope="module")
@@ -55,27 +59,27 @@ def noisy(x: Samples, sigma: float, seed: int = 1) -> Samples:
     return x + sigma * np.random.default_rng(seed).standard_normal(len(x))
 
 
-def test_the_resonance_is_found_though_its_parts_are_not(
+def test_the_resonance_is_identified_though_its_parts_are_not(
     fmus: Path, record: dict[str, Samples]
 ) -> None:
     table = Table(record["t"], noisy(record["w"], 0.1) * 30 / np.pi, unit="rpm")
     fit = identify(
-        system(fmus), {"conveyor.w": table}, free=FREE, known=KNOWN,
+        system(fmus), {"conveyor.w": table}, free=FREE, prior=PRIOR,
         derived={"resonance": resonance}, first=["conveyor.phi", "motor.A"],
     )  # fmt: skip
     assert not fit.misfit
-    found, truth = fit.derived["resonance"], resonance(MACHINE)
-    assert found.low < truth < found.high
-    assert found.error < 0.01 * truth
+    interval, truth = fit.derived["resonance"], resonance(MACHINE)
+    assert interval.low < truth < interval.high
+    assert interval.error < 0.01 * truth
     for name, value in fit.values.items():
-        off = value.value - MACHINE[name]
+        error = value.value - MACHINE[name]
         if name == "conveyor.phi":
-            off -= round(off / np.pi) * np.pi  # the machine is the same half a turn later
-        assert abs(off) < 2.5 * value.error, name
-    assert any({"motor.B", "motor.A"} <= set(group) for group in fit.alike)
+            error -= round(error / np.pi) * np.pi  # the machine is the same half a turn later
+        assert abs(error) < 2.5 * value.error, name
+    assert any({"motor.B", "motor.A"} <= set(group) for group in fit.correlated_groups)
 
 
-def test_what_is_wrong_with_a_record_is_one_line_with_file_row_and_column(tmp_path: Path) -> None:
+def test_an_error_of_a_record_is_a_line_with_file_row_and_column(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
 
     def refused(text: str, message: str, columns: dict[str, str], time: str = "t") -> None:
@@ -109,35 +113,36 @@ def test_a_file_with_semicolons_and_decimal_commas_is_read_as_it_is(tmp_path: Pa
     assert (plain.values, plain.unit) == ([3.5, -49.0, 7.0], "1")
 
 
-def test_what_fmus_refuse_on_one_side_is_seen_from_the_other(
+def test_a_derivative_is_taken_from_the_side_that_the_fmus_accept(
     fmus: Path, record: dict[str, Samples]
 ) -> None:
     """A mass that the record cannot tell runs to its bound, where the FMU refuses it."""
     guess = system(fmus, **{**MACHINE, "conveyor.trough.m": 1e-9})
     table = Table(record["t"][:200], noisy(record["w"][:200], 0.1))
     network = connect(guess)
-    data = columns(network, {"conveyor.w": table}, {"conveyor.w": 0.1})
-    unknown = frees(network, data, ["conveyor.trough.m", "motor.B"], independent({}))
-    model = build(guess, data, unknown, independent({}), None, {})
-    local = close_by(model, model.guess, looking(model, {}), 2.0)
-    assert np.isfinite(local.J).all() and np.abs(local.J[:, 1]).max() > 0.0
+    columns = measured_columns(network, {"conveyor.w": table}, {"conveyor.w": 0.1})
+    prior = independent_prior({})
+    parameters = free_parameters(network, columns, ["conveyor.trough.m", "motor.B"], prior)
+    problem = prepare(network, columns, parameters, prior)
+    jacobian = linearise(Evaluator(problem), problem.guess).jacobian
+    assert np.isfinite(jacobian).all() and np.abs(jacobian[:, 1]).max() > 0.0
 
 
-def test_noise_is_told_from_the_rows_and_from_their_grid() -> None:
+def test_noise_is_estimated_from_the_rows_and_from_their_grid() -> None:
     t = np.arange(2000) * 1e-3
     signal = 40.0 + 3.0 * np.sin(80.0 * t) + t**2
-    white = told(t, noisy(signal, 0.05), "it")
+    white = estimate_noise(t, noisy(signal, 0.05), "it")
     assert white.sigma == pytest.approx(0.05, rel=0.08)
-    assert "grid" not in white.told
-    coarse = told(t, np.round(signal / 0.5) * 0.5, "it")
+    assert "grid" not in white.source
+    coarse = estimate_noise(t, np.round(signal / 0.5) * 0.5, "it")
     assert coarse.sigma >= 0.5 / np.sqrt(12.0)
     spiked = noisy(signal, 0.05)
     spiked[::100] += 5.0
-    assert told(t, spiked, "it").sigma == pytest.approx(0.05, rel=0.15)
+    assert estimate_noise(t, spiked, "it").sigma == pytest.approx(0.05, rel=0.15)
     with pytest.raises(
         SetupError, match="too far apart to separate noise from signal; give the noise"
     ):
-        told(t, 3.0 * np.sin(1500.0 * t), "it")
+        estimate_noise(t, 3.0 * np.sin(1500.0 * t), "it")
 
 
 def test_the_spectrum_of_white_noise_is_1_over_even_and_uneven_rows() -> None:
@@ -160,9 +165,9 @@ def test_the_covariance_is_that_of_linear_least_squares_and_knows_no_bounds() ->
     assert covariance(J) == pytest.approx(np.linalg.inv(J.T @ J), rel=1e-9)
     J[:, 2] = 0.0
     assert covariance(J)[2, 2] > 1e12
-    assert alike(["a", "b", "c"], np.array([[1, -0.97, 0], [-0.97, 1, 0.2], [0, 0.2, 1]])) == [
-        ["a", "b"]
-    ]
+    assert correlated_groups(
+        ["a", "b", "c"], np.array([[1, -0.97, 0], [-0.97, 1, 0.2], [0, 0.2, 1]])
+    ) == [["a", "b"]]
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [
@@ -175,7 +180,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"free": ["motor.w"]}, "motor.w [rad/s] cannot be free"),
     ({"begin": 1.0}, "begin = 1.0 s must not be after the first row, at 0.0 s"),
     ({"first": ["motor.T"]}, "first: motor.T is not free, only motor.B"),
-    ({"known": {"motor.B": (200.0, -1.0)}}, "the deviation must be above 0"),
+    ({"prior": {"motor.B": (200.0, -1.0)}}, "the deviation must be above 0"),
     ({"noise": {"conveyor.w": 0.0}}, "noise of conveyor.w = 0.0 must be above 0"),
     ({"values": [40.0] * 60}, "it is 40.0 in all rows and carries no information"),
     ({"unit": "N.m"}, "conveyor.w [rad/s] cannot be compared with a column in N.m"),
@@ -187,33 +192,33 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("given", "message"), WRONG, ids=[message for _, message in WRONG])
-def test_what_cannot_be_identified_is_refused_in_one_line(
-    given: dict[str, Any], message: str, fmus: Path
+@pytest.mark.parametrize(("changes", "message"), WRONG, ids=[message for _, message in WRONG])
+def test_what_cannot_be_identified_is_refused_in_a_line(
+    changes: dict[str, Any], message: str, fmus: Path
 ) -> None:
-    given = {"free": ["motor.B"]} | given
+    arguments = {"free": ["motor.B"]} | changes
     values = noisy(np.linspace(40.0, 41.0, 60), 0.1).tolist()
-    times = given.pop("times", (np.arange(60) * 1e-3).tolist())
-    table = Table(times, given.pop("values", values), unit=given.pop("unit", ""))
+    times = arguments.pop("times", (np.arange(60) * 1e-3).tolist())
+    table = Table(times, arguments.pop("values", values), unit=arguments.pop("unit", ""))
     with pytest.raises(SetupError, match=re.escape(message)) as raised:
-        identify(system(fmus), {given.pop("column", "conveyor.w"): table}, **given)
+        identify(system(fmus), {arguments.pop("column", "conveyor.w"): table}, **arguments)
     assert "\n" not in str(raised.value)
 
 
-def test_a_sensor_with_a_delay_and_a_gain_is_found_with_outliers_and_gaps(
+def test_a_sensor_with_a_delay_and_a_gain_is_identified_with_outliers_and_gaps(
     fmus: Path, record: dict[str, Samples]
 ) -> None:
     """The torque comes 3 ms late and 4 % too large, on times of its own; some rows are wrong."""
-    t, late = record["t"], record["t"][20:-20:2]
-    tau = 1.04 * np.interp(late - 3e-3, t, record["tau"])
+    t, torque_times = record["t"], record["t"][20:-20:2]
+    tau = 1.04 * np.interp(torque_times - 3e-3, t, record["tau"])
     tau = noisy(tau, 1.0, 2)
     tau[5::97] += 60.0
     w = noisy(record["w"], 0.05)
     w[300:340] = np.nan
     start = {**MACHINE, "motor.B": 190.0, "motor.A": 6900.0}
     fit = identify(
-        system(fmus, **start), {"conveyor.w": Table(t, w), "motor.tau": Table(late, tau)},
-        free=["motor.B", "motor.A", "gain(motor.tau)"], known={"delay(motor.tau)": (0.0, 2e-3)},
+        system(fmus, **start), {"conveyor.w": Table(t, w), "motor.tau": Table(torque_times, tau)},
+        free=["motor.B", "motor.A", "gain(motor.tau)"], prior={"delay(motor.tau)": (0.0, 2e-3)},
         noise={"conveyor.w": 0.05, "motor.tau": 1.0}, outliers=0.02, starts=2,
     )  # fmt: skip
     assert not fit.misfit
@@ -222,39 +227,39 @@ def test_a_sensor_with_a_delay_and_a_gain_is_found_with_outliers_and_gaps(
     assert "motor.tau: 5 of 481 rows are outliers and are left out." in fit.notes
 
 
-def test_what_a_next_record_would_tell_is_what_it_tells(
+def test_a_planned_record_narrows_the_interval_as_predicted(
     fmus: Path, record: dict[str, Samples]
 ) -> None:
     """A run-up, foretold from a record of steady running, then made and identified."""
     table = Table(record["t"], noisy(record["w"], 0.1))
     settings: dict[str, Any] = {"free": FREE, "noise": {"conveyor.w": 0.1}, "starts": 2}
     settings |= {"derived": {"resonance": resonance}}
-    near = {"conveyor.phi": 0.3, "motor.A": 7100.0, "motor.B": 197.0}
-    fit = identify(system(fmus, **near), {"conveyor.w": table}, known=KNOWN, **settings)
+    guess = {"conveyor.phi": 0.3, "motor.A": 7100.0, "motor.B": 197.0}
+    fit = identify(system(fmus, **guess), {"conveyor.w": table}, prior=PRIOR, **settings)
     rest = {"conveyor.phi": 0.3, "conveyor.w": 0.0, "motor.tau": 0.0}
     steady = {name: float(fit.result[name][-1]) for name in rest}
     experiments = {
         name: Experiment(start, {"conveyor.w": 0.1}, 1.0)
         for name, start in {"steady": steady, "run-up": rest}.items()
     }
-    best, other = advise(fit, experiments, resonance)
-    assert (best.name, other.name) == ("run-up", "steady")
-    assert best.error < 0.5 * other.error < 0.5 * fit.derived["resonance"].error
+    best, second = advise(fit, experiments, resonance)
+    assert (best.name, second.name) == ("run-up", "steady")
+    assert best.error < 0.5 * second.error < 0.5 * fit.derived["resonance"].error
     _, w, _ = simulated({"conveyor.crank.r": 0.01} | MACHINE | rest, record["t"])
     following = identify(
-        system(fmus, **{**fit.model.values(fit.local.p), **rest}),
+        system(fmus, **{**fit.start_values, **rest}),
         {"conveyor.w": Table(record["t"], noisy(w, 0.1, 5))},
-        known=fit.known(),
+        prior=fit.prior(),
         **settings,
     )
-    found = following.derived["resonance"]
-    assert found.error == pytest.approx(best.error, rel=0.2)
-    assert abs(found.value - resonance(MACHINE)) < 1.5 * found.error
+    interval = following.derived["resonance"]
+    assert interval.error == pytest.approx(best.error, rel=0.2)
+    assert abs(interval.value - resonance(MACHINE)) < 1.5 * interval.error
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_intervals_hold_the_truth_of_machines_drawn_at_random(kind: str) -> None:
+def test_intervals_hold_the_truth_of_random_machines(kind: str) -> None:
     trials = [trial(seed, kind) for seed in (1, 2, 3)]
     answered = [x for x in trials if not x["misfit"]]
     assert len(answered) >= 2

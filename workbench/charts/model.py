@@ -1,10 +1,11 @@
-"""Pictures as values: curves over an axis and quantities over a plane, drawn by `plot` and `png`."""
+"""Pictures as values: curves over an axis and quantities over a plane. How they are drawn is not said here."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,68 +16,136 @@ if TYPE_CHECKING:
     from cosim import Result
 
 Samples = NDArray[np.float64]
-COLORS = {
-    "red": "#c8500a", "blue": "#0072b2", "green": "#00916a", "gold": "#b07d00",
-    "purple": "#a8478a", "sky": "#3f9fd6", "grey": "#76828c", "black": "#202020",
-    "white": "#ffffff",
-}  # fmt: skip
-TORQUE, SPEED, LIFT, FORCE, POWER, THEORY = "red", "blue", "green", "gold", "purple", "grey"
+Rows = slice | NDArray[np.bool_] | NDArray[np.int64]
+Look = Literal["line", "theory", "points", "linked", "step", "bars", "area"]
+CurveLook = tuple[str, ...] | str
+
+#: Colour of torques, and of what was measured or is exceeded.
+TORQUE = "red"
+#: Colour of speeds.
+SPEED = "blue"
+#: Colour of lifts, angles and lags.
+LIFT = "green"
+#: Colour of forces.
+FORCE = "gold"
+#: Colour of powers.
+POWER = "purple"
+#: Colour of theory, which is no result of a simulation.
+THEORY = "grey"
+#: Colours of one quantity for several machines or settings, in this order.
 SERIES = ("purple", "gold", "sky", "green", "red", "blue")
-SCALES = {
-    "size": ("#0b0724", "#3b0f70", "#8c2981", "#de4968", "#fe9f6d", "#fcfdbf"),
-    "risk": ("#ffffff", "#fde3b0", "#f9b36b", "#ea7a3f", "#c23b2c", "#7f1128"),
-}
-DISPLAY_FACTORS = {
+#: Factors from a unit of the FMUs to one that is read more easily.
+DISPLAY_FACTORS = MappingProxyType({
     ("m", "mm"): 1e3, ("s", "ms"): 1e3, ("N", "kN"): 1e-3, ("J", "mJ"): 1e3,
     ("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi,
-}  # fmt: skip
+})  # fmt: skip
 
 
 class Curve(NamedTuple):
-    """y over x, of equal length; nan in y is a gap.
+    """y over x.
 
-    Its `look` is a "line", a dashed line of "theory", "points", "linked" points, a "step", "bars" or a
-    stacked "area" from 0; x of bars may be words. `error` has the shape of y, or is a pair of them, below
-    and above. It is drawn as a bar at points and as a band along a line.
+    Attributes
+    ----------
+    name : str
+        What the legend says.
+    x : sequence of float or of str
+        Where the curve is; texts are at 0, 1, 2 and so on.
+    y : sequence of float
+        Values, as many as x. NaN in a line is a gap; NaN in points and bars is a value that is not
+        determined, which the picture says.
+    color : str
+        A key of `style.COLORS`; points have the shape of their colour.
+    look : str
+        A "line", a dashed line of "theory", "points", "linked" points, a "step", "bars" or a stacked "area"
+        from 0.
+    error : sequence of float, optional
+        Errors in the shape of y, or a pair of these, below and above. They are drawn as bars at points and as
+        a band along a line.
+    breaks : sequence of int
+        Positions of values to which no line leads from the value before, since y jumps between them.
     """
 
     name: str
     x: Sequence[float] | Sequence[str] | Samples
     y: Sequence[float] | Samples
     color: str
-    look: str = "line"
+    look: Look = "line"
     error: Sequence[float] | Samples | None = None
+    breaks: Sequence[int] = ()
 
     @property
     def names(self) -> list[str]:
-        """The words that x may be."""
+        """The texts that x may consist of."""
         return [x for x in self.x if isinstance(x, str)]
 
     @property
-    def places(self) -> Samples:
-        """x as numbers: words stand at 0, 1, 2 and so on."""
+    def positions(self) -> Samples:
+        """Positions x as numbers: texts are at 0, 1, 2 and so on."""
         return np.asarray(np.arange(len(self.x)) if self.names else self.x, float)
 
     @property
-    def ends(self) -> Samples:
-        """y less its error, which is 0 where there is none, and plus it, of shape (2, len(y))."""
+    def bounds(self) -> Samples:
+        """Values less their error, which is 0 where there is none, and plus it; of shape (2, len(y))."""
         error = np.nan_to_num(np.asarray(0.0 if self.error is None else self.error, float))
         below, above = np.broadcast_to(error, (2, len(self.y)))
         y = np.asarray(self.y, float)
         return np.stack([y - below, y + above])
 
 
+class NamedLook(NamedTuple):
+    """The name of a curve in the legend, its colour and its look."""
+
+    name: str
+    color: str
+    look: Look = "line"
+
+    @classmethod
+    def of(cls, texts: CurveLook, quantity: str) -> NamedLook:
+        """Return the look that a question declares for a curve.
+
+        Parameters
+        ----------
+        texts
+            Name, colour and perhaps look; or only a colour.
+        quantity
+            The name where there is only a colour.
+
+        Raises
+        ------
+        ValueError
+            For a look that does not exist.
+        """
+        if isinstance(texts, str):
+            return cls(quantity, texts)
+        name, color, *rest = texts
+        for look in get_args(Look):
+            if rest in ([], [look]):
+                return cls(name, color, look)
+        raise ValueError(
+            f"curve {name!r}: {', '.join(rest)!r} must be one of {', '.join(get_args(Look))}"
+        )
+
+
 class Mark(NamedTuple):
-    """A place on the x axis, or a level on the y axis of a panel, and its text."""
+    """A value on the x axis, or a level on the y axis of a panel, and its text."""
 
     at: float
     text: str
 
     @classmethod
     def of(cls, text: str, figure: Figure) -> Mark:
-        """A mark at a figure, with as many digits as its error allows."""
+        """Return a mark at a figure, with as many digits as its error allows."""
         value = f"{figure.value:.4g} {figure.unit}" if figure.error is None else figure.text()
         return cls(figure.value, f"{text} {value}")
+
+
+class Arrow(NamedTuple):
+    """An arrow at x from one y to another: a quantity jumps there."""
+
+    x: float
+    start: float
+    end: float
+    color: str = "grey"
 
 
 class Span(NamedTuple):
@@ -96,9 +165,11 @@ class Panel(NamedTuple):
     curves: Sequence[Curve]
     levels: Sequence[Mark] = ()
     includes: Sequence[float] = ()
+    arrows: Sequence[Arrow] = ()
 
     @property
     def label(self) -> str:
+        """The quantity with its unit."""
         return f"{self.quantity} [{self.unit}]"
 
     @property
@@ -149,6 +220,7 @@ class Direction(NamedTuple):
 
     @property
     def label(self) -> str:
+        """The quantity with its unit."""
         return f"{self.quantity} [{self.unit}]"
 
 
@@ -161,7 +233,7 @@ class Level(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Values of shape (len(y), len(x)), nan where there is none, with what is drawn over them.
+    """Values of shape (len(y), len(x)), NaN where there is none, with what is drawn over them.
 
     The colours are those of a scale, and follow the logarithm of the values where `log` is set,
     which are then above 0. Without a unit the values have the unit 1.
@@ -187,23 +259,45 @@ def result_panel(
     quantity: str,
     result: Result,
     x: Samples,
-    curves: Mapping[str, tuple[str, ...] | str],
+    curves: Mapping[str, CurveLook],
     unit: str = "",
-    rows: Any = slice(None),
+    rows: Rows = slice(None),
     includes: Sequence[float] = (),
     levels: Sequence[Mark] = (),
 ) -> Panel:
-    """Columns of a result over x, in their unit or in another. Each has a name, a color and perhaps a
-    look, or only a color, and then the name of the quantity.
+    """Return a panel of columns of a result.
 
-    Raises KeyError for a column that does not exist or a unit that it does not convert to.
+    Parameters
+    ----------
+    quantity
+        What the panel shows.
+    result
+        The rows of a run.
+    x
+        The values of the x axis, one for each row that is drawn.
+    curves
+        For each column what `NamedLook.of` reads: its name in the legend, its colour and perhaps its look, or
+        only a colour, and then its name is the quantity.
+    unit
+        The unit to draw in; by default that of the first column.
+    rows
+        The rows to draw; by default all.
+    includes, levels
+        Those of the panel.
+
+    Raises
+    ------
+    KeyError
+        For a column that does not exist or a unit that it does not convert to.
+    ValueError
+        For a look that does not exist.
     """
-    own = {column: result.units[column] for column in curves}
-    unit = unit or next(iter(own.values()))
-    scale = {column: 1.0 if u == unit else DISPLAY_FACTORS[u, unit] for column, u in own.items()}
-    drawn = []
-    for column, told in curves.items():
-        name, color, *look = (quantity, told) if isinstance(told, str) else told
-        y = scale[column] * result[column][rows]
-        drawn.append(Curve(name, x, y, color, look[0] if look else "line"))
-    return Panel(quantity, unit, drawn, levels, includes)
+    units = {column: result.units[column] for column in curves}
+    unit = unit or next(iter(units.values()))
+    shown = []
+    for column, look in curves.items():
+        factor = 1.0 if units[column] == unit else DISPLAY_FACTORS[units[column], unit]
+        named = NamedLook.of(look, quantity)
+        y = factor * result[column][rows]
+        shown.append(Curve(named.name, x, y, named.color, named.look))
+    return Panel(quantity, unit, shown, levels, includes)

@@ -1,4 +1,4 @@
-"""Pictures and motions by matplotlib."""
+"""Layouts and the still frames of motions as an image, by matplotlib."""
 
 from __future__ import annotations
 
@@ -7,36 +7,48 @@ import textwrap
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .model import COLORS, Picture
+from .axes import Axis
+from .elements import ArrowElement, Band, Bars, Element, Heat, Line
+from .labels import Label
+from .layout import Layout, PlacedRow, layout_of, legend_columns
+from .model import Picture
 from .motion import Motion
-from .plotly import BELOW, INCH, SCREENS, SECOND, Words, columns, figure, legend_names
+from .style import COLORS, PT_PER_INCH, PX_PER_INCH, STYLE, color_of
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.container import BarContainer
+    from matplotlib.figure import Figure, SubFigure
 
-STYLE: dict[Any, Any] = {
-    "figure.dpi": 120, "font.size": 9, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.grid": True, "grid.alpha": 0.3, "legend.frameon": False, "legend.fontsize": 8,
+RC_PARAMETERS: dict[str, object] = {
+    "figure.dpi": STYLE.image_dpi, "font.size": STYLE.image_text_pt, "axes.spines.top": False,
+    "axes.spines.right": False, "axes.grid": True, "grid.alpha": STYLE.grid_opacity,
+    "legend.frameon": False, "legend.fontsize": STYLE.image_label_pt,
 }  # fmt: skip
-DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
-STEPS = {"linear": "default", "hvh": "steps-mid"}
-BESIDE, WIDE, ALONE, SQUARE, POINT = 3, 6.5, 8.0, 5.2, 0.8
+#: The dashes of matplotlib; a long dash is 8 times as long as the line is wide, and so is no dash of theory.
+DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 2))}
+MARKERS = {
+    "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
+    "pentagon": "p", "cross": "X",
+}  # fmt: skip
+#: Points in a pixel of the layout; derived from both units.
+PT_PER_PX = PT_PER_INCH / PX_PER_INCH
 
 
 def style() -> AbstractContextManager[None]:
-    """Our style for a while, whatever that of the user is; backend and pyplot are left alone.
+    """Return a context with our style, whatever that of the user is; backend and pyplot are left alone.
 
     It takes half a second to import, which waits for a picture.
     """
     from matplotlib.style import context
 
-    wanted: AbstractContextManager[None] = context(["default", STYLE])
-    return wanted
+    with_style: AbstractContextManager[None] = context(["default", RC_PARAMETERS])
+    return with_style
 
 
 def draw(pictures: Sequence[Picture | Motion], title: str, path: Path) -> list[str]:
@@ -45,142 +57,230 @@ def draw(pictures: Sequence[Picture | Motion], title: str, path: Path) -> list[s
         return []
     path.parent.mkdir(parents=True, exist_ok=True)
     with style():
-        drawn(pictures, title).savefig(path)
+        render(pictures, title).savefig(path)
     return [path.name]
 
 
-def drawn(pictures: Sequence[Picture | Motion], title: str) -> Figure:
-    """The figure, with one subfigure for each picture, beside each other and in rows."""
+def render(pictures: Sequence[Picture | Motion], title: str) -> Figure:
+    """Return the figure, with one subfigure for each picture, beside each other and in rows."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    across = len(pictures) if len(pictures) <= BESIDE else math.ceil(math.sqrt(len(pictures)))
-    words = [None if isinstance(each, Motion) else figure(each) for each in pictures]
-    heights = [SQUARE if each is None else each["paper"]["height"] / INCH + 0.5 for each in words]
+    is_one_row = len(pictures) <= STYLE.max_pictures_across
+    across = len(pictures) if is_one_row else math.ceil(math.sqrt(len(pictures)))
+    layouts = [None if isinstance(each, Motion) else layout_of(each, "paper") for each in pictures]
+    heights = [_height_in(layout) for layout in layouts]
     rows = [max(heights[k : k + across]) for k in range(0, len(pictures), across)]
-    wide = WIDE * across if across > 1 else ALONE
-    whole = Figure(figsize=(wide, sum(rows) + 0.5), layout="constrained")
-    FigureCanvasAgg(whole)
-    whole.suptitle(textwrap.fill(title, int(9 * wide)), fontweight="bold")
-    grid = whole.subfigures(len(rows), across, height_ratios=rows, squeeze=False)
-    for place, picture, each in zip(grid.flat, pictures, words):
-        place.suptitle(textwrap.fill(picture.title, 85), fontsize=10)
+    width = STYLE.image_width_in * across if across > 1 else STYLE.single_image_width_in
+    size = width, sum(rows) + STYLE.title_height_in
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    letters = int(STYLE.title_letters_per_in * width)
+    figure.suptitle(textwrap.fill(title, letters), fontweight="bold")
+    grid = figure.subfigures(len(rows), across, height_ratios=rows, squeeze=False)
+    for subfigure, picture, layout in zip(grid.flat, pictures, layouts):
+        lines = textwrap.fill(picture.title, STYLE.picture_title_letters)
+        subfigure.suptitle(lines, fontsize=STYLE.image_title_pt)
         if isinstance(picture, Motion):
-            ghosts(place.subplots(), picture)
-        elif each is not None:
-            _picture(place, each["data"], each["paper"])
-    return whole
+            ghosts(subfigure.subplots(), picture)
+        elif layout:
+            _picture(subfigure, layout)
+    return figure
 
 
-def _picture(place: Any, data: Sequence[Words], laid: Words) -> None:
-    """Rows above each other with spans through all of them, their legends, and words on top."""
+def _height_in(layout: Layout | None) -> float:
+    """The height of a subfigure."""
+    if layout is None:
+        return STYLE.still_height_in
+    return layout.height_px / PX_PER_INCH + STYLE.title_height_in
+
+
+def _picture(subfigure: SubFigure, layout: Layout) -> None:
+    """Rows below each other with spans through all of them, their legends, and labels on top."""
+    heights = [placed.height_px for placed in layout.rows]
+    count = len(heights)
+    grid = subfigure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, placed in zip(grid, layout.rows):
+        _row(axes, placed, layout)
+    _axis(grid[-1], "x", layout.x, layout.x.label)
+    for label in layout.labels.at_values:
+        _label(grid[0], label, ("data", "axes fraction"))
+    for label in layout.labels.key:
+        _label(grid[0], label, ("axes fraction", "axes fraction"))
+    if layout.second:
+        factor = layout.second.factor
+        convert = (lambda x: x * factor, lambda x: x / factor)
+        # the second axis stands below the label of the first, which constrained layout makes room for
+        below = -1.4 * STYLE.second_axis_px / heights[-1] * sum(heights) / layout.plot_px
+        second = grid[-1].secondary_xaxis(below, functions=convert)
+        second.set_xlabel(f"[{layout.second.unit}]")
+
+
+def _row(axes: Axes, placed: PlacedRow, layout: Layout) -> None:
+    """Draw the elements, arrows, spans, marks and legend of a row."""
+    row = placed.row
+    handles: list[Artist | BarContainer] = []
+    for element in row.elements:
+        artist = _element(axes, element)
+        if element.is_in_legend:
+            handles.append(artist)
+    for arrow in row.arrows:
+        _arrow(axes, arrow)
+    _axis(axes, "y", row.y, placed.label)
+    axes.grid(visible=not row.y.ticks)
+    is_plane = layout.is_plane
+    width = STYLE.plane_span_edge_px if is_plane else STYLE.span_edge_px
+    for span in layout.spans:
+        color = color_of(span.color)
+        face = (color, 0.0 if is_plane else STYLE.span_opacity)
+        axes.axvspan(span.first, span.last, facecolor=face, edgecolor=color, linewidth=_pt(width))
+    for mark in layout.marks:
+        axes.axvline(
+            mark.at, color=COLORS["grey"], linewidth=_pt(STYLE.line_width_px), linestyle=":"
+        )
+    if handles:
+        _legend(axes, placed, handles, legend_columns(row.legend, layout.letters))
+
+
+def _legend(
+    axes: Axes, placed: PlacedRow, handles: Sequence[Artist | BarContainer], columns: int
+) -> None:
+    """Write the legend above a row, line by line as the layout counts."""
     from matplotlib.transforms import ScaledTranslation
 
-    rows = [axis for name, axis in laid.items() if name.startswith("yaxis")]
-    ratios = [high - low for low, high in (row["domain"] for row in rows)]
-    grid = place.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
-    for k, (axes, row) in enumerate(zip(grid, rows), 1):
-        traces = [trace for trace in data if trace["yaxis"] == f"y{k}" and "xaxis" not in trace]
-        for below, trace in zip([{}, *traces], traces):
-            _trace(axes, trace, below, laid)
-        _axis(axes, "y", row)
-        axes.grid(visible=row["showgrid"])
-        for shape in (shape for shape in laid["shapes"] if shape["yref"] == f"y{k} domain"):
-            axes.axvspan(shape["x0"], shape["x1"], facecolor=shape["fillcolor"],
-                         edgecolor=shape["line"]["color"], **_look(shape["line"]))  # fmt: skip
-        up = (laid[f"legend{k + 1}"]["y"] - row["domain"][1]) * (laid["height"] - BELOW) / INCH
-        above = axes.transAxes + ScaledTranslation(0.0, up, place.dpi_scale_trans)
-        if names := legend_names(traces):
-            beside = min(columns(names, SCREENS["paper"]), len(names))
-            axes.legend(loc="upper left", bbox_to_anchor=(0, 1), bbox_transform=above,
-                        borderaxespad=0.0, ncols=beside)  # fmt: skip
-    _axis(grid[-1], "x", laid["xaxis"])
-    for flag in laid["annotations"]:
-        at = 10 ** flag["x"] if laid["xaxis"]["type"] == "log" else flag["x"], 1.0
-        shift = (
-            {"left": 2, "right": -2, "center": 0}[flag["xanchor"]],
-            3 + 72 * flag["yshift"] / INCH,
-        )
-        grid[0].annotate(flag["text"], at, shift, ha=flag["xanchor"], va="bottom", fontsize=8,
-                         xycoords=("data", "axes fraction"), textcoords="offset points",
-                         annotation_clip=False)  # fmt: skip
-    if "xaxis2" in laid:
-        factor = laid["meta"]["factor"]
-        convert = (lambda x: x * factor, lambda x: x / factor)
-        below = -SECOND / ((laid["height"] - BELOW) * ratios[-1])
-        second = grid[-1].secondary_xaxis(1.4 * below, functions=convert)
-        second.set_xlabel(laid["xaxis2"]["title"]["text"])
+    up = (placed.top_px - placed.legend_px) / PX_PER_INCH
+    above = axes.transAxes + ScaledTranslation(0.0, up, axes.figure.dpi_scale_trans)
+    columns = min(columns, len(handles))
+    by_columns = [handle for k in range(columns) for handle in handles[k::columns]]
+    axes.legend(
+        handles=by_columns, loc="upper left", bbox_to_anchor=(0, 1), bbox_transform=above,
+        borderaxespad=0.0, ncols=columns,
+    )  # fmt: skip
 
 
-def _axis(axes: Axes, name: str, words: Words) -> None:
+def _label(axes: Axes, label: Label, coordinates: tuple[str, str]) -> None:
+    """Write a label above the first row."""
+    sideways = (
+        {"left": 1, "center": 0, "right": -1}[label.anchor] if coordinates[0] == "data" else 0
+    )
+    up = STYLE.label_shift_px + STYLE.text_line_px * label.line
+    shift = _pt(STYLE.label_shift_px * sideways), _pt(up)
+    axes.annotate(
+        label.text, (label.at, 1.0), shift, ha=label.anchor, va="bottom",
+        fontsize=STYLE.image_label_pt, xycoords=coordinates, textcoords="offset points",
+        annotation_clip=False,
+    )  # fmt: skip
+
+
+def _axis(axes: Axes, name: str, axis: Axis, label: str) -> None:
     """Label, limits and ticks of an axis."""
-    drawn: Any = getattr(axes, f"{name}axis")
-    ends = np.power(10.0, words["range"]) if words["type"] == "log" else words["range"]
-    label = words["title"]["text"].replace("<br>", "\n")
-    axes.set(**{f"{name}label": label, f"{name}scale": words["type"]})
-    if "tickvals" in words:
-        drawn.set_ticks(words["tickvals"], labels=words["ticktext"])
-        drawn.set_ticks([], minor=True)
-    axes.set(**{f"{name}lim": ends})
+    of_axes = axes.xaxis if name == "x" else axes.yaxis
+    scale = "log" if axis.is_log else "linear"
+    axes.set(**{f"{name}label": label, f"{name}scale": scale})
+    if axis.ticks:
+        of_axes.set_ticks(list(axis.ticks), labels=list(axis.ticks.values()))
+        of_axes.set_ticks([], minor=True)
+    axes.set(**{f"{name}lim": axis.ends})
 
 
-def _look(line: Words) -> Any:
-    """Width and dashes of a line."""
-    return {"linewidth": POINT * line["width"], "linestyle": DASHES[line.get("dash", "solid")]}
+def _pt(length_px: float) -> float:
+    """A length in points."""
+    return PT_PER_PX * length_px
 
 
-def _trace(axes: Axes, trace: Words, below: Words, laid: Words) -> None:
-    """A quantity in colour, bars, what is filled down to the trace below, or a line with points."""
+def _element(axes: Axes, element: Element) -> Artist | BarContainer:
+    """Draw an element; return what the legend shows of it."""
+    match element:
+        case Line():
+            return _line(axes, element)
+        case Band():
+            return _band(axes, element)
+        case Bars():
+            return _bars(axes, element)
+        case Heat():
+            return _heat(axes, element)
+
+
+def _line(axes: Axes, line: Line) -> Artist:
+    """Draw a line, points, or both."""
+    (artist,) = axes.plot(
+        line.x, line.y, color=line.color, label=line.name,
+        linewidth=_pt(line.width_px), linestyle=DASHES[line.dash] if line.width_px else "none",
+        drawstyle="steps-mid" if line.is_step else "default",
+        marker=MARKERS[line.marker], markersize=_pt(line.marker_px),
+    )  # fmt: skip
+    return artist
+
+
+def _band(axes: Axes, band: Band) -> Artist:
+    """Fill what lies between two lines."""
+    return axes.fill_between(
+        band.x, band.low, band.high, color=(band.color, band.opacity), linewidth=0.0,
+        label=band.name,
+    )  # fmt: skip
+
+
+def _bars(axes: Axes, bars: Bars) -> BarContainer:
+    """Draw bars, with their text inside."""
+    artist = axes.bar(
+        bars.x + bars.offset, bars.high - bars.low, bars.width, bars.low, align="edge",
+        color=(bars.color, bars.opacity), edgecolor="white", label=bars.name,
+    )  # fmt: skip
+    texts = [bars.text] * len(bars.x)
+    axes.bar_label(artist, texts, label_type="center", fontsize=STYLE.image_label_pt)
+    return artist
+
+
+def _heat(axes: Axes, heat: Heat) -> Artist:
+    """Draw a plane in colour, and the bar that explains the colours beside it."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    x, y, kind, figure = (
-        np.array(trace["x"], float),
-        np.array(trace["y"], float),
-        trace.get("type"),
-        axes.figure,
-    )
-    label: Any = {"label": trace.get("name", "") if trace.get("showlegend") else ""}
-    if kind == "heatmap":
-        colors = LinearSegmentedColormap.from_list("", laid["coloraxis"]["colorscale"])
-        mesh = axes.pcolormesh(x, y, np.array(trace["z"], float), shading="nearest", cmap=colors)
-        bar, place = laid["coloraxis"]["colorbar"], figure.colorbar(mesh, ax=axes, pad=0.02)
-        place.set_label(bar["title"]["text"])
-        if "tickvals" in bar:
-            place.set_ticks(bar["tickvals"], labels=bar["ticktext"])
-    elif kind == "bar":
-        base = np.array(trace["base"], float)
-        bars = axes.bar(x + trace["offset"], y, trace["width"], base, align="edge",
-                        color=trace["marker"]["color"], edgecolor="white", **label)  # fmt: skip
-        axes.bar_label(bars, [trace.get("text", "")] * len(x), label_type="center", fontsize=8)
-    elif "fill" in trace:
-        back = np.array([below["x"], below["y"]], float)[:, ::-1]
-        around = np.concatenate([[x, y], back], axis=1)
-        around = around[:, np.isfinite(around[1])]
-        axes.fill(*around, color=trace["fillcolor"], linewidth=0.0, **label)
-    else:
-        line, marker = trace["line"], trace["marker"]
-        look = _look(line) if "lines" in trace["mode"] else {"linestyle": "none"}
-        size = POINT * marker["size"] if "markers" in trace["mode"] else 0.0
-        step = STEPS[line.get("shape", "linear")]
-        axes.plot(x, y, color=line["color"], drawstyle=step, marker="o", markersize=size, **look,
-                  **label)  # fmt: skip
+    colors = LinearSegmentedColormap.from_list("", list(heat.colors))
+    mesh = axes.pcolormesh(heat.x, heat.y, heat.levels, shading="nearest", cmap=colors)
+    bar = axes.figure.colorbar(mesh, ax=axes, pad=0.02)
+    bar.set_label(heat.axis.label)
+    if heat.axis.ticks:
+        ticks = np.array(list(heat.axis.ticks))
+        levels = np.log10(ticks) if heat.axis.is_log else ticks
+        bar.set_ticks(levels.tolist(), labels=list(heat.axis.ticks.values()))
+    return mesh
 
 
-def outlines(axes: Axes, motion: Motion, frame: int, shade: float = 1.0) -> None:
-    """The shapes of a motion at a frame; what moves is as dark as its shade."""
+def _arrow(axes: Axes, arrow: ArrowElement) -> None:
+    """Draw an arrow."""
+    axes.annotate(
+        "", (arrow.x, arrow.end), (arrow.x, arrow.start),
+        arrowprops={
+            "arrowstyle": "-|>", "color": arrow.color, "shrinkA": 0.0, "shrinkB": 0.0,
+            "linewidth": _pt(STYLE.line_width_px), "mutation_scale": STYLE.arrow_head_px,
+        },
+    )  # fmt: skip
+
+
+def outlines(axes: Axes, motion: Motion, frame: int, opacity: float = 1.0) -> None:
+    """Draw the shapes of a motion at a frame; what moves is as opaque as asked for."""
     axes.set_axis_off()
     for shape in motion.shapes:
-        dark = shade if len(shape.points) > 1 else 1.0
-        axes.plot(*shape.at(frame).T, color=COLORS[shape.color], linewidth=0.7 * shape.width,
-                  alpha=dark, solid_capstyle="round")  # fmt: skip
+        is_moving = len(shape.points) > 1
+        axes.plot(
+            *shape.at(frame).T, color=COLORS[shape.color], alpha=opacity if is_moving else 1.0,
+            linewidth=_pt(shape.width), solid_capstyle="round",
+        )  # fmt: skip
 
 
 def ghosts(axes: Axes, motion: Motion) -> None:
-    """The ghosts of a motion, later ones darker, each with what is special about it."""
+    """Draw the ghosts of a motion, later ones darker, each with what is special about it."""
     moving = next(shape for shape in motion.shapes if len(shape.points) > 1)
-    shades = np.linspace(0.25, 1.0, len(motion.ghosts))
+    shades = np.linspace(STYLE.faintest_ghost, 1.0, len(motion.ghosts))
     for (frame, text), shade in zip(motion.ghosts.items(), shades):
         outlines(axes, motion, frame, shade)
-        at = motion.bounds[1][0], moving.at(frame)[:, 1].mean()
-        axes.annotate(text, at, (10, 0), textcoords="offset points", fontsize=8, va="center")
+        at = motion.bounds[1][0], float(moving.at(frame)[:, 1].mean())
+        axes.annotate(
+            text,
+            at,
+            (10, 0),
+            textcoords="offset points",
+            fontsize=STYLE.image_label_pt,
+            va="center",
+        )
     axes.set(aspect="equal")

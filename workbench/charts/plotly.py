@@ -1,294 +1,322 @@
-"""A picture in the words of plotly: all that is decided about it, which `png` reads as well."""
+"""A layout as a figure of plotly, for pages."""
 
 from __future__ import annotations
 
 import math
-import textwrap
-from collections.abc import Sequence
-from itertools import count, cycle
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from .layout import Axis, across, along, colored, flags, upwards
-from .model import COLORS, SCALES, Curve, Field, Lanes, Panel, Picture, Samples, Span
+from cosim.json_values import Json
 
-Words = dict[str, Any]
-MOST, NARROW, ENTRY, UPWARDS = 2000, 44, 8, 13
-SCREENS = {"narrow": NARROW, "wide": 130, "paper": 100}
-INCH, BELOW, SECOND, TIGHT, PAPER = 100, 52, 44, 6, 680
-LINE, GAP, LANE, PLANE, LEAST, PANELS = 0.19, 0.18, 0.3, 3.8, 0.3, {1: 3.3, 2: 2.5}
-LOOK = {
+from .axes import Axis
+from .elements import Band, Bars, Element, Heat, Line
+from .layout import Layout, layout_of
+from .model import Picture, Samples
+from .style import COLORS, LETTERS_BY_SCREEN, STYLE, color_of
+
+PlotlyDict = dict[str, Json]
+
+#: Digits of numbers on a page; chosen: more than a screen shows.
+DIGITS = 7
+#: The shades of a channel of a colour; a convention of CSS.
+SHADES = 255
+#: What all pictures of pages have.
+BASE: PlotlyDict = {
     "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)", "hoversubplots": "axis",
-    "font": {"family": "system-ui, sans-serif", "size": 12},
-    "margin": {"l": 60, "r": 14, "t": 0, "b": BELOW},
+    "font": {"family": "system-ui, sans-serif", "size": STYLE.axis_text_px},
+    "margin": {"l": STYLE.left_px, "r": STYLE.right_px, "t": 0, "b": STYLE.below_px},
 }  # fmt: skip
-LEGEND = {"orientation": "h", "x": 0, "yanchor": "top", "tracegroupgap": 0}
-GRID = {"gridcolor": "rgba(128,128,128,.25)", "zerolinecolor": "rgba(128,128,128,.5)"}
-UNSEEN = {"hoverinfo": "skip", "showlegend": False}
-LOOKS: dict[str, Words] = {
-    "theory": {"dash": "dash"}, "step": {"shape": "hvh"}, "points": {"mode": "markers"},
-    "linked": {"mode": "lines+markers"},
-}  # fmt: skip
+#: The lines of the grid and those at 0.
+GRID: PlotlyDict = {
+    "gridcolor": f"rgba(128,128,128,{STYLE.grid_opacity})",
+    "zerolinecolor": f"rgba(128,128,128,{2 * STYLE.grid_opacity})",
+}
+#: What neither the legend nor the mouse shows.
+SILENT: PlotlyDict = {"hoverinfo": "skip", "showlegend": False}
+#: Where a label is from its line, by the end of it that is there.
+SIDES = {"left": 1, "center": 0, "right": -1}
+#: The symbols of plotly for shapes of points that have another name there.
+SYMBOLS = {"cross": "x"}
 
 
-class Row(NamedTuple):
-    """A part of a picture: y axis, traces, height [inches], scale of its colours, if any."""
+def figure(picture: Picture, max_paper_px: float = math.inf) -> dict[str, Json]:
+    """Return a picture as plotly draws it.
 
-    y: Axis
-    traces: Sequence[Words]
-    height: float
-    colors: Words | None = None
+    Parameters
+    ----------
+    picture
+        What to draw.
+    max_paper_px
+        Its height on paper at most.
 
-
-def figure(picture: Picture, most: float = math.inf) -> Words:
-    """The data, and layouts for screens and for paper, there at most so many inches high."""
-    x, second = across(picture), getattr(picture, "second", None)
-    parts: Sequence[Any] = [picture] if isinstance(picture, Field) else picture.panels
-    kinds: Any = {Panel: _panel, Lanes: _lanes, Field: _field}
-    rows = [kinds[type(part)](part, x, PANELS.get(len(parts), 1.9)) for part in parts]
-    data = [
-        trace | {"yaxis": f"y{k}", "legend": f"legend{k + 1}"}
-        for k, row in enumerate(rows, 1)
-        for trace in row.traces
-    ]
-    if second:
-        data.append({"x": [None], "y": [None], "xaxis": "x2", "yaxis": f"y{len(rows)}"} | UNSEEN)
-    laid = {
-        screen: _layout(picture, x, rows, letters, most if screen == "paper" else math.inf)
-        for screen, letters in SCREENS.items()
+    Returns
+    -------
+    dict
+        The traces as "data", and a layout for each kind of screen and for paper.
+    """
+    wide = layout_of(picture, "wide")
+    paper = plotly_layout(layout_of(picture, "paper", max_paper_px))
+    return {
+        "data": traces(wide),
+        "narrow": plotly_layout(layout_of(picture, "narrow")),
+        "wide": plotly_layout(wide),
+        "paper": paper | {"width": STYLE.paper_width_px},
     }
-    laid["paper"]["width"] = PAPER
-    return {"data": data, **laid}
 
 
-def _layout(picture: Picture, x: Axis, rows: Sequence[Row], letters: int, most: float) -> Words:
-    """Rows above each other, each below its legend; spans through all of them, words on top."""
-    second, plane = getattr(picture, "second", None), isinstance(picture, Field)
-    mark, edge = {"dash": "dot", "width": 1.6}, {"width": 2.5 if plane else 0.6}
-    spans = [*picture.spans, *(Span(mark.at, mark.at, mark.text) for mark in picture.marks)]
-    words, names = flags(spans, x, letters), [legend_names(row.traces) for row in rows]
-    above = [GAP + LINE * math.ceil(len(each) / columns(each, letters)) for each in names]
-    above[0] += LINE * max((lane + 1 for _, _, lane, _ in words), default=0)
-    heights, below = [row.height for row in rows], (SECOND if second else 0) / INCH
-    panels = sum(row.height for row in rows if row.y.label)
-    over = max(0.0, sum(above + heights) + below + BELOW / INCH - most)
-    share = max(LEAST, 1.0 - over / panels) if over else 1.0
-    heights = [row.height * (share if row.y.label else 1.0) for row in rows]
-    top = inside = sum(above + heights) + below
-    drawn: Words = LOOK | {
-        "height": INCH * inside + BELOW, "hovermode": "closest" if plane else "x unified",
-        "xaxis": _axis(x) | {
-            "anchor": f"y{len(rows)}", "spikethickness": 1, "spikecolor": COLORS["grey"],
-        },
-        "annotations": [
-            {
-                "text": text, "showarrow": False, "font": {"size": 11}, "yref": "y domain", "y": 1,
-                "x": math.log10(at) if x.log else at, "xanchor": anchor, "yanchor": "bottom",
-                "yshift": INCH * LINE * lane,
-            }
-            for at, text, lane, anchor in words
-        ],
-        "shapes": [
-            {
-                "type": "rect", "yref": f"y{k} domain", "y0": 0, "y1": 1, "x0": first, "x1": last,
-                "fillcolor": COLORS[color] + ("00" if plane else "24"),
-                "layer": "above" if plane else "below",
-                "line": {"color": COLORS[color]} | (mark if first == last else edge),
-            }
-            for k in range(1, len(rows) + 1)
-            for first, last, _, color in spans
-        ],
-    }  # fmt: skip
-    if x.log or not x.ticks:
-        drawn["xaxis"]["unifiedhovertitle"] = {"text": f"{x.label} %{{x:.5g}}"}
-    for k, (row, room, high) in enumerate(zip(rows, above, heights), 1):
-        drawn[f"legend{k + 1}"] = LEGEND | {"y": (top - TIGHT / INCH) / inside}
-        top -= room + high
-        ends = [top / inside, (top + high) / inside]
-        label = textwrap.fill(row.y.label, max(1, int(UPWARDS * high)), break_long_words=False)
-        grid = {"showgrid": not row.y.ticks, "zeroline": not row.y.ticks, "anchor": "x"}
-        drawn[f"yaxis{k}"] = _axis(row.y._replace(label=label)) | grid | {"domain": ends}
-        if row.colors:
-            bar = row.colors["colorbar"] | {"len": ends[1] - ends[0], "y": ends[0]}
-            drawn["coloraxis"] = row.colors | {"colorbar": bar}
-    if second:
-        drawn["meta"] = {"factor": second.factor}
-        drawn["xaxis2"] = {
-            "title": {"text": f"[{second.unit}]", "standoff": 2}, "overlaying": "x",
-            "anchor": "free", "position": 0, "tickmode": "auto", "showgrid": False,
-            "range": [second.factor * end for end in x.ends],
-        }  # fmt: skip
+def template(picture: Picture) -> dict[str, Json]:
+    """Return a picture without data and ranges, which a live page fills in; its marks have no key."""
+    layouts = {screen: layout_of(picture, screen, has_key=False) for screen in LETTERS_BY_SCREEN}
+    empty: PlotlyDict = {"x": [], "y": []}
+    drawn = {str(screen): plotly_layout(layout, False) for screen, layout in layouts.items()}
+    drawn["paper"]["width"] = STYLE.paper_width_px
+    return {"data": [trace | empty for trace in traces(layouts["wide"])], **drawn}
+
+
+def traces(layout: Layout) -> list[PlotlyDict]:
+    """Return the traces of a layout, each on the axis of its row."""
+    drawn = [
+        trace | {"yaxis": f"y{k}", "legend": f"legend{k + 1}"}
+        for k, placed in enumerate(layout.rows, 1)
+        for element in placed.row.elements
+        for trace in element_traces(element)
+    ]
+    if layout.second:  # plotly draws an axis only for a trace
+        own: PlotlyDict = {"x": [None], "y": [None], "xaxis": "x2", "yaxis": f"y{len(layout.rows)}"}
+        drawn.append(own | SILENT)
     return drawn
 
 
-def alt_text(picture: Picture, drawn: Words) -> str:
-    """The picture in words, for those who do not see it."""
-    laid, parts = drawn["wide"], []
-    for trace in (trace for trace in drawn["data"] if trace.get("hoverinfo") != "skip"):
-        values = np.array(trace.get("customdata", trace["y"]), float)
-        label = laid[f"yaxis{trace['yaxis'][1:]}"]["title"]["text"].replace("<br>", " ")
-        if label and np.isfinite(values).any():
-            reach = f"from {np.nanmin(values):.4g} to {np.nanmax(values):.4g} ({label})"
-            parts.append(f"{trace['name']} {reach}")
-        else:
-            parts.append(trace["name"])
-    parts += [flag["text"] for flag in laid["annotations"]]
-    return f"{picture.title}, over {laid['xaxis']['title']['text']}: {'; '.join(parts)}."
-
-
-def legend_names(traces: Sequence[Words]) -> list[str]:
-    """The names in a legend."""
-    return [trace["name"] for trace in traces if trace.get("showlegend")]
-
-
-def columns(names: Sequence[str], letters: int) -> int:
-    """How many of these names stand beside each other in a legend."""
-    return max(1, letters // (max(map(len, names), default=0) + ENTRY))
-
-
-def _axis(axis: Axis) -> Words:
-    """Title, type, range and ticks of an axis."""
-    title = {"text": axis.label.replace("\n", "<br>"), "standoff": 4 + 14 * axis.label.count("\n")}
-    ends = np.log10(axis.ends) if axis.log else axis.ends
-    ticks = {"tickvals": list(axis.ticks), "ticktext": list(axis.ticks.values())}
-    return {
-        "title": title, "range": list(map(float, ends)), "automargin": True,
-        "type": "log" if axis.log else "linear", **(ticks if axis.ticks else {}), **GRID,
+def plotly_layout(layout: Layout, has_ranges: bool = True) -> PlotlyDict:
+    """Return the layout of plotly; without ranges of the axes for a picture that is filled in later."""
+    last = f"y{len(layout.rows)}"
+    x: PlotlyDict = _axis(layout.x, layout.x.label, has_ranges) | {
+        "anchor": last, "spikethickness": 1, "spikecolor": COLORS["grey"],
     }  # fmt: skip
-
-
-def _panel(panel: Panel, x: Axis, high: float) -> Row:
-    """Curves over their errors, areas on each other, bars beside each other, levels end to end."""
-    bars = sum(curve.look == "bars" for curve in panel.curves)
-    wide, base, traces = 0.8 / max(1, bars), np.zeros(1), list[Words]()
-    covered, beside = [np.zeros(min(1, bars))], count(-0.4, wide)
-    hover = {"hovertemplate": "%{y}" if panel.flag else f"%{{y:.5g}} {panel.unit}"}
-    for curve in panel.curves:
-        at, y, ends = curve.places, np.asarray(curve.y, float), curve.ends
-        line = _line(curve.name, at, y, curve.color, **LOOKS.get(curve.look, {}))
-        if curve.look == "area":
-            ends, base = np.stack([base + 0 * y, base + y]), base + np.nan_to_num(y)
-            below, area = _filled(curve, ends, "59")
-            values = numbers(y[thinned(ends[1])])
-            own = {"customdata": values, "hoverinfo": "all", "showlegend": True}
-            traces += [below, area | own | {"hovertemplate": f"%{{customdata:.5g}} {panel.unit}"}]
-        elif curve.look == "bars":
-            first = next(beside)
-            bar = _bars(curve.name, at, np.stack([0 * y, y]), COLORS[curve.color], first, wide)
-            traces += [bar, *_errors(curve, at + first + wide / 2)]
-        elif curve.error is not None and curve.look in ("line", "theory", "step"):
-            traces += [*_filled(curve, ends, "33"), line]
-        else:
-            traces += [*_errors(curve, at), line]
-        covered += [*ends]
-    for level, dash in zip(panel.levels, cycle(("dot", "dashdot"))):
-        line = _line(level.text, np.array(x.ends), np.full(2, level.at), "grey", dash=dash)
-        traces.append(line | {"hoverinfo": "skip"})
-    if len(legend_names(traces)) == 1:
-        traces = [trace | {"showlegend": False} for trace in traces]
-    return Row(upwards(panel, covered), [hover | trace for trace in traces], high)
-
-
-def _lanes(lanes: Lanes, x: Axis, _: float) -> Row:
-    """A lane of bars for every name, with their words inside where these fit on a small screen."""
-    traces = []
-    for lane, bar in lanes.bars:
-        long, ends = bar.last - bar.first, np.array([[lane - 0.42], [lane + 0.42]])
-        drawn = _bars(bar.text, np.array([bar.first]), ends, COLORS[bar.color] + "59", 0.0, long)
-        if len(bar.text) + 1 < NARROW * float(np.diff(x.share([bar.first, bar.last]))[0]):
-            drawn |= {"text": bar.text, "showlegend": False}
-        traces.append(drawn | {"hovertemplate": f"{long:.4g}"})
-    y = Axis("", (len(lanes.rows) - 0.5, -0.5), ticks=dict(enumerate(lanes.rows)))
-    return Row(y, traces, LANE * len(lanes.rows))
-
-
-def _field(field: Field, *_: object) -> Row:
-    """Levels and curves over a quantity in colour, with a rim that shows them on every colour."""
-    from contourpy import LineType, contour_generator
-
-    axis, colors, values = colored(field), SCALES[field.scale], np.asarray(field.values, float)
-    sides = (("x", field.x), ("y", field.y))
-    hover = [f"{side.quantity} %{{{name}:.4g}} {side.unit}" for name, side in sides]
-    hover.append(f"{field.quantity} %{{customdata:.4g}}<extra></extra>")
-    at = [np.asarray(side.values, float) for _, side in sides]
-    heat = {
-        "type": "heatmap", "name": field.quantity, "coloraxis": "coloraxis",
-        "x": numbers(at[0]), "y": numbers(at[1]),
-        "z": list(map(numbers, np.log10(values) if field.log else values)),
-        "customdata": list(map(numbers, values)),
-        "hovertemplate": "<br>".join(hover),
+    if layout.x.is_log or not layout.x.ticks:
+        x["unifiedhovertitle"] = {"text": f"{layout.x.label} %{{x:.5g}}"}
+    parts = BASE | {
+        "height": layout.height_px, "hovermode": "closest" if layout.is_plane else "x unified",
+        "xaxis": x,
+        "annotations": [*_labels(layout), *_arrows(layout)],
+        "shapes": list(_shapes(layout)),
     }  # fmt: skip
-    traces: list[Words] = [heat]
-    for level in field.levels:
-        over = np.ma.masked_invalid(values if level.values is None else level.values)
-        drawer = contour_generator(at[0], at[1], over, line_type=LineType.ChunkCombinedNan)
-        line: Any = drawer.lines(level.at)[0][0]
-        x, y = np.empty((2, 0)) if line is None else line.T
-        rim = _line(level.text, x, y, "black", 4.0) | {"hoverinfo": "skip"}
-        traces += [rim, _line(level.text, x, y, "white") | UNSEEN]
-    for curve in field.curves:
-        points, look = (curve.places, np.asarray(curve.y, float)), LOOKS.get(curve.look, {})
-        own = {"hovertemplate": f"%{{y:.5g}} {field.y.unit}"}
-        traces.append(_line(curve.name, *points, "white", 4.0, 9.0, **look) | UNSEEN)
-        traces.append(_line(curve.name, *points, curve.color, 2.4, 7.0, **look) | own)
-    ticks = [math.log10(tick) if field.log else tick for tick in axis.ticks]
-    title = {"text": axis.label, "side": "right"}
-    bar: Words = {"thickness": 12, "yanchor": "bottom", "title": title}
-    bar |= {"tickvals": ticks, "ticktext": list(axis.ticks.values())} if ticks else {}
-    scale = list(zip(np.linspace(0, 1, len(colors)).tolist(), colors))
-    return Row(along(field.y), traces, PLANE, {"colorscale": scale, "colorbar": bar})
+    for k, placed in enumerate(layout.rows, 1):
+        parts[f"legend{k + 1}"] = {
+            "orientation": "h", "x": 0, "yanchor": "top", "tracegroupgap": 0,
+            "y": 1 - placed.legend_px / layout.plot_px,
+        }  # fmt: skip
+        has_grid = not placed.row.y.ticks
+        own: PlotlyDict = {
+            "showgrid": has_grid, "zeroline": has_grid, "anchor": "x", "domain": layout.shares(placed)
+        }  # fmt: skip
+        parts[f"yaxis{k}"] = _axis(placed.row.y, placed.label, has_ranges) | own
+        for heat in (each for each in placed.row.elements if isinstance(each, Heat)):
+            parts["coloraxis"] = _color_axis(heat, layout.shares(placed))
+    if layout.second:
+        factor = layout.second.factor
+        parts["meta"] = {"factor": factor}
+        parts["xaxis2"] = {
+            "title": {"text": f"[{layout.second.unit}]", "standoff": 2}, "overlaying": "x",
+            "anchor": "free", "position": 0, "tickmode": "auto", "showgrid": False,
+            **({"range": [factor * end for end in layout.x.ends]} if has_ranges else {}),
+        }  # fmt: skip
+    return parts
 
 
-def _line(
-    name: str, x: Samples, y: Samples, color: str, width: float = 1.6, size: float = 5.0,
-    mode: str = "lines", dash: str = "solid", shape: str = "linear",
-) -> Words:  # fmt: skip
+def alt_text(picture: Picture) -> str:
+    """Return a picture in words, for those who do not see it."""
+    layout = layout_of(picture, has_key=False)
+    parts = []
+    for placed in layout.rows:
+        for element in placed.row.elements:
+            if element.hover is None and not element.is_in_legend:
+                continue
+            values = _told_values(element)
+            if placed.row.y.label and np.isfinite(values).any():
+                ends = f"from {np.nanmin(values):.4g} to {np.nanmax(values):.4g}"
+                parts.append(f"{element.name} {ends} ({placed.row.y.label})")
+            else:
+                parts.append(element.name)
+    parts += [label.text for label in layout.labels.at_values]
+    return f"{picture.title}, over {layout.x.label}: {'; '.join(parts)}."
+
+
+def element_traces(element: Element) -> list[PlotlyDict]:
+    """Return the traces that draw an element."""
+    match element:
+        case Line():
+            return [_line(element)]
+        case Band():
+            return _band(element)
+        case Bars():
+            return [_bars(element)]
+        case Heat():
+            return [_heat(element)]
+
+
+def _told_values(element: Element) -> Samples:
+    """The values that the mouse tells of an element."""
+    match element:
+        case Line():
+            return element.y
+        case Bars():
+            return element.high
+        case Band():
+            return element.high if element.values is None else element.values
+        case Heat():
+            return element.values
+
+
+def _line(line: Line) -> PlotlyDict:
     """A line, points, or both."""
-    keep = thinned(y)
+    rows = thinned(line.y)
+    modes = ["lines"] * (line.width_px > 0.0) + ["markers"] * (line.marker_px > 0.0)
     return {
-        "name": name, "legendgroup": name, "showlegend": True, "mode": mode,
-        "x": numbers(x[keep]), "y": numbers(y[keep]),
-        "line": {"color": COLORS[color], "width": width, "dash": dash, "shape": shape},
-        "marker": {"color": COLORS[color], "size": size},
+        **_named(line), "mode": "+".join(modes), "x": numbers(line.x[rows]), "y": numbers(line.y[rows]),
+        "line": {
+            "color": line.color, "width": line.width_px, "dash": line.dash,
+            "shape": "hvh" if line.is_step else "linear",
+        },
+        "marker": {
+            "color": line.color, "size": line.marker_px,
+            "symbol": SYMBOLS.get(line.marker, line.marker),
+        },
     }  # fmt: skip
 
 
-def _bars(name: str, x: Samples, ends: Samples, color: str, first: float, wide: float) -> Words:
-    """Bars between two ends that begin so far from x and are so wide."""
+def _band(band: Band) -> list[PlotlyDict]:
+    """Two lines without width, between which it is filled."""
+    edges = []
+    for y in (band.low, band.high):
+        line = Line(band.name, band.x, y, band.color, is_in_legend=False)
+        edges.append(_line(line) | {"line": {"width": 0, "color": band.color}} | SILENT)
+    upper = edges[1] | {"fill": "tonexty", "fillcolor": _faint(band.color, band.opacity)}
+    if band.values is not None:
+        values = numbers(band.values[thinned(band.high)])
+        upper |= _named(band) | {"customdata": values, "hoverinfo": "all"}
+    return [edges[0], upper]
+
+
+def _bars(bars: Bars) -> PlotlyDict:
+    """Bars, with their text inside."""
+    color = bars.color if bars.opacity == 1.0 else _faint(bars.color, bars.opacity)
+    text: PlotlyDict = {"text": bars.text} if bars.text else {}
     return {
-        "type": "bar", "name": name, "legendgroup": name, "showlegend": True, "x": numbers(x),
-        "y": numbers(ends[1] - ends[0]), "base": numbers(ends[0]), "offset": first, "width": wide,
-        "marker": {"color": color}, "insidetextanchor": "middle", "textangle": 0,
+        "type": "bar", **_named(bars), "x": numbers(bars.x), "y": numbers(bars.high - bars.low),
+        "base": numbers(bars.low), "offset": bars.offset, "width": bars.width,
+        "marker": {"color": color}, "insidetextanchor": "middle", "textangle": 0, **text,
     }  # fmt: skip
 
 
-def _filled(curve: Curve, ends: Samples, dark: str) -> list[Words]:
-    """What lies between two lines."""
-    edge = {"line": {"width": 0, "color": COLORS[curve.color]}} | UNSEEN
-    low, top = (_line(curve.name, curve.places, end, curve.color) | edge for end in ends)
-    return [low, top | {"fill": "tonexty", "fillcolor": COLORS[curve.color] + dark}]
+def _heat(heat: Heat) -> PlotlyDict:
+    """A plane in colour."""
+    return {
+        "type": "heatmap", **_named(heat), "coloraxis": "coloraxis", "x": numbers(heat.x),
+        "y": numbers(heat.y), "z": list(map(numbers, heat.levels)),
+        "customdata": list(map(numbers, heat.values)),
+    }  # fmt: skip
 
 
-def _errors(curve: Curve, x: Samples) -> list[Words]:
-    """A bar for the error at every point."""
-    if curve.error is None:
-        return []
-    y = np.stack([*curve.ends, np.full(len(x), np.nan)], axis=1).ravel()
-    color = "black" if curve.look == "bars" else curve.color
-    return [_line(curve.name, np.repeat(x, 3), y, color, 1.2) | UNSEEN]
+def _color_axis(heat: Heat, shares: Sequence[float]) -> PlotlyDict:
+    """The colours of a plane, and the bar that explains them beside it."""
+    foot, top = shares
+    bar: PlotlyDict = {
+        "thickness": STYLE.color_bar_px, "yanchor": "bottom", "y": foot, "len": top - foot,
+        "title": {"text": heat.axis.label, "side": "right"},
+    }  # fmt: skip
+    if heat.axis.ticks:
+        ticks = np.array(list(heat.axis.ticks))
+        bar["tickvals"] = (np.log10(ticks) if heat.axis.is_log else ticks).tolist()
+        bar["ticktext"] = list(heat.axis.ticks.values())
+    shades = np.linspace(0, 1, len(heat.colors)).tolist()
+    return {"colorscale": list(zip(shades, heat.colors)), "colorbar": bar}
 
 
-def thinned(y: Samples) -> Any:
-    """At most MOST rows: the ends, and the smallest and largest of every stretch in order."""
-    if len(y) <= MOST:
-        return slice(None)
-    kept = {0, len(y) - 1}
-    for stretch in np.array_split(np.arange(len(y)), MOST // 2 - 1):
-        kept |= {int(stretch[np.argmin(y[stretch])]), int(stretch[np.argmax(y[stretch])])}
-    return sorted(kept)
+def _named(element: Element) -> PlotlyDict:
+    """The name of an element in legend and hover."""
+    named: PlotlyDict = {
+        "name": element.name, "legendgroup": element.name, "showlegend": element.is_in_legend
+    }  # fmt: skip
+    if element.hover is None:
+        return named | {"hoverinfo": "skip"}
+    text = element.hover.replace("{value", "{customdata").replace("{", "%{")
+    return named | {"hovertemplate": text + "<extra></extra>" * isinstance(element, Heat)}
+
+
+def _axis(axis: Axis, label: str, has_range: bool) -> PlotlyDict:
+    """Title, type, range and ticks of an axis."""
+    ends = np.log10(axis.ends) if axis.is_log else axis.ends
+    ticks: PlotlyDict = {"tickvals": list(axis.ticks), "ticktext": list(axis.ticks.values())}
+    standoff = 4 + 14 * label.count("\n")
+    return {
+        "title": {"text": label.replace("\n", "<br>"), "standoff": standoff},
+        **({"range": list(map(float, ends))} if has_range else {}), "automargin": True,
+        "type": "log" if axis.is_log else "linear", **(ticks if axis.ticks else {}), **GRID,
+    }  # fmt: skip
+
+
+def _labels(layout: Layout) -> Iterable[PlotlyDict]:
+    """The texts above the first row."""
+    places = [(label, "x") for label in layout.labels.at_values]
+    for label, xref in [*places, *((label, "x domain") for label in layout.labels.key)]:
+        at = math.log10(label.at) if layout.x.is_log and xref == "x" else label.at
+        yield {
+            "text": label.text, "showarrow": False, "font": {"size": STYLE.label_text_px},
+            "yref": "y domain", "y": 1, "xref": xref, "x": at, "xanchor": label.anchor,
+            "yanchor": "bottom", "yshift": STYLE.text_line_px * label.line,
+            "xshift": STYLE.label_shift_px * SIDES[label.anchor] if xref == "x" else 0,
+        }  # fmt: skip
+
+
+def _arrows(layout: Layout) -> Iterable[PlotlyDict]:
+    """The arrows of jumps."""
+    for k, placed in enumerate(layout.rows, 1):
+        for arrow in placed.row.arrows:
+            x = math.log10(arrow.x) if layout.x.is_log else arrow.x
+            yield {
+                "text": "", "showarrow": True, "arrowhead": 2, "arrowcolor": arrow.color,
+                "arrowwidth": STYLE.line_width_px, "x": x, "xref": "x", "y": arrow.end,
+                "yref": f"y{k}", "ax": x, "axref": "x", "ay": arrow.start, "ayref": f"y{k}",
+            }  # fmt: skip
+
+
+def _shapes(layout: Layout) -> Iterable[PlotlyDict]:
+    """Spans and marks through all rows."""
+    plane = layout.is_plane
+    edge = STYLE.plane_span_edge_px if plane else STYLE.span_edge_px
+    opacity = 0.0 if plane else STYLE.span_opacity
+    spans: list[tuple[float, float, str, PlotlyDict]] = [
+        (span.first, span.last, span.color, {"width": edge}) for span in layout.spans
+    ]
+    line: PlotlyDict = {"dash": "dot", "width": STYLE.line_width_px}
+    spans += [(mark.at, mark.at, "grey", line) for mark in layout.marks]
+    for k in range(1, len(layout.rows) + 1):
+        for first, last, color, look in spans:
+            yield {
+                "type": "rect", "yref": f"y{k} domain", "y0": 0, "y1": 1, "x0": first, "x1": last,
+                "fillcolor": _faint(color_of(color), opacity), "layer": "above" if plane else "below",
+                "line": {"color": color_of(color), **look},
+            }  # fmt: skip
+
+
+def _faint(color: str, opacity: float) -> str:
+    """A colour that lets others through."""
+    return f"{color}{round(opacity * SHADES):02x}"
+
+
+def thinned(y: Samples) -> list[int]:
+    """Return at most `max_points` rows: the ends, and the smallest and largest of every stretch in order."""
+    if len(y) <= STYLE.max_points:
+        return list(range(len(y)))
+    rows = {0, len(y) - 1}
+    for stretch in np.array_split(np.arange(len(y)), STYLE.max_points // 2 - 1):
+        rows |= {int(stretch[np.argmin(y[stretch])]), int(stretch[np.argmax(y[stretch])])}
+    return sorted(rows)
 
 
 def numbers(values: Samples) -> list[float | None]:
-    """Seven digits, which are more than a screen shows."""
-    return [float(f"{value:.7g}") if math.isfinite(value) else None for value in values.tolist()]
+    """Return values with a few digits, and None for those that are not finite."""
+    rounded = (float(f"{value:.{DIGITS}g}") for value in values.tolist())
+    return [value if math.isfinite(value) else None for value in rounded]

@@ -14,8 +14,8 @@ from cosim import SetupError
 from cosim.system import Network, Port, Value
 from cosim.system.graph import stepping_order
 
-from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, Panel
-from ..charts.plotly import Words, figure
+from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, NamedLook, Panel
+from ..charts.plotly import template
 from ..charts.svg import letter_sizes
 from ..options import Options, declared
 from . import drawing
@@ -326,23 +326,22 @@ class Content:
         """Return plotly's traces and layouts without data, with the texts of marks."""
         several, panels = len(runs) > 1, []
         for panel in chart.panels:
-            curves = []
+            curves: list[Curve] = []
             for run in runs:
                 for look in panel.curves.values():
-                    name, color, *style = (panel.quantity, look) if isinstance(look, str) else look
-                    name = run.name if several else name
-                    color = run.color if several and run.color else color
-                    curves.append(
-                        Curve(name, [0.0, 1.0], [0.2, 0.7], color, style[0] if style else "line")
-                    )
+                    shown = NamedLook.of(look, panel.quantity)
+                    name = run.name if several else shown.name
+                    color = run.color if several and run.color else shown.color
+                    y = [float(len(curves)), len(curves) + 1.0]  # no curve covers another
+                    curves.append(Curve(name, [0.0, 1.0], y, color, shown.look))
             levels = [Mark(0.5, text) for text in panel.levels]
             panels.append(
                 Panel(panel.quantity, self.unit(panel, chart.title), curves, levels, panel.includes)
             )
         marks = [Mark(0.5, text) for text in chart.marks]
-        picture = figure(Chart(chart.title, chart.label, panels, marks))
+        picture = template(Chart(chart.title, chart.label, panels, marks))
         return {
-            "title": chart.title, "picture": _emptied(picture),
+            "title": chart.title, "picture": picture,
             "includes": [list(panel.includes) for panel in chart.panels],
             "marks": [
                 {"text": text, "unit": unit, "value": self.formula(value, chart.title, True)}
@@ -360,7 +359,7 @@ class Content:
             self.record(coordinate.column, where)
         try:
             table = drawing.table(motion, len(live.runs))
-        except drawing.NonlinearDrawing as problem:
+        except drawing.NonlinearDrawingError as problem:
             logging.getLogger("cosim").warning(str(problem))
             return None
         captions = [
@@ -400,17 +399,6 @@ class Content:
             "steady": sweep.steady and vars(sweep.steady), "traces": traces,
             **self.picture(sweep.chart, [LiveRun()]),
         }  # fmt: skip
-
-
-def _emptied(picture: Words) -> Words:
-    """A picture without data and ranges, which the browser fills in."""
-    for trace in picture["data"]:
-        trace |= {"x": [], "y": []}
-    for screen in ("wide", "narrow", "paper"):
-        for key, axis in picture[screen].items():
-            if re.match("[xy]axis", key):
-                del axis["range"]
-    return picture
 
 
 def _heading(meaning: str) -> str:

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from ..charts.model import CurveLook
 from ..charts.motion import Columns, Shape
 
 Text = str | float
-Look = tuple[str, ...] | str
 Formulas = Mapping[str, Text]
 #: the window of the last revolution of `Live.angle`
 REVOLUTION = "revolution"
@@ -113,7 +113,7 @@ class LivePanel:
     """
 
     quantity: str
-    curves: Mapping[str, Look]
+    curves: Mapping[str, CurveLook]
     unit: str = ""
     levels: Formulas = field(default_factory=dict)
     includes: Sequence[float] = ()

@@ -1,4 +1,4 @@
-"""One page that shows what a question or a study found; it needs no network and no other file."""
+"""One page that shows the answer of a question or a study; it needs no network and no other file."""
 
 from __future__ import annotations
 
@@ -17,16 +17,38 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..charts.motion import Motion
-from ..charts.plotly import MOST, Words, alt_text, figure
+from ..charts.plotly import PlotlyDict, alt_text, figure
+from ..charts.style import STYLE
 from ..charts.svg import svg
 from ..figure import ERROR_SCOPE, Figure
 from .script import compact
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
     from ..answer import Answer, Table
 
-LARGEST, OPEN = 250_000, 12
-SHEET, LEAST, LATER = 8.0, 3.2, 6.4
+#: Most letters that the tables of a page take together; chosen: a tenth of what plotly takes.
+MAX_TABLE_LETTERS = 250_000
+#: Rows of a list that is open from the beginning; chosen: half a screen.
+MAX_OPEN_ROWS = 12
+#: Height that title, verdict and a picture have on the first sheet [px]; measured in chromium on Letter, which is
+#: lower than A4.
+FIRST_SHEET_PX = 800.0
+#: Height of a picture that is worth a place on the first sheet [px]; chosen.
+MIN_FIRST_PICTURE_PX = 320.0
+#: Height of a picture on a later sheet [px]; chosen: a sheet with its title.
+LATER_PICTURE_PX = 640.0
+#: Height of a line of the title, and its letters; measured in chromium on paper.
+TITLE_LINE_PX = 24.0
+#: Letters in a line of the title on paper; measured in chromium.
+TITLE_LETTERS = 56
+#: Height of a line of text on paper; measured in chromium.
+TEXT_LINE_PX = 23.0
+#: Letters in a line of text on paper; measured in chromium.
+TEXT_LETTERS = 95
+#: How hard gzip tries; a convention of gzip, whose higher levels take longer for less than 1 %.
+COMPRESSION = 6
 
 
 def report(answer: Answer, path: Path) -> None:
@@ -34,29 +56,29 @@ def report(answer: Answer, path: Path) -> None:
     from jinja2 import Environment, FileSystemLoader
 
     show = answer.show()
-    pictures, most = [*show.charts, *show.more], [first_sheet(answer)]
-    charts = [figure(each, room) for each, room in zip(pictures, most + [LATER] * len(pictures))]
+    pictures = [*show.charts, *show.more]
+    heights = [first_picture_px(answer)] + [LATER_PICTURE_PX] * len(pictures)
+    charts = [figure(picture, height) for picture, height in zip(pictures, heights)]
     live = answer.live
     content: dict[str, Any] = {"charts": charts, "motions": list(map(motion, show.motions))}
     content |= {"live": live.data} if live else {}
     folder = FileSystemLoader(Path(__file__).parent)
-    made = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    made.filters["compact"] = compact
-    page = made.get_template("page.html")
+    environment = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["compact"] = compact
+    environment.filters["code"] = code
+    page = environment.get_template("page.html")
     mark = f"own-{secrets.token_hex(16)}"
     text = page.render(
         answer=answer,
         scope=ERROR_SCOPE,
         mark=mark,
-        charts=[
-            {"title": x.title, "words": alt_text(x, drawn)} for x, drawn in zip(pictures, charts)
-        ],
+        charts=[{"title": picture.title, "alt_text": alt_text(picture)} for picture in pictures],
         motions=show.motions,
         figures=[_figure(name, x) for name, x in answer.figures.items()],
         tables={name: limited(x, len(answer.tables)) for name, x in answer.tables.items()},
         parameters=_parameters(answer),
         provenance=_provenance(answer.provenance),
-        open=OPEN,
+        max_open=MAX_OPEN_ROWS,
         packed=_packed(json.dumps(content, separators=(",", ":")).encode()),
         plotly=_packed_plotly(),
         modules={part: _packed(module) for part, module in live.modules.items()} if live else {},
@@ -64,6 +86,13 @@ def report(answer: Answer, path: Path) -> None:
     )
     more = " 'wasm-unsafe-eval'; worker-src blob:" if live else ""
     path.write_text(secured(text, mark, [_plotly()], more), encoding="utf-8")
+
+
+def code(text: str) -> Markup:
+    """Return a text as HTML, in which what stands between backticks is code."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(text))))
 
 
 def secured(text: str, mark: str, inserted: Sequence[bytes], more: str = "") -> str:
@@ -79,8 +108,8 @@ def secured(text: str, mark: str, inserted: Sequence[bytes], more: str = "") -> 
     more
         What else the policy allows to scripts, and further directives.
     """
-    own = re.findall(f"<script {mark}>(.*?)</script>", text, re.DOTALL)
-    hashes = [hashlib.sha256(script).digest() for script in (*map(str.encode, own), *inserted)]
+    scripts = re.findall(f"<script {mark}>(.*?)</script>", text, re.DOTALL)
+    hashes = [hashlib.sha256(script).digest() for script in (*map(str.encode, scripts), *inserted)]
     sources = " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in hashes)
     policy = (
         f"default-src 'none'; script-src {sources}{more}; style-src 'unsafe-inline'; "
@@ -89,18 +118,21 @@ def secured(text: str, mark: str, inserted: Sequence[bytes], more: str = "") -> 
     return text.replace(f"<script {mark}>", "<script>").replace(mark, policy)
 
 
-def first_sheet(answer: Answer) -> float:
-    """The height [inches of 100 px] that the words leave for a picture on the first sheet of A4 or
-    Letter, if they leave enough for one."""
-    lines = [*answer.verdict.splitlines(), *answer.warnings]
-    title = 0.24 * math.ceil(len(answer.question) / 56)
-    room = SHEET - title - 0.23 * sum(math.ceil(len(line) / 95) for line in lines)
-    return room if room > LEAST else LATER
+def first_picture_px(answer: Answer) -> float:
+    """Return the height [px] that the text leaves for a picture on the first sheet of A4 or Letter.
+
+    It is that of a later sheet if the text leaves too little.
+    """
+    paragraphs = [*answer.verdict.splitlines(), *answer.warnings]
+    title = TITLE_LINE_PX * math.ceil(len(answer.question) / TITLE_LETTERS)
+    text = TEXT_LINE_PX * sum(math.ceil(len(each) / TEXT_LETTERS) for each in paragraphs)
+    height = FIRST_SHEET_PX - title - text
+    return height if height > MIN_FIRST_PICTURE_PX else LATER_PICTURE_PX
 
 
 def _packed(content: bytes) -> str:
     """Compressed, in letters."""
-    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(content, COMPRESSION, mtime=0)).decode()
 
 
 @cache
@@ -140,37 +172,38 @@ def _value(value: object) -> str:
 
 
 def limited(table: Table, among: int = 1) -> tuple[str, str]:
-    """The CSV packed, of every k-th row if it is too large, and a note that says so; all tables of
-    a page together stay below LARGEST."""
+    """Return the CSV packed, of every k-th row if it is too large, and a note that says so.
+
+    All tables of a page together stay below MAX_TABLE_LETTERS.
+    """
     rows, k = len(table.frame), 1
     while True:
         packed = _packed(table.frame.iloc[::k].to_csv(index=False).encode())
-        if len(packed) * among <= LARGEST:
+        if len(packed) * among <= MAX_TABLE_LETTERS:
             part = f"one row in {k} of {rows}; the complete file is next to this page"
             return packed, f"{rows} rows" if k == 1 else part
         k *= 2
 
 
-def _provenance(known: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _provenance(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What the answer comes from: coupling, wires, FMUs, versions."""
-    parts = known.get("parts", {})
-    once = {"coupling algorithm": known.get("algorithm") if len(parts) > 1 else None,
-            "communication": known.get("communication")}  # fmt: skip
+    parts, flavour = provenance.get("parts", {}), provenance["flavour"]
+    once = {"coupling algorithm": provenance.get("algorithm") if len(parts) > 1 else None,
+            "communication": provenance.get("communication")}  # fmt: skip
     rows = [(name, text) for name, text in once.items() if text]
-    rows += [("wire", wire) for wire in known.get("wires", ())]
-    rows += [(p, f"{x['fmu']} ({known['flavour']}), {x['guid']}") for p, x in parts.items()]
-    points = f"at most {MOST} points each, with the smallest and largest of every stretch"
-    drawn = (
-        f"{points}, drawn by plotly.js of plotly {version('plotly')}, © Plotly, Inc., MIT licence"
-    )
-    return [*rows, *known["versions"].items(), ("curves", drawn)]
+    rows += [("wire", wire) for wire in provenance.get("wires", ())]
+    rows += [(name, f"{x['fmu']} ({flavour}), {x['guid']}") for name, x in parts.items()]
+    most, package = STYLE.max_points, f"plotly {version('plotly')}"
+    points = f"at most {most} points each, with the smallest and largest of every stretch"
+    curves = f"{points}, drawn by plotly.js of {package}, © Plotly, Inc., MIT licence"
+    return [*rows, *provenance["versions"].items(), ("curves", curves)]
 
 
-def motion(it: Motion) -> Words:
-    """A motion as the page's script gets it."""
-    times = (it.times - it.times[0]).round(6).tolist()
-    pace = "In real time." if it.slow == 1 else f"{it.slow:g} times slower than real time."
+def motion(shapes: Motion) -> PlotlyDict:
+    """Return a motion as the page's script gets it."""
+    times = (shapes.times - shapes.times[0]).round(6).tolist()
+    pace = "In real time." if shapes.slow == 1 else f"{shapes.slow:g} times slower than real time."
     return {
-        "svg": svg(it), "slow": it.slow, "times": times, "captions": list(it.captions),
-        "note": f"{pace} {it.note}",
+        "svg": svg(shapes), "slow": shapes.slow, "times": times,
+        "captions": list(shapes.captions), "note": f"{pace} {shapes.note}",
     }  # fmt: skip

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from ..charts.model import SERIES, Chart, Curve, Direction, Field, Panel, Picture
+from ..charts.model import SERIES, Chart, Curve, Direction, Field, Look, Panel, Picture
 from .file import Study
 
 MAX_CHARTS, ERROR = 6, "_error"
@@ -62,7 +62,7 @@ def _line(table: pd.DataFrame, x: str, name: str) -> Curve:
     """A figure with its errors over the only input, in its order; over names as bars."""
     numeric = pd.api.types.is_numeric_dtype(table[x])
     rows = table.sort_values(x) if numeric else table
-    look = "bars" if not numeric else "step" if flag(rows[name]) else "linked"
+    look: Look = "bars" if not numeric else "step" if flag(rows[name]) else "linked"
     error = rows[name + ERROR].fillna(0.0).to_numpy() if name + ERROR in rows else None
     return Curve(name, rows[x].to_list(), rows[name].to_numpy(), "blue", look, error)
 
@@ -124,7 +124,7 @@ def sensitivity(study: Study, found: pd.DataFrame, units: Units) -> list[Picture
     return [Chart(title, _label(over, units) if over else "input", panels)]
 
 
-def _shares(name: str, x: Sequence[str], found: pd.DataFrame, color: str, look: str) -> Curve:
+def _shares(name: str, x: Sequence[str], found: pd.DataFrame, color: str, look: Look) -> Curve:
     """Shares with their intervals; an index is not below 0, though its estimate may be."""
     value = found["value"].clip(lower=0.0).to_numpy()
     error = found["confidence"].to_numpy()

@@ -12,8 +12,9 @@ from pathlib import Path
 from ...errors import SetupError
 from ...fmu.messages import quiet
 from ...isolated import child, death
-from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Subject, Verdict, checked
+from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Verdict, checked
 from .report import Crosscheck
+from .subject import Subject
 
 
 def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 60.0) -> Crosscheck:
@@ -32,12 +33,13 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
     version = subject.description.fmiVersion
     verdicts: list[Verdict] = []
     while names := list(CHECKS)[len(verdicts) :]:
-        found = _some(path, version, step, names, timeout)
-        verdicts += found
-        if found[-1].check == "run":  # after which the process ended
-            rest = (CHECKS[name] for name in names[len(found) :])
+        finished = _some(path, version, step, names, timeout)
+        verdicts += finished
+        if finished[-1].check == "run":  # after which the process ended
+            rest = (CHECKS[name] for name in names[len(finished) :])
             verdicts += [
-                c.verdict(version, NOT_RUN, f"the check run failed: {found[-1].said}") for c in rest
+                c.verdict(version, NOT_RUN, f"the check run failed: {finished[-1].detail}")
+                for c in rest
             ]
     name, standard = subject.description.modelName, STANDARD[version]
     return Crosscheck(str(fmu), name, standard, subject.how(), tuple(verdicts))
@@ -50,15 +52,15 @@ def _some(
     verdicts: list[Verdict] = []
     with child(_work, path, step, names) as (process, pipe):
         for name in names:
-            said = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
+            detail = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
             try:
                 if pipe.poll(timeout):
                     verdicts.append(pipe.recv())
                     continue
             except EOFError:
                 process.join()
-                said = f"the process {death(process)}"
-            verdicts.append(CHECKS[name].verdict(version, FAILED, said))
+                detail = f"the process {death(process)}"
+            verdicts.append(CHECKS[name].verdict(version, FAILED, detail))
             _end_group(process.pid)
             break
     return verdicts

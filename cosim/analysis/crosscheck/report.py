@@ -64,12 +64,12 @@ class Crosscheck:
 
     def text(self) -> str:
         """A line for each check, and how to repeat each failed one by hand."""
-        rows = [(v.check, v.clause, v.status.upper() if v.status == FAILED else v.status, v.said)
+        rows = [(v.check, v.clause, v.status.upper() if v.status == FAILED else v.status, v.detail)
                 for v in self.verdicts]  # fmt: skip
         failed = (v for v in self.verdicts if v.status == FAILED)
-        again = [f"{v.check}, {self.standard}, {v.clause}: {v.again}" for v in failed]
+        instructions = [f"{v.check}, {self.standard}, {v.clause}: {v.instructions}" for v in failed]
         first = f"{self.model}, {self.fmu}"
-        return "\n".join([first, self.how, *table(rows), *again, self.summary()])
+        return "\n".join([first, self.how, *table(rows), *instructions, self.summary()])
 
     def junit(self) -> str:
         """JUnit's XML; what is not offered or not run is skipped."""
@@ -82,12 +82,12 @@ class Crosscheck:
         for v in self.verdicts:
             case = ElementTree.SubElement(suite, "testcase", classname=self.fmu, name=v.check)
             if v.status == FAILED:
-                failure = ElementTree.SubElement(case, "failure", message=v.said)
-                failure.text = f"{self.standard}, {v.clause}\n{v.again}\n{self.how}"
+                failure = ElementTree.SubElement(case, "failure", message=v.detail)
+                failure.text = f"{self.standard}, {v.clause}\n{v.instructions}\n{self.how}"
             elif v.status == PASSED:
-                ElementTree.SubElement(case, "system-out").text = v.said
+                ElementTree.SubElement(case, "system-out").text = v.detail
             else:
-                ElementTree.SubElement(case, "skipped", message=f"{v.status}: {v.said}")
+                ElementTree.SubElement(case, "skipped", message=f"{v.status}: {v.detail}")
         ElementTree.indent(suite)
         return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -95,15 +95,15 @@ class Crosscheck:
         """A page that needs nothing else."""
         rows = []
         for v in self.verdicts:
-            check, clause, status, said, again = map(html.escape, v)
+            check, clause, status, detail, instructions = map(html.escape, v)
             color = COLORS[v.status]
             rows.append(
                 f'<tr><td>{check}</td><td>{clause}</td><td style="color:{color}">{status}</td>'
-                f"<td>{said}</td><td>{again}</td></tr>"
+                f"<td>{detail}</td><td>{instructions}</td></tr>"
             )
         title = html.escape(f"{self.model}: crosscheck of {Path(self.fmu).name}")
-        told = {"title": title, "summary": self.summary(), "how": html.escape(self.how)}
-        return PAGE.format(**told, standard=self.standard, rows="\n".join(rows))
+        fields = {"title": title, "summary": self.summary(), "how": html.escape(self.how)}
+        return PAGE.format(**fields, standard=self.standard, rows="\n".join(rows))
 
     def badge(self) -> str:
         """A badge as SVG: the standard, and how many checks passed or failed."""
@@ -124,7 +124,7 @@ class Crosscheck:
 
 
 WRITERS: dict[str, Callable[[Crosscheck], str]] = {
-    ".txt": lambda found: found.text() + "\n",
+    ".txt": lambda report: report.text() + "\n",
     ".xml": Crosscheck.junit,
     ".html": Crosscheck.html,
     ".svg": Crosscheck.badge,

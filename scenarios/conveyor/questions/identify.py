@@ -3,6 +3,9 @@
 The parameters of the drive, its supply and its state at the start are fitted to a record of its speed,
 and of its torque if that was measured. The resonance follows with an interval, and so does the torque
 ripple at the operating speed. A record that no drive of this kind fits is refused.
+
+This question has a `solve` of its own because the answer comes from a fit to a record and from many
+machines that fit it, not from one run that is certified.
 """
 
 from __future__ import annotations
@@ -105,7 +108,7 @@ def solve(o: Options, context: Context) -> Findings:
     return Findings(
         figures(o, context, drive_data),
         drive_data,
-        fit.model.system,
+        fit.problem.system,
         fit.result.provenance,
         tables=fitting.tables(fit, drive_data.advice, "identify", "rad/s"),
         facts=facts(o, drive_data),
@@ -158,7 +161,7 @@ def figures(o: Options, context: Context, drive_data: IdentifiedDrive) -> dict[s
     for name, key in CHANGED.items():
         meanings[f"clear_{key}"] = f"{name} at which that torque ripple is at its limit"
         meanings[f"change_{key}"] = CHANGE.format(name)
-        units[f"clear_{key}"] = fit.model.free[fit.names.index(name)].unit
+        units[f"clear_{key}"] = fit.problem.parameters[fit.names.index(name)].unit
         units[f"change_{key}"] = "%"
     if fit.misfit:
         why = "no machine of this kind fits the record"
@@ -167,7 +170,7 @@ def figures(o: Options, context: Context, drive_data: IdentifiedDrive) -> dict[s
     gap = fit.interval(lambda v: 100.0 * (nu / machine(v).nu_res - 1.0), "%")
     all_figures["away"] = figure_of(gap, meanings["away"])
     all_figures["tau2"] = ripple(o, context, drive_data, meanings["tau2"])
-    best = machine(fit.model.values(fit.local.p))
+    best = machine(fit.start_values)
 
     def changed(name: str, x: float) -> tuple[Machine, float]:
         many: dict[str, Any] = {FIELDS[name]: x}
@@ -208,7 +211,7 @@ def orbits(
     step_multiples: Sequence[int],
 ) -> list[Orbit]:
     """Steady orbits of a machine like the one found at a mean speed nu [rad/s]."""
-    values = drive_data.fit.model.values(drive_data.fit.local.p)
+    values = drive_data.fit.start_values
     mine = {name: x for name, x in values.items() if name not in FIXED_STARTS and "(" not in name}
     mine |= {name: getattr(machine, field) for name, field in FIELDS.items() if name in mine}
     runner = OrbitRunner(context, {**o.start, **mine}, o.algorithm, STEPS)
@@ -218,7 +221,7 @@ def orbits(
 def ripple(o: Options, context: Context, drive_data: IdentifiedDrive, meaning: str) -> Figure:
     """The torque ripple of the machine found on its steady orbit at the operating speed."""
     fit, nu = drive_data.fit, drive_data.operating
-    machine = drive_data.machine(fit.model.values(fit.local.p))
+    machine = drive_data.machine(fit.start_values)
     points = orbits(o, context, drive_data, machine, nu, STEP_MULTIPLES)
     if points[0].problem:
         return Figure.undetermined("N.m", points[0].problem, meaning)
@@ -262,7 +265,7 @@ def edges(
     """The stretches of speed in which first-order theory has the torque ripple above its limit."""
     if fit.misfit:
         return []
-    values = fit.model.values(fit.local.p)
+    values = fit.start_values
     nus = machine(values).nu_res * np.geomspace(*SWEEP, GRID)
 
     def passed(v: Mapping[str, float]) -> list[float]:
@@ -296,7 +299,7 @@ def cleared(o: Options, drive_data: IdentifiedDrive, name: str, unit: str) -> Fi
     limit.
     """
     fit, nu = drive_data.fit, drive_data.operating
-    values = fit.model.values(fit.local.p)
+    values = fit.start_values
     if abs(drive_data.machine(values).torque_ripple(nu)) <= o.ripple_limit:
         return Figure.undetermined(unit, "the operating speed is already clear")
     if math.isnan(clearing(o, drive_data, name, values)):
@@ -313,7 +316,7 @@ def change(
     meaning = CHANGE.format(name)
     if clear.error is None or by_theory.error is None:
         return Figure.undetermined("%", clear.reason, meaning)
-    value = drive_data.fit.model.values(drive_data.fit.local.p)[name]
+    value = drive_data.fit.start_values[name]
     ratio = drive_data.fit.interval(lambda v: 100.0 * (clearing(o, drive_data, name, v) - 1.0), "%")
     figure = figure_of(ratio, meaning)
     if figure.error is None:
@@ -341,11 +344,11 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     """What further records would leave of the interval of the resonance, the best first."""
     if fit.misfit:
         return []
-    values = fit.model.values(fit.local.p)
+    values = fit.start_values
     base = SETS[o.set].follow(o.start)
-    times = fit.model.columns[0].times
+    times = fit.problem.columns[0].times
     stop, last = float(times[-1] - times[0]), {name: float(fit.result[name][-1]) for name in STATES}
-    noise = {column.name: column.noise.sigma for column in fit.model.columns}
+    noise = {column.name: column.noise.sigma for column in fit.problem.columns}
     torque = {TORQUE: NOISE * o.rated}
     supply = KLOSS[0] if induction(o.start) else LINEAR[0]
     rest = {"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0}
@@ -397,8 +400,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> str:
         )
     elif ends[0].error is not None and ends[1].error is not None:
         lines.append(f"Avoid speeds from {ends[0].text()} to {ends[1].text()}.")
-    for group in r.fit.alike:
-        lines.append(f"The record cannot tell {' and '.join(group)} apart.")
+    lines.extend(
+        f"The record cannot tell {' and '.join(group)} apart." for group in r.fit.correlated_groups
+    )
     now = f["nu_res"].error or math.inf
     lines.append(fitting.next_record(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)

@@ -4,6 +4,9 @@ Motor and drive are fitted to a record of the motor's speed, and of its torque i
 Friction is proportional to the load. The record therefore shows (1 + K) m and (1 + K) c, with one K for
 the way up and one for the way down, but not m and c themselves. One of them must be known, such as the
 mass of an iron that was weighed. A record that no drive of this kind fits is refused.
+
+This question has a `solve` of its own because the answer comes from a fit to a record and from many
+machines that fit it, not from one run that is certified.
 """
 
 import math
@@ -80,12 +83,12 @@ def solve(o: Options, context: Context) -> Findings:
     system = guess(o, context.fmus, record[SPEED])
     free = [SUPPLY, *FREE, *STATES]
     fit = o.identify(system, record, free, first=("iron.phi", SUPPLY))
-    machine = drive(fit, fit.model.values(fit.local.p))
+    machine = drive(fit, fit.start_values)
     iron_data = IdentifiedIron(fit, machine, () if fit.misfit else advice(o, fit))
     return Findings(
         figures(iron_data),
         iron_data,
-        fit.model.system,
+        fit.problem.system,
         fit.result.provenance,
         tables=fitting.tables(fit, iron_data.advice, "iron_identify", "1"),
         facts=fitting.facts(fit, iron_data.advice, EXACT),
@@ -115,7 +118,7 @@ def guess(o: Options, fmus: Mapping[str, Path], speed: cosim.Table) -> System:
 
 def drive(fit: Identified, values: Mapping[str, float]) -> System:
     """The drive with these values."""
-    system = fit.model.system
+    system = fit.problem.system
     mine = {
         name: x for name, x in values.items() if name in (*FREE, *fit.names) and "(" not in name
     }
@@ -127,7 +130,7 @@ def follows(fit: Identified) -> dict[str, Callable[[Mapping[str, float]], float]
 
     @cache
     def turned(system: tuple[tuple[str, Value], ...]) -> tuple[float, float]:
-        machine = replace(fit.model.system, start=dict(system))
+        machine = replace(fit.problem.system, start=dict(system))
         loss = iron.turn(machine, 1.0, SAMPLES)["iron.E_friction"][-1]
         return float(loss), iron.limits(machine)["follower_limit"].value
 
@@ -177,10 +180,10 @@ def pace(fit: Identified) -> float:
 
 def advice(o: Options, fit: Identified) -> list[Advice]:
     """What further records would leave of the interval of the friction, the best first."""
-    values, times = fit.model.values(fit.local.p), fit.model.columns[0].times
+    values, times = fit.start_values, fit.problem.columns[0].times
     stop = float(times[-1] - times[0])
     last = {name: float(fit.result[name][-1]) for name in STATES}
-    noise = {column.name: column.noise.sigma for column in fit.model.columns}
+    noise = {column.name: column.noise.sigma for column in fit.problem.columns}
     torque = {TORQUE: FORESEEN * o.rated_torque}
     rest = {"iron.phi": -math.pi / 3, "iron.w_cam": 0.0, TORQUE: 0.0}
     kinds: dict[str, Mapping[str, Value]] = {
@@ -206,7 +209,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> str:
         f"{f['away']._replace(value=abs(f['away'].value)).text()} "
         f"{'above' if f['away'].value > 0 else 'below'} the speed of the record.",
     ]
-    lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
+    lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.correlated_groups]
     now = f["mu"].error or math.inf
     return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 

@@ -3,6 +3,9 @@
 The machine is fitted to the durations of stages that a camera measured, with a row for each product, at
 several speeds of the rotor. Friction is proportional to the squared speed: fast products show it, while
 slow ones show the height of the fall. Stage times that no friction explains are refused.
+
+This question has a `solve` of its own because the answer comes from a fit to a record and from many
+machines that fit it, not from one run that is certified.
 """
 
 import math
@@ -83,8 +86,8 @@ def solve(o: Options, context: Context) -> Findings:
             )
     nearest_system = guess(system, data)
     fit = o.identify(nearest_system, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
-    mine = {name: x for name, x in fit.model.values(fit.local.p).items() if "(" not in name}
-    machine = replace(fit.model.system, start={**fit.model.system.start, **mine}, inputs={})
+    mine = {name: x for name, x in fit.start_values.items() if "(" not in name}
+    machine = replace(fit.problem.system, start={**fit.problem.system.start, **mine}, inputs={})
     rpm = [30 / math.pi * x for x in speeds]
     limit = (
         Figure.undetermined("rpm", "no friction fits the record")
@@ -98,7 +101,7 @@ def solve(o: Options, context: Context) -> Findings:
     return Findings(
         figures(product_data, limit),
         product_data,
-        fit.model.system,
+        fit.problem.system,
         fit.result.provenance,
         tables=fitting.tables(fit, product_data.advice, "orientator_identify", "1"),
         facts={"products": len(rpm), "tried": tried}
@@ -146,7 +149,6 @@ def guess(system: System, data: Mapping[str, Measured]) -> System:
 
 def top(fit: Identified, machine: System) -> Figure:
     """The fastest rotor that orients [rpm]; its error holds that of friction."""
-
     mu = fit.values[FRICTION]
     with cosim.quiet():
         best, *ends = (
@@ -177,7 +179,7 @@ def figures(product_data: IdentifiedOrientator, limit: Figure) -> dict[str, Figu
 
 def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
     """What as many products at these speeds [rpm] would leave of the interval of friction."""
-    noise = {column.name: column.noise.sigma for column in fit.model.columns}
+    noise = {column.name: column.noise.sigma for column in fit.problem.columns}
     stop = PERIOD * count
     experiments = {"the same products again": Experiment({}, noise, stop)}
     for n in tried:
@@ -199,7 +201,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> str
             f"With it the rotor may turn at up to {limit.text()}, {f['away'].text()} above the fastest "
             "product of the record."
         )
-    lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
+    lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.correlated_groups]
     now = mu.error or math.inf
     return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
@@ -243,6 +245,6 @@ def show(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> Show:
     chart = Chart(title, "rotor speed [rpm]", panels)
     n = max(r.speeds)
     with cosim.quiet():
-        run = run_product(r.machine, r.fit.local.p[r.fit.names.index(FRICTION)], n, 1e-3)
+        run = run_product(r.machine, r.fit.start_values[FRICTION], n, 1e-3)
     last = float(orientator.shortened(run)["time"][-1])
     return Show([chart], [motion.motion(f"The fitted machine at {n:.4g} rpm", {"": run}, last)])

@@ -1,0 +1,253 @@
+"""The first step: a system, a record of it and what is known of it, as one problem of least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypedDict, Unpack
+
+import numpy as np
+
+from ..errors import SetupError
+from ..fmu.messages import quiet
+from ..master import run
+from ..metrics import spline
+from ..result import Result, SimulationError
+from ..system import Network, System
+from .parameters import (
+    SENSOR,
+    Array,
+    FreeParameter,
+    Prior,
+    is_sensor_parameter,
+)
+from .record import Column
+
+DerivedFunction = Callable[[Mapping[str, float], Result], float]
+#: Step of the forward differences of the search, over the size of a value. Chosen between the square root of the
+#: precision of doubles, 1.5e-8, and the nonlinearity, so that the rounding of an FMU's own integration does not show.
+FORWARD_STEP = 1e-5
+#: The residual of a run that the FMUs refuse, and the largest of any run, in standard deviations. Chosen: far above
+#: any that fits, and its square still sums up without loss.
+FAILED_RESIDUAL = 1e6
+#: Times that differ by less than this share of a step are the same. Chosen: above rounding of sums of steps.
+SAME_TIME = 1e-9
+
+
+class SimulationSettings(TypedDict, total=False):
+    """Settings of `run` that a fit may have, see there."""
+
+    algorithm: str
+    order: Sequence[str] | None
+    input_order: int
+    substeps: Mapping[str, int] | None
+    tolerance: float | None
+    output_step: float | None
+    stop_time_defined: bool
+
+
+class DerivedQuantity(NamedTuple):
+    """What follows from all values and the fitted run, such as a resonance, and its unit."""
+
+    name: str
+    function: DerivedFunction
+    unit: str
+
+
+class Evaluation(NamedTuple):
+    """What a run gives: residuals, shape (m,), and derived quantities, shape (k,)."""
+
+    residuals: Array
+    derived: Array
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A system with free parameters, the columns that measure it, and what is known of the parameters.
+
+    Runs cover the `span`, two times [s], in steps of `step` [s]. Residuals are in standard deviations of the noise,
+    those of the prior last. Values p of the free parameters have shape (n,).
+    """
+
+    system: System
+    columns: Sequence[Column]
+    parameters: Sequence[FreeParameter]
+    prior: Prior
+    step: float
+    span: tuple[float, float]
+    settings: SimulationSettings
+    derived: Sequence[DerivedQuantity] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the free parameters."""
+        return [parameter.name for parameter in self.parameters]
+
+    @property
+    def guess(self) -> Array:
+        """The first values of the free parameters, shape (n,)."""
+        return np.array([parameter.guess for parameter in self.parameters])
+
+    @property
+    def sizes(self) -> Array:
+        """The sizes of the free parameters, shape (n,)."""
+        return np.array([parameter.size for parameter in self.parameters])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """The least and the largest values of the free parameters, each of shape (n,)."""
+        low, high = np.array([(f.low, f.high) for f in self.parameters]).reshape(-1, 2).T
+        return low, high
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are in all columns."""
+        return sum(len(column.times) for column in self.columns)
+
+    def start_values(self, p: Array) -> dict[str, float]:
+        """All start values of the system that are numbers, with the free ones among them."""
+        start = {k: float(v) for k, v in self.system.start.items() if isinstance(v, int | float)}
+        return start | dict(zip(self.names, p.tolist()))
+
+    def predict(self, p: Array, result: Result) -> list[Array]:
+        """What the sensors of the columns show of a run, at the times of their rows."""
+        values = dict(zip(self.names, p.tolist()))
+        predictions = []
+        for column in self.columns:
+            gain, delay, zero = (
+                values.get(f"{kind}({column.name})", ideal) for kind, (ideal, _) in SENSOR.items()
+            )
+            t, x = result["time"], result[column.name]
+            times = column.times - delay
+            same = len(t) == len(times) and np.abs(t - times).max() < SAME_TIME * (t[1] - t[0])
+            predictions.append(gain * (x if same else spline(t, x)(times)) + zero)
+        return predictions
+
+    def residual_vector(self, p: Array, predictions: Sequence[Array]) -> Array:
+        """Predictions less measurements over the noise, by column, then the residuals of the prior, shape (m,)."""
+        indices = [self.names.index(name) for name in self.prior.names]
+        by_column = [
+            (x - column.values) / column.noise.sigma for column, x in zip(self.columns, predictions)
+        ]
+        vector = np.concatenate([*by_column, self.prior.residuals(p[indices])])
+        clipped = np.clip(vector, -FAILED_RESIDUAL, FAILED_RESIDUAL)
+        return np.where(np.isfinite(vector), clipped, FAILED_RESIDUAL)
+
+
+class Evaluator:
+    """Runs a problem with values of its free parameters; counts the runs and remembers the residuals of the last."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.runs = 0
+        self._last: tuple[bytes, Array] | None = None
+
+    def simulate(self, p: Array, *, step: float | None = None, all_outputs: bool = False) -> Result:
+        """A run over the record, of the measured columns or of all outputs; raises what `run` does."""
+        problem = self.problem
+        start = {n: v for n, v in zip(problem.names, p.tolist()) if not is_sensor_parameter(n)}
+        system = replace(problem.system, start={**problem.system.start, **start})
+        measured = list(dict.fromkeys(column.name for column in problem.columns))
+        self.runs += 1
+        first, last = problem.span
+        with quiet():
+            return run(
+                system,
+                start=first,
+                stop=last,
+                step=step or problem.step,
+                record=None if all_outputs else measured,
+                **problem.settings,
+            )
+
+    def evaluate(self, p: Array) -> Evaluation:
+        """Residuals and derived quantities; raises what `run` does."""
+        problem = self.problem
+        result = self.simulate(p, all_outputs=bool(problem.derived))
+        values = problem.start_values(p)
+        derived = [float(quantity.function(values, result)) for quantity in problem.derived]
+        return Evaluation(problem.residual_vector(p, problem.predict(p, result)), np.array(derived))
+
+    def residuals(self, p: Array) -> Array:
+        """The residuals, shape (m,); those of all rows are FAILED_RESIDUAL where the FMUs refuse the values."""
+        problem, key = self.problem, p.tobytes()
+        if self._last is not None and self._last[0] == key:
+            return self._last[1]
+        try:
+            predictions = problem.predict(p, self.simulate(p))
+        except (SimulationError, SetupError):
+            predictions = [np.full(len(c.times), FAILED_RESIDUAL) for c in problem.columns]
+        residuals = problem.residual_vector(p, predictions)
+        self._last = key, residuals
+        return residuals
+
+    def chi2(self, p: Array) -> float:
+        """The sum of squared residuals."""
+        return float(np.sum(self.residuals(p) ** 2))
+
+    def jacobian(self, p: Array, indices: Sequence[int] | None = None) -> Array:
+        """The derivatives of the residuals by the free parameters of these indices, or by all, shape (m, n).
+
+        They are forward differences, or backward ones at an upper bound.
+        """
+        base = self.residuals(p)
+        base_entry = self._last
+        columns = []
+        for k in range(len(p)) if indices is None else indices:
+            parameter = self.problem.parameters[k]
+            step = FORWARD_STEP * parameter.size
+            displaced = p.copy()
+            displaced[k] += step * (1.0 if parameter.high - p[k] > step else -1.0)
+            columns.append((self.residuals(displaced) - base) / (displaced[k] - p[k]))
+        self._last = base_entry
+        return np.stack(columns, axis=1)
+
+
+def prepare(
+    network: Network,
+    columns: Sequence[Column],
+    parameters: Sequence[FreeParameter],
+    prior: Prior,
+    derived: Sequence[DerivedQuantity] = (),
+    *,
+    begin: float | None = None,
+    step: float | None = None,
+    **settings: Unpack[SimulationSettings],
+) -> Problem:
+    """The problem of fitting a checked system to columns.
+
+    Runs begin with the first row of all columns or at the time `begin` [s] before it. Their `step` [s] is by default
+    the least median spacing of the rows of a column. Rows of a delayed column that may show what was before the
+    beginning or after the last row are left out. Raises SetupError for a `begin` after the first row.
+    """
+    first = min(float(column.times[0]) for column in columns)
+    last = max(float(column.times[-1]) for column in columns)
+    if begin is not None and not begin <= first:
+        raise SetupError(f"begin = {begin!r} s must not be after the first row, at {first!r} s")
+    span = first if begin is None else begin, last
+    delays = {parameter.name: (parameter.low, parameter.high) for parameter in parameters}
+    covered = []
+    for column in columns:
+        low, high = delays.get(f"delay({column.name})", (0.0, 0.0))
+        inside = (column.times - high >= span[0]) & (column.times - low <= span[1])
+        covered.append(replace(column, times=column.times[inside], values=column.values[inside]))
+    spacing = min(float(np.median(np.diff(column.times))) for column in columns)
+    return Problem(
+        network.system, covered, parameters, prior, step or spacing, span, settings, derived
+    )
+
+
+def require_runnable_guess(problem: Problem) -> None:
+    """Run the guess once, so that a refusal by the FMUs or the master is reported unchanged.
+
+    Raises SetupError if it cannot be run, and for fewer rows than free parameters.
+    """
+    try:
+        Evaluator(problem).simulate(problem.guess)
+    except SimulationError as error:
+        raise SetupError(f"the first guess cannot be run: {error}") from error
+    rows, parameters = problem.rows, len(problem.parameters)
+    if rows <= parameters:
+        raise SetupError(
+            f"the record has {rows} rows, fewer than are needed for {parameters} free values"
+        )

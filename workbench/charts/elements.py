@@ -1,0 +1,344 @@
+"""What is drawn in a panel, as elements that a renderer draws one after the other without a decision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import count, cycle
+
+import numpy as np
+
+from .axes import Axis, color_axis, direction_axis, y_axis
+from .model import Curve, Field, Lanes, Panel, Samples
+from .style import (
+    COLORS,
+    LETTERS_BY_SCREEN,
+    LEVEL_DASHES,
+    MARKERS,
+    SCALES,
+    STYLE,
+    Dash,
+    Marker,
+    color_of,
+)
+
+#: Name of what is drawn where there is no value.
+UNDETERMINED = "not determined"
+#: Points of a curve above which they are small, as nobody sees single ones; chosen.
+MANY_POINTS = 200
+#: Share of its points above which a curve is covered; chosen: a crossing of two curves covers nothing.
+MOSTLY = 0.5
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line, points, or both; NaN in y is a gap.
+
+    `hover` is what the mouse tells, a format of "{x}" and "{y}"; None tells nothing.
+    """
+
+    name: str
+    x: Samples
+    y: Samples
+    color: str
+    width_px: float = STYLE.line_width_px
+    dash: Dash = "solid"
+    is_step: bool = False
+    marker: Marker = "circle"
+    marker_px: float = 0.0
+    is_in_legend: bool = True
+    hover: str | None = None
+
+
+@dataclass(frozen=True)
+class Band:
+    """What lies between two lines; `values` are told by the mouse in place of the upper one."""
+
+    name: str
+    x: Samples
+    low: Samples
+    high: Samples
+    color: str
+    opacity: float
+    values: Samples | None = None
+    is_in_legend: bool = False
+    hover: str | None = None
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Bars between two values; they begin at x + offset and are `width` wide. A text is written inside."""
+
+    name: str
+    x: Samples
+    low: Samples
+    high: Samples
+    color: str
+    offset: float
+    width: float
+    opacity: float = 1.0
+    text: str = ""
+    is_in_legend: bool = True
+    hover: str | None = None
+
+
+@dataclass(frozen=True)
+class Heat:
+    """Values over a plane in colour; `levels` are what the colours follow, `axis` explains them."""
+
+    name: str
+    x: Samples
+    y: Samples
+    levels: Samples
+    values: Samples
+    colors: tuple[str, ...]
+    axis: Axis
+    is_in_legend: bool = False
+    hover: str | None = None
+
+
+@dataclass(frozen=True)
+class ArrowElement:
+    """An arrow at x from one y to another."""
+
+    x: float
+    start: float
+    end: float
+    color: str
+
+
+Element = Line | Band | Bars | Heat
+
+
+@dataclass(frozen=True)
+class Row:
+    """A part of a picture: y axis, elements, arrows, and a height that may shrink or not."""
+
+    y: Axis
+    elements: tuple[Element, ...]
+    height_px: float
+    arrows: tuple[ArrowElement, ...] = ()
+    may_shrink: bool = True
+
+    @property
+    def legend(self) -> list[str]:
+        """The names in its legend."""
+        return [element.name for element in self.elements if element.is_in_legend]
+
+
+def row_of(part: Panel | Lanes | Field, x: Axis, height_px: float) -> Row:
+    """Return what is drawn of a part of a picture over an x axis; only a panel takes the height."""
+    match part:
+        case Panel():
+            return panel_row(part, x, height_px)
+        case Lanes():
+            return lanes_row(part, x)
+        case Field():
+            return field_row(part)
+
+
+def panel_row(panel: Panel, x: Axis, height_px: float) -> Row:
+    """Draw curves over their errors, areas on each other, bars beside each other, levels end to end."""
+    bars = sum(curve.look == "bars" for curve in panel.curves)
+    width = STYLE.bars_share / max(1, bars)
+    offsets = count(-STYLE.bars_share / 2, width)
+    base, elements, ranges = np.zeros(1), list[Element](), [np.zeros(min(1, bars))]
+    hover = "{y}" if panel.flag else f"{{y:.5g}} {panel.unit}"
+    for curve, extra_px in zip(panel.curves, covered_px(panel.curves)):
+        if curve.look == "area":
+            top = base + np.nan_to_num(np.asarray(curve.y, float))
+            elements.append(_area(curve, base, top, panel.unit))
+            ranges += [base + 0 * top, top]
+            base = top
+            continue
+        if curve.look == "bars":
+            elements += _bars(curve, next(offsets), width, hover)
+        else:
+            elements += _curve(curve, extra_px, hover)
+        ranges += [*curve.bounds]
+    for level, dash in zip(panel.levels, cycle(LEVEL_DASHES)):
+        at = np.full(2, level.at)
+        elements.append(Line(level.text, np.array(x.ends), at, COLORS["grey"], dash=dash))
+    y = y_axis(panel, [*ranges, *(np.array([each.start, each.end]) for each in panel.arrows)])
+    elements += _undetermined(panel, y)
+    if sum(element.is_in_legend for element in elements) == 1:
+        elements = [replace(element, is_in_legend=False) for element in elements]
+    arrows = (ArrowElement(a.x, a.start, a.end, color_of(a.color)) for a in panel.arrows)
+    return Row(y, tuple(elements), height_px, tuple(arrows))
+
+
+def lanes_row(lanes: Lanes, x: Axis) -> Row:
+    """Draw a lane of bars for every name, with their texts inside where these fit on a small screen."""
+    elements = []
+    half = STYLE.lane_bar_share / 2
+    for lane, bar in lanes.bars:
+        length, room = bar.last - bar.first, float(np.diff(x.share([bar.first, bar.last]))[0])
+        fits = len(bar.text) + 1 < LETTERS_BY_SCREEN["narrow"] * room
+        elements.append(
+            Bars(
+                bar.text,
+                np.array([bar.first]),
+                np.array([lane - half]),
+                np.array([lane + half]),
+                color_of(bar.color),
+                0.0,
+                length,
+                STYLE.area_opacity,
+                bar.text if fits else "",
+                not fits,
+                f"{length:.4g}",
+            )
+        )
+    y = Axis("", (len(lanes.rows) - 0.5, -0.5), ticks=dict(enumerate(lanes.rows)))
+    return Row(y, tuple(elements), STYLE.lane_px * len(lanes.rows), may_shrink=False)
+
+
+def field_row(field: Field) -> Row:
+    """Draw levels and curves over a quantity in colour, with a rim that shows them on every colour."""
+    elements: list[Element] = [_heat(field)]
+    for level in field.levels:
+        x, y = contour(field, level.at, level.values)
+        rim = Line(level.text, x, y, COLORS["black"], STYLE.rim_width_px)
+        elements += [
+            rim,
+            replace(rim, color=COLORS["white"], width_px=STYLE.line_width_px, is_in_legend=False),
+        ]
+    for curve in field.curves:
+        line, *_ = _curve(curve, 0.0, f"{{y:.5g}} {field.y.unit}")
+        assert isinstance(line, Line)
+        size = STYLE.plane_marker_px if line.marker_px else 0.0
+        width = STYLE.plane_line_width_px if line.width_px else 0.0
+        elements.append(
+            replace(
+                line,
+                color=COLORS["white"],
+                width_px=STYLE.rim_width_px if width else 0.0,
+                marker_px=size + STYLE.rim_marker_px if size else 0.0,
+                is_in_legend=False,
+                hover=None,
+            )
+        )
+        elements.append(replace(line, width_px=width, marker_px=size))
+    return Row(direction_axis(field.y), tuple(elements), STYLE.plane_px)
+
+
+def contour(field: Field, at: float, values: Samples | None) -> Samples:
+    """Return the contour line of values over a field's plane, shape (2, n), with NaN between its pieces."""
+    from contourpy import LineType, contour_generator
+
+    over = np.ma.masked_invalid(np.asarray(field.values if values is None else values, float))
+    x, y = (np.asarray(side.values, float) for side in (field.x, field.y))
+    drawer = contour_generator(x, y, over, line_type=LineType.ChunkCombinedNan)
+    (line,), *_ = drawer.lines(at)
+    return np.empty((2, 0)) if line is None else np.asarray(line, float).T
+
+
+def covered_px(curves: Sequence[Curve]) -> list[float]:
+    """Return by how much the points of each curve are larger, so that those drawn later do not hide them."""
+    pointed = [curve.look in ("points", "linked") for curve in curves]
+    values = [np.asarray(c.y, float) for c, has_points in zip(curves, pointed) if has_points]
+    finite = np.concatenate([np.empty(0), *values])
+    finite = finite[np.isfinite(finite)]
+    height = float(np.ptp(finite)) if len(finite) else 0.0
+    extra = [0.0] * len(curves)
+    for k in reversed(range(len(curves))):
+        above = [
+            extra[later]
+            for later in range(k + 1, len(curves))
+            if pointed[k] and pointed[later] and _covers(curves[later], curves[k], height or 1.0)
+        ]
+        extra[k] = max(above, default=-STYLE.covered_marker_px) + STYLE.covered_marker_px
+    return extra
+
+
+def _covers(upper: Curve, lower: Curve, height: float) -> bool:
+    """Whether a curve lies on the larger part of the points of another."""
+    above, below = (
+        np.stack([curve.positions, np.asarray(curve.y, float)]) for curve in (upper, lower)
+    )
+    if max(above.shape[1], below.shape[1]) > MANY_POINTS or not min(above.shape[1], below.shape[1]):
+        return False
+    length = float(np.ptp(np.concatenate([above[0], below[0]]))) or 1.0
+    scale = np.array([length, height])[:, None, None] * STYLE.covered_share
+    is_close = (np.abs(above[:, :, None] - below[:, None, :]) < scale).all(axis=0)
+    return bool(is_close.any(axis=0).mean() > MOSTLY)
+
+
+def _curve(curve: Curve, extra_px: float, hover: str) -> list[Element]:
+    """Draw a line or points over their errors."""
+    x, y = curve.positions, np.asarray(curve.y, float)
+    has_points = curve.look in ("points", "linked")
+    size = STYLE.marker_px if len(x) <= MANY_POINTS else STYLE.many_markers_px
+    if curve.look == "linked":
+        x, y = broken(x, y, curve.breaks)
+    line = Line(
+        curve.name, x, y, color_of(curve.color),
+        0.0 if curve.look == "points" else STYLE.line_width_px,
+        "dash" if curve.look == "theory" else "solid",
+        curve.look == "step",
+        MARKERS[curve.color],
+        size + extra_px if has_points else 0.0,
+        hover=hover,
+    )  # fmt: skip
+    if has_points or curve.error is None:
+        return [*_errors(curve, curve.positions), line]
+    low, high = curve.bounds
+    color, opacity = color_of(curve.color), STYLE.band_opacity
+    return [Band(curve.name, curve.positions, low, high, color, opacity), line]
+
+
+def broken(x: Samples, y: Samples, breaks: Sequence[int]) -> tuple[Samples, Samples]:
+    """Return a curve with a gap before each of some positions."""
+    at = list(breaks)
+    return np.insert(x, at, x[at]), np.insert(y, at, math.nan)
+
+
+def _area(curve: Curve, base: Samples, top: Samples, unit: str) -> Band:
+    """Draw a stacked area, of which the mouse tells its own height."""
+    values, low = np.asarray(curve.y, float), base + np.zeros(len(top))
+    color, opacity, hover = color_of(curve.color), STYLE.area_opacity, f"{{value:.5g}} {unit}"
+    return Band(curve.name, curve.positions, low, top, color, opacity, values, True, hover)
+
+
+def _bars(curve: Curve, offset: float, width: float, hover: str) -> list[Element]:
+    """Draw bars from 0, with their errors over them."""
+    x, y = curve.positions, np.asarray(curve.y, float)
+    color = color_of(curve.color)
+    bars = Bars(curve.name, x, 0 * y, y, color, offset, width, hover=hover)
+    return [bars, *_errors(curve, x + offset + width / 2)]
+
+
+def _errors(curve: Curve, x: Samples) -> list[Element]:
+    """Draw a bar for the error at every point."""
+    if curve.error is None:
+        return []
+    y = np.stack([*curve.bounds, np.full(len(x), np.nan)], axis=1).ravel()
+    color = color_of("black" if curve.look == "bars" else curve.color)
+    width = STYLE.error_width_px
+    return [Line(curve.name, np.repeat(x, 3), y, color, width, is_in_legend=False)]
+
+
+def _undetermined(panel: Panel, y: Axis) -> list[Element]:
+    """Draw a cross at the foot of a panel for every point and bar that has no value."""
+    pointed = [curve for curve in panel.curves if curve.look in ("points", "linked", "bars")]
+    missing = [c.positions[~np.isfinite(np.asarray(c.y, float))] for c in pointed]
+    x = np.unique(np.concatenate([np.empty(0), *missing]))
+    if not len(x):
+        return []
+    foot = np.full(len(x), y.value(STYLE.undetermined_share))
+    size, hover = STYLE.undetermined_marker_px, UNDETERMINED
+    color = COLORS["black"]
+    return [Line(UNDETERMINED, x, foot, color, 0.0, marker="cross", marker_px=size, hover=hover)]
+
+
+def _heat(field: Field) -> Heat:
+    """Draw the values of a field in colour."""
+    values = np.asarray(field.values, float)
+    sides = zip("xy", (field.x, field.y))
+    hover = [f"{side.quantity} {{{name}:.4g}} {side.unit}" for name, side in sides]
+    hover.append(f"{field.quantity} {{value:.4g}}")
+    x, y = (np.asarray(side.values, float) for side in (field.x, field.y))
+    levels = np.log10(values) if field.log else values
+    colors, text = SCALES[field.scale], "<br>".join(hover)
+    return Heat(field.quantity, x, y, levels, values, colors, color_axis(field), hover=text)
