@@ -30,8 +30,9 @@ CLOSED, MOST_ITERATIONS = 1e-12, 20
 
 
 class Blocks(NamedTuple):
-    """Derivatives of rates (A, B) and outputs (C, D) by states and inputs, block by block of the
-    parts, and what the wires bring of the outputs to the inputs (F).
+    """Derivatives of rates (A, B) and outputs (C, D) by states and inputs, and the wires (F).
+
+    The matrices consist of one block for each part; F holds the outputs that each input receives.
     """
 
     A: Array
@@ -108,8 +109,10 @@ class Whole:
         return np.array([value for part in self.parts for value in part.instance.dx])
 
     def signs(self) -> list[float]:
-        """Values whose change is an event: which indicators are at least zero, and the outputs on wires
-        that are not Real, in case no indicator guards them.
+        """Values whose change is an event.
+
+        These are the indicators, as at least zero or not, and the outputs on wires that are not Real,
+        in case no indicator guards them.
         """
         found: list[float] = []
         for part in self.parts:
