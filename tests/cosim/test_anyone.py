@@ -693,9 +693,9 @@ def test_output_derivatives_serve_the_first_step(
 
 @pytest.mark.parametrize("algorithm", ["iterated", "doubling", "jacobi"])
 def test_every_state_is_freed(algorithm: str, make: Make, diary: Diary) -> None:
-    parts, record = {"A": make(x0=0.0), "B": make()}, ["A.states_alive", "A.restores"]
+    parts, record = {"A": make(x0=0.0), "B": make()}, ["A.live_states", "A.restores"]
     result = run(ring(parts), stop=2.0, record=record, **stepped(algorithm))
-    assert 0 < result["A.states_alive"].max() <= 3
+    assert 0 < result["A.live_states"].max() <= 3
     assert sorted(diary()) == CLOSED
 
 

@@ -185,7 +185,7 @@ def test_a_count_over_an_instance_s_life_fails_reset_and_state(tmp_path: Path) -
     report = verdicts(foreign(tmp_path / "foreign.fmu"))
     assert failed(report) == ["stop time", "reset", "state"]  # it shows the stop time, too
     assert "steps after step 1 is 31 after a reset, not 1" in report["reset"].detail
-    assert "states_alive after step 21 is 1 after a state is saved" in report["state"].detail
+    assert "live_states after step 21 is 1 after a state is saved" in report["state"].detail
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])

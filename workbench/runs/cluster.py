@@ -25,12 +25,14 @@ from .runner import NO_SETUP, Outcomes, RunFailedError, Runner, Setup
 from .transport import Bundle, Call, pickled_call
 from .worker import MAX_DEATHS, Outcome, Worker
 
-#: Seconds to reach the scheduler, to wait for its first worker, and without any worker before the runs are
-#: given up; a restarted worker takes a few seconds. Conventions of this project.
+#: Time to reach the scheduler [s], a convention of this project.
 CONNECT = 10.0
+#: Time to wait for the first worker [s], a convention of this project; a worker starts in a few seconds.
 WORKERS = 30.0
+#: Time without any worker before the runs are given up [s], a convention of this project; a restarted worker takes
+#: a few seconds.
 GRACE = 60.0
-#: Seconds between two looks at whether there still are workers.
+#: Time between two checks of whether there still are workers [s], chosen: far less than GRACE.
 POLL = 1.0
 TLS = "tls://"
 ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
