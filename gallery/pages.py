@@ -15,12 +15,17 @@ from PIL import Image
 
 from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
+from workbench.charts.style import STYLE
 from workbench.figure import ERROR_SCOPE
 
 from . import reference
 from .answers import Answered
 
-EXTRA, THUMB = "_extra", (480, 360)
+EXTRA = "_extra"
+#: Width and height of the picture of a question [px]; chosen: twice what a card shows, for sharp screens.
+THUMB = (480, 360)
+#: Colours of the picture of a question; chosen: lines of eight colours with their soft edges.
+THUMB_COLORS = 64
 LANDING = "resonance"
 SLIDER = "motor.T"
 """What can be changed on the first page: the resonance moves with it."""
@@ -228,16 +233,24 @@ def question_list(answers: Sequence[Answered], folder: Path) -> str:
         target = Path(EXTRA, "pictures", answer.picture.name)
         (folder / target).parent.mkdir(parents=True, exist_ok=True)
         with Image.open(answer.picture) as picture:
-            picture.convert("RGB").resize(
-                (THUMB[0], round(picture.height * THUMB[0] / picture.width)),
-                Image.Resampling.LANCZOS,
-            ).quantize(64).save(folder / target, optimize=True)
+            thumbnail(picture).save(folder / target, optimize=True)
         caption = answer.question.title + (" Live." if answer.lives else "")
         cards.append(card(f"questions/{answer.name}.html", target, answer.name, caption))
     pages = tree(
         "", "\n".join(f"{answer.name} <questions/{answer.name}>" for answer in by_interest(answers))
     )
     return f"# Questions\n\nEach is a short Python file; the [answers](docs/scenarios.md) state their errors.\n\n{deck(cards)}\n\n{pages}\n"
+
+
+def thumbnail(picture: Image.Image) -> Image.Image:
+    """Return the upper part of the first chart of a picture, small; all charts would be too small to read."""
+    is_single = picture.width <= STYLE.single_image_width_in * STYLE.image_dpi
+    width = picture.width if is_single else round(STYLE.image_width_in * STYLE.image_dpi)
+    top = round(STYLE.title_height_in * STYLE.image_dpi)
+    height = min(width * THUMB[1] // THUMB[0], picture.height - top)
+    part = picture.convert("RGB").crop((0, top, width, top + height))
+    size = THUMB[0], round(height * THUMB[0] / width)
+    return part.resize(size, Image.Resampling.LANCZOS).quantize(THUMB_COLORS)
 
 
 def deck(cards: Sequence[str]) -> str:

@@ -404,7 +404,7 @@ def test_a_warning_is_logged_once_and_recorded(
 def test_a_warning_without_text_counts(
     loop: str, make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cosim.engine.instance.Instance.on_log", lambda *_: None)
+    monkeypatch.setattr("cosim.fmu.messages.MessageLog.on_log", lambda *_: None)
     parts = {"A": make(warn_at=0.55), "B": make()}
     result = run(ring(parts), stop=1.0, step=H, algorithm="jacobi", **LOOPS[loop])
     assert result.warnings == [f"A: doStep(t = {5 * H!r} s, h = 0.1 s) returned Warning"]

@@ -17,7 +17,7 @@ from cosim.analysis.crosscheck import checks
 from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED
 from cosim.analysis.crosscheck.report import COLORS, WRITERS
 from cosim.analysis.crosscheck.subject import Subject
-from cosim.engine.instance import quiet
+from cosim.fmu.messages import quiet
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.faulty import DEADLY, FAULTS, FAULTS3, pack

@@ -11,17 +11,17 @@ import multiprocessing
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from cosim import SetupError
 
 from .fingerprint import differences, facts
 from .journal import Key
-from .runner import NO_SETUP, Outcomes, RunFailedError, Runner, Setup
+from .runner import Batch, Outcomes, RunFailedError, Runner, Setup
 from .transport import Bundle, Call, pickled_call
 from .worker import MAX_DEATHS, Outcome, Worker
 
@@ -59,23 +59,12 @@ class ClusterRunner(Runner):
     """
 
     scheduler: str
-    setup: Setup = NO_SETUP
 
     def __post_init__(self) -> None:
         if not ADDRESS.fullmatch(self.scheduler):
             raise SetupError(f"scheduler = {self.scheduler!r} must read tcp://HOST:PORT")
 
-    def prepared(self, page: str, files: Sequence[Path]) -> Self:
-        """Return the same runner for the calls of a question."""
-        return replace(self, setup=replace(self.setup, page=page, files=files))
-
-    def stream(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Mapping[Key, Any],
-        timeout: float | None,
-        is_isolated: bool,
-    ) -> Outcomes:
+    def stream(self, batch: Batch) -> Outcomes:
         """Give key and outcome of each task; they are always isolated.
 
         Raises
@@ -86,14 +75,15 @@ class ClusterRunner(Runner):
         SimulationError
             If all workers are gone for a minute.
         """
-        if not tasks:
+        if not batch.tasks:
             return
         with _connect(self.scheduler) as client:
             _check(client, self.scheduler, self.setup)
             calls = {
-                key: pickled_call(function, task, self.setup.files) for key, task in tasks.items()
+                key: pickled_call(batch.function, task, self.setup.files)
+                for key, task in batch.tasks.items()
             }
-            submissions = _Submissions(client, self.scheduler, self.setup, calls, timeout)
+            submissions = _Submissions(client, self.scheduler, self.setup, calls, batch.timeout)
             try:
                 yield from submissions.outcomes()
             finally:
