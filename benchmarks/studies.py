@@ -72,9 +72,9 @@ def main() -> None:
                     )
                     tables.add((out / "table.csv").read_bytes())
     assert len(tables) == 1, "the tables differ"
-    few_workers, many_workers = WORKERS
+    fewer, more = WORKERS
     print(f"{options.runs} runs, {options.rounds} rounds, medians")
-    print(f"{'':<6}{few_workers:>8} worker{many_workers:>8} workers{'ratio':>8}")
+    print(f"{'':<6}{fewer:>8} worker{more:>8} workers{'ratio':>8}")
     for runner in ("pool", "dask"):
         single, double = (statistics.median(times[runner, workers]) for workers in WORKERS)
         print(f"{runner:<6}{single:>13.2f} s{double:>14.2f} s{single / double:>8.2f}")

@@ -1,7 +1,7 @@
 """Couple co-simulation FMUs of FMI 2.0 and 3.0: systems of parts and wires, and their coupling errors."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .accuracy.certify import Certified, certify, summary
 from .accuracy.estimate import Estimate
@@ -16,8 +16,8 @@ from .analysis.damping import Diagnosis, diagnose
 from .analysis.linearize import Linear, linearize
 from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
 from .engine.control import Adaptive
-from .engine.instance import quiet
 from .errors import SetupError
+from .fmu.messages import quiet
 from .formats.container import write_container
 from .formats.osp import read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
@@ -54,7 +54,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Load the identification only on request: importing its parts of scipy takes longer than most runs."""
     if name in HOMES:
         return getattr(import_module(f"{__name__}.identification.{HOMES[name]}"), name)

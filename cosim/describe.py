@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from fmpy import supported_platforms
 
 from .engine.algorithms import find_algorithm
 from .engine.energy import find_bonds
 from .engine.settings import RunSettings
+from .json_values import Json
 from .system import ANGLE, Connection, Network, Port, obstacles, unit_exponents
 from .system.graph import algebraic_loops, describe_loop, stepping_order
 
@@ -31,7 +31,7 @@ def info(network: Network) -> Iterator[str]:
     """Parts with their inputs and outputs, wires, start values, power bonds."""
     platforms = cache(supported_platforms)
 
-    def facts(provenance: Mapping[str, Any]) -> str:
+    def facts(provenance: Mapping[str, Json]) -> str:
         return ", ".join(f"{key} {value}" for key, value in provenance.items())
 
     first = {wire.target: wire for wire in reversed(network.wires)}

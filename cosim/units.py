@@ -26,8 +26,9 @@ SCALES: dict[str, dict[str, float]] = {
 
 
 def multiples(unit: str) -> dict[str, float]:
-    """The units of the same quantity as this one, and the factor from each to this one; only this unit
-    itself if no others are known.
+    """The units of the same quantity as this one, and the factor from each to this one.
+
+    It is this unit alone if no others are known.
     """
     for base, scales in SCALES.items():
         factors = {base: 1.0} | scales

@@ -89,7 +89,13 @@ SLOW = {
     "--map motor.tau=M*0.8:N.m --rated-torque 80 --known conveyor.trough.m=200+-5 "
     "--known conveyor.spring.c=720e3+-2%",
 }
-RARELY = ("docs/compare.md", "docs/identify.md", "docs/scenarios.md", "docs/studies.md")
+RARELY = (
+    "docs/compare.md",
+    "docs/hosts.md",
+    "docs/identify.md",
+    "docs/scenarios.md",
+    "docs/studies.md",
+)
 """Pages whose commands do what other tests try, too."""
 SILENT = {"math", "text", "xml", "csv"}
 FENCED = r"^ *```.*?^ *```$"

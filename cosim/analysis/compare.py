@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     Source = Result | pd.DataFrame | Path | str
 
-#: Half the height of a band over the range of the reference, and half its width over the time. Convention of the FMI
-#: cross-check.
+#: Half the height of a band over the range of the reference, and half its width over the duration.
+#: Convention of the FMI cross-check.
 SHARE = 0.002
 ERROR = "_error"
 INDEX = re.compile(r".*\S\[[\d, ]*\]")
@@ -162,22 +162,39 @@ def compare(
 ) -> Comparison:
     """Check for each column whether the result stays in a band around the reference.
 
-    Both are results, pandas frames or files (.csv or .parquet) whose first column is the time. Their rows
-    need not be at the same times; they are compared at the rows of the result. `columns` are names, or
-    maps columns of the result to those of the reference, with a factor, an offset and a unit where
-    needed: "n:rpm", "M * 0.73:N.m". By default, all names that both have are compared.
+    The rows of both need not be at the same times; they are compared at the rows of the result. Units come
+    from a result, from the JSON next to a file, or from headings, "speed [rpm]". A column without a unit
+    fits every unit.
 
-    Units come from a result, from the JSON next to a file, or from headings, "speed [rpm]". A column
-    without a unit fits every unit.
+    Parameters
+    ----------
+    result : Result, DataFrame or path
+        What is compared: a result, a pandas frame or a file (.csv or .parquet) whose first column is the time.
+    reference : Result, DataFrame or path
+        What it is compared with, of the same kinds.
+    columns : mapping or sequence of str, optional
+        Names, or columns of the result mapped to those of the reference, with a factor, an offset and a
+        unit where needed: "n:rpm", "M * 0.73:N.m". By default, all names that both have.
+    value : float
+        Half the height of the band, over the range of the reference, or over its value if it is constant.
+    time : float, optional
+        Half the width of the band [s], by default 0.2 % of the time that both cover.
+    errors : mapping, optional
+        Errors that add to the height, as those in a column NAME_error of either do: by the result's names,
+        in the reference's unit or as "7.3 rpm".
+    gap : float
+        Nothing is compared between rows of the reference that are further apart than this [s].
 
-    `value` is half the height of the band, as a share of the range of the reference, or of its value if
-    it is constant. `time` is half its width [s], by default 0.2 % of the time that both cover. Errors add
-    to the height: those in a column NAME_error of either, and `errors` by the result's names, in the
-    reference's unit or as "7.3 rpm". Nothing is compared between rows of the reference that are further
-    apart than `gap` [s].
+    Returns
+    -------
+    Comparison
+        The deviation of each column, in the reference's unit.
 
-    Raises SetupError if there is nothing to compare, for units of different quantities, and for values
-    that are not finite numbers.
+    Raises
+    ------
+    SetupError
+        If there is nothing to compare, for units of different quantities, and for values that are not
+        finite numbers.
     """
     ours, theirs = _read(result, "the result"), _read(reference, "the reference")
     start = float(max(ours.time[0], theirs.time[0]))
@@ -225,7 +242,7 @@ class Record:
         if not len(frame) or len(frame.columns) < 2:
             raise SetupError(f"{label} has no rows with a time and values")
         self.label = label
-        self.series: dict[str, Any] = {}
+        self.series: dict[str, pd.Series] = {}
         self.units: dict[str, str] = {}
         self.scales: dict[str, tuple[float, float]] = {}
         for index, heading in enumerate(map(str, frame.columns)):
@@ -308,8 +325,9 @@ def _read(source: Source, label: str) -> Record:
         else:
             mark = separator(path)
             point = "." if mark == "," else ","
-            options: Any = {"skipinitialspace": True, "encoding": "utf-8-sig"}
-            frame = pd.read_csv(path, sep=mark, decimal=point, **options)
+            frame = pd.read_csv(
+                path, sep=mark, decimal=point, skipinitialspace=True, encoding="utf-8-sig"
+            )
         if metadata_path.is_file():
             metadata = json.loads(metadata_path.read_text())
             units = metadata.get("units", {}) if isinstance(metadata, dict) else {}

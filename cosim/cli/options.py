@@ -97,8 +97,10 @@ class StartAction(argparse.Action):
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """What the action returns; 1 for a run that failed or a file that cannot be written, 2 for bad input,
-    130 for Ctrl-C and the like, 141 if nobody reads the output any more.
+    """Run an action and return the exit status: what the action returns, or that of its error.
+
+    It is 1 for a run that failed or a file that cannot be written, 2 for bad input, 130 for Ctrl-C and
+    the like, and 141 if nobody reads the output any more.
     """
     open_standard_files()
     try:

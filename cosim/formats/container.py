@@ -33,16 +33,35 @@ def write_container(
     start: float = 0.0,
     stop: float = 1.0,
 ) -> None:
-    """Write an FMI 2.0 co-simulation FMU with the system's FMUs inside; step, start, stop in s.
+    """Write an FMI 2.0 co-simulation FMU with the system's FMUs inside.
 
     Its variables are all outputs and parameters of the parts and the inputs that no wire drives, by
-    their dotted names; Enumerations are Integers. A host must step it by multiples of `step`.
-    `order` (default: as declared) is the order in which parts are started, and stepped by
-    gauss-seidel. At `start` itself, a part that a later one drives shows its outputs for its own
-    input values. Raises what `connect` raises, and SetupError for what the container cannot do:
-    factors, offsets and unit conversions on wires, strings with blanks as start values, and start
-    values that would have to pass through a part before the part that drives it has started. Nothing
-    is written then.
+    their dotted names; Enumerations are Integers. At `start` itself, a part that a later one drives shows
+    its outputs for its own input values.
+
+    Parameters
+    ----------
+    system : System
+        What is written.
+    path : Path
+        The FMU.
+    step : float
+        The step of its parts [s]; a host must step it by multiples of this.
+    algorithm : str
+        How it steps them: "jacobi" or "gauss-seidel".
+    order : sequence of str, optional
+        The stepping order, which is also the order in which parts are started; by default as declared.
+    start : float
+        The start time of its default experiment [s].
+    stop : float
+        The stop time of its default experiment [s].
+
+    Raises
+    ------
+    SetupError
+        What `connect` raises, and for what the container cannot do: factors, offsets and unit conversions
+        on wires, strings with blanks as start values, and start values that would have to pass through a
+        part before the part that drives it has started. Nothing is written then.
     """
     from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     from fmu_manipulation_toolbox.operations import FMUError

@@ -9,7 +9,6 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import count, takewhile
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -30,6 +29,7 @@ from ..system import (
     require_fmi2,
 )
 from .ssp.files import LINK, Budget, load, locate, plain, require_root
+from .ssp.files import Element as SourceElement
 from .ssp.parameters import Parameter
 from .ssp.plan import Arrow, Connector, Node, Plan, dotted
 from .ssp.read import Package
@@ -60,8 +60,22 @@ def read_osp(path: Path) -> Package:
     several wires into one input. Two groups of variables, defined by a
     MODEL_OspModelDescription.xml next to the FMU or the structure, are connected one by one in their
     order. A simulator whose `stepSize` is shorter than the base step gets sub-steps, no longer than that;
-    a longer one takes the base step, with a logged warning. Raises SetupError with file and line for
-    what is invalid or not supported, such as FMUs that are not files.
+    a longer one takes the base step, with a logged warning.
+
+    Parameters
+    ----------
+    path : Path
+        The file or its folder.
+
+    Returns
+    -------
+    Package
+        The system, its times and step [s], and the sub-steps of its parts.
+
+    Raises
+    ------
+    SetupError
+        With file and line for what is invalid or not supported, such as FMUs that are not files.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
@@ -99,12 +113,12 @@ class _Reader:
         self.added: dict[Node, list[Node]] = {}
         self.steps: dict[str, float] = {}
 
-    def at(self, element: Any) -> str:
+    def at(self, element: SourceElement) -> str:
         """File, line, kind and name of an element."""
         name = element.get("name") or element.get("variable") or ""
         return f"{self.file.name}, line {element.sourceline}: {plain(element.tag)} {name}".rstrip()
 
-    def take(self, element: Any) -> None:
+    def take(self, element: SourceElement) -> None:
         """Take one element; raises KeyError or ValueError for what it lacks or has wrong."""
         tag, attributes = plain(element.tag), element.attrib
         if tag in TIMES:
@@ -204,20 +218,20 @@ class _Reader:
                     part, step, base / count, base, pluralize(count, "step"),
                 )  # fmt: skip
 
-    def _initial(self, part: str, element: Any) -> None:
+    def _initial(self, part: str, element: SourceElement) -> None:
         name, (content,) = element.attrib["variable"], element.iterchildren("*")
         kind = plain(content.tag)
         value = READ[kind](content.attrib["value"])
         if not self.plan.bind(part, Parameter(f"{part}.{name}", name, kind, value, None)):
             raise KeyError(f"{part}.{name}")
 
-    def _end(self, element: Any) -> Node:
+    def _end(self, element: SourceElement) -> Node:
         """The connector that a variable or a signal of a connection names."""
         end = element.attrib
         owner = end.get("simulator") or f"function {end['function']}"
         return self.plan.elements[""][owner], end["name"]
 
-    def _group(self, element: Any) -> Iterator[Node]:
+    def _group(self, element: SourceElement) -> Iterator[Node]:
         """The variables of a group, in their order; those of groups within it, too."""
         part, name = self._end(element)
         if "function" in element.attrib:
@@ -238,7 +252,7 @@ class _Reader:
         for variable in group.iter("{*}Variable"):
             yield part, variable.attrib["ref"]
 
-    def _connection(self, element: Any, nodes: Iterable[Node]) -> None:
+    def _connection(self, element: SourceElement, nodes: Iterable[Node]) -> None:
         """A connection, which may be written from either end."""
         ends = [*nodes]
         if missing := [dotted(end) for end in ends if end not in self.plan.connectors]:
@@ -257,12 +271,29 @@ class _Reader:
 def write_osp(
     system: System, folder: Path, *, step: float, start: float = 0.0, stop: float | None = None
 ) -> None:
-    """Write OspSystemStructure.xml and the FMUs into `folder`; step, start and stop in s.
+    """Write a system as OspSystemStructure.xml, with its FMUs beside it.
 
     Factors, offsets and unit conversions of wires become linear transformations. The connections of a
-    declared bond become those of a `powerBond`, unless they go through a transformation. Raises what
-    `connect` raises, and SetupError for what libcosim cannot do: enumerations that differ from the FMU's
-    start value, and enumerations on wires. Nothing is written then.
+    declared bond become those of a `powerBond`, unless they go through a transformation.
+
+    Parameters
+    ----------
+    system : System
+        What is written.
+    folder : Path
+        Where it is written; the folder need not exist.
+    step : float
+        The base step [s].
+    start : float
+        The start time [s].
+    stop : float, optional
+        The end time [s].
+
+    Raises
+    ------
+    SetupError
+        What `connect` raises, and for what libcosim cannot do: enumerations that differ from the FMU's
+        start value, and enumerations on wires. Nothing is written then.
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
@@ -326,8 +357,10 @@ def _initial(values: Element, port: Port, value: Value) -> None:
 def _connection(
     functions: Element, connections: Element, wire: Connection, name: str, bond: str | None
 ) -> None:
-    """One connection, or two over a function. That of a bond states what libcosim's ECCO takes for its
-    ends' causality: a source is an input.
+    """One connection, or two over a function.
+
+    The connection of a bond states what libcosim's ECCO takes for its ends' causality: a source is an
+    input.
     """
     if wire.source.type == "Enumeration":
         raise SetupError(f"{wire.source} -> {wire.target}: libcosim cannot wire an Enumeration")

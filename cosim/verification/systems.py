@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..analysis.coupling_theory import Rows, Unit
 from ..system import System, Value
@@ -164,7 +164,7 @@ def states(units: Mapping[str, Unit]) -> list[str]:
     return [f"{name}.x[{i + 1}]" for name, unit in units.items() for i in range(len(unit.x))]
 
 
-def _entries(name: str, values: Any) -> Iterator[tuple[str, float]]:
+def _entries(name: str, values: ArrayLike) -> Iterator[tuple[str, float]]:
     """Names M[1,1], M[1,2] and values of a matrix, v[1], v[2] of a vector."""
     for indices, value in np.ndenumerate(np.array(values, float)):
         yield f"{name}[{','.join(str(i + 1) for i in indices)}]", float(value)

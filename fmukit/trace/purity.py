@@ -22,8 +22,10 @@ REFUSED: dict[type[ast.AST], str] = {
 
 
 def require(model: ModuleType, tracer: Tracer) -> None:
-    """Raise SyntaxError or UntraceableError for a function that the FMU could not repeat: one that catches
-    errors, returns something that is not a number, or returns another value for the same numbers.
+    """Raise SyntaxError or UntraceableError for a function that the FMU could not repeat.
+
+    Such a function catches errors, returns something that is not a number, or returns another value for
+    the same numbers.
     """
     source_nodes = ast.walk(ast.parse(inspect.getsource(model)))
     for node in (

@@ -266,6 +266,7 @@ def test_outputs_feel_at_once_the_inputs_that_they_declare_and_no_other(model: A
     assert felt == promised
 
 
+@pytest.mark.slow
 def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> None:
     build(
         ROOT,
@@ -284,6 +285,7 @@ def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> No
         assert path.read_bytes() == (fmus / path.relative_to(tmp_path)).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_build_skips_what_is_up_to_date_and_makes_what_is_not(tree: Path) -> None:
     assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor")
     assert "DriveMotor.fmu is up to date" in build(tree, "DriveMotor")

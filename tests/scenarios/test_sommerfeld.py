@@ -108,6 +108,7 @@ def answer() -> Any:
     return ask("sommerfeld", supplies="18:30:13", step=0.02)
 
 
+@pytest.mark.slow
 def test_jumps_lie_where_theory_has_its_folds(answer: Any) -> None:
     """The folds of v = R/k tau(w) + k w, found here on a grid; the verdict names both jumps."""
     w = np.linspace(45.0, 60.0, 150_001)
@@ -173,6 +174,7 @@ def test_jumps_are_folds_of_periodic_orbits(
             assert abs(figure.value - exact) < figure.error < 1e-4, (name, direction)
 
 
+@pytest.mark.slow
 def test_a_motor_below_the_jump_is_called_caught() -> None:
     """At 28.5 V it turns a little faster than the resonance, and jumps only at 28.5515 V."""
     answer = ask("sommerfeld", supplies="26:28.5:6")
@@ -193,6 +195,7 @@ def test_a_mount_without_damping_gives_no_end() -> None:
     assert any(" V the motion is not steady after 200 s" in x for x in answer.warnings)
 
 
+@pytest.mark.slow
 def test_a_motion_that_is_unstable_before_its_fold_gives_no_voltage() -> None:
     """With so little damping the free motor starts to swing at 18.0386 V, before the fold at 18.0373 V."""
     answer = ask("sommerfeld", supplies="17,20", hold=2.0, start={"exciter.mount.d": 10.0})

@@ -67,7 +67,12 @@ SWINGS = {
 
 @pytest.mark.parametrize(
     ("options", "peak", "near"),
-    [({}, 6.366, True), ({"speed": 20.19, "ratio": 4.401, "start": SWINGS}, 6.427, False)],
+    [
+        ({}, 6.366, True),
+        pytest.param(
+            {"speed": 20.19, "ratio": 4.401, "start": SWINGS}, 6.427, False, marks=pytest.mark.slow
+        ),
+    ],
 )
 def test_what_is_left_is_a_steady_ripple_of_an_order(
     options: dict[str, Any], peak: float, near: bool

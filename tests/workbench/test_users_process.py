@@ -79,7 +79,7 @@ Path("changes.json").write_text(json.dumps(changes))
 """
 
 
-@pytest.mark.parametrize("kind", ["plot", "bare"])
+@pytest.mark.parametrize("kind", [pytest.param("plot", marks=pytest.mark.slow), "bare"])
 def test_nothing_global_is_changed(kind: str, tmp_path: Path) -> None:
     """Backend, style and figures of matplotlib, loggers, handlers of signals, NumPy, warnings."""
     done = subprocess.run(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ...engine.instance import DISCARD, STATUS, WARNING
 from ...errors import FmuError, SimulationTerminated, StepDiscarded
+from ...fmu.messages import DISCARD, STATUS, WARNING
 from .subject import CheckFailed, NotOffered, Subject, differ, reals, smooth
 from .tolerances import AGREEMENT, NO_CHANGE
 
@@ -50,8 +50,11 @@ def step_sizes(s: Subject) -> str:
 
 
 def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
-    """By Real output, in units of its range and summed over three points: the difference between one step
-    of 4 h and two of 2 h, then between one of 2 h and two of h; and how far the one step moves it.
+    """Compare one step with two of half its length, by Real output.
+
+    The differences are in units of the output's range and summed over three points: that between one
+    step of 4 h and two of 2 h, then that between one of 2 h and two of h. Beside them stands how far
+    the one step moves the output.
     """
     differences, changes = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
     for n in (1, s.steps // 3, 2 * s.steps // 3):
@@ -74,10 +77,9 @@ def discards(s: Subject) -> str:
 
     def long_step() -> tuple[int, float, bool]:
         with s.running() as part:
-            part.begin_of_step.value, part.size_of_step.value = t, h
-            if part.do_step() != DISCARD:
+            if part.step_status(t, h) != DISCARD:
                 raise NotOffered(f"a step of {h:g} s is not discarded")
-            return part.stopped()
+            return part.last_success()
 
     answer, reached, ended = s.in_process(long_step)
     discarded = f"a step of {h:g} s is discarded"

@@ -69,8 +69,10 @@ class Frame(NamedTuple):
 
 
 def geometry(plan: Plan) -> Geometry:
-    """The drawing of a plan. A nested system is drawn in its box, unless that or its canvas is missing,
-    flat or rotated; what passes the connectors of a system is not drawn.
+    """The drawing of a plan.
+
+    A nested system is drawn in its box, unless that or its canvas is missing, flat or rotated. What
+    passes the connectors of a system is not drawn.
     """
     outermost = plan.canvases[""]
     drawing = Geometry(

@@ -110,10 +110,26 @@ class Document(NamedTuple):
 def read_ssp(path: Path, folder: Path) -> Package:
     """Read the system of an .ssp (1.0, or 2.0 as far as that is the same), an .ssd or its folder.
 
-    Packages are unpacked into `folder`, which must be empty or not exist; all files that they name must
-    be inside them. Inputs that nothing drives keep the start value of their FMU. A parameter that fits
-    no variable is ignored with a logged warning, as the standard requires. Raises SetupError for what is
-    invalid, too large or not supported; the folder is then left as it was.
+    Inputs that nothing drives keep the start value of their FMU. A parameter that fits no variable is
+    ignored with a logged warning, as the standard requires.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder.
+    folder : Path
+        Where packages are unpacked; it must be empty or not exist. All files that they name must be inside
+        them.
+
+    Returns
+    -------
+    Package
+        The system, its default experiment and what else the file says.
+
+    Raises
+    ------
+    SetupError
+        For what is invalid, too large or not supported; the folder is then left as it was.
     """
     path, folder = Path(path), Path(folder)
     existed = folder.exists()

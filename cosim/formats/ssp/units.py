@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ...errors import SetupError
 from ...system import BASES, unit_conversion
@@ -20,7 +20,7 @@ class Unit(NamedTuple):
     """A unit by name and, if it is defined anywhere, its base units."""
 
     name: str
-    base: Any = None
+    base: BaseUnit | None = None
 
 
 UNKNOWN = Unit("")
@@ -129,15 +129,19 @@ def chain(unit: Unit | None, steps: Iterable[Step]) -> tuple[float, float]:
     return factor, offset
 
 
+def _base(unit: Unit, where: str) -> BaseUnit:
+    """The base units of a unit; raises SetupError if nothing defines it."""
+    if unit.base is None:
+        raise SetupError(f"{where}: unit {unit.name!r} is not defined")
+    return unit.base
+
+
 def _conversion(source: Unit, target: Unit, where: str) -> tuple[float, float]:
     if source is UNKNOWN:
         raise SetupError(f"{where}: its source has no unit from which to convert to {target.name}")
     if source.name == target.name:
         return 1.0, 0.0
-    for unit in (source, target):
-        if unit.base is None:
-            raise SetupError(f"{where}: unit {unit.name!r} is not defined")
-    factors = unit_conversion(source.base, target.base)
+    factors = unit_conversion(_base(source, where), _base(target, where))
     if factors is None:
         raise SetupError(f"{where}: {source.name} cannot be converted to {target.name}")
     return factors

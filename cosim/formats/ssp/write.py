@@ -57,8 +57,10 @@ def write_ssp(
         What is written.
     path : Path
         The file.
-    stop, start : float, optional
-        The default experiment [s].
+    stop : float, optional
+        The stop time of the default experiment [s].
+    start : float
+        Its start time [s].
     step : float, optional
         The communication step [s]. OMSimulator needs one: without it, it gets the shortest step that
         an FMU prefers.
