@@ -321,37 +321,123 @@ def _at(solution: DenseSolution, time: float) -> float:
 
 
 def largest(t: Rows, x: Rows) -> float:
-    """The largest value of x."""
+    """The largest value of x.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> round(largest(t, np.sin(2 * np.pi * t)), 6)
+    1.0
+    """
     return DenseSolution.from_rows(t, x).largest().value
 
 
 def smallest(t: Rows, x: Rows) -> float:
-    """The smallest value of x."""
+    """The smallest value of x.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+    """
     return -DenseSolution.from_rows(t, -x).largest().value
 
 
 def time_of_largest(t: Rows, x: Rows) -> float:
-    """When x is largest [s]."""
+    """When x is largest [s].
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> round(time_of_largest(t, np.sin(2 * np.pi * t)), 6)
+    0.25
+    """
     return DenseSolution.from_rows(t, x).largest().time
 
 
 def time_of_smallest(t: Rows, x: Rows) -> float:
-    """When x is smallest [s]."""
+    """When x is smallest [s].
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+    """
     return DenseSolution.from_rows(t, -x).largest().time
 
 
 def crossing(t: Rows, x: Rows, level: float) -> float:
-    """When x first passes a level [s], up or down; nan if it never does."""
+    """When x first passes a level [s], up or down; nan if it never does.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+    level : float
+        In the unit of x.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> round(crossing(t, t**2, 0.25), 6)
+    0.5
+    """
     return _first_crossing(DenseSolution.from_rows(t, x), level)
 
 
 def mean(t: Rows, x: Rows) -> float:
-    """The mean of x over time."""
+    """The mean of x over time.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> round(mean(t, t**2), 6)
+    0.333333
+    """
     return Mean("").measure(DenseSolution.from_rows(t, x))
 
 
 def rms(t: Rows, x: Rows) -> float:
-    """The square root of the mean of x squared over time."""
+    """The square root of the mean of x squared over time.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+    """
     return Rms("").measure(DenseSolution.from_rows(t, x))
 
 

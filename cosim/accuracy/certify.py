@@ -88,6 +88,16 @@ def certify(
     ------
     SetupError, SimulationError, Interrupted
         Whatever `runner` raises; also what a function raises on the rows of a run.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from cosim import System, certify
+    >>> from cosim.metrics import Largest
+    >>> motor = System({"motor": Path("fmus/DriveMotor.fmu")})
+    >>> answer = certify(motor, {"torque": Largest("motor.tau")}, stop=0.1, step=0.01)
+    >>> list(answer.figures)
+    ['torque']
     """
     runs = three_runs(system, step, runner, settings)
     if metrics is None:
@@ -150,7 +160,18 @@ def _solution(result: Result, column: str) -> DenseSolution:
 
 
 def summary(result: Result) -> dict[str, float]:
-    """The last, smallest, largest and mean value of every column over time."""
+    """The last, smallest, largest and mean value of every column over time.
+
+    Parameters
+    ----------
+    result : Result
+        The rows of a run.
+
+    Returns
+    -------
+    dict
+        The values, in the unit of their column, by names such as "last motor.tau".
+    """
     return evaluate(summary_metrics(result.columns[1:]), result)
 
 
