@@ -74,7 +74,8 @@ MOST_REFUSED = 0.05
 @dataclass(frozen=True)
 class Case:
     """A system, its longest step and its stop [s], the truth of some columns, x(t), and of discrete
-    ones the level that they pass, and when first [s]."""
+    ones the level that they pass, and when first [s].
+    """
 
     system: System
     stop: float
@@ -227,7 +228,8 @@ def matrices(draw: Callable[[float, float], float]) -> dict[str, tuple[Any, floa
 
 def exact_units(units: Any, stop: float, step: float) -> Case:
     """Linear units stepped by the ideal algorithms, which FMUs follow to the last digits (see
-    `cosim verify`), and the matrix exponential of the whole."""
+    `cosim verify`), and the matrix exponential of the whole.
+    """
     ideal = Ideal(units)
     h = stop / (FINE - 1)
     x = ideal.exact([h] * (FINE - 1))
@@ -421,7 +423,8 @@ class Verdict(NamedTuple):
     @property
     def ratio(self) -> float:
         """True over stated error; the truth itself is known to KNOWN of the largest value, when a discrete
-        column changes to half the distance of the oracle's rows."""
+        column changes to half the distance of the oracle's rows.
+        """
         assert self.error is not None
         known = 0.5 / (SHOWN - 1) if self.figure == "event" else KNOWN
         return max(0.0, abs(self.value - self.true) - known * self.size) / self.error

@@ -167,7 +167,7 @@ def _noise(t: Array, h: float) -> Array:
 
 
 def _stiff(t: Array, h: float, rate: float) -> Array:
-    """x' = rate (cos t - x) - sin t from 0, by implicit Euler steps."""
+    """Solve x' = rate (cos t - x) - sin t from 0, by implicit Euler steps."""
     if not h:
         return np.cos(t) - np.exp(-rate * t)
     steps = round(1.0 / h)
@@ -179,7 +179,7 @@ def _stiff(t: Array, h: float, rate: float) -> Array:
 
 
 def _dead_time(t: Array, h: float, gain: float) -> Array:
-    """x' = -gain x(t - 0.4), 1 before the start; by Euler steps, or by the method of steps."""
+    """Solve x' = -gain x(t - 0.4), 1 before the start; by Euler steps, or by the method of steps."""
     delay, stop = 0.4, 1.2
     if h:
         steps, behind = round(stop / h), round(delay / h)
@@ -205,7 +205,7 @@ def _ball(t: Array, h: float, restitution: float, slope: float) -> Array:
 
 
 def _lorenz(first: float) -> Callable[[Array, float], Array]:
-    """x of the Lorenz equations by Heun's method, and by DOP853."""
+    """Solve the Lorenz equations for x by Heun's method, and by DOP853."""
 
     def rate(_: float, x: Array) -> Array:
         return np.array(

@@ -26,6 +26,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+#: Communication step [s]. Chosen: that of the FMUs' default experiment.
 H = 1e-3
 PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
 WIRES = (("motor", "tau", "conveyor", "tau"), ("conveyor", "w", "motor", "w"))
@@ -88,7 +89,7 @@ def master_in_python(steps: int, fmus: Path) -> Callable[[], object]:
 
 
 def libcosim(steps: int, fmus: Path) -> Callable[[], object]:
-    """libcosim's fixed-step algorithm."""
+    """The fixed-step algorithm of libcosim."""
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
     from libcosimpy.CosimSlave import CosimLocalSlave
@@ -179,11 +180,11 @@ def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     gc.collect()
     gc.freeze()
     motor, conveyor = slaves
-    places = [
+    references = [
         (b, [v.name for v in b.variables].index(y), a, [v.name for v in a.variables].index(x))
         for b, y, a, x in ((conveyor, "tau", motor, "tau"), (motor, "w", conveyor, "w"))
     ]
-    (b, j, a, i), (d, m, c, k) = places
+    (b, j, a, i), (d, m, c, k) = references
 
     def loop() -> None:
         for n in range(steps):
@@ -195,7 +196,7 @@ def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
 
 
 PYTHON, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"
-WAYS: dict[str, tuple[Callable[[int, Path], Callable[[], object]], Path]] = {
+METHODS: dict[str, tuple[Callable[[int, Path], Callable[[], object]], Path]] = {
     "fmpy methods, Python FMUs": (fmpy_methods, PYTHON),
     "our master, Python FMUs": (master, PYTHON),
     "  its loop in Python": (master_in_python, PYTHON),
@@ -211,21 +212,22 @@ WAYS: dict[str, tuple[Callable[[int, Path], Callable[[], object]], Path]] = {
 }
 SWEEPS = {"sweep, Python FMUs": (sweep, PYTHON), "sweep, native FMUs": (sweep, NATIVE)}
 NAIVE, BARE = "fmpy methods, Python FMUs", "bare Python slaves"
+#: How many times more steps the fast programs take. Chosen: their runs then take a second too.
 MANY = 10
 
 
-def seconds(way: str, steps: int) -> float:
+def seconds(method: str, steps: int) -> float:
     """Wall time of so many steps."""
-    make, fmus = (WAYS | SWEEPS)[way]
+    make, fmus = (METHODS | SWEEPS)[method]
     task = make(steps, fmus)
     began = time.perf_counter()
     task()
     return time.perf_counter() - began
 
 
-def measure(way: str, steps: int, pinned: bool) -> float:
+def measure(method: str, steps: int, pinned: bool) -> float:
     """What a way prints in a process of its own: seconds per step, or of a sweep."""
-    command = [sys.executable, __file__, "--way", way, "--steps", str(steps)]
+    command = [sys.executable, __file__, "--way", method, "--steps", str(steps)]
     done = subprocess.run(
         command + ["--pinned"] * pinned, capture_output=True, text=True, check=True
     )
@@ -239,10 +241,10 @@ def compiled(folder: Path) -> dict[str, Path]:
     from fmukit.fmu.native.package import OPTIONS
 
     portable = ["-target", f"{platform.machine()}-linux-gnu.2.17", *OPTIONS]
-    ways = {"one program in C, by hand": ["-O2"], "  compiled as the FMUs are": portable}
-    programs = {way: folder / f"limit_{k}" for k, way in enumerate(ways)}
-    for way, options in ways.items():
-        command = [sys.executable, "-m", "ziglang", "cc", *options, "-o", programs[way]]
+    variants = {"one program in C, by hand": ["-O2"], "  compiled as the FMUs are": portable}
+    programs = {method: folder / f"limit_{k}" for k, method in enumerate(variants)}
+    for method, options in variants.items():
+        command = [sys.executable, "-m", "ziglang", "cc", *options, "-o", programs[method]]
         subprocess.run([*command, ROOT / "benchmarks" / "limit.c", "-lm"], check=True)
     return programs
 
@@ -256,14 +258,14 @@ def by_hand(program: Path, steps: int, pinned: bool) -> float:
     return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 
-def child(way: str, steps: int) -> None:
+def child(method: str, steps: int) -> None:
     """Print the figure of one way and leave without tidying up."""
-    if way in SWEEPS:
-        print(seconds(way, 1), flush=True)
+    if method in SWEEPS:
+        print(seconds(method, 1), flush=True)
     else:
-        many = steps * MANY if "our master, native" in way else steps
-        _, start_up, whole = (seconds(way, count) for count in (1, 1, many))
-        print((whole - start_up) / (many - 1), flush=True)
+        many = steps * MANY if "our master, native" in method else steps
+        _, start_up, total = (seconds(method, count) for count in (1, 1, many))
+        print((total - start_up) / (many - 1), flush=True)
     os._exit(0)
 
 
@@ -271,37 +273,37 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--way", help=argparse.SUPPRESS)
+    parser.add_argument("--way", dest="method", help=argparse.SUPPRESS)
     parser.add_argument("--pinned", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.pinned:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    if options.way:
-        child(options.way, options.steps)
+    if options.method:
+        child(options.method, options.steps)
     build = [sys.executable, ROOT / "build_fmus.py", "--flavour", "both"]
     subprocess.run([*build, "drive_motor", "crank_conveyor"], check=True, capture_output=True)
     with tempfile.TemporaryDirectory() as folder:
         programs = compiled(Path(folder))
         for pinned in (False, True):
             rounds = [
-                {way: measure(way, options.steps, pinned) for way in WAYS}
-                | {way: by_hand(x, options.steps, pinned) for way, x in programs.items()}
+                {method: measure(method, options.steps, pinned) for method in METHODS}
+                | {method: by_hand(x, options.steps, pinned) for method, x in programs.items()}
                 for _ in range(options.rounds)
             ]
             show("pinned to one core" if pinned else "free", rounds)
-    for way in SWEEPS:
-        times = [measure(way, 1, True) for _ in range(options.rounds)]
-        print(f"{way:<30}{statistics.median(times):>9.2f} s")
+    for method in SWEEPS:
+        times = [measure(method, 1, True) for _ in range(options.rounds)]
+        print(f"{method:<30}{statistics.median(times):>9.2f} s")
 
 
 def show(title: str, rounds: list[dict[str, float]]) -> None:
     """The table of medians."""
-    median = {way: statistics.median(times[way] for times in rounds) for way in rounds[0]}
+    median = {method: statistics.median(times[method] for times in rounds) for method in rounds[0]}
     base, slaves = median[NAIVE], median[BARE]
     print(f"{title:<30}{'us/step':>9}{'faster':>9}{'overhead':>10}")
-    for way, value in median.items():
+    for method, value in median.items():
         share = (value - slaves) / (base - slaves)
-        print(f"{way:<30}{value * 1e6:>9.3f}{base / value:>9.2f}{share:>10.3f}")
+        print(f"{method:<30}{value * 1e6:>9.3f}{base / value:>9.2f}{share:>10.3f}")
 
 
 if __name__ == "__main__":

@@ -27,7 +27,10 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
 
-PATIENCE, MOST = 60.0, 1000
+#: Longest time of an FMU in one of both [s]. Chosen: far above what a run takes.
+PATIENCE = 60.0
+#: Most steps of a run. Chosen: a table of hundreds of FMUs is made in minutes.
+MOST = 1000
 Columns = dict[str, list[float]]
 Task = tuple[str, float, float, list[str]]
 
@@ -37,9 +40,9 @@ def experiment(path: Path) -> tuple[str, Task]:
     description = fmpy.read_model_description(path, validate=False)
     if description.fmiVersion != "2.0" or description.coSimulation is None:
         raise ValueError(f"FMI {description.fmiVersion}, or no co-simulation")
-    told = description.defaultExperiment
-    stop = float(told.stopTime) if told and told.stopTime else 1.0
-    step = float(told.stepSize) if told and told.stepSize else stop / 100
+    stated = description.defaultExperiment
+    stop = float(stated.stopTime) if stated and stated.stopTime else 1.0
+    step = float(stated.stepSize) if stated and stated.stepSize else stop / 100
     outputs = [
         v.name for v in description.modelVariables if v.causality == "output" and v.type == "Real"
     ]
@@ -82,22 +85,30 @@ def at_same_times(task: Task) -> Columns:
             if v.causality == "input" and v.type == "Real" and v.start is not None:
                 unit.setReal([v.valueReference], [float(v.start)])
         unit.exitInitializationMode()
-        found = [unit.getReal([refs[name] for name in outputs])]
+        samples = [unit.getReal([refs[name] for name in outputs])]
         times = [0.0]
         while times[-1] < stop - 1e-9 * step:
             unit.doStep(times[-1], min(step, stop - times[-1]))
             times.append(min(len(times) * step, stop))
-            found.append(unit.getReal([refs[name] for name in outputs]))
+            samples.append(unit.getReal([refs[name] for name in outputs]))
         unit.terminate()
         unit.freeInstance()
-    return {"time": times, **{n: list(x) for n, x in zip(outputs, zip(*found))}}
+    return {"time": times, **{n: list(x) for n, x in zip(outputs, zip(*samples))}}
 
 
-def isolated(way: str, task: Task) -> Columns | str:
-    """What one way of WAYS finds in a process of its own, or why it finds nothing."""
+def isolated(method: str, task: Task) -> Columns | str:
+    """The columns that a method of METHODS computes in a separate process, or why it computes none."""
     with TemporaryDirectory() as folder:
-        found = Path(folder) / "found.json"
-        command = [sys.executable, __file__, str(found), "--way", way, "--task", json.dumps(task)]
+        result_path = Path(folder) / "found.json"
+        command = [
+            sys.executable,
+            __file__,
+            str(result_path),
+            "--way",
+            method,
+            "--task",
+            json.dumps(task),
+        ]
         try:
             done = subprocess.run(
                 command, cwd=folder, capture_output=True, text=True, errors="replace",
@@ -105,8 +116,8 @@ def isolated(way: str, task: Task) -> Columns | str:
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             return f"no answer after {PATIENCE:g} s"
-        if found.is_file():
-            columns: Columns = json.loads(found.read_text())
+        if result_path.is_file():
+            columns: Columns = json.loads(result_path.read_text())
             return columns
         last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
         return last[0].replace(f"{folder}/", "")[:160]
@@ -123,7 +134,7 @@ def deviation(ours: Columns, theirs: Columns) -> float:
     return worst
 
 
-WAYS = {"master": by_master, "FMPy": by_fmpy, "same times": at_same_times}
+METHODS = {"master": by_master, "FMPy": by_fmpy, "same times": at_same_times}
 
 
 def row(path: Path, folder: Path) -> list[str]:
@@ -151,26 +162,26 @@ def row(path: Path, folder: Path) -> list[str]:
 
 def rows(folder: Path) -> Iterator[list[str]]:
     for path in sorted(folder.rglob("*.fmu")):
-        told = row(path, folder)
-        print(" | ".join(told), flush=True)
-        yield told
+        cells = row(path, folder)
+        print(" | ".join(cells), flush=True)
+        yield cells
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Run a folder of FMUs in the master and in FMPy.")
     parser.add_argument("folder", type=Path, help="of FMUs")
     parser.add_argument("--out", type=Path, help="write the table there")
-    parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
+    parser.add_argument("--way", dest="method", choices=METHODS, help=argparse.SUPPRESS)
     parser.add_argument("--task", type=json.loads, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.way:
-        options.folder.write_text(json.dumps(WAYS[options.way](options.task)))
+    if options.method:
+        options.folder.write_text(json.dumps(METHODS[options.method](options.task)))
         return
     logging.getLogger("cosim").setLevel(logging.ERROR)
     table = list(rows(options.folder))
     if options.out is not None:
         head = ["| FMU | Tool | Deviation from FMPy |", "|---|---|---|"]
-        lines = [f"| {' | '.join(cell.replace('|', '/') for cell in one)} |" for one in table]
+        lines = [f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |" for cells in table]
         options.out.write_text("\n".join([*head, *lines, ""]), encoding="utf-8")
 
 

@@ -181,7 +181,7 @@ def write(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def kinds(text: str) -> list[str]:
-    """ "help,names" as a list; raises ArgumentTypeError for what is no kind."""
+    """List the kinds of a text such as "help,names"; raises ArgumentTypeError for what is no kind."""
     names = [name.strip() for name in text.split(",")]
     for name in names:
         if name not in KINDS:

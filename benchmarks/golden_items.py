@@ -344,24 +344,24 @@ def annotation(note: Any) -> str:
     return re.sub(r"ForwardRef\(('[^']*')[^)]*\)", r"\1", text)
 
 
-def signature(thing: Any) -> str:
+def signature(value: Any) -> str:
     """The signature of a function, or the type of what is none."""
     try:
-        return annotation(mask(str(inspect.signature(thing)), ROOT))
+        return annotation(mask(str(inspect.signature(value)), ROOT))
     except (TypeError, ValueError):
-        return type(thing).__name__
+        return type(value).__name__
 
 
 def name_entry(item: str, folder: Path) -> Entry:
     """What a package offers by a name: signature, and for a class its fields and public methods."""
     package, name = item.rsplit(".", 1)
-    thing = getattr(import_module(package), name)
-    if not inspect.isclass(thing):
-        value = {} if callable(thing) else {"value": mask(repr(thing), ROOT)}
-        return {"kind": type(thing).__name__, "signature": signature(thing)} | value
+    offered = getattr(import_module(package), name)
+    if not inspect.isclass(offered):
+        value = {} if callable(offered) else {"value": mask(repr(offered), ROOT)}
+        return {"kind": type(offered).__name__, "signature": signature(offered)} | value
     fields: dict[str, str] = {}
     methods: dict[str, str] = {}
-    for base in reversed(thing.__mro__[:-1]):
+    for base in reversed(offered.__mro__[:-1]):
         notes = inspect.get_annotations(base)
         fields |= {
             key: annotation(note).strip("'")
@@ -374,7 +374,7 @@ def name_entry(item: str, folder: Path) -> Entry:
                 inspect.isfunction(function) or isinstance(member, property)
             ):
                 methods[key] = signature(function)
-    return {"kind": "class", "signature": signature(thing), "fields": fields, "methods": methods}
+    return {"kind": "class", "signature": signature(offered), "fields": fields, "methods": methods}
 
 
 KINDS = {

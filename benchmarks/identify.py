@@ -33,8 +33,16 @@ from cosim.system import Value
 FMUS = ROOT / "fmus/native"
 CONVEYOR = {"motor": FMUS / "DriveMotor.fmu", "conveyor": FMUS / "CrankConveyor.fmu"}
 EXCITER = {"motor": FMUS / "DCMotor.fmu", "exciter": FMUS / "UnbalanceExciter.fmu"}
-STOP, RATE, OFF = 1.0, 1000.0, 0.2
-R, ROD = 0.010, 0.4
+#: Duration of a record [s]. Chosen: a few revolutions.
+STOP = 1.0
+#: Rows of a record per second [Hz]. Chosen: a usual logger.
+RATE = 1000.0
+#: Largest relative error of a first guess. Chosen: what is known from data sheets.
+GUESS_ERROR = 0.2
+#: Radius of the crank [m]. Convention of the FMU's default.
+R = 0.010
+#: Length of the rod where it is finite [m]. Convention of the FMU's default.
+ROD = 0.4
 Samples = NDArray[np.float64]
 Machine = dict[str, float]
 
@@ -48,7 +56,7 @@ class Record(NamedTuple):
     parts: Mapping[str, Path]
     wires: Sequence[str]
     free: Sequence[str]
-    known: Mapping[str, float]
+    prior: Mapping[str, float]
     first: Sequence[str]
     resonance: Callable[[Mapping[str, float]], float]
     columns: Mapping[str, tuple[int, float, float]]
@@ -92,8 +100,8 @@ def conveyor(
     x, x1, x2 = slider(phi, rod)
     load = c * x * x1 + d * x1 * x1 * w + m * x1 * x2 * w * w
     load += friction * x1 * math.tanh(200.0 * x1 * w)
-    given = p | {"motor.A": p.get("motor.A", 0.0) * (1.0 + drift * t)}
-    torque = min(max(static(given, w), -most), most)
+    drifted = p | {"motor.A": p.get("motor.A", 0.0) * (1.0 + drift * t)}
+    torque = min(max(static(drifted, w), -most), most)
     return [w, (tau - load) / (p["conveyor.rotor.J"] + m * x1 * x1), (torque - tau) / p["motor.T"]]
 
 
@@ -174,12 +182,12 @@ def draw(kind: str, rng: np.random.Generator) -> Record:
     }  # fmt: skip
     fixed: dict[str, Value] = {"conveyor.crank.r": R}
     load = p["conveyor.trough.d"] * R * R / 2
-    free, known, first = [*CRANK], dict(LOAD), ["conveyor.phi"]
+    free, prior, first = [*CRANK], dict(LOAD), ["conveyor.phi"]
     if kind == "induction":
         p |= {"motor.kloss.tau_b": about(190.0, 1.3), "motor.kloss.s_b": about(0.16, 1.3)}
         p |= {"motor.kloss.w_s": about(55.0, 1.3)}
         free += ["motor.kloss.s_b", "motor.kloss.w_s"]
-        known |= {"motor.kloss.tau_b": 0.05}
+        prior |= {"motor.kloss.tau_b": 0.05}
         first += ["motor.kloss.w_s"]
         fixed |= {"motor.characteristic": 1}
         w = p["motor.kloss.w_s"] * 0.98
@@ -202,7 +210,7 @@ def draw(kind: str, rng: np.random.Generator) -> Record:
         CONVEYOR,
         TORQUE_SPEED,
         free,
-        known,
+        prior,
         first,
         electromechanical,
         columns,
@@ -232,7 +240,7 @@ def lacking(name: str, record: Record, rng: np.random.Generator) -> dict[str, fl
     return {"most": rng.uniform(0.5, 0.95) * max(torque)}
 
 
-def recorded(record: Record, rng: np.random.Generator, **error: float) -> dict[str, Table]:
+def make_record(record: Record, rng: np.random.Generator, **error: float) -> dict[str, Table]:
     """What a logger keeps of a machine."""
     p, t = record.machine, np.arange(round(STOP * RATE) + 1) / RATE
     start = [p[name] for name in record.states]
@@ -249,23 +257,23 @@ def recorded(record: Record, rng: np.random.Generator, **error: float) -> dict[s
     for name, (state, noise, grid) in record.columns.items():
         x = run.y[state]
         sigma = noise * float(np.std(x))
-        seen = x + sigma * rng.standard_normal(len(x))
+        noisy = x + sigma * rng.standard_normal(len(x))
         if grid:
-            seen = np.round(seen / (grid * sigma)) * grid * sigma
-        data[name] = Table(t.tolist(), seen.tolist())
+            noisy = np.round(noisy / (grid * sigma)) * grid * sigma
+        data[name] = Table(t.tolist(), noisy.tolist())
     return data
 
 
-def fitted(record: Record, data: Mapping[str, Table], rng: np.random.Generator) -> Identified:
+def fit_record(record: Record, data: Mapping[str, Table], rng: np.random.Generator) -> Identified:
     """The machine from its record, and from guesses."""
     p, w = record.machine, next(iter(data))
-    guess = {name: x * (1.0 + OFF * rng.uniform(-1.0, 1.0)) for name, x in p.items()}
-    known = {
+    guess = {name: x * (1.0 + GUESS_ERROR * rng.uniform(-1.0, 1.0)) for name, x in p.items()}
+    prior = {
         name: (p[name] * (1 + s * rng.standard_normal()), s * p[name])
-        for name, s in record.known.items()
+        for name, s in record.prior.items()
     }
     guess |= {name: p[name] for name in p if name not in record.free}
-    guess |= {name: mean for name, (mean, _) in known.items()}
+    guess |= {name: mean for name, (mean, _) in prior.items()}
     mean = float(np.mean(data[w].values))
     for name in data:
         guess[name] = float(np.mean(data[name].values[:5]))
@@ -280,7 +288,7 @@ def fitted(record: Record, data: Mapping[str, Table], rng: np.random.Generator) 
         guess["motor.v"] = guess["motor.k"] * mean + 0.5 * guess["motor.R"]
     system = System(record.parts, record.wires, guess | dict(record.fixed))
     return identify(
-        system, data, free=record.free, prior=known, first=record.first,
+        system, data, free=record.free, prior=prior, first=record.first,
         derived={"resonance": lambda values, _: record.resonance(values)}, units={"resonance": "rad/s"},
     )  # fmt: skip
 
@@ -289,31 +297,31 @@ def trial(seed: int, kind: str, error: str = "") -> dict[str, Any]:
     """One machine, recorded and identified; `shift` is how far off the fit is, over its half-width."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     record = draw(kind, rng)
-    data = recorded(record, rng, **(lacking(error, record, rng) if error else {}))
+    data = make_record(record, rng, **(lacking(error, record, rng) if error else {}))
     began = time.process_time()
-    fit = fitted(record, data, rng)
-    told = {"kind": error or kind, "seed": seed, "seconds": time.process_time() - began}
-    told |= {"runs": fit.runs, "misfit": list(fit.misfit), "minima": list(fit.minima)}
+    fit = fit_record(record, data, rng)
+    entry = {"kind": error or kind, "seed": seed, "seconds": time.process_time() - began}
+    entry |= {"runs": fit.runs, "misfit": list(fit.misfit), "minima": list(fit.minima)}
     truth, local = record.resonance(record.machine), fit.linearisation
-    told |= {"shift": (float(local.derived[0]) - truth) / local.half_width(local.gradients[0])}
+    entry |= {"shift": (float(local.derived[0]) - truth) / local.half_width(local.gradients[0])}
     if not fit.misfit:
-        found = fit.derived["resonance"]
-        told |= {"held": found.low <= truth <= found.high, "width": found.error / truth}
-        told |= {"wrong": abs(found.value - truth) > 3.0 * found.error}
-    return told
+        interval = fit.derived["resonance"]
+        entry |= {"held": interval.low <= truth <= interval.high, "width": interval.error / truth}
+        entry |= {"wrong": abs(interval.value - truth) > 3.0 * interval.error}
+    return entry
 
 
 def table(trials: Sequence[Mapping[str, Any]], kinds: Sequence[str]) -> Iterator[str]:
     """How machines fared that the model knows."""
     for kind in kinds:
-        mine = [x for x in trials if kind in ("all", x["kind"])]
-        answered = [x for x in mine if not x["misfit"]]
-        held = sum(x["held"] for x in answered) / len(answered)
-        wide = float(np.median([x["width"] for x in answered]))
-        seconds = float(np.median([x["seconds"] for x in mine]))
+        of_kind = [x for x in trials if kind in ("all", x["kind"])]
+        answered = [x for x in of_kind if not x["misfit"]]
+        coverage = sum(x["held"] for x in answered) / len(answered)
+        half_width = float(np.median([x["width"] for x in answered]))
+        seconds = float(np.median([x["seconds"] for x in of_kind]))
         wrong = sum(x["wrong"] for x in answered)
         yield (
-            f"| {kind} | {len(mine)} | {len(mine) - len(answered)} | {held:.1%} | {wide:.2%} | {wrong} "
+            f"| {kind} | {len(of_kind)} | {len(of_kind) - len(answered)} | {coverage:.1%} | {half_width:.2%} | {wrong} "
             f"| {seconds:.1f} s |"
         )
 
@@ -322,9 +330,9 @@ def errors(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """How machines fared that have what the model lacks."""
     for name in ERRORS:
         mine = [x for x in trials if x["kind"] == name]
-        off = [x for x in mine if abs(x["shift"]) > 1.0]
-        named, all_named = (sum(bool(x["misfit"]) for x in some) for some in (off, mine))
-        yield f"| {name} | {len(mine)} | {all_named} | {len(off)} | {named} |"
+        shifted = [x for x in mine if abs(x["shift"]) > 1.0]
+        named, all_named = (sum(bool(x["misfit"]) for x in some) for some in (shifted, mine))
+        yield f"| {name} | {len(mine)} | {all_named} | {len(shifted)} | {named} |"
 
 
 def main() -> None:

@@ -25,20 +25,23 @@ from cosim import System, quiet
 from examples import measured_iron, measured_orientator
 from scenarios.__main__ import PROJECT
 from scenarios.iron import machine
-from scenarios.orientator.questions import orientator_limit
+from scenarios.orientator.products import simulated_limit
 from workbench.options import parse_options
 from workbench.question import Question
 from workbench.run import answer
 
 STAGES = [f"t_{stage}" for stage in measured_orientator.STAGES]
-LEAST, COUNT = 25.0, 10
+#: Lowest speed at which the orientator is recorded [rpm]. Chosen: a slow line.
+LOWEST_SPEED = 25.0
+#: How many speeds it is recorded at. Chosen: an afternoon with a camera.
+SPEEDS = 10
 
 
 def iron(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict[str, float]]:
     """A record of an iron drive, what is asked, and what is true."""
     p = {x: v * 1.2 ** rng.uniform(-1.0, 1.0) for x, v in measured_iron.TRUTH.items()}
     m = p["iron.iron.m"]
-    asked = {
+    options = {
         "map": ["time=t", "iron.w=n", f"motor.tau=M*{measured_iron.RATED / 100}:N.m"],
         "known": [f"iron.iron.m={m * (1 + 0.01 * rng.standard_normal())}+-{0.01 * m}"],
     }
@@ -51,7 +54,7 @@ def iron(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict
         "follower_limit": machine.limits(system)["follower_limit"].value,
         **{x.replace(".", "_").lower(): p[x] for x in ("iron.spring.c", "iron.friction.K_up")},
     }
-    return measured_iron.record(seed, p), asked, true
+    return measured_iron.record(seed, p), options, true
 
 
 def orientator(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict[str, float]]:
@@ -60,15 +63,15 @@ def orientator(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any]
     p = {"orientator.chute.mu": rng.uniform(0.15, 0.55), "orientator.chute.H": H}
     system = System({"orientator": PROJECT.folders["native"] / "GravityOrientator.fmu"}, start=p)
     with quiet():
-        limit = orientator_limit.limit(system, p["orientator.chute.mu"])[1].value
-    speeds = np.linspace(LEAST, 0.9 * limit, COUNT).round(1).tolist()
-    asked = {
+        limit = simulated_limit(system, p["orientator.chute.mu"])[1].value
+    speeds = np.linspace(LOWEST_SPEED, 0.9 * limit, SPEEDS).round(1).tolist()
+    options = {
         "map": ["orientator.w=n", *(f"orientator.{x}={x[2:]}" for x in STAGES)],
         "known": ["orientator.chute.H=0.04+-1%"],
         "noise": [f"orientator.{x}={measured_orientator.NOISE}ms" for x in STAGES],
     }
     true = {"orientator_chute_mu": p["orientator.chute.mu"], "limit": limit}
-    return measured_orientator.record(seed, p, speeds), asked, true
+    return measured_orientator.record(seed, p, speeds), options, true
 
 
 KINDS = {"iron_identify": iron, "orientator_identify": orientator}
@@ -77,21 +80,21 @@ KINDS = {"iron_identify": iron, "orientator_identify": orientator}
 def trial(name: str, seed: int) -> dict[str, Any]:
     """One machine, asked about: for each figure whether it holds the truth and how wide it is."""
     rng = np.random.default_rng([seed, [*KINDS].index(name)])
-    rows, asked, true = KINDS[name](rng, seed)
+    rows, options, true = KINDS[name](rng, seed)
     question: Question = PROJECT.load(name)
     began = time.process_time()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         rows.to_csv(path, index=False)
-        o = parse_options(question.options, {**asked, "data": str(path), "starts": 6}, name)
-        found = answer(question, o, PROJECT.fmus(question, "native"))
-    told: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
-    told["verdict"] = found.verdict
+        o = parse_options(question.options, {**options, "data": str(path), "starts": 6}, name)
+        result = answer(question, o, PROJECT.fmus(question, "native"))
+    entry: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
+    entry["verdict"] = result.verdict
     for key, x in true.items():
-        figure = found.figures.get(key)
+        figure = result.figures.get(key)
         if figure is not None and figure.error is not None:
-            told[key] = abs(figure.value - x) <= figure.error, figure.error / abs(x)
-    return told
+            entry[key] = abs(figure.value - x) <= figure.error, figure.error / abs(x)
+    return entry
 
 
 def table(name: str, trials: list[Mapping[str, Any]]) -> None:

@@ -1,4 +1,4 @@
-"""Error and time of co-simulation masters over the step size: python benchmarks/masters.py
+"""Error and time of co-simulation masters over the step size: python benchmarks/masters.py.
 
 Five systems of FMUs run in the masters of the package index, each in an environment of its own that uv makes
 (`--environments` takes ready ones instead). All get the same FMUs, start values, wires and steps, and hold
@@ -9,6 +9,9 @@ The error of a run is the largest difference from the truth of any exchanged sig
 the signal's range. Some masters label a row with the time at which its step began: rows are taken as labelled
 or one step later, whichever is closer to the truth. The time is that of the processor for the steps alone.
 Writes results/masters.json, results/masters.png, and a table for each system.
+
+With --referee, `cosim referee` judges the results of the others instead, and an integration without any FMU judges the
+referee. Writes results/masters_referee.json and a table.
 """
 
 from __future__ import annotations
@@ -19,8 +22,8 @@ import math
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -32,7 +35,10 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cosim import Result, SimulationError, System, certify, oracle, run, write_ssp
+from benchmarks.masters_referee import LARGEST_SHARE, Judgement, judge, summary
+from benchmarks.masters_referee import table as judgement_table
+from benchmarks.masters_systems import Case, cases, exchanged, wire_ends
+from cosim import Result, SimulationError, certify, oracle, run, write_ssp
 from fmukit.fmu.make import make_all
 
 CLIENTS = Path(__file__).with_name("masters_clients.py")
@@ -63,22 +69,12 @@ TITLES = {
 }  # fmt: skip
 #: the step that the short table shows [s]
 SHOWN = 1e-3
-#: errors above this many ranges are called "grows": the run has nothing to do with the system any more
-LOST = 10.0
+#: Steps with which the others run for the referee [s]: chosen, so that each master has results that agree and results
+#: that differ.
+JUDGED_STEPS = (2e-3, 1e-3, 5e-4)
 #: how many times as long a second run is, whose longer time tells what the steps take without the set-up
 LONGER = 20
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Case:
-    """A system, for how long it runs, with which steps [s], and a signal whose end is certified."""
-
-    title: str
-    system: System
-    stop: float
-    figure: str
-    steps: tuple[float, ...] = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 
 
 @dataclass(frozen=True)
@@ -92,66 +88,6 @@ class Point:
     seconds: float = math.nan
     failure: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
-
-
-def cases(models: Path) -> dict[str, Case]:
-    """The five systems; `models` is a folder for FMUs that are made here."""
-    native = ROOT / "fmus" / "native"
-    made = models / "native"
-    turn = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
-    conveyor = {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}
-    inertia = {"i": 1.0, "eta": 1.0}
-    masses = {f"{part}.{x}": y for part in ("first", "second") for x, y in inertia.items()}
-    return {
-        "drive A": Case(
-            "conveyor with a stiff drive", System(conveyor, turn), 0.5, "motor.tau"
-        ),
-        "drive B": Case(
-            "conveyor with a soft drive",
-            System(conveyor, turn, {"motor.A": 1440.0, "motor.B": 35.8, "motor.T": 0.02}),
-            0.5,
-            "motor.tau",
-        ),
-        "two masses": Case(
-            "two masses on an elastic shaft",
-            System(
-                {"first": native / "Gearbox.fmu", "shaft": native / "ShaftLink.fmu",
-                 "second": native / "Gearbox.fmu"},
-                ["first.w_b -> shaft.w_a", "shaft.tau_a -> first.tau_b",
-                 "second.w_a -> shaft.w_b", "shaft.tau_b -> second.tau_a"],
-                masses | {"first.J": 1.1, "second.J": 2.2, "first.tau_a": 0.0,
-                          "second.tau_b": 0.0, "first.w_a": 10.0, "second.w_a": 10.0,
-                          "shaft.b": 0.0, "shaft.c": 1e4, "shaft.d": 1.0, "shaft.twist": 0.01},
-            ),
-            1.0,
-            "shaft.twist",
-        ),
-        "controlled": Case(
-            "direct-current motor with controller, gearbox and elastic shaft",
-            System(
-                {"controller": native / "SpeedController.fmu", "motor": native / "DCMotor.fmu",
-                 "gear": native / "Gearbox.fmu", "shaft": native / "ShaftLink.fmu",
-                 "conveyor": native / "CrankConveyor.fmu"},
-                ["controller.tau => motor.v", "gear.w_a -> motor.w", "gear.w_a -> controller.w",
-                 "motor.tau -> gear.tau_a", "shaft.tau_a -> gear.tau_b", "gear.w_b -> shaft.w_a",
-                 "conveyor.w -> shaft.w_b", "shaft.tau_b -> conveyor.tau"],
-                {"controller.K": 5.0, "controller.tau_max": 75.0, "controller.w_ref": 150.0,
-                 "shaft.b": 0.0, "shaft.c": 4000.0, "shaft.twist": 0.0, "conveyor.w": 20.0},
-            ),
-            1.0,
-            "conveyor.w",
-        ),
-        "quarter car": Case(
-            "quarter car on a step of the road",
-            System(
-                {"wheel": made / "Wheel.fmu", "chassis": made / "Chassis.fmu"},
-                ["wheel.z -> chassis.z_w", "wheel.v -> chassis.v_w", "chassis.z -> wheel.z_c",
-                 "chassis.v -> wheel.v_c"],
-            ),
-            2.0,
-            "chassis.z",
-        ),
-    }  # fmt: skip
 
 
 class Client:
@@ -189,16 +125,6 @@ class Client:
         self.program.wait()
 
 
-def ends(system: System) -> list[tuple[str, str]]:
-    """Source and target of each wire; the wires here have no factors."""
-    return [(a, b) for a, _, b in (str(wire).split() for wire in system.wires)]
-
-
-def exchanged(system: System) -> list[str]:
-    """The outputs that others take, in the order of the wires."""
-    return list(dict.fromkeys(source for source, _ in ends(system)))
-
-
 def distance(rows: Array, step: float, truth: Result, ports: list[str]) -> float:
     """The largest error of the rows in ranges of the signals, as labelled or one step later."""
 
@@ -232,13 +158,30 @@ def ours(name: str, case: Case, step: float) -> tuple[Array, float]:
     return np.column_stack([result["time"], *columns]), (longer - once) / (LONGER - 1)
 
 
+def task_for(case: Case, step: float, truth: Result, ssp: Path) -> dict[str, Any]:
+    """What a client is asked: a run of a system with this step [s]; `truth` has the start values of wired inputs."""
+    wires = wire_ends(case.system)
+    return {
+        "inputs": {target: float(truth[source][0]) for source, target in wires},
+        "parts": {part: str(fmu) for part, fmu in case.system.parts.items()},
+        "wires": wires,
+        "start": dict(case.system.start),
+        "step": step, "steps": round(case.stop / step), "record": exchanged(case.system), "ssp": str(ssp),
+    }  # fmt: skip
+
+
+def written_ssp(key: str, case: Case, folder: Path) -> Path:
+    """The SSP of a system."""
+    ssp = folder / f"{key.replace(' ', '_')}.ssp"
+    write_ssp(case.system, ssp, stop=case.stop, step=SHOWN)
+    return ssp
+
+
 def points(key: str, case: Case, clients: Mapping[str, Client], folder: Path) -> Iterable[Point]:
     """All runs of a system."""
     ports = exchanged(case.system)
-    ssp = folder / f"{key.replace(' ', '_')}.ssp"
-    write_ssp(case.system, ssp, stop=case.stop, step=SHOWN)
+    ssp = written_ssp(key, case, folder)
     for step in case.steps:
-        number = round(case.stop / step)
         truth = oracle(case.system, stop=case.stop, output_step=step, record=ports)
         for name in OURS:
             try:
@@ -246,14 +189,7 @@ def points(key: str, case: Case, clients: Mapping[str, Client], folder: Path) ->
                 yield Point(key, name, step, distance(rows, step, truth, ports), seconds)
             except SimulationError as failure:
                 yield Point(key, name, step, failure=str(failure))
-        start = {target: float(truth[source][0]) for source, target in ends(case.system)}
-        task = {
-            "inputs": start,
-            "parts": {part: str(fmu) for part, fmu in case.system.parts.items()},
-            "wires": ends(case.system),
-            "start": dict(case.system.start),
-            "step": step, "steps": number, "record": ports, "ssp": str(ssp),
-        }  # fmt: skip
+        task = task_for(case, step, truth, ssp)
         for name, client in clients.items():
             answer = client.ask(task)
             if "failure" in answer:
@@ -261,6 +197,22 @@ def points(key: str, case: Case, clients: Mapping[str, Client], folder: Path) ->
                 continue
             error = distance(np.array(answer["rows"]), step, truth, ports)
             yield Point(key, name, step, error, answer["seconds"], versions=answer["versions"])
+
+
+def judgements(
+    key: str, case: Case, clients: Mapping[str, Client], folder: Path
+) -> Iterable[Judgement]:
+    """What the referee says of each run of the others."""
+    ssp = written_ssp(key, case, folder)
+    for step in case.steps:
+        truth = oracle(case.system, stop=step, output_step=step)
+        task = task_for(case, step, truth, ssp)
+        for name, client in clients.items():
+            answer = client.ask(task)
+            if "failure" in answer:
+                yield Judgement(key, name, step, failure=answer["failure"])
+            else:
+                yield judge(key, case, name, step, np.array(answer["rows"], float))
 
 
 def certified(case: Case) -> dict[str, float]:
@@ -280,14 +232,14 @@ def certified(case: Case) -> dict[str, float]:
     }  # fmt: skip
 
 
-def told(point: Point) -> str:
+def cell(point: Point) -> str:
     """The cell of a table."""
     if point.failure:
         return "refused" if point.master.startswith("cosim") else "fails"
-    return f"{100 * point.error:.2g} %" if point.error < LOST else "grows"
+    return f"{100 * point.error:.2g} %" if point.error < LARGEST_SHARE else "grows"
 
 
-def table(found: list[Point], systems: Iterable[str]) -> str:
+def table(measured: Sequence[Point], systems: Iterable[str]) -> str:
     """Masters by systems at the step SHOWN."""
     names = list(systems)
     lines = [
@@ -295,23 +247,26 @@ def table(found: list[Point], systems: Iterable[str]) -> str:
         "|---" * (len(names) + 1) + "|",
     ]
     for master, title in TITLES.items():
-        cells = {p.system: told(p) for p in found if p.master == master and p.step == SHOWN}
+        cells = {p.system: cell(p) for p in measured if p.master == master and p.step == SHOWN}
         if cells:
             row = " | ".join(cells.get(name, "") for name in names)
             lines.append(f"| {title} | {row} |")
     return "\n".join(lines)
 
 
-def draw(found: list[Point], systems: Mapping[str, Case], path: Path) -> None:
+def draw(measured: Sequence[Point], systems: Mapping[str, Case], path: Path) -> None:
     """Error over step, a picture for each system."""
     figure = Figure(figsize=(15, 6), layout="constrained")
     axes = figure.subplots(2, 3).ravel()
     for axis, (key, case) in zip(axes, systems.items()):
         for k, (master, title) in enumerate(TITLES.items()):
-            mine = [p for p in found if (p.system, p.master) == (key, master) and p.error < LOST]
+            shown = [
+                p for p in measured
+                if (p.system, p.master) == (key, master) and p.error < LARGEST_SHARE
+            ]  # fmt: skip
             style = "-o" if master in OURS else "--s"
             axis.loglog(
-                [1e3 * p.step for p in mine], [100 * p.error for p in mine], style,
+                [1e3 * p.step for p in shown], [100 * p.error for p in shown], style,
                 color=f"C{k % 10}", markersize=3, label=title,
             )  # fmt: skip
         axis.set(title=case.title, xlabel="step (ms)", ylabel="largest error (% of range)")
@@ -321,40 +276,71 @@ def draw(found: list[Point], systems: Mapping[str, Case], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+def measure(
+    systems: Mapping[str, Case], clients: Mapping[str, Client], folder: Path, out: Path
+) -> None:
+    """Run all masters on these systems, and write their errors and times."""
+    measured: list[Point] = []
+    stated = {}
+    for key, case in systems.items():
+        for point in points(key, case, clients, folder):
+            measured.append(point)
+            print(f"{key:12} {point.master:28} {1e3 * point.step:5g} ms {cell(point):>9} "
+                  f"{1e3 * point.seconds:8.2f} ms {point.failure}", flush=True)  # fmt: skip
+        stated[key] = certified(case)
+        print(f"{key:12} certify, {case.figure}: {stated[key]}", flush=True)
+    report = {"points": [asdict(point) for point in measured], "certified": stated}
+    (out / "masters.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+    draw(measured, systems, out / "masters.png")
+    print(f"\n{table(measured, systems)}")
+
+
+def judge_all(
+    systems: Mapping[str, Case], clients: Mapping[str, Client], folder: Path, out: Path
+) -> None:
+    """Let the referee judge the results of the others, and an integration the judgements."""
+    judged: list[Judgement] = []
+    for key, case in systems.items():
+        for j in judgements(key, case, clients, folder):
+            judged.append(j)
+            print(f"{key:12} {j.master:22} {1e3 * j.step:5g} ms {j.verdict:>8} {100 * j.deviation:9.3g} % "
+                  f"{j.seconds:6.1f} s {'; '.join(j.wrong) or 'confirmed'} | {j.failure or j.cause}", flush=True)  # fmt: skip
+    lines = [asdict(judgement) for judgement in judged]
+    (out / "masters_referee.json").write_text(json.dumps(lines, indent=1), encoding="utf-8")
+    print(f"\n{judgement_table(judged, TITLES)}\n\n{summary(judged)}")
+
+
 def main() -> None:
+    """Read the options, start the masters, and measure or judge."""
     parser = argparse.ArgumentParser(description="Compare co-simulation masters.")
     parser.add_argument("--environments", type=Path, help="folder of ready environments by package")
     parser.add_argument("--masters", default=",".join(REQUIREMENTS), help="which of the others")
     parser.add_argument("--systems", default="", help="which systems (default: all)")
-    parser.add_argument("--steps", default="", help="steps in ms (default: 4,2,1,0.5,0.25)")
+    parser.add_argument(
+        "--steps", default="", help="steps in ms (default: 4,2,1,0.5,0.25; with --referee 2,1,0.5)"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "results")
+    parser.add_argument(
+        "--referee", action="store_true", help="let cosim referee judge the results of the others"
+    )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     masters = [name for name in options.masters.split(",") if name]
     clients = {name: Client(name, options.environments) for name in masters}
-    found: list[Point] = []
-    stated = {}
+    steps = tuple(1e-3 * float(x) for x in options.steps.split(",") if x)
+    if options.referee:
+        steps = steps or JUDGED_STEPS
     with TemporaryDirectory() as folder:
         models = Path(__file__).with_name("models")
         make_all([models / "wheel.py", models / "chassis.py"], "native", Path(folder))
         wanted = [name for name in options.systems.split(",") if name]
-        systems = {k: x for k, x in cases(Path(folder)).items() if not wanted or k in wanted}
-        for key, case in systems.items():
-            if options.steps:
-                chosen = tuple(1e-3 * float(x) for x in options.steps.split(","))
-                case = Case(case.title, case.system, case.stop, case.figure, chosen)
-            for point in points(key, case, clients, Path(folder)):
-                found.append(point)
-                print(f"{key:12} {point.master:28} {1e3 * point.step:5g} ms {told(point):>9} "
-                      f"{1e3 * point.seconds:8.2f} ms {point.failure}", flush=True)  # fmt: skip
-            stated[key] = certified(case)
-            print(f"{key:12} certify, {case.figure}: {stated[key]}", flush=True)
+        systems = {
+            key: replace(case, steps=steps or case.steps)
+            for key, case in cases(Path(folder)).items() if not wanted or key in wanted
+        }  # fmt: skip
+        (judge_all if options.referee else measure)(systems, clients, Path(folder), options.out)
     for client in clients.values():
         client.close()
-    report = {"points": [asdict(point) for point in found], "certified": stated}
-    (options.out / "masters.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
-    draw(found, systems, options.out / "masters.png")
-    print(f"\n{table(found, systems)}")
 
 
 if __name__ == "__main__":

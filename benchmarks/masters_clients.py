@@ -1,4 +1,4 @@
-"""Other co-simulation masters, each asked for one run: python masters_clients.py TOOL < task.json
+"""Other co-simulation masters, each asked for one run: python masters_clients.py TOOL < task.json.
 
 The task names FMUs (`parts`), `wires`, `start` values, those of the wired `inputs`, `step` [s], the number of `steps`, an `ssp` of the same
 system, and the outputs to `record`. The answer on standard output is JSON: `rows` of the time [s] and the
@@ -168,7 +168,7 @@ def ecos(task: Task) -> Answer:
 
 
 def libcosim(task: Task) -> Answer:
-    """libcosim with its fixed-step algorithm: Jacobi."""
+    """Run libcosim with its fixed-step algorithm: Jacobi."""
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
     from libcosimpy.CosimObserver import CosimObserver

@@ -25,7 +25,7 @@ from fmukit.fmu.make import make_all
 
 MODELS = Path(__file__).with_name("models")
 TOLERANCES = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
-WAYS = {
+ALGORITHMS = {
     "Gauss-Seidel, inputs of order 6": {"algorithm": "gauss-seidel", "input_order": 6},
     "Gauss-Seidel, inputs of order 2": {"algorithm": "gauss-seidel", "input_order": 2},
     "Strang, inputs of order 3": {"algorithm": "strang", "input_order": 3},
@@ -123,12 +123,12 @@ def main() -> None:
         for name, (steps, error) in case.published.items():
             print(f"  {f'published: {name}':<40} {error:8.2e} {steps:6d}")
         axis.loglog(*zip(*case.published.values()), "kx", label="published")
-        for way, settings in WAYS.items():
+        for name, settings in ALGORITHMS.items():
             costs = [cost(case, coupled, tolerance, **settings) for tolerance in TOLERANCES]
-            axis.loglog([c.macro_steps for c in costs], [c.error for c in costs], "o-", label=way)
+            axis.loglog([c.macro_steps for c in costs], [c.error for c in costs], "o-", label=name)
             for tolerance, c in zip(TOLERANCES, costs):
                 print(
-                    f"  {f'{way}, {tolerance:g}':<40} {c.error:8.2e} {c.macro_steps:6d} {c.do_steps:6d}"
+                    f"  {f'{name}, {tolerance:g}':<40} {c.error:8.2e} {c.macro_steps:6d} {c.do_steps:6d}"
                 )
         axis.set(title=case.title, xlabel="macro steps with the rejected ones", ylabel=case.error)
         axis.grid(alpha=0.3, which="both")

@@ -32,7 +32,12 @@ from cosim.requirements import setup_problems
 from cosim.system import connect
 
 FMUS, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"
-H, DOSTEPS, ROUNDS = 1e-3, 1_000_000, 5
+#: Communication step [s]. Chosen: that of the FMUs' default experiment.
+H = 1e-3
+#: Steps of parts that a measurement takes in all. Chosen: a second or two.
+DOSTEPS = 1_000_000
+#: Repetitions, of which the fastest counts. Chosen: the rest of the machine is quiet in one of them.
+ROUNDS = 5
 DESCRIPTION = "modelDescription.xml"
 
 
@@ -49,10 +54,10 @@ def pairs(count: int) -> System:
 def grid(count: int) -> System:
     """So many parts in a ring, with up to four wires from each to the next."""
     parts = {f"line.p{k}": FMUS / "LinearSystem.fmu" for k in range(count)}
-    places = [(k, i) for k in range(count) for i in range(1, 5)]
-    wired = places[: 10 * count // 3]
+    outputs = [(k, i) for k in range(count) for i in range(1, 5)]
+    wired = outputs[: 10 * count // 3]
     wires = [f"line.p{k}.y[{i}] -> line.p{(k + 1) % count}.u[{i}]" for k, i in wired]
-    start = {f"line.p{(k + 1) % count}.u[{i}]": 0.0 for k, i in places[len(wired) :]}
+    start = {f"line.p{(k + 1) % count}.u[{i}]": 0.0 for k, i in outputs[len(wired) :]}
     return System(parts, wires, start)
 
 
@@ -94,10 +99,10 @@ def costs(count: int) -> tuple[float, float]:
         return run(system, stop=H * steps, record=["m0.tau"], **settings)
 
     go(1)
-    ways: list[Callable[[], Any]] = [lambda: set_up(system), lambda: go(1), lambda: go(steps + 1)]
-    rounds = [[seconds(way) for way in ways] for _ in range(ROUNDS)]
-    described, started, whole = map(min, zip(*rounds))
-    return (described + started) / count, (whole - started) / steps / count
+    tasks: list[Callable[[], Any]] = [lambda: set_up(system), lambda: go(1), lambda: go(steps + 1)]
+    rounds = [[seconds(task) for task in tasks] for _ in range(ROUNDS)]
+    described, started, total = map(min, zip(*rounds))
+    return (described + started) / count, (total - started) / steps / count
 
 
 def threads(every: int) -> tuple[float, float]:
@@ -124,11 +129,11 @@ def threads(every: int) -> tuple[float, float]:
             middle = time.perf_counter()
             list(pool.map(lambda task: task(), tasks))
             rounds.append((middle - began, time.perf_counter() - middle))
-    own, loop.library = loop.library, lambda: Timed
-    whole = seconds(tasks[0])
-    loop.library = own
-    alone, together = map(min, zip(*rounds))
-    return together / alone, 1.0 - free[0] / whole
+    original, loop.library = loop.library, lambda: Timed
+    total = seconds(tasks[0])
+    loop.library = original
+    sequential, parallel = map(min, zip(*rounds))
+    return parallel / sequential, 1.0 - free[0] / total
 
 
 def draw(rows: Sequence[tuple[int, float, float]], path: Path) -> None:

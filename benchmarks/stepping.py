@@ -22,7 +22,9 @@ from fmukit.declare.record import start
 from fmukit.runtime import hybrid as motion
 from fmukit.runtime import ode
 
+#: Length of a communication step [s]. Chosen: that of the FMU's default experiment.
 LENGTH = 1e-3
+#: Duration of the motion [s]. Chosen: a few revolutions.
 SPAN = 0.5
 Slope = Callable[[float, Sequence[float]], Sequence[float]]
 Rule = Callable[[Slope, Sequence[float], float], Sequence[float]]

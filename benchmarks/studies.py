@@ -64,18 +64,20 @@ def main() -> None:
         path.write_text(STUDY.format(runs=options.runs))
         pool(path, Path(folder) / "warm", WORKERS[-1])
         for k in range(options.rounds):
-            for way in (pool, dask):
+            for runner in (pool, dask):
                 for workers in WORKERS:
-                    out = Path(folder) / f"{way.__name__}_{workers}_{k}"
-                    times.setdefault((way.__name__, workers), []).append(way(path, out, workers))
+                    out = Path(folder) / f"{runner.__name__}_{workers}_{k}"
+                    times.setdefault((runner.__name__, workers), []).append(
+                        runner(path, out, workers)
+                    )
                     tables.add((out / "table.csv").read_bytes())
     assert len(tables) == 1, "the tables differ"
-    one, two = WORKERS
+    fewer, more = WORKERS
     print(f"{options.runs} runs, {options.rounds} rounds, medians")
-    print(f"{'':<6}{one:>8} worker{two:>8} workers{'ratio':>8}")
-    for way in ("pool", "dask"):
-        single, double = (statistics.median(times[way, workers]) for workers in WORKERS)
-        print(f"{way:<6}{single:>13.2f} s{double:>14.2f} s{single / double:>8.2f}")
+    print(f"{'':<6}{fewer:>8} worker{more:>8} workers{'ratio':>8}")
+    for runner in ("pool", "dask"):
+        single, double = (statistics.median(times[runner, workers]) for workers in WORKERS)
+        print(f"{runner:<6}{single:>13.2f} s{double:>14.2f} s{single / double:>8.2f}")
 
 
 if __name__ == "__main__":

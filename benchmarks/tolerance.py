@@ -27,7 +27,7 @@ from tests.oracle import monolithic
 START = SETS["A"].start(40.0) | {"motor.tau": 0.0, "conveyor.w": 0.0}
 SYSTEM = machine.conveyor_drive(PROJECT.fmus(machine, "native"), START)
 TOLERANCES = [10.0**-k for k in range(6)]
-WAYS = {
+VARIANTS = {
     "Strang, held inputs": {"algorithm": "strang"},
     "Gauss-Seidel, inputs of order 6": {"algorithm": "gauss-seidel", "input_order": 6},
 }
@@ -44,7 +44,7 @@ def point(step: float | Adaptive, **settings: object) -> tuple[float, int]:
 def main() -> None:
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for name, settings in WAYS.items():
+    for name, settings in VARIANTS.items():
         errors, steps = zip(*(point(Adaptive(tol), **settings) for tol in TOLERANCES))
         slopes = [log10(a / b) for a, b in pairwise(errors)]
         left.loglog(TOLERANCES, errors, "o-", label=name)

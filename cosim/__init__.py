@@ -1,7 +1,7 @@
 """Couple co-simulation FMUs of FMI 2.0 and 3.0: systems of parts and wires, and their coupling errors."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .accuracy.certify import Certified, certify, summary
 from .accuracy.estimate import Estimate
@@ -54,7 +54,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Load the identification only on request: importing its parts of scipy takes longer than most runs."""
     if name in HOMES:
         return getattr(import_module(f"{__name__}.identification.{HOMES[name]}"), name)

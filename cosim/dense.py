@@ -299,8 +299,10 @@ def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Arra
 
 
 def _fill(c: Array, t: Array, x: Array, gaps: Indices, side: Side) -> None:
-    """Set the coefficients in gaps, from the next piece that has a polynomial; without one, they keep the value
-    of its row."""
+    """Set the coefficients in gaps, from the next piece that has a polynomial.
+
+    Without such a piece they keep the value of its row.
+    """
     hidden = {int(k) for k in gaps}
     for k in gaps:
         width = t[k + 1] - t[k]
@@ -323,8 +325,10 @@ def _fill(c: Array, t: Array, x: Array, gaps: Indices, side: Side) -> None:
 
 
 def distinct_rows(t: Array, x: Array) -> NDArray[np.bool_]:
-    """Which rows say something new: not those that repeat a time with the same value, and not those
-    that come right after another, as the row of an event beside one of the grid.
+    """Which rows say something new.
+
+    These are not the rows that repeat a time with the same value, nor those that come right after
+    another, as the row of an event beside one of the grid.
 
     Of several rows at one time the first and the last are kept, the values before and after a jump.
     """

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from fmpy import supported_platforms
 
 from .engine.algorithms import find_algorithm
 from .engine.energy import find_bonds
 from .engine.settings import RunSettings
+from .json_values import Json
 from .system import ANGLE, Connection, Network, Port, obstacles, unit_exponents
 from .system.graph import algebraic_loops, describe_loop, stepping_order
 
@@ -31,8 +31,8 @@ def info(network: Network) -> Iterator[str]:
     """Parts with their inputs and outputs, wires, start values, power bonds."""
     platforms = cache(supported_platforms)
 
-    def facts(told: Mapping[str, Any]) -> str:
-        return ", ".join(f"{what} {value}" for what, value in told.items())
+    def facts(provenance: Mapping[str, Json]) -> str:
+        return ", ".join(f"{key} {value}" for key, value in provenance.items())
 
     first = {wire.target: wire for wire in reversed(network.wires)}
     for name, description in network.descriptions.items():
@@ -43,17 +43,19 @@ def info(network: Network) -> Iterator[str]:
             yield f"  {description.description}"
         side = description.coSimulation
         can = [text for flag, text in ABILITIES.items() if side and getattr(side, flag)]
-        told = ", ".join(can) or "fixed steps forward only" if side else "for model exchange only"
+        abilities = (
+            ", ".join(can) or "fixed steps forward only" if side else "for model exchange only"
+        )
         if not side and not description.modelExchange:
-            told = "for scheduled execution only"
+            abilities = "for scheduled execution only"
         if description.generationTool:
             yield f"  made by {description.generationTool}"
-        yield f"  for {', '.join(platforms(str(path))) or 'no platform'}; {told}"
+        yield f"  for {', '.join(platforms(str(path))) or 'no platform'}; {abilities}"
         variables = description.modelVariables
         for causality in ("input", "output"):
             for port in (Port(name, v) for v in variables if v.causality == causality):
-                said = f", {port.variable.description}" if port.variable.description else ""
-                yield f"  {causality:<7} {port}: {port.native}{said}"
+                note = f", {port.variable.description}" if port.variable.description else ""
+                yield f"  {causality:<7} {port}: {port.native}{note}"
         yield f"  {sum(v.causality == 'parameter' for v in variables)} parameters"
         for terminal, members in network.fmus[name].terminals.items():
             yield f"  terminal {name}.{terminal}: {', '.join(members)}"

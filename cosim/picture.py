@@ -15,6 +15,6 @@ class Picture(Figure):
 
     def _repr_png_(self) -> bytes:
         """The picture as PNG, which notebooks ask for."""
-        drawn = BytesIO()
-        self.savefig(drawn, format="png", dpi=NOTEBOOK_DPI)
-        return drawn.getvalue()
+        png = BytesIO()
+        self.savefig(png, format="png", dpi=NOTEBOOK_DPI)
+        return png.getvalue()

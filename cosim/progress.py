@@ -29,13 +29,13 @@ def bar(title: str, start: float, stop: float) -> Iterator[Callable[[float], Non
         *columns, console=console, redirect_stdout=False, disable=not console.is_terminal
     ) as progress:
         task = progress.add_task(title, total=stop - start)
-        shown = 0.0
+        last_update = 0.0
 
-        def show(share: float) -> None:
-            nonlocal shown
+        def show(fraction: float) -> None:
+            nonlocal last_update
             now = time.monotonic()
-            if now - shown > 0.1 or share >= 1.0:
-                shown = now
-                progress.update(task, completed=share * (stop - start))
+            if now - last_update > 0.1 or fraction >= 1.0:
+                last_update = now
+                progress.update(task, completed=fraction * (stop - start))
 
         yield show

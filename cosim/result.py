@@ -10,7 +10,7 @@ import stat
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib.util import find_spec
-from io import BytesIO
+from io import BytesIO, FileIO
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -108,8 +108,19 @@ class Result:
     def write(self, path: Path | str, part: str | None = None) -> None:
         """Write NAME.csv or NAME.parquet, with units and provenance in NAME.json: both files or neither.
 
-        With a part, only its columns are written, under their bare names. Raises SetupError for any
-        other suffix or a part without columns, and OSError if there is no room.
+        Parameters
+        ----------
+        path : path
+            The file of the rows.
+        part : str, optional
+            The part whose columns are written, under their bare names; by default all columns.
+
+        Raises
+        ------
+        SetupError
+            For any other suffix or a part without columns.
+        OSError
+            If there is no room.
         """
         path, frame, units = Path(path), self.frame, self.units
         if part is not None:
@@ -145,7 +156,20 @@ class Result:
     def plot(
         self, names: Sequence[str] | str | None = None, path: Path | str | IO[bytes] | None = None
     ) -> Figure:
-        """Plot the columns over time, one axis per unit; `path` also writes the figure to a file."""
+        """Plot columns over time, one axis per unit.
+
+        Parameters
+        ----------
+        names : str or sequence of str, optional
+            The columns, by default all.
+        path : path or file, optional
+            Where the figure is also written.
+
+        Returns
+        -------
+        Figure
+            A figure of matplotlib.
+        """
         from .picture import Picture
 
         names = self.columns[1:] if names is None else names
@@ -211,13 +235,13 @@ def require_names(path: Path) -> None:
             )
 
 
-def open_unlinked(path: Path, mode: str) -> IO[Any]:
+def open_unlinked(path: Path, mode: str) -> FileIO:
     """Open a file for writing without a buffer, but not through a symbolic link at its name."""
 
     def opener(name: str, flags: int) -> int:
         return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
-    return open(path, mode, buffering=0, opener=opener)
+    return FileIO(path, mode, opener=opener)
 
 
 def read_rows(path: Path) -> Rows:

@@ -26,11 +26,12 @@ SCALES: dict[str, dict[str, float]] = {
 
 
 def multiples(unit: str) -> dict[str, float]:
-    """The units of the same quantity as this one, and the factor from each to this one; only this unit
-    itself if no others are known.
+    """The units of the same quantity as this one, and the factor from each to this one.
+
+    It is this unit alone if no others are known.
     """
-    for base, others in SCALES.items():
-        known = {base: 1.0} | others
-        if unit in known:
-            return {other: scale / known[unit] for other, scale in known.items()}
+    for base, scales in SCALES.items():
+        factors = {base: 1.0} | scales
+        if unit in factors:
+            return {name: scale / factors[unit] for name, scale in factors.items()}
     return {unit: 1.0}

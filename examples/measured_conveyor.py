@@ -49,9 +49,20 @@ TRUTH = {
     "conveyor.w": 38.0,
     "motor.tau": 30.0,
 }
-RATED, CREEP = 80.0, 0.001  # torque [N.m]; creep at this torque, as a fraction of the speed
-NOISE, RESOLUTION = 0.8, 0.1  # of the torque [%]
-STOP, SAMPLE, COUNTS = 1.2, 0.002, 16384  # [s]; [s]; per turn
+#: Rated torque of the motor [N.m]. Chosen: a data sheet of its size.
+RATED = 80.0
+#: Creep of the belt at the rated torque, as a fraction of the speed. Chosen: that of a new belt.
+CREEP = 0.001
+#: Standard deviation of the logged torque [%]. Chosen: an inverter's estimate.
+NOISE = 0.8
+#: Resolution of the logged torque [%]. Chosen: a decimal.
+RESOLUTION = 0.1
+#: Duration of the record [s]. Chosen: a few revolutions.
+STOP = 1.2
+#: Spacing of the rows [s]. Chosen: the cycle of a logger.
+SAMPLE = 0.002
+#: Counts of the encoder per turn. Convention: a power of 2.
+COUNTS = 16384
 
 
 def simulated(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:

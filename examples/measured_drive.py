@@ -52,11 +52,27 @@ TRUTH = {
     "conveyor.trough.d": 3650.0,  # [N.s/m]
     "conveyor.spring.c": 7.6e5,  # [N/m]
 }
-RATIO, RATED = 2.4, 73.0  # of the belt; torque of the motor [N.m]
-SLIP, SLIPS, SLIPPING = 0.03, 1.15, 0.1  # largest slip; its beginning and duration [s]
-STOP, SAMPLE, COUNTS = 2.0, 0.002, 4096  # [s]; [s]; per turn
-GAPS = ((0.54, 0.56), (1.5, 1.6))  # lost rows [s]
-NOISE, RESOLUTION = 1.0, 0.1  # of the torque [%]
+#: Ratio of the belt, speed of the motor over that of the crank. Chosen: a usual one.
+RATIO = 2.4
+#: Rated torque of the motor [N.m]. Chosen: that of 11 kW at 1440 rpm.
+RATED = 73.0
+#: Largest slip of the belt. Chosen: a drop of water.
+SLIP = 0.03
+#: Time at which the belt begins to slip [s]. Chosen: after the run-up.
+SLIP_BEGIN = 1.15
+#: Duration of the slip [s]. Chosen: fifty rows.
+SLIP_DURATION = 0.1
+#: Duration of the record [s]. Chosen: run-up and steady running.
+STOP = 2.0
+#: Spacing of the rows [s]. Chosen: the cycle of a logger.
+SAMPLE = 0.002
+#: Counts of the encoder per turn. Convention: a power of 2.
+COUNTS = 4096
+GAPS = ((0.54, 0.56), (1.5, 1.6))  # times without rows [s]
+#: Standard deviation of the logged torque [%]. Chosen: an inverter's estimate.
+NOISE = 1.0
+#: Resolution of the logged torque [%]. Chosen: a decimal.
+RESOLUTION = 0.1
 
 
 def motion(times: NDArray[np.float64], belt: float = 1.0) -> NDArray[np.float64]:
@@ -67,7 +83,7 @@ def motion(times: NDArray[np.float64], belt: float = 1.0) -> NDArray[np.float64]
     A, B, T, J, r, l, m, d, c = TRUTH.values()
 
     def ahead(t: float) -> float:
-        into = (t - SLIPS) / SLIPPING
+        into = (t - SLIP_BEGIN) / SLIP_DURATION
         return SLIP * sin(pi * into) ** 2 if 0 < into < 1 else 0.0
 
     def rates(t: float, y: list[float]) -> list[float]:

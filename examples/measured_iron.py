@@ -50,10 +50,28 @@ TRUTH = {
     "iron.friction.K_down": -0.0868,
 }
 STATES = {"iron.phi": -pi / 3, "iron.w_cam": 0.0, "motor.tau": 0.0}
-GEAR, G = 36.0, 9.80665
-STRETCH, SPRING = 0.080, 0.15  # stretch of the spring with the iron down [m]; its mass [kg]
-RATED, NOISE, RESOLUTION = 2.0, 2.0, 0.1  # torque [N.m]; both of the torque [%]
-FIRST, STOP, SAMPLE, COUNTS = 0.1, 2.5, 0.002, 16384  # [s]; [s]; [s]; per turn
+#: Gear ratio, speed of the motor over that of the cam. Convention of the FMU's default.
+GEAR = 36.0
+#: Gravity [m/s2]. Convention: its standard value.
+G = 9.80665
+#: Stretch of the spring with the iron down [m]. Convention of the FMU's default.
+STRETCH = 0.080
+#: Mass of the spring [kg]. Convention of the FMU's default.
+SPRING = 0.15
+#: Rated torque of the motor [N.m]. Chosen: a data sheet of its size.
+RATED = 2.0
+#: Standard deviation of the logged torque [%]. Chosen: an inverter's estimate.
+NOISE = 2.0
+#: Resolution of the logged torque [%]. Chosen: a decimal.
+RESOLUTION = 0.1
+#: Time of the first row after the motor is switched on [s]. Chosen: a logger that is started by hand comes later.
+FIRST = 0.1
+#: Time of the last row [s]. Chosen: a few turns of the cam.
+STOP = 2.5
+#: Spacing of the rows [s]. Chosen: the cycle of a logger.
+SAMPLE = 0.002
+#: Counts of the encoder per turn. Convention: a power of 2.
+COUNTS = 16384
 
 
 @cache

@@ -37,11 +37,39 @@ Vector = NDArray[np.float64]
 TRUTH = {"orientator.chute.mu": 0.31, "orientator.chute.H": 0.0405}
 SPEEDS = (20, 25, 30, 35, 40, 45, 50, 55, 60, 65, 70, 72)  # [rpm]
 STAGES = ("falling", "joint", "turning", "released")
-NOISE, GRID = 0.5, 0.1  # of the times [ms]
-D, H, L2, M2, J2 = 0.040, 0.048, 0.043, 0.040, 2.4e-5  # of the cup
-L1, H1, M1, J1, PHI = 0.180, 0.010, 0.016, 2.2e-4, pi / 6  # of the catcher
-C, WALL, G = 14.0, 0.270, 9.81
-R, E, X = D / 2, H - L2, L1 * cos(PHI) + D
+#: Standard deviation of the times [ms]. Chosen: half the spacing of 1000 frames a second.
+NOISE = 0.5
+#: Resolution of the times [ms]. Chosen: a decimal.
+GRID = 0.1
+#: Diameter of the cup [m]. Convention of the FMU's default, as all values of the machine below.
+D = 0.040
+#: Height of the cup's cylindrical part [m]. Convention of the FMU's default.
+H = 0.048
+#: Distance of the cup's centre of mass from its rim [m]. Convention of the FMU's default.
+L2 = 0.043
+#: Mass of the cup [kg]. Convention of the FMU's default.
+M2 = 0.040
+#: Moment of inertia of the cup [kg.m2]. Convention of the FMU's default.
+J2 = 2.4e-5
+#: Length of the catcher's arm [m]. Convention of the FMU's default.
+L1 = 0.180
+#: Length of the catcher's hook [m]. Convention of the FMU's default.
+H1 = 0.010
+#: Mass of the catcher [kg]. Convention of the FMU's default.
+M1 = 0.016
+#: Moment of inertia of the catcher about its pivot [kg.m2]. Convention of the FMU's default.
+J1 = 2.2e-4
+#: Angle of the catcher at its stop [rad]. Convention of the FMU's default.
+PHI = pi / 6
+#: Stiffness of the catcher's spring [N/m]. Convention of the FMU's default.
+C = 14.0
+#: Distance of the chute's wall from the rotor's axis [m]. Convention of the FMU's default.
+WALL = 0.270
+#: Gravity [m/s2]. Convention of the FMU's default.
+G = 9.81
+R = D / 2  # radius of the cup [m]
+E = H - L2  # distance of its centre of mass from its bottom [m]
+X = L1 * cos(PHI) + D  # distance of the wall from the pivot [m]
 MASSES = np.array([J1, J2, M2, M2])
 
 

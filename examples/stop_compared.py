@@ -19,8 +19,8 @@ class Options(Run):
 
 
 def system(o, fmus):
-    off = {"motor.A": 0.0, "motor.B": 35.8, "conveyor.w": o.speed}
-    return {x: System(fmus, WIRES, {**off, "motor.T": T, **o.start}) for x, T in LAGS.items()}
+    start = {"motor.A": 0.0, "motor.B": 35.8, "conveyor.w": o.speed}
+    return {x: System(fmus, WIRES, {**start, "motor.T": T, **o.start}) for x, T in LAGS.items()}
 
 
 def figures(o, r):

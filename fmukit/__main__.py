@@ -1,4 +1,6 @@
-"""fmukit build MODEL ... [--flavour python|native|wasm|both|fmi3|all] [--out DIR] [--force]
+"""The command line: how models become FMUs.
+
+    fmukit build MODEL ... [--flavour python|native|wasm|both|fmi3|all] [--out DIR] [--force]
 
 MODEL is a file, NAME.py or NAME/model.py, or the name of a machine that comes with the package.
 """

@@ -6,8 +6,9 @@ from workbench.cli import main
 from workbench.question import Project
 
 from . import fmu_files
+from .old_names import OLD_NAMES
 
-PROJECT = Project(fmu_files.PACKAGE, fmu_files.FOLDERS, fmu_files.problem)
+PROJECT = Project(fmu_files.PACKAGE, fmu_files.FOLDERS, fmu_files.problem, OLD_NAMES)
 PROGRAM = "scenarios"
 
 

@@ -25,7 +25,7 @@ from pythonfmu import FmuBuilder
 from scenarios.__main__ import PROJECT
 from workbench.answer import Answer
 from workbench.question import read
-from workbench.run import ask as asked
+from workbench.run import ask as ask_question
 
 ROOT = Path(__file__).resolve().parents[1]
 DESCRIPTION = "modelDescription.xml"
@@ -99,10 +99,12 @@ def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
     return PROJECT.fmus(read(page), flavour)
 
 
-def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
+def ask(name: str, out: Path | None = None, **options: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
     project = PROJECT
-    return asked(project, name, given, flavour="native", jobs=1, out=out, program="scenarios")
+    return ask_question(
+        project, name, options, flavour="native", jobs=1, out=out, program="scenarios"
+    )
 
 
 @cache
@@ -168,7 +170,7 @@ def _garbage_is_what_these_tests_leave() -> None:
     gc.set_threshold(100_000)
 
 
-def hear_ctrl_c() -> None:
+def restore_ctrl_c() -> None:
     """Let a child hear what ends a program although the tests run where that is ignored."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)

@@ -35,7 +35,7 @@ def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
     return copy
 
 
-def random_parameters(model: ModuleType, draw: random.Random, spread: float, **given: Any) -> Any:
+def random_parameters(model: ModuleType, draw: random.Random, spread: float, **fixed: Any) -> Any:
     """Random parameters, off their start values by this share, that a component does not refuse."""
     while True:
         values = {
@@ -43,7 +43,7 @@ def random_parameters(model: ModuleType, draw: random.Random, spread: float, **g
             for name, d in declarations(model.Parameters)
             if d.kind == "Real"
         }
-        p = start(model.Parameters, **values | given)
+        p = start(model.Parameters, **values | fixed)
         with contextlib.suppress(ValueError):
             list(model.check(p))
             return p
@@ -102,8 +102,10 @@ class Part(NamedTuple):
 def part(model: Any, **values: Any) -> Part:
     """A part with some start values changed."""
     records = (model.Parameters, model.State, model.Inputs)
-    known = [{n: values[n] for n, _ in declarations(cls) if n in values} for cls in records]
-    return Part(model, *(start(cls, **given) for cls, given in zip(records, known)))
+    by_record = [{n: values[n] for n, _ in declarations(cls) if n in values} for cls in records]
+    return Part(
+        model, *(start(cls, **record_values) for cls, record_values in zip(records, by_record))
+    )
 
 
 def joined(

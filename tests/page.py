@@ -15,10 +15,10 @@ def main() -> None:
     names: dict[str, Any] = {"__name__": "page"}
     sys.path.insert(0, "")
     aliases = ""
-    for language, place, text in json.load(sys.stdin):
-        print(f"--- {place}", flush=True)
+    for language, label, text in json.load(sys.stdin):
+        print(f"--- {label}", flush=True)
         if language == "python":
-            exec(compile(text, place, "exec"), names)  # noqa: S102
+            exec(compile(text, label, "exec"), names)  # noqa: S102
         elif language == "sh":
             shell = ["bash", "-O", "expand_aliases", "-e", "-o", "pipefail", "-c"]
             subprocess.run([*shell, aliases + text], check=True, stdin=subprocess.DEVNULL)

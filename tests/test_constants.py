@@ -92,7 +92,7 @@ def read_left() -> Counter[str]:
     return Counter({name: int(n) for n, name in (line.split(maxsplit=1) for line in lines)})
 
 
-def test_a_planted_constant_is_seen() -> None:
+def test_a_planted_constant_is_detected() -> None:
     text = "A, B = 3, 4\nC = 0.3\n#: convention of the standard\nD = 2.0\n#: x\nE = 2.0\nF = 1\n"
     assert list(unexplained(text)) == ["A", "B", "C", "E"]
 

@@ -63,18 +63,18 @@ SLOW = {
     "orientator.t_turning=0.5ms --noise orientator.t_released=0.5ms --known "
     "orientator.chute.H=0.04+-1%",
     ".venv/bin/scenarios run mean_values",
-    ".venv/bin/scenarios run classical",
+    ".venv/bin/scenarios run resonance --theory classical",
     ".venv/bin/scenarios run induction_motor",
     ".venv/bin/scenarios run rod_force",
     ".venv/bin/scenarios run iron_cycle --animate",
     ".venv/bin/scenarios run iron_bounce",
-    ".venv/bin/scenarios run iron_kinematics",
+    ".venv/bin/scenarios run iron_cycle --compare dimensions",
     ".venv/bin/scenarios run iron_orders",
     ".venv/bin/scenarios run iron_start",
     ".venv/bin/scenarios run orientation_time",
     ".venv/bin/scenarios run orientator_cycle --animate",
-    ".venv/bin/scenarios run orientator_limit",
-    ".venv/bin/scenarios run orientator_neglect",
+    ".venv/bin/scenarios run orientation_time --compare formula",
+    ".venv/bin/scenarios run orientation_time --compare neglected",
     ".venv/bin/scenarios run packing_line",
     ".venv/bin/scenarios run sommerfeld",
     ".venv/bin/scenarios run speed_step",
@@ -89,7 +89,13 @@ SLOW = {
     "--map motor.tau=M*0.8:N.m --rated-torque 80 --known conveyor.trough.m=200+-5 "
     "--known conveyor.spring.c=720e3+-2%",
 }
-RARELY = ("docs/compare.md", "docs/identify.md", "docs/scenarios.md", "docs/studies.md")
+RARELY = (
+    "docs/compare.md",
+    "docs/hosts.md",
+    "docs/identify.md",
+    "docs/scenarios.md",
+    "docs/studies.md",
+)
 """Pages whose commands do what other tests try, too."""
 SILENT = {"math", "text", "xml", "csv"}
 FENCED = r"^ *```.*?^ *```$"
@@ -100,7 +106,7 @@ class Block(NamedTuple):
     """A fenced block of a page: what follows its fence, where it is, and its text."""
 
     info: str
-    place: str
+    label: str
     text: str
 
 
@@ -148,18 +154,18 @@ def executable(block: Block, slow: bool) -> tuple[str, str, str] | None:
     if block.info in SILENT:
         return None
     if language == "sh":
-        kept = [
+        lines_to_run = [
             "" if not_run(command) or (command in SLOW and not slow) else ended(line, command)
             for line, command in zip(block.text.splitlines(), commands(block.text))
         ]
-        return ("sh", block.place, "\n".join(kept) + "\n")
-    return (target or language, block.place, block.text)
+        return ("sh", block.label, "\n".join(lines_to_run) + "\n")
+    return (target or language, block.label, block.text)
 
 
 def work(page: str, slow: bool) -> list[tuple[str, str, str]]:
     """All of a page that is run."""
-    found = [executable(block, slow) for block in blocks(page)]
-    return [item for item in found if item and item[2].strip()]
+    scripts = [executable(block, slow) for block in blocks(page)]
+    return [item for item in scripts if item and item[2].strip()]
 
 
 def has_slow(page: str) -> bool:
@@ -224,9 +230,9 @@ def perform(tree: Path, items: list[tuple[str, str, str]]) -> str:
     ],
 )
 def test_the_commands_of_a_page_work_in_order(page: str, tree: Path) -> None:
-    said = perform(tree, work(page, slow=False))
-    for shown in re.findall(r"^print\(.*  # (\d\S* \+- \S+ \S+):", text_of(page), re.MULTILINE):
-        assert shown in said
+    output = perform(tree, work(page, slow=False))
+    for stated in re.findall(r"^print\(.*  # (\d\S* \+- \S+ \S+):", text_of(page), re.MULTILINE):
+        assert stated in output
 
 
 @pytest.mark.slow
@@ -251,25 +257,25 @@ def test_a_command_within_the_text_works(command: str, tree: Path) -> None:
 
 
 @pytest.mark.parametrize("command", [x for x in INLINE if x.startswith(BENCHMARK)])
-def test_a_benchmark_of_a_page_is_there(command: str) -> None:
+def test_a_benchmark_of_a_page_is_present(command: str) -> None:
     assert (ROOT / command.removeprefix(".venv/bin/python ").split()[0]).is_file()
 
 
 def test_nothing_is_left_out() -> None:
     """Only known kinds of blocks; no list that outlives its page."""
     assert {"README.md", "CONTRIBUTING.md", "docs/component.md", "docs/coupling.md"} <= {*PAGES}
-    seen = set(INLINE)
+    covered = set(INLINE)
     for page in PAGES:
         for block in blocks(page):
             language, _, target = block.info.partition(" ")
             if block.info not in SILENT:
                 written = target.endswith({"python": ".py", "toml": ".toml"}.get(language, "-"))
-                assert language in ("sh", "python") or written, f"{block.place}: {block.info!r}"
-                assert not target or written, block.place
-            seen |= {*commands(block.text)} if language == "sh" else set()
-    assert seen >= SLOW
-    assert any(TEST_COMMAND in command for command in seen)
-    assert SITE_COMMAND in seen
+                assert language in ("sh", "python") or written, f"{block.label}: {block.info!r}"
+                assert not target or written, block.label
+            covered |= {*commands(block.text)} if language == "sh" else set()
+    assert covered >= SLOW
+    assert any(TEST_COMMAND in command for command in covered)
+    assert SITE_COMMAND in covered
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -280,7 +286,7 @@ def test_a_command_within_the_text_is_written_so_that_it_is_run(page: str) -> No
             assert not re.match(rf"{PROGRAMS} +[-\w./]", span), span
 
 
-def test_the_line_that_starts_a_host_is_the_one_that_is_tested() -> None:
+def test_the_line_that_starts_a_host_is_that_which_is_tested() -> None:
     (line,) = [span for span in spans("docs/hosts.md") if span.startswith("LD_PRELOAD=")]
     assert line in EXTERNAL_DEPENDENCIES
 
@@ -290,13 +296,13 @@ def test_links_lead_somewhere_and_tests_that_are_named_exist(page: str) -> None:
     text = text_of(page)
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
         assert "://" in target or ((ROOT / page).parent / target).exists(), target
-    known = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    test_sources = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     for name in re.findall(r"`(test_\w+)`", text):
-        assert f"def {name}(" in known, name
+        assert f"def {name}(" in test_sources, name
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "machines" not in page])
-def test_formulas_hold_no_escape_that_markdown_takes_away(page: str) -> None:
+def test_formulas_hold_no_escape_that_markdown_removes(page: str) -> None:
     for formula in re.findall(r"\$+([^$]+)\$+", text_of(page, rf"{FENCED}|`[^`\n]*`")):
         assert not re.search(r"\\[^a-zA-Z\s]", formula), formula
 
@@ -307,9 +313,9 @@ def test_the_example_of_a_component_is_short() -> None:
 
 
 def test_the_tutorial_prints_what_it_says(tree: Path) -> None:
-    said = perform(tree, [("sh", "tutorial.py", ".venv/bin/python tutorial.py")])
+    output = perform(tree, [("sh", "tutorial.py", ".venv/bin/python tutorial.py")])
     promised = re.findall(r"^# prints: (.*)$", (ROOT / "tutorial.py").read_text(), re.MULTILINE)
-    assert said.splitlines()[1:] == promised
+    assert output.splitlines()[1:] == promised
     assert (tree / "results" / "tutorial.png").stat().st_size > 20_000
 
 
@@ -317,10 +323,10 @@ def test_the_first_command_answers_as_the_readme_shows(tmp_path: Path) -> None:
     """Word by word; numbers within one unit of the last digit shown; and with its picture."""
     answer = ask("resonance")
     (block,) = (block for block in blocks("README.md") if block.info == "text")
-    shown, words = (" ".join(text.split()) for text in (block.text, answer.verdict))
+    text_of_page, verdict = (" ".join(text.split()) for text in (block.text, answer.verdict))
     number = r"\d+(?:\.\d+)?"
-    assert re.sub(number, "#", words) == re.sub(number, "#", shown)
-    pairs = list(zip(re.findall(number, shown), re.findall(number, words), strict=True))
+    assert re.sub(number, "#", verdict) == re.sub(number, "#", text_of_page)
+    pairs = list(zip(re.findall(number, text_of_page), re.findall(number, verdict), strict=True))
     assert len(pairs) > 10
     for old, new in pairs:
         assert abs(float(new) - float(old)) <= 1.01 * 10.0 ** -len(old.partition(".")[2])
@@ -328,7 +334,7 @@ def test_the_first_command_answers_as_the_readme_shows(tmp_path: Path) -> None:
     assert not differ(ROOT / "docs" / "resonance.png", tmp_path / "resonance.png")
 
 
-def test_what_fails_on_a_page_is_seen(tree: Path) -> None:
+def test_what_fails_on_a_page_is_detected(tree: Path) -> None:
     """A wrong option, a failed assertion, a missing program and an unset-up environment."""
     for item in (
         ("sh", "x", ".venv/bin/scenarios run run_up --sped 3"),

@@ -30,14 +30,14 @@ ENTRY: dict[str, Any] = {
 def changed(*path: str, to: Any) -> dict[str, Any]:
     """The entry with another value at a path."""
     entry: dict[str, Any] = json.loads(json.dumps(ENTRY))
-    place: Any = entry
+    node: Any = entry
     for key in path[:-1]:
-        place = place[key]
-    place[path[-1]] = to
+        node = node[key]
+    node[path[-1]] = to
     return entry
 
 
-MOVED = {**FIGURE, "value": 40.03}
+SHIFTED = {**FIGURE, "value": 40.03}
 FAR = {**FIGURE, "value": 40.041}
 
 
@@ -45,7 +45,7 @@ FAR = {**FIGURE, "value": 40.041}
     ("new", "status", "bits"),
     [
         (ENTRY, EQUAL, EQUAL),
-        (changed("figures", "nu", to=MOVED), WITHIN, CHANGED),
+        (changed("figures", "nu", to=SHIFTED), WITHIN, CHANGED),
         (changed("figures", "nu", to=FAR), CHANGED, CHANGED),
         (changed("figures", "nu", to={**FAR, "error": 0.03}), WITHIN, CHANGED),
         (changed("figures", "nu", to={**FIGURE, "error": None}), CHANGED, CHANGED),
@@ -89,8 +89,8 @@ def test_nan_is_equal_to_nan_and_a_zero_keeps_its_sign() -> None:
     )
 
 
-def test_errors_that_grow_are_said() -> None:
-    _, lines = judge(ENTRY, changed("figures", "nu", to={**MOVED, "error": 2.0}), False)
+def test_errors_that_grow_are_stated() -> None:
+    _, lines = judge(ENTRY, changed("figures", "nu", to={**SHIFTED, "error": 2.0}), False)
     assert lines == [
         "1 of its numbers moved, by up to 1% of both errors; errors are up to 100 times as large"
     ]
@@ -110,7 +110,7 @@ def test_a_change_needs_a_reason(tmp_path: Path, capsys: pytest.CaptureFixture[s
     folders = dumps(
         tmp_path,
         {"a": ENTRY, "b": ENTRY, "c --set A": ENTRY, "d": ENTRY},
-        {"a": ENTRY, "b": changed("figures", "nu", to=MOVED), "c --set A": far, "e": ENTRY},
+        {"a": ENTRY, "b": changed("figures", "nu", to=SHIFTED), "c --set A": far, "e": ENTRY},
     )
     assert golden.main(["compare", *folders]) == 1
     lines = capsys.readouterr().out.splitlines()
@@ -159,7 +159,7 @@ def test_the_tree_of_keys_has_types_and_no_values() -> None:
     }
 
 
-def test_an_entry_is_made_again_alike_and_a_failure_is_an_entry(
+def test_an_entry_is_reproducible_and_a_failure_is_an_entry(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folders = [str(tmp_path / name) for name in ("first", "second")]

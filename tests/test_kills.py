@@ -17,7 +17,7 @@ import pytest
 from cosim import write_ssp
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
-from tests.conftest import ROOT, hear_ctrl_c
+from tests.conftest import ROOT, restore_ctrl_c
 
 MOMENTS, GRACE = 50, 5.0
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
@@ -41,27 +41,27 @@ def command(name: str, folder: Path, fmus: Path) -> list[str]:
         parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
         paths = {part: fmus / "native" / f"{fmu}.fmu" for part, fmu in parts.items()}
         write_ssp(conveyor_drive(paths, SETS["A"].start(40.0)), folder / "drive.ssp", stop=4.0)
-        words = ["cosim", "run", "drive.ssp", "--step", "2e-5", "--out", "out.csv"]
+        arguments = ["cosim", "run", "drive.ssp", "--step", "2e-5", "--out", "out.csv"]
     elif name == "resonance":
-        words = ["scenarios", "run", "resonance", "--flavour", "native", "--speeds", "36:44:5"]
-        words += ["--steps-per-rev", "128", "--jobs", "2", "--out", "out"]
+        arguments = ["scenarios", "run", "resonance", "--flavour", "native", "--speeds", "36:44:5"]
+        arguments += ["--steps-per-rev", "128", "--jobs", "2", "--out", "out"]
     else:
         (folder / "speed.toml").write_text(STUDY)
-        words = ["scenarios", "study", "speed.toml", "--flavour", "native", "--jobs", "2"]
-        words += ["--out", "out"]
-    return [sys.executable, "-m", *words]
+        arguments = ["scenarios", "study", "speed.toml", "--flavour", "native", "--jobs", "2"]
+        arguments += ["--out", "out"]
+    return [sys.executable, "-m", *arguments]
 
 
-def alive(mark: str) -> list[str]:
+def running_processes(mark: str) -> list[str]:
     """The processes that carry a mark in their environment."""
-    found = []
+    processes = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
             if mark.encode() in (process / "environ").read_bytes():
-                found.append((process / "cmdline").read_text().replace("\0", " "))
+                processes.append((process / "cmdline").read_text().replace("\0", " "))
         except OSError:
             continue
-    return found
+    return processes
 
 
 def finished(name: str, folder: Path) -> bool:
@@ -88,7 +88,7 @@ def test_an_end_at_any_moment_loses_nothing(
 ) -> None:
     scratch, draw = tmp_path / "scratch", random.Random(f"{name} {number.name}")
     scratch.mkdir()
-    words = command(name, tmp_path, fmus)
+    arguments = command(name, tmp_path, fmus)
     mark = f"drive-fmus-{uuid.uuid4()}"
     environment = os.environ | {
         "TMPDIR": str(scratch), "MARK": mark, "PYTHONPATH": str(ROOT),
@@ -96,8 +96,8 @@ def test_an_end_at_any_moment_loses_nothing(
 
     def begin() -> subprocess.Popen[bytes]:
         return subprocess.Popen(
-            words, cwd=tmp_path, env=environment, start_new_session=True,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+            arguments, cwd=tmp_path, env=environment, start_new_session=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
         )  # fmt: skip
 
     def remove() -> None:
@@ -107,7 +107,7 @@ def test_an_end_at_any_moment_loses_nothing(
 
     began = time.monotonic()
     assert begin().wait() == 0
-    whole = time.monotonic() - began
+    duration = time.monotonic() - began
     assert finished(name, tmp_path)
     ended = 0
     for moment in range(MOMENTS):
@@ -115,13 +115,13 @@ def test_an_end_at_any_moment_loses_nothing(
             remove()
         process = begin()
         try:
-            process.wait(draw.uniform(0.0, whole))
+            process.wait(draw.uniform(0.0, duration))
         except subprocess.TimeoutExpired:
             process.send_signal(number)
         code = process.wait()
         ended += code != 0
-        late = time.monotonic() + GRACE
-        while (left := alive(mark)) and time.monotonic() < late:
+        deadline = time.monotonic() + GRACE
+        while (left := running_processes(mark)) and time.monotonic() < deadline:
             time.sleep(0.05)
         assert not left
         done = finished(name, tmp_path)

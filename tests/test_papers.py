@@ -51,15 +51,15 @@ def rows(page: str, heading: str) -> list[list[str]]:
 @cache
 def variables() -> set[str]:
     """All variables of the FMUs, "IronDrive.alpha"."""
-    found = set()
+    names = set()
     for fmu in (ROOT / "fmus").glob("*.fmu"):
         described = read_model_description(str(fmu), validate=False)
-        found |= {f"{fmu.stem}.{v.name}" for v in described.modelVariables}
-    return found
+        names |= {f"{fmu.stem}.{v.name}" for v in described.modelVariables}
+    return names
 
 
 @cache
-def known_tests() -> set[str]:
+def defined_tests() -> set[str]:
     """The names of all tests."""
     text = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     return set(re.findall(r"^def (test_\w+)\(", text, re.MULTILINE))
@@ -95,7 +95,7 @@ def faults(machine: str, page: str) -> Iterator[str]:
         held = set(re.findall(r"`(test_\w+)`", met))
         if not met or not (held or number.startswith("Fig.")):
             yield f"{number} does not say how well it is met, and what holds that"
-        yield from (f"{number}: there is no {x}" for x in held - known_tests())
+        yield from (f"{number}: there is no {x}" for x in held - defined_tests())
     yield from (f"{row[0]} has {len(row)} cells" for row in table if len(row) != len(COLUMNS))
 
 
@@ -134,9 +134,9 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("old", "new", "fault"), WRONG, ids=[fault for _, _, fault in WRONG])
-def test_a_table_that_is_wrong_is_found_out(old: str, new: str, fault: str) -> None:
+def test_a_table_that_is_wrong_is_detected(old: str, new: str, fault: str) -> None:
     page = page_of("crank_conveyor")
     assert old in page.partition(FORMULAS)[2]
     before, heading, after = page.partition(FORMULAS)
     changed = before + heading + after.replace(old, new, 1)
-    assert any(fault in found for found in faults("crank_conveyor", changed))
+    assert any(fault in message for message in faults("crank_conveyor", changed))

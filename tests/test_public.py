@@ -31,7 +31,7 @@ def interface() -> Iterator[str]:
     yield from (f"command: scenarios {name}" for name in sorted(cli.COMMANDS))
     yield "command: fmukit build"
     yield "command: drive-fmus"
-    yield from (f"question: {name}" for name in sorted(names(PROJECT.home)))
+    yield from (f"question: {name}" for name in sorted({*names(PROJECT.home), *PROJECT.old_names}))
     yield f"exit status of a refused answer: {cli.REFUSED}"
 
 
@@ -56,7 +56,7 @@ def signature(value: object) -> str:
     return f"({', '.join(texts)})"
 
 
-def test_the_public_interface_is_the_one_that_is_listed() -> None:
+def test_the_public_interface_is_that_which_is_listed() -> None:
     listed, actual = LIST.read_text(encoding="utf-8").splitlines(), list(interface())
     gone = [line for line in listed if line not in actual]
     new = [line for line in actual if line not in listed]

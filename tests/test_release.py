@@ -29,8 +29,8 @@ class Environment:
     def __init__(self, python: str, folder: Path) -> None:
         self.home, self.folder = folder / "env", folder / "work with blanks"
         self.folder.mkdir()
-        others = Path.home().glob(".pyenv/versions/*/bin")
-        search = os.pathsep.join([*map(str, others), os.environ["PATH"]])
+        paths = Path.home().glob(".pyenv/versions/*/bin")
+        search = os.pathsep.join([*map(str, paths), os.environ["PATH"]])
         make = [*UV, "venv", "-q", "-p", python, str(self.home)]
         if subprocess.run(make, env=os.environ | {"PATH": search}, check=False).returncode:
             pytest.skip(f"uv cannot get Python {python}")
@@ -66,7 +66,7 @@ def environment(request: pytest.FixtureRequest, dist: Path, tmp_path: Path) -> E
     return Environment(request.param, tmp_path)
 
 
-def test_one_version_stands_everywhere() -> None:
+def test_the_same_version_stands_everywhere() -> None:
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f'\nversion = "{cosim.__version__}"\n' in text

@@ -103,6 +103,11 @@ class Findings:
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
+def _no_picture(answer: Answer) -> str:
+    """Show an answer in a notebook as text alone."""
+    return ""
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Answer(Findings):
     """What was found, for which question and options, and what is said and shown of it.
@@ -121,7 +126,7 @@ class Answer(Findings):
     show: Callable[[], Show] = Show
     live: LivePart | None = None
     refused: bool = False
-    picture: Callable[[Answer], str] = lambda answer: _no_picture(answer)
+    picture: Callable[[Answer], str] = _no_picture
 
     @property
     def table(self) -> pd.DataFrame:
@@ -146,11 +151,6 @@ class Answer(Findings):
 
     def _repr_html_(self) -> str:
         return f'<pre style="white-space: pre-wrap">{escape(repr(self))}</pre>{self.picture(self)}'
-
-
-def _no_picture(answer: Answer) -> str:
-    """Show an answer in a notebook as text alone."""
-    return ""
 
 
 def parameters(system: System, fixed_starts: Iterable[str] = ()) -> dict[str, Parameter]:

@@ -13,8 +13,8 @@ from cosim.cli.options import Parser, exit_code
 from . import catalog
 from .catalog import QuestionError, attribute_errors
 from .export import finish
-from .options import add_arguments, declared, parse_options, unknown_option
-from .question import FLAVOURS, Project
+from .options import add_arguments, declared, unknown_option
+from .question import FLAVOURS, Project, Question
 from .run import ask
 from .runs.folder import reservation
 from .runs.worker import OK
@@ -45,6 +45,8 @@ def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
     """Print the questions of the project; none is imported."""
     for name, module in catalog.names(project.home).items():
         print(f"{name:<17} {catalog.summary(Path(str(project.home)), module)}")
+    for name, old in project.old_names.items():
+        print(f"{name:<17} the same as: {old.text()}")
     return 0
 
 
@@ -61,7 +63,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     question = project.load(top.parse_args(words[:1]).question)
     parser = Parser(
         prog=f"{program} run {words[0]}",
-        description=question.module.__doc__,
+        description=_description(question, project),
         formatter_class=RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -76,7 +78,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     options = {
         name: told.pop(name) for name in (*declared(question.options), "start") if name in told
     }
-    o = parse_options(question.options, options, question.name)
+    o = question.parse(options)
     folder = Path("results") / question.name
     told["out"] = told.get("out", folder / o.set if hasattr(o, "set") else folder)
     animate = told.pop("animate")
@@ -85,6 +87,13 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
         with attribute_errors(question.module):
             finish(answer, told["out"], animate)
     return REFUSED if answer.refused else 0
+
+
+def _description(question: Question, project: Project) -> str:
+    """Write what a question asks, and what its name stands for where it is an old one."""
+    text = question.module.__doc__ or ""
+    old = project.old_names.get(question.old_name)
+    return f"The same as: {old.text()}\n\n{text}" if old else text
 
 
 def study(words: Sequence[str], project: Project, program: str) -> int:

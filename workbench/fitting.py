@@ -118,7 +118,7 @@ class RecordOptions(Options):
 
 
 def noise(system: System, text: str) -> tuple[str, float]:
-    """ "conveyor.w=2rpm" as name and number in the unit of the variable."""
+    """Name of a text such as "conveyor.w=2rpm", and its number in the unit of the variable."""
     name, _, value = (part.strip() for part in text.partition("="))
     match = QUANTITY.fullmatch(value)
     if match is None:
@@ -131,7 +131,7 @@ def noise(system: System, text: str) -> tuple[str, float]:
 
 
 def prior(text: str) -> tuple[str, tuple[float, float]]:
-    """ "conveyor.trough.m=200+-5" as name, value and standard deviation."""
+    """Name, value and standard deviation of a text such as "conveyor.trough.m=200+-5"."""
     match = KNOWN.fullmatch(text.strip())
     try:
         value, off = (float(match[part]) for part in ("value", "off")) if match else (0.0, 0.0)

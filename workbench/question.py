@@ -7,7 +7,7 @@ looks into it. Everything else works with a `Question`, all of whose attributes 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, field
+from dataclasses import Field, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,7 +17,7 @@ from cosim import SetupError
 from . import catalog
 from .answer import Findings, Show
 from .figure import Figure
-from .options import Options, Run, declared
+from .options import Options, Run, declared, parse_options
 from .simple import SimpleForm
 
 if TYPE_CHECKING:
@@ -67,6 +67,10 @@ class Question:
         Figures without which the answer is refused.
     is_parallel : bool
         Whether its runs are spread over all cores by default with native FMUs, too.
+    preset : mapping
+        Options that are set unless the user gives them, in a question that is asked by an old name.
+    old_name : str
+        That name.
     """
 
     module: ModuleType
@@ -80,11 +84,17 @@ class Question:
     fixed_starts: tuple[str, ...] = ()
     decisive: tuple[str, ...] = ()
     is_parallel: bool = False
+    preset: Mapping[str, Any] = field(default_factory=dict)
+    old_name: str = ""
 
     @property
     def name(self) -> str:
-        """The name of its file."""
-        return self.module.__name__.rpartition(".")[2]
+        """The name by which it is asked: that of its file, or an old one."""
+        return self.old_name or self.module.__name__.rpartition(".")[2]
+
+    def parse(self, options: Mapping[str, Any]) -> Options:
+        """Return its options with these values; raises SetupError for what they cannot be."""
+        return parse_options(self.options, {**self.preset, **options}, self.name)
 
     @property
     def path(self) -> Path:
@@ -181,7 +191,7 @@ def _read_simple_form(module: ModuleType, options: type[Options], prefix: str) -
         )
     functions = {
         name: content[name]
-        for name in ("run", "process", "more_figures", "tables")
+        for name in ("run", "process", "more_runs", "more_figures", "tables", "files")
         if name in content
     }
     return SimpleForm(
@@ -189,20 +199,35 @@ def _read_simple_form(module: ModuleType, options: type[Options], prefix: str) -
         system=content["system"],
         figures=content["figures"],
         record=content.get("RECORD"),
+        labels=content.get("LABELS", {}),
         **functions,
     )
+
+
+class OldName(NamedTuple):
+    """What the old name of a question stands for: another question, and options that it sets."""
+
+    question: str
+    options: Mapping[str, str]
+
+    def text(self) -> str:
+        """Write it as the command line has it, "resonance --theory classical"."""
+        flags = (f"--{name.replace('_', '-')} {value}" for name, value in self.options.items())
+        return " ".join([self.question, *flags])
 
 
 class Project(NamedTuple):
     """A package of questions, by its folder, and the folders of the FMUs they use, by flavour, and of
     their modules for WebAssembly, under "wasm".
 
-    `problem` says for the name of an FMU and a flavour why it cannot be used, "" if it can.
+    `problem` says for the name of an FMU and a flavour why it cannot be used, "" if it can. `old_names` are
+    those of questions that have become part of others.
     """
 
     home: Path | None = None
     folders: Mapping[str, Path] = MappingProxyType({})
     problem: Callable[[str, str], str] = lambda name, flavour: ""
+    old_names: Mapping[str, OldName] = MappingProxyType({})
 
     @property
     def packages(self) -> tuple[str, ...]:
@@ -210,8 +235,16 @@ class Project(NamedTuple):
         return () if self.home is None else (self.home.name,)
 
     def load(self, text: str, folder: Path = Path()) -> Question:
-        """Return the question of that name, or of a file in that folder."""
-        return load(catalog.find(self.home, text, folder))
+        """Return the question of that name, which may be an old one, or of a file in that folder."""
+        question = load(self.locate(text, folder))
+        if old := self.old_names.get(text):
+            return replace(question, preset=old.options, old_name=text)
+        return question
+
+    def locate(self, text: str, folder: Path = Path()) -> str:
+        """Return the module or the file of that question; raises SetupError if there is none."""
+        old = self.old_names.get(text)
+        return catalog.find(self.home, old.question if old else text, folder)
 
     def flavour(self, question: Question) -> str:
         """Return the flavour used by default: native where these FMUs are built, else Python."""

@@ -19,7 +19,7 @@ from .answer import Answer, Findings, Parameter, Show, parameters
 from .catalog import QuestionError, attribute_errors
 from .context import IN_PROCESS, Context, captured_warnings
 from .figure import Figure, check_figures, drop_undetermined
-from .options import Options, check_fixed_starts, declared, parse_options
+from .options import Options, check_fixed_starts, declared
 from .question import FLAVOURS, PYTHON, Project, Question, read
 from .runs.codec import Records
 from .runs.fingerprint import SOURCES, computation
@@ -56,7 +56,7 @@ def ask(
     in_process = jobs is None and scheduler is None and not is_parallel
     return answer(
         question,
-        parse_options(question.options, options, question.name),
+        question.parse(options),
         project.fmus(question, chosen),
         flavour=chosen,
         runner=select_runner(1 if in_process else jobs, scheduler, project.packages),
@@ -172,7 +172,7 @@ def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> 
     options = {key: value for key, value in case.items() if key not in start}
     try:
         question = read(catalog.load_cached(str(page)))
-        o = parse_options(question.options, {**options, "start": start}, question.name)
+        o = question.parse({**options, "start": start})
         result = answer(question, o, fmus)
     except (SetupError, QuestionError) as error:
         text = str(error)

@@ -1,4 +1,4 @@
-r"""Chassis of a quarter car
+r"""Chassis of a quarter car.
 
 $$ m\,\ddot z = c\,(z_w - z) + d\,(\dot z_w - \dot z) $$
 """

@@ -1,4 +1,4 @@
-r"""Predator of Lotka and Volterra
+r"""Predator of Lotka and Volterra.
 
 $$ \dot y = y\,(d\,x - c) $$
 """

@@ -1,4 +1,4 @@
-r"""Prey of Lotka and Volterra
+r"""Prey of Lotka and Volterra.
 
 $$ \dot x = x\,(a - b\,y) $$
 """

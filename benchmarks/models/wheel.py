@@ -1,4 +1,4 @@
-r"""Wheel of a quarter car that drives onto a step
+r"""Wheel of a quarter car that drives onto a step.
 
 $$ m\,\ddot z = k\,(h - z) - c\,(z - z_c) - d\,(\dot z - \dot z_c) $$
 """

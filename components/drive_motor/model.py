@@ -41,7 +41,7 @@ FLANGES = {"flange": ("tau", "w")}
 
 
 class Characteristic(IntEnum):
-    """Static speed-torque characteristic of the motor"""
+    """Static speed-torque characteristic of the motor."""
 
     linear = 0
     kloss = 1

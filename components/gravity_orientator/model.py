@@ -1,4 +1,4 @@
-r"""Gravity orientator: an L-shaped catcher on a rotor turns a falling cup over
+r"""Gravity orientator: an L-shaped catcher on a rotor turns a falling cup over.
 
 A rotor turns about a vertical axis at the speed $\omega$. On it a cup with a hemispherical bottom
 falls, open end down, along the outer wall of a chute. Its rim lands in the inner corner of an L-shaped
@@ -39,7 +39,7 @@ LONGEST_STEP = 5e-4
 
 
 class Stage(IntEnum):
-    """Stage of the orientation"""
+    """Stage of the orientation."""
 
     falling = 0
     joint = 1
@@ -51,7 +51,7 @@ class Stage(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why the product does not move"""
+    """Why the product does not move."""
 
     none = 0
     held_in_chute = 1
@@ -285,7 +285,8 @@ def loads(p: Parameters, phi1: float, w: float) -> tuple[float, float, float]:
 
 def anchored(p: Parameters, phi1: float) -> tuple[float, float]:
     """Pull of the spring across the arm, less the weight that it balances at the stop, and their
-    energy, with its upper end fixed above the middle of the arm at the stop."""
+    energy, with its upper end fixed above the middle of the arm at the stop.
+    """
     half, phi10, weight, length = (
         p.catcher.l / 2,
         p.catcher.phi,
@@ -308,7 +309,8 @@ def over_speed(p: Parameters, vx: float, vy: float) -> float:
 
 def sides(p: Parameters, x: State, w: float) -> tuple[float, float, float]:
     """Force and moment on the product from friction at the side walls, against which Coriolis forces
-    press the rim and the end of the cylinder."""
+    press the rim and the end of the cylinder.
+    """
     h, l2, m, e, mu = p.cup.h, p.cup.l, p.cup.m, p.cup.h - p.cup.l, p.neglected.mu_side
     c2, s2 = cos(x.phi2), sin(x.phi2)
     F, S = 2 * m * w * x.vxc, -2 * w * x.w2 * s2 * (p.cup.J - p.neglected.J_a / 2)

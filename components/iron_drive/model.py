@@ -1,4 +1,4 @@
-r"""Cam drive of a sealing iron: cam, rocker, link, chain and the iron it lifts against dry friction
+r"""Cam drive of a sealing iron: cam, rocker, link, chain and the iron it lifts against dry friction.
 
 A motor turns a cam through a reducer ($\omega_m = i_g\,\omega$, $M = i_g\,\tau$). The cam moves the
 small arm of a rocker. The end of its large arm pulls, through a link and a chain over a sprocket, an
@@ -49,28 +49,28 @@ TAU = ("tau",)
 
 
 class Wrap(IntEnum):
-    """Where the run of the chain meets the sprocket"""
+    """Where the run of the chain meets the sprocket."""
 
     top = 0
     tangent = 1
 
 
 class Side(IntEnum):
-    """Side of the iron on which the spring pulls"""
+    """Side of the iron on which the spring pulls."""
 
     below = 1
     above = -1
 
 
 class OnInvalid(IntEnum):
-    """What to do where the follower lifts off or the chain goes slack"""
+    """What to do where the follower lifts off or the chain goes slack."""
 
     stop = 0
     warn = 1
 
 
 class Motion(IntEnum):
-    """Motion of the iron"""
+    """Motion of the iron."""
 
     dwell = 0
     up = 1
@@ -374,7 +374,7 @@ Forces = namedtuple("Forces", "T_iron T_hang T_span M_rocker N")
 
 
 def rise_profile(f: float, width: float) -> Jet:
-    """s along the angle f of a slope of this width; s', s'' and s''' vanish at both ends."""
+    """Rise s along the angle f of a slope of this width; s', s'' and s''' vanish at both ends."""
     x = f / width
     square, both = x * x, x * (1 - x)
     s = square * square * (35 - 84 * x + 70 * square - 20 * square * x)
@@ -626,7 +626,8 @@ def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs
 
 def event_indicators(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, float, float]:
     """Below zero where what drives the iron leaves its direction or its rest; where the model loses
-    or regains validity; where the follower leaves or meets the cam."""
+    or regains validity; where the follower leaves or meets the cam.
+    """
     _, iron_position, w, M, d = instant(p, x, u, lowest(p))
     f = forces(p, iron_position, w, d)
     forwards, backwards = thresholds(p, iron_position, M)

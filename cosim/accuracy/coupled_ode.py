@@ -31,13 +31,14 @@ DIFFERENCE, SINGULAR = 6e-6, 1e12
 CLOSED, MOST_ITERATIONS = 1e-12, 20
 
 
-class Refused(FmuError):
+class EvaluationError(FmuError):
     """A part cannot compute with the state that was tried."""
 
 
 class Blocks(NamedTuple):
-    """Derivatives of rates (A, B) and outputs (C, D) by states and inputs, block by block of the
-    parts, and what the wires bring of the outputs to the inputs (F).
+    """Derivatives of rates (A, B) and outputs (C, D) by states and inputs, and the wires (F).
+
+    The matrices consist of one block for each part; F holds the outputs that each input receives.
     """
 
     A: Array
@@ -82,12 +83,12 @@ class Model(Part):
             self.slave.freeLibrary()
 
     def array(self, function: str, cells: Any) -> None:
-        """Call "SetContinuousStates" and the like with this array; raises Refused, FmuError."""
+        """Call "SetContinuousStates" and the like with this array; raises EvaluationError, FmuError."""
         if len(cells):
             place = ctypes.c_size_t(len(cells))
             status = getattr(self.library, self.FMI + function)(self.component, cells, place)
             if status == DISCARD:
-                raise Refused(str(self.failure(function, status)))
+                raise EvaluationError(str(self.failure(function, status)))
             if status != OK:
                 self.answered(function, status)
 
@@ -191,7 +192,7 @@ class Whole:
         return np.where((sizes > 0.0) & (sizes < math.inf), sizes, 1.0)
 
     def at(self, t: float, x: Array) -> None:
-        """Be at a time [s] and a state, all wires settled; raises Refused, FmuError."""
+        """Be at a time [s] and a state, all wires settled; raises EvaluationError, FmuError."""
         self.t = t
         values = iter(x.tolist())
         for part in self.parts:
@@ -208,13 +209,15 @@ class Whole:
             self.at(t, x)
             for part in self.parts:
                 part.array(part.RATES, part.dx)
-        except Refused:
+        except EvaluationError:
             return np.full(len(x), math.nan)
         return np.array([value for part in self.parts for value in part.dx])
 
     def signs(self) -> list[float]:
-        """Values whose change is an event: which indicators are at least zero, and the outputs on wires
-        that are not Real, in case no indicator guards them.
+        """Values whose change is an event.
+
+        These are the indicators, as at least zero or not, and the outputs on wires that are not Real,
+        in case no indicator guards them.
         """
         found: list[float] = []
         for part in self.parts:
@@ -342,7 +345,7 @@ class Whole:
         for _ in range(MOST_ITERATIONS):
             had = np.array([value for block in blocks for value in block.cells])
             if not np.isfinite(had).all():
-                raise Refused("the values of an algebraic loop are no longer finite")
+                raise EvaluationError("the values of an algebraic loop are no longer finite")
             for part in self.parts:
                 part.apply_links()
             off = np.array([value for block in blocks for value in block.cells]) - had

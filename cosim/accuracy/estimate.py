@@ -45,8 +45,10 @@ class Estimate(NamedTuple):
         return f"{value:.{places}f} +- {units * 10.0**-digits:.{places}f} {unit}"
 
     def _rounded(self, digits: int) -> tuple[float, int]:
-        """The value with this many decimals, and its error, including that of rounding, in units of the
-        last of them."""
+        """The value with this many decimals, and its error in units of the last of them.
+
+        The error includes that of rounding.
+        """
         value = round(self.value, digits)
         error = (self.error or 0.0) + abs(self.value - value)
         return value, max(1, math.ceil(error * 10.0**digits * (1 - ROUNDING_FRACTION)))

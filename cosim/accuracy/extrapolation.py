@@ -375,7 +375,12 @@ def bound_coupling_error(values: Sequence[float], order: float) -> float:
     """The error of the first of values with the steps h, 2 h and 4 h, see `estimate`, where one is needed.
 
     It is twice the spread of the values where `estimate` states none, and 0 for a count that all runs agree on.
+    Where the longest steps have no value, NaN, the two others have the order of the algorithm and the factor of
+    safety for two grids (Roache 1994, doi:10.1115/1.2910291).
     """
+    if math.isnan(values[-1]):
+        fine, medium = values[0], values[1]
+        return UNCONFIRMED_FACTOR * abs(fine - medium) / (math.pow(STEP_RATIO, order) - 1.0)
     spread = max(values) - min(values)
     if spread == 0.0 and values[0] == round(values[0]):
         return 0.0

@@ -59,8 +59,11 @@ class ObservedResult(Result):
 
 @dataclass(frozen=True)
 class _Numbers:
-    """What a function makes of results: all rows of the finest run, the rows of the three results, fewer of
-    them, and rows with the extremes that gaps hide, or at a step of zero."""
+    """What a function makes of results.
+
+    It is given all rows of the finest run, the rows of the three results, fewer of them, and rows with
+    the extremes that gaps hide, or at a step of zero.
+    """
 
     value: Mapping[str, float]
     runs: Sequence[Mapping[str, float]]

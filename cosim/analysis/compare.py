@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,14 @@ if TYPE_CHECKING:
 
     Source = Result | pd.DataFrame | Path | str
 
+#: Half the height of a band over the range of the reference, and half its width over the duration.
+#: Convention of the FMI cross-check.
 SHARE = 0.002
 ERROR = "_error"
 INDEX = re.compile(r".*\S\[[\d, ]*\]")
 UNSCALED = (1.0, 0.0)
-DRAWN = 2000
+#: Times at which a band is drawn. Chosen: more than the dots across a figure.
+PLOT_POINTS = 2000
 
 
 @dataclass(frozen=True)
@@ -54,14 +57,18 @@ class Band:
         ends = self.t[[0, -1]]
         inner = np.interp(ends + np.array([self.width, -self.width]), self.t, self.y)
         outer = 2.0 * self.y[[0, -1]] - inner
-        known = np.concatenate([ends[:1] - self.width, self.t, ends[1:] + self.width])
-        y = np.concatenate([outer[:1], self.y, outer[1:]])
-        i = np.searchsorted(known, t - self.width, "left")
-        j = np.searchsorted(known, t + self.width, "right")
-        rims = [np.interp(t + side * self.width, known, y) for side in (-1.0, 1.0)]
-        places = np.stack([i, j], axis=1).ravel()
+        extended_t = np.concatenate([ends[:1] - self.width, self.t, ends[1:] + self.width])
+        extended_y = np.concatenate([outer[:1], self.y, outer[1:]])
+        i = np.searchsorted(extended_t, t - self.width, "left")
+        j = np.searchsorted(extended_t, t + self.width, "right")
+        rims = [np.interp(t + side * self.width, extended_t, extended_y) for side in (-1.0, 1.0)]
+        bounds_of_window = np.stack([i, j], axis=1).ravel()
         low, high = (
-            np.where(i < j, pick.reduceat(np.append(y, y[-1]), places)[::2], rims[0])
+            np.where(
+                i < j,
+                pick.reduceat(np.append(extended_y, extended_y[-1]), bounds_of_window)[::2],
+                rims[0],
+            )
             for pick in (np.minimum, np.maximum)
         )
         return np.minimum.reduce([low, *rims]), np.maximum.reduce([high, *rims])
@@ -136,7 +143,7 @@ class Comparison:
         figure = Picture(figsize=(9, 1.0 + 2.2 * number), layout="constrained")
         axes = figure.subplots(number, sharex=True, squeeze=False)[:, 0]
         for axis, column in zip(axes, self.columns):
-            _draw(axis, column, np.linspace(self.start, self.stop, DRAWN))
+            _draw(axis, column, np.linspace(self.start, self.stop, PLOT_POINTS))
         axes[-1].set_xlabel("time / s")
         if path is not None:
             figure.savefig(path, dpi=150)
@@ -155,22 +162,39 @@ def compare(
 ) -> Comparison:
     """Check for each column whether the result stays in a band around the reference.
 
-    Both are results, pandas frames or files (.csv or .parquet) whose first column is the time. Their rows
-    need not be at the same times; they are compared at the rows of the result. `columns` are names, or
-    maps columns of the result to those of the reference, with a factor, an offset and a unit where
-    needed: "n:rpm", "M * 0.73:N.m". By default, all names that both have are compared.
+    The rows of both need not be at the same times; they are compared at the rows of the result. Units come
+    from a result, from the JSON next to a file, or from headings, "speed [rpm]". A column without a unit
+    fits every unit.
 
-    Units come from a result, from the JSON next to a file, or from headings, "speed [rpm]". A column
-    without a unit fits every unit.
+    Parameters
+    ----------
+    result : Result, DataFrame or path
+        What is compared: a result, a pandas frame or a file (.csv or .parquet) whose first column is the time.
+    reference : Result, DataFrame or path
+        What it is compared with, of the same kinds.
+    columns : mapping or sequence of str, optional
+        Names, or columns of the result mapped to those of the reference, with a factor, an offset and a
+        unit where needed: "n:rpm", "M * 0.73:N.m". By default, all names that both have.
+    value : float
+        Half the height of the band, over the range of the reference, or over its value if it is constant.
+    time : float, optional
+        Half the width of the band [s], by default 0.2 % of the time that both cover.
+    errors : mapping, optional
+        Errors that add to the height, as those in a column NAME_error of either do: by the result's names,
+        in the reference's unit or as "7.3 rpm".
+    gap : float
+        Nothing is compared between rows of the reference that are further apart than this [s].
 
-    `value` is half the height of the band, as a share of the range of the reference, or of its value if
-    it is constant. `time` is half its width [s], by default 0.2 % of the time that both cover. Errors add
-    to the height: those in a column NAME_error of either, and `errors` by the result's names, in the
-    reference's unit or as "7.3 rpm". Nothing is compared between rows of the reference that are further
-    apart than `gap` [s].
+    Returns
+    -------
+    Comparison
+        The deviation of each column, in the reference's unit.
 
-    Raises SetupError if there is nothing to compare, for units of different quantities, and for values
-    that are not finite numbers.
+    Raises
+    ------
+    SetupError
+        If there is nothing to compare, for units of different quantities, and for values that are not
+        finite numbers.
     """
     ours, theirs = _read(result, "the result"), _read(reference, "the reference")
     start = float(max(ours.time[0], theirs.time[0]))
@@ -184,31 +208,31 @@ def compare(
     if not gap > 0.0:
         raise SetupError(f"gap = {gap!r} s must be above 0")
     shared = (ours.time >= start) & (ours.time <= stop)
-    lost = theirs.lost(ours.time, gap)
-    if np.count_nonzero(shared & ~lost) < 2:
+    in_gap = theirs.in_gap(ours.time, gap)
+    if np.count_nonzero(shared & ~in_gap) < 2:
         raise SetupError(f"{ours} and {theirs} have fewer than two rows to compare")
     pairs = _pairs(ours, theirs, columns)
-    given = dict(errors or {})
-    if strange := [name for name in given if name not in pairs]:
-        raise SetupError(f"error of {strange[0]}: only {', '.join(pairs)} are compared")
-    found = []
+    stated_errors = dict(errors or {})
+    if unmatched := [name for name in stated_errors if name not in pairs]:
+        raise SetupError(f"error of {unmatched[0]}: only {', '.join(pairs)} are compared")
+    deviations = []
     for name, other in pairs.items():
         unit = theirs.units[other] or ours.units[name]
         y, error = theirs.column(other, unit)
-        height = value * (float(np.ptp(y)) or abs(float(y[0]))) + _error(name, given, unit)
+        height = value * (float(np.ptp(y)) or abs(float(y[0]))) + _error(name, stated_errors, unit)
         rows = (ours.time, *ours.column(name, unit))
-        t, own, wide = (values[shared & ~lost] for values in rows)
+        t, measured, row_error = (values[shared & ~in_gap] for values in rows)
         band = Band(theirs.time, y, error, width, height)
         low, high = band.around(t)
-        apart = np.maximum(0.0, np.maximum(own - high, low - own))
-        allowed = band.room(t) + wide
-        k, outside = int(np.argmax(apart - allowed)), apart > allowed
-        worst = float(apart[k]), float(t[k]), float(allowed[k])
-        found.append(Deviation(name, other, unit, *worst, t, own, outside, band))
+        distance = np.maximum(0.0, np.maximum(measured - high, low - measured))
+        allowed = band.room(t) + row_error
+        k, outside = int(np.argmax(distance - allowed)), distance > allowed
+        worst = float(distance[k]), float(t[k]), float(allowed[k])
+        deviations.append(Deviation(name, other, unit, *worst, t, measured, outside, band))
     notes = [*_notes(ours, theirs, pairs)]
-    if gaps := np.count_nonzero(shared & lost):
+    if gaps := np.count_nonzero(shared & in_gap):
         notes.append(f"{gaps} rows are not compared: they lie in gaps of {theirs.label}")
-    return Comparison(tuple(found), start, stop, width, tuple(notes))
+    return Comparison(tuple(deviations), start, stop, width, tuple(notes))
 
 
 class Record:
@@ -218,22 +242,22 @@ class Record:
         if not len(frame) or len(frame.columns) < 2:
             raise SetupError(f"{label} has no rows with a time and values")
         self.label = label
-        self.series: dict[str, Any] = {}
+        self.series: dict[str, pd.Series] = {}
         self.units: dict[str, str] = {}
         self.scales: dict[str, tuple[float, float]] = {}
-        for place, heading in enumerate(map(str, frame.columns)):
+        for index, heading in enumerate(map(str, frame.columns)):
             match = COLUMN.fullmatch(heading)
             name, unit = heading, units.get(heading, "")
             if heading not in units and match is not None and not INDEX.fullmatch(heading):
                 name, unit = match["name"], match["unit"] or ""
             if name in self.series:
                 raise SetupError(f"{label} has two columns named {name!r}")
-            self.series[name], self.units[name] = frame.iloc[:, place], unit
+            self.series[name], self.units[name] = frame.iloc[:, index], unit
         first, *self.names = self.series
         self.time = self._in(first, "s")
         if (falls := np.flatnonzero(np.diff(self.time) < 0.0)).size:
-            before, t = self.time[falls[0] :][:2].tolist()
-            raise SetupError(f"{label}: time {t!r} s after {before!r} s must not fall")
+            previous, t = self.time[falls[0] :][:2].tolist()
+            raise SetupError(f"{label}: time {t!r} s after {previous!r} s must not fall")
 
     def __str__(self) -> str:
         return f"{self.label} from {self.time[0]:g} to {self.time[-1]:g} s"
@@ -259,10 +283,14 @@ class Record:
     def _in(self, name: str, unit: str) -> Rows:
         import pandas as pd
 
-        own = self.units[name]
-        scale = 1.0 if not own or not unit or own == unit else multiples(unit).get(own)
+        present_unit = self.units[name]
+        scale = (
+            1.0
+            if not present_unit or not unit or present_unit == unit
+            else multiples(unit).get(present_unit)
+        )
         if scale is None:
-            raise SetupError(f"{self.label}: {name} [{own}] cannot be converted to {unit}")
+            raise SetupError(f"{self.label}: {name} [{present_unit}] cannot be converted to {unit}")
         values = self.series[name]
         numbers = np.asarray(pd.to_numeric(values, errors="coerce"), float)
         if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
@@ -273,11 +301,11 @@ class Record:
         factor, offset = self.scales.get(name, UNSCALED)
         return scale * (factor * numbers + offset)
 
-    def lost(self, t: Rows, gap: float) -> NDArray[np.bool_]:
+    def in_gap(self, t: Rows, gap: float) -> NDArray[np.bool_]:
         """Which times lie between rows further apart than a gap [s]."""
-        after = np.clip(np.searchsorted(self.time, t, "left"), 1, len(self.time) - 1)
-        met = np.isin(t, self.time)
-        return (self.time[after] - self.time[after - 1] > gap) & ~met
+        upper = np.clip(np.searchsorted(self.time, t, "left"), 1, len(self.time) - 1)
+        coincides = np.isin(t, self.time)
+        return (self.time[upper] - self.time[upper - 1] > gap) & ~coincides
 
 
 def _read(source: Source, label: str) -> Record:
@@ -289,7 +317,7 @@ def _read(source: Source, label: str) -> Record:
     if isinstance(source, pd.DataFrame):
         return Record(label, source, {})
     path = Path(source)
-    beside = path.with_suffix(".json")
+    metadata_path = path.with_suffix(".json")
     units: dict[str, str] = {}
     try:
         if path.suffix == ".parquet":
@@ -297,11 +325,12 @@ def _read(source: Source, label: str) -> Record:
         else:
             mark = separator(path)
             point = "." if mark == "," else ","
-            how: Any = {"skipinitialspace": True, "encoding": "utf-8-sig"}
-            frame = pd.read_csv(path, sep=mark, decimal=point, **how)
-        if beside.is_file():
-            told = json.loads(beside.read_text())
-            units = told.get("units", {}) if isinstance(told, dict) else {}
+            frame = pd.read_csv(
+                path, sep=mark, decimal=point, skipinitialspace=True, encoding="utf-8-sig"
+            )
+        if metadata_path.is_file():
+            metadata = json.loads(metadata_path.read_text())
+            units = metadata.get("units", {}) if isinstance(metadata, dict) else {}
     except (OSError, ValueError, ImportError) as error:
         raise SetupError(f"{path} cannot be read as a table: {error}") from error
     return Record(str(path), frame, units)
@@ -329,18 +358,18 @@ def _pairs(
     return pairs
 
 
-def _error(name: str, given: Mapping[str, str | float], unit: str) -> float:
+def _error(name: str, stated_errors: Mapping[str, str | float], unit: str) -> float:
     """The error of a column in this unit."""
-    told = given.get(name, 0.0)
-    match = QUANTITY.fullmatch(told) if isinstance(told, str) else None
+    stated = stated_errors.get(name, 0.0)
+    match = QUANTITY.fullmatch(stated) if isinstance(stated, str) else None
     scale = multiples(unit).get(match[2] or unit) if match else 1.0
     try:
-        error = float(match[1] if match else told) * (scale or np.nan)
+        error = float(match[1] if match else stated) * (scale or np.nan)
     except ValueError:
         error = np.nan
     if not 0.0 <= error < np.inf:
         raise SetupError(
-            f"error of {name} = {told!r} must be at least 0, in {' or '.join(multiples(unit))}"
+            f"error of {name} = {stated!r} must be at least 0, in {' or '.join(multiples(unit))}"
         )
     return error
 
@@ -364,8 +393,8 @@ def _line(column: Deviation) -> tuple[str, ...]:
     if not column.passed:
         t = column.t[column.outside]
         verdict = f"FAIL: {len(t)} of {len(column.t)} rows outside, {t[0]:.6g} to {t[-1]:.6g} s"
-    off = f"{column.deviation:.4g}{unit} at {column.time:.6g} s"
-    return name, off, f"allowed {column.allowed:.4g}{unit}", verdict
+    distance = f"{column.deviation:.4g}{unit} at {column.time:.6g} s"
+    return name, distance, f"allowed {column.allowed:.4g}{unit}", verdict
 
 
 def _draw(axis: Axes, column: Deviation, t: Rows) -> None:

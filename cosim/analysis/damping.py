@@ -266,8 +266,9 @@ class ModeTracker:
 
 
 class Eigenmode(NamedTuple):
-    """Natural frequency [rad/s] and damping ratio of a mode of the system itself, with their errors:
-    relative for the frequency, absolute for the damping.
+    """Natural frequency [rad/s] and damping ratio of a mode of the system itself, with their errors.
+
+    The error is relative for the frequency and absolute for the damping.
     """
 
     frequency: float

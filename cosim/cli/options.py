@@ -73,8 +73,10 @@ def seconds(text: str) -> float:
         return number(text)
     scale = multiples("s").get(quantity[2])
     if scale is None:
-        known = ", ".join(multiples("s"))
-        raise argparse.ArgumentTypeError(f"{text!r} is not a time: its unit must be one of {known}")
+        choices = ", ".join(multiples("s"))
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a time: its unit must be one of {choices}"
+        )
     return float(quantity[1]) * scale
 
 
@@ -95,8 +97,10 @@ class StartAction(argparse.Action):
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """What the action returns; 1 for a run that failed or a file that cannot be written, 2 for bad input,
-    130 for Ctrl-C and the like, 141 if nobody reads the output any more.
+    """Run an action and return the exit status: what the action returns, or that of its error.
+
+    It is 1 for a run that failed or a file that cannot be written, 2 for bad input, 130 for Ctrl-C and
+    the like, and 141 if nobody reads the output any more.
     """
     open_standard_files()
     try:
@@ -117,8 +121,8 @@ def exit_code(action: Callable[[], int]) -> int:
         print(f"error: {reason_of(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
-        kept = f"; what was computed is kept: {interrupt}" if interrupt.args else ""
-        print(f"interrupted{kept}", file=sys.stderr)
+        rows = f"; what was computed is kept: {interrupt}" if interrupt.args else ""
+        print(f"interrupted{rows}", file=sys.stderr)
         return 130
 
 
@@ -157,7 +161,7 @@ def require(package: str, what: str) -> None:
 
 
 def assignment(text: str) -> tuple[str, str]:
-    """ "motor.T=0.05" as name and value."""
+    """Name and value of an assignment such as "motor.T=0.05"."""
     name, equals, value = text.partition("=")
     if not equals:
         raise SetupError(f"{text!r} must read NAME=VALUE")

@@ -153,8 +153,7 @@ class Controller:
 
 
 def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> Iterator[float]:
-    """The times at which accepted steps end, all of the controller's `times` [s], from the first to the
-    last of them, among them.
+    """The times [s] at which accepted steps end, among them all of the controller's `times`.
 
     The whole step's end serves the halves as a prediction where inputs move within a step.
     """
@@ -188,9 +187,9 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
 
 
 def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> Iterator[float]:
-    """The times at which steps end, all of the controller's among them; the next size from the energy
-    that each bond made in the last.
+    """The times at which steps end, all of the controller's among them.
 
+    The size of the next step follows from the energy that each bond made in the last.
     After the energy-conservation-based co-simulation of Sadjina et al. (2017), with the power that
     a bond may create held to the tolerance times the largest power so far.
     """

@@ -37,8 +37,9 @@ FINISH = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_double, ctypes
 
 
 class Answer(ctypes.Structure):
-    """struct answer of loop.c: the time [s] that a step has reached, and whether it met an event, the
-    end of the simulation, or its own end early.
+    """The structure `answer` of loop.c: the time [s] that a step has reached, and why it ended there.
+
+    It may have met an event, the end of the simulation, or its own end early.
     """
 
     _fields_ = [

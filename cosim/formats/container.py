@@ -33,16 +33,35 @@ def write_container(
     start: float = 0.0,
     stop: float = 1.0,
 ) -> None:
-    """Write an FMI 2.0 co-simulation FMU with the system's FMUs inside; step, start, stop in s.
+    """Write an FMI 2.0 co-simulation FMU with the system's FMUs inside.
 
     Its variables are all outputs and parameters of the parts and the inputs that no wire drives, by
-    their dotted names; Enumerations are Integers. A host must step it by multiples of `step`.
-    `order` (default: as declared) is the order in which parts are started, and stepped by
-    gauss-seidel. At `start` itself, a part that a later one drives shows its outputs for its own
-    input values. Raises what `connect` raises, and SetupError for what the container cannot do:
-    factors, offsets and unit conversions on wires, strings with blanks as start values, and start
-    values that would have to pass through a part before the part that drives it has started. Nothing
-    is written then.
+    their dotted names; Enumerations are Integers. At `start` itself, a part that a later one drives shows
+    its outputs for its own input values.
+
+    Parameters
+    ----------
+    system : System
+        What is written.
+    path : Path
+        The FMU.
+    step : float
+        The step of its parts [s]; a host must step it by multiples of this.
+    algorithm : str
+        How it steps them: "jacobi" or "gauss-seidel".
+    order : sequence of str, optional
+        The stepping order, which is also the order in which parts are started; by default as declared.
+    start : float
+        The start time of its default experiment [s].
+    stop : float
+        The stop time of its default experiment [s].
+
+    Raises
+    ------
+    SetupError
+        What `connect` raises, and for what the container cannot do: factors, offsets and unit conversions
+        on wires, strings with blanks as start values, and start values that would have to pass through a
+        part before the part that drives it has started. Nothing is written then.
     """
     from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     from fmu_manipulation_toolbox.operations import FMUError
@@ -57,20 +76,20 @@ def write_container(
         raise SetupError(f"step = {step!r} s must be above 0")
     path = path.resolve()
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
-        whole = Path(folder) / "Container.fmu"
+        container_path = Path(folder) / "Container.fmu"
         try:
             container = FMUContainer(re.sub(r"\W", "_", f"C_{path.stem}"), Path(folder))
             container.start_time, container.stop_time = start, stop
             _fill(container, network, sequence)
             with _without_repetition(TOOL):
                 _require_order(container, network, sequence)
-                container.make_fmu(whole, step_size=step, sequential=is_sequential)
+                container.make_fmu(container_path, step_size=step, sequential=is_sequential)
         except (FMUContainerError, FMUError) as error:
             raise SetupError(f"{path.name}: {error}") from error
-        problems = validate_fmu(str(whole))
+        problems = validate_fmu(str(container_path))
         if problems:
             raise SetupError(f"{path.name} is not valid: {problems[0]}")
-        whole.replace(path)
+        container_path.replace(path)
 
 
 def _is_sequential(name: str, parts: Sequence[str]) -> bool:

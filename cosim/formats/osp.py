@@ -9,7 +9,6 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import count, takewhile
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -29,7 +28,8 @@ from ..system import (
     describe_fmu,
     require_fmi2,
 )
-from .ssp.files import LINK, Room, load, locate, plain, require_root
+from .ssp.files import LINK, Budget, load, locate, plain, require_root
+from .ssp.files import Element as SourceElement
 from .ssp.parameters import Parameter
 from .ssp.plan import Arrow, Connector, Node, Plan, dotted
 from .ssp.read import Package
@@ -60,8 +60,22 @@ def read_osp(path: Path) -> Package:
     several wires into one input. Two groups of variables, defined by a
     MODEL_OspModelDescription.xml next to the FMU or the structure, are connected one by one in their
     order. A simulator whose `stepSize` is shorter than the base step gets sub-steps, no longer than that;
-    a longer one takes the base step, with a logged warning. Raises SetupError with file and line for
-    what is invalid or not supported, such as FMUs that are not files.
+    a longer one takes the base step, with a logged warning.
+
+    Parameters
+    ----------
+    path : Path
+        The file or its folder.
+
+    Returns
+    -------
+    Package
+        The system, its times and step [s], and the sub-steps of its parts.
+
+    Raises
+    ------
+    SetupError
+        With file and line for what is invalid or not supported, such as FMUs that are not files.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
@@ -93,39 +107,39 @@ class _Reader:
     """The plan of a system, in which a function is a connector that drives another."""
 
     def __init__(self, file: Path) -> None:
-        self.file, self.plan = file, Plan(Room(0), {"": {}})
+        self.file, self.plan = file, Plan(Budget(0), {"": {}})
         self.times: dict[str, float] = {}
         self.bonds: dict[str, list[Node]] = defaultdict(list)
         self.added: dict[Node, list[Node]] = {}
         self.steps: dict[str, float] = {}
 
-    def at(self, element: Any) -> str:
+    def at(self, element: SourceElement) -> str:
         """File, line, kind and name of an element."""
         name = element.get("name") or element.get("variable") or ""
         return f"{self.file.name}, line {element.sourceline}: {plain(element.tag)} {name}".rstrip()
 
-    def take(self, element: Any) -> None:
+    def take(self, element: SourceElement) -> None:
         """Take one element; raises KeyError or ValueError for what it lacks or has wrong."""
-        tag, given = plain(element.tag), element.attrib
+        tag, attributes = plain(element.tag), element.attrib
         if tag in TIMES:
             self.times[tag] = float(element.text or "")
         elif tag == "Simulator":
-            self._simulator(given["name"], given["source"], given.get("stepSize"))
+            self._simulator(attributes["name"], attributes["source"], attributes.get("stepSize"))
         elif tag == "InitialValue":
             simulator = element.getparent().getparent().attrib["name"]
             self._initial(self.plan.elements[""][simulator], element)
         elif tag == "LinearTransformation":
-            entry, leave = self._function(given["name"], ["in"], ["out"])
-            scale = float(given.get("factor", 1.0)), float(given.get("offset", 0.0))
+            entry, leave = self._function(attributes["name"], ["in"], ["out"])
+            scale = float(attributes.get("factor", 1.0)), float(attributes.get("offset", 0.0))
             self.plan.add_arrow(Arrow(entry, leave, Step(tag, None, False, *scale)))
         elif tag in ("Sum", "VectorSum"):
-            inputs, width = int(given["inputCount"]), int(given.get("dimension", 1))
+            inputs, width = int(attributes["inputCount"]), int(attributes.get("dimension", 1))
             if min(inputs, width) < 1:
                 raise ValueError("inputCount and dimension must be at least 1")
-            self.plan.room.take(self.at(element), LINK * inputs * width)
-            for place in [f"[{j}]" for j in range(width)] if tag == "VectorSum" else [""]:
-                entries = [f"in[{k}]{place}" for k in range(inputs)]
-                *added, leave = self._function(given["name"], entries, [f"out{place}"])
+            self.plan.budget.take(self.at(element), LINK * inputs * width)
+            for suffix in [f"[{j}]" for j in range(width)] if tag == "VectorSum" else [""]:
+                entries = [f"in[{k}]{suffix}" for k in range(inputs)]
+                *added, leave = self._function(attributes["name"], entries, [f"out{suffix}"])
                 self.added[leave] = added
         elif tag in ("VariableConnection", "SignalConnection"):
             self._connection(element, map(self._end, element.iterchildren("*")))
@@ -158,13 +172,13 @@ class _Reader:
             return {source: (factor, offset)}
         if source in through:
             raise SetupError(f"{self.file.name}: {dotted(source)} is added to itself")
-        whole: dict[Node, tuple[float, float]] = {}
+        total: dict[Node, tuple[float, float]] = {}
         for entry in self.added[source]:
             for origin, (f, o) in self.terms(entry, (*through, source)).items():
-                before = whole.get(origin, (0.0, 0.0))
-                whole[origin] = before[0] + factor * f, before[1] + factor * o + offset
+                sum_so_far = total.get(origin, (0.0, 0.0))
+                total[origin] = sum_so_far[0] + factor * f, sum_so_far[1] + factor * o + offset
                 offset = 0.0
-        return whole
+        return total
 
     def sums(self) -> Iterator[Wire]:
         """The wires into the inputs that sums drive."""
@@ -204,20 +218,20 @@ class _Reader:
                     part, step, base / count, base, pluralize(count, "step"),
                 )  # fmt: skip
 
-    def _initial(self, part: str, element: Any) -> None:
+    def _initial(self, part: str, element: SourceElement) -> None:
         name, (content,) = element.attrib["variable"], element.iterchildren("*")
         kind = plain(content.tag)
         value = READ[kind](content.attrib["value"])
         if not self.plan.bind(part, Parameter(f"{part}.{name}", name, kind, value, None)):
             raise KeyError(f"{part}.{name}")
 
-    def _end(self, element: Any) -> Node:
+    def _end(self, element: SourceElement) -> Node:
         """The connector that a variable or a signal of a connection names."""
         end = element.attrib
         owner = end.get("simulator") or f"function {end['function']}"
         return self.plan.elements[""][owner], end["name"]
 
-    def _group(self, element: Any) -> Iterator[Node]:
+    def _group(self, element: SourceElement) -> Iterator[Node]:
         """The variables of a group, in their order; those of groups within it, too."""
         part, name = self._end(element)
         if "function" in element.attrib:
@@ -227,8 +241,8 @@ class _Reader:
             )
             return
         file = GROUPS.format(self.plan.descriptions[part].modelName)
-        places = [folder / file for folder in (self.plan.fmus[part].parent, self.file.parent)]
-        path = next((path for path in places if path.is_file()), None)
+        candidates = [folder / file for folder in (self.plan.fmus[part].parent, self.file.parent)]
+        path = next((path for path in candidates if path.is_file()), None)
         if path is None:
             raise ValueError(f"there is no file {file} to define the groups")
         groups = load(path).iterfind("{*}VariableGroups//*[@name]")
@@ -238,9 +252,9 @@ class _Reader:
         for variable in group.iter("{*}Variable"):
             yield part, variable.attrib["ref"]
 
-    def _connection(self, element: Any, given: Iterable[Node]) -> None:
+    def _connection(self, element: SourceElement, nodes: Iterable[Node]) -> None:
         """A connection, which may be written from either end."""
-        ends = [*given]
+        ends = [*nodes]
         if missing := [dotted(end) for end in ends if end not in self.plan.connectors]:
             raise KeyError(missing[0])
         kinds = [self.plan.connectors[end].kind for end in ends]
@@ -257,12 +271,29 @@ class _Reader:
 def write_osp(
     system: System, folder: Path, *, step: float, start: float = 0.0, stop: float | None = None
 ) -> None:
-    """Write OspSystemStructure.xml and the FMUs into `folder`; step, start and stop in s.
+    """Write a system as OspSystemStructure.xml, with its FMUs beside it.
 
     Factors, offsets and unit conversions of wires become linear transformations. The connections of a
-    declared bond become those of a `powerBond`, unless they go through a transformation. Raises what
-    `connect` raises, and SetupError for what libcosim cannot do: enumerations that differ from the FMU's
-    start value, and enumerations on wires. Nothing is written then.
+    declared bond become those of a `powerBond`, unless they go through a transformation.
+
+    Parameters
+    ----------
+    system : System
+        What is written.
+    folder : Path
+        Where it is written; the folder need not exist.
+    step : float
+        The base step [s].
+    start : float
+        The start time [s].
+    stop : float, optional
+        The end time [s].
+
+    Raises
+    ------
+    SetupError
+        What `connect` raises, and for what libcosim cannot do: enumerations that differ from the FMU's
+        start value, and enumerations on wires. Nothing is written then.
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
@@ -326,8 +357,10 @@ def _initial(values: Element, port: Port, value: Value) -> None:
 def _connection(
     functions: Element, connections: Element, wire: Connection, name: str, bond: str | None
 ) -> None:
-    """One connection, or two over a function. That of a bond states what libcosim's ECCO takes for its
-    ends' causality: a source is an input.
+    """One connection, or two over a function.
+
+    The connection of a bond states what libcosim's ECCO takes for its ends' causality: a source is an
+    input.
     """
     if wire.source.type == "Enumeration":
         raise SetupError(f"{wire.source} -> {wire.target}: libcosim cannot wire an Enumeration")
@@ -349,9 +382,9 @@ def _connection(
 
 def _sum(functions: Element, connections: Element, wires: list[Connection], name: str) -> None:
     """A sum of outputs, which libcosim takes as they stand: functions are not connected to functions."""
-    if scaled_one := next(filter(scaled, wires), None):
+    if scaled_wire := next(filter(scaled, wires), None):
         raise SetupError(
-            f"{scaled_one.source} has a factor, an offset or a unit other than that of {scaled_one.target}: "
+            f"{scaled_wire.source} has a factor, an offset or a unit other than that of {scaled_wire.target}: "
             "libcosim adds outputs only as they are"
         )
     SubElement(functions, "Sum", name=name, inputCount=str(len(wires)))

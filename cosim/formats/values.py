@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import SetupError
 from ..system import READ, Network, Value
 from ..system.inputs import read_table
-from .ssp.files import Room, parse
+from .ssp.files import Budget, parse
 from .ssp.parameters import Parameter, parameters_of
 from .ssp.plan import Node, Plan, dotted
 from .ssp.units import Unit, definitions
@@ -23,37 +23,37 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
     part's FMU, or one of its display units. Without one, the value is in the variable's own unit. Raises
     SetupError with file and line for what is invalid, fits no variable, or is given twice.
     """
-    plan = Plan(Room(0))
+    plan = Plan(Budget(0))
     for name, description in network.descriptions.items():
         plan.add_element("", name)
         plan.add_fmu(name, Path(network.system.parts[name]), description)
-    whole = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
+    root_path = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
     parameters: Iterable[Parameter]
     if path.suffix == ".ssv":
         root = parse(path, "ssv:ParameterSet")
         parameters = parameters_of(root, "", path.name, definitions(root, path.name)).values()
     elif path.suffix == ".csv":
-        parameters = _rows(path, plan, whole)
+        parameters = _rows(path, plan, root_path)
     else:
         raise SetupError(f"{path} must be an .ssv or a .csv")
-    given: set[Node] = set()
+    assigned: set[Node] = set()
     for parameter in parameters:
-        nodes = _meant(plan, whole, parameter.name)
+        nodes = _variables_named(plan, root_path, parameter.name)
         if not nodes:
             raise SetupError(f"{parameter.where} fits no variable")
-        if given.intersection(nodes):
+        if assigned.intersection(nodes):
             raise SetupError(f"{parameter.where} is given twice")
-        given.update(nodes)
+        assigned.update(nodes)
         plan.bind(nodes[0][0], parameter._replace(name=nodes[0][1]))
     return {dotted(node): value for node, value in plan.start.items()}
 
 
-def _meant(plan: Plan, whole: str, name: str) -> list[Node]:
+def _variables_named(plan: Plan, root_path: str, name: str) -> list[Node]:
     """The variable of a name, in a single part without the part's name too."""
-    return [*dict.fromkeys((*plan.named(whole, name), *plan.named("", name)))]
+    return [*dict.fromkeys((*plan.named(root_path, name), *plan.named("", name)))]
 
 
-def _rows(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
+def _rows(path: Path, plan: Plan, root_path: str) -> Iterator[Parameter]:
     """Rows of a CSV, in the type of what they name."""
     header, *rows = read_table(path)
     if lacking := [column for column in COLUMNS[:2] if column not in header]:
@@ -62,7 +62,9 @@ def _rows(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
         row = dict(zip(header, map(str.strip, cells)))
         name, text, unit = (row.get(column, "") for column in COLUMNS)
         where = f"{path.name}, line {line}: parameter {name}"
-        kind = next((str(plan.variables[n].type) for n in _meant(plan, whole, name)), "String")
+        kind = next(
+            (str(plan.variables[n].type) for n in _variables_named(plan, root_path, name)), "String"
+        )
         if kind == "Enumeration" and text.lstrip("-").isdecimal():
             kind = "Integer"
         try:

@@ -20,9 +20,11 @@ from .record import Column
 
 
 class Experiment(NamedTuple):
-    """A record that might be made: start values that replace the identified ones, the noise of each
-    column in its unit, its duration [s], the free parameters that apply to this record only, such as a
-    supply, and inputs that replace those of the system.
+    """A record that might be made.
+
+    It has start values that replace the identified ones, the noise of each column in its unit, its
+    duration [s], the free parameters that apply to this record only, such as a supply, and inputs that
+    replace those of the system.
     """
 
     start: Mapping[str, Value]

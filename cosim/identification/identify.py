@@ -91,8 +91,10 @@ class Identified:
         return bool(connect(self.problem.system).port(name).variable.causality == "parameter")
 
     def prior(self, *without: str) -> Prior:
-        """The machine's parameters as identified from this record, with their covariance, for identifying
-        another record of it; `without` names those to omit, such as a supply that has changed.
+        """The machine's parameters as identified from this record, with their covariance.
+
+        They serve to identify another record of the machine; `without` names those to omit, such as a
+        supply that has changed.
         """
         indices = [
             k for k, name in enumerate(self.names) if self.is_shared(name) and name not in without
@@ -112,8 +114,9 @@ class Identified:
         return np.asarray((above - below) / (2 * steps), float)
 
     def interval(self, quantity: ValueFunction, unit: str = "") -> Interval:
-        """The interval of a `quantity` in a `unit` that depends on the values only, such as a limit, by
-        their covariance.
+        """The interval of a `quantity` in a `unit`, by the covariance of the values.
+
+        The quantity depends on the values only, such as a limit does.
         """
         gradient = self.gradient(quantity)
         value = float(quantity(self.start_values))

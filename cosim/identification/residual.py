@@ -20,8 +20,10 @@ UNEVENNESS = 1e-3
 
 @dataclass(frozen=True)
 class ColumnResidual:
-    """A column and its fit: times [s]; measured values, fitted values and noise in its unit; where the noise is from;
-    and the spectrum of the residual over frequencies [Hz], in units of that of the noise.
+    """A column and its fit.
+
+    It has times [s]; measured values, fitted values and noise in the unit of the column; where the
+    noise is from; and the spectrum of the residual over frequencies [Hz], in units of that of the noise.
     """
 
     unit: str
@@ -40,8 +42,9 @@ class ColumnResidual:
 
     @property
     def bandwidth(self) -> float:
-        """The frequency [Hz] above which neither the machine nor a similar one moves the column: a multiple
-        of the frequency up to which the fitted values stand out from the noise.
+        """The frequency [Hz] above which neither the machine nor a similar one moves the column.
+
+        It is a multiple of the frequency up to which the fitted values stand out from the noise.
         """
         t = (self.times - self.times[0]) / float(np.ptp(self.times))
         window = np.sin(math.pi * t) ** 2

@@ -206,8 +206,10 @@ class Table:
 
 
 def separator(path: Path | str) -> str:
-    """The separator of a CSV file: a semicolon or a tab if its first line contains one, as in files
-    with decimal commas, else a comma.
+    """The separator of a CSV file.
+
+    It is a semicolon or a tab if the first line contains one, as in files with decimal commas, else a
+    comma.
     """
     with Path(path).open(encoding="utf-8-sig") as file:
         first = file.readline()

@@ -173,8 +173,10 @@ def require_cosimulation(
 
 
 def connect_for_export(system: System, where: str, *, sums: bool = False) -> Network:
-    """Connect a system for a file format. Raises SetupError for inputs over time, parts without
-    co-simulation and, unless the format supports `sums`, for sums of wires.
+    """Connect a system for a file format.
+
+    Raises SetupError for inputs over time, parts without co-simulation and, unless the format supports
+    `sums`, for sums of wires.
     """
     network = connect(system)
     require_cosimulation(network.descriptions, system.parts)

@@ -44,8 +44,10 @@ PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
 
 def describe_fmu(name: str, path: Path, *, runnable: bool = True) -> ModelDescription:
-    """The description of a part's FMU; raises SetupError if name or file cannot be used, or if it cannot
-    run here but is to be `runnable`.
+    """The description of a part's FMU.
+
+    Raises SetupError if name or file cannot be used, or if the FMU cannot run here but is to be
+    `runnable`.
     """
     return read_fmu(name, path, runnable=runnable).description
 
@@ -278,8 +280,9 @@ def _parsed(path: Path) -> tuple[Any, str]:
 
 
 def _reason(error: Exception) -> str:
-    """The last lines of an error as one; errors of the reader itself, of which a user knows nothing, in
-    other words.
+    """The last lines of an error as one line.
+
+    Errors of the reader itself, of which a user knows nothing, are put in other words.
     """
     text = str(error)
     if isinstance(error, ValueError) and (value := NO_NUMBER.search(text)):

@@ -22,8 +22,8 @@ def main(fmu: Path) -> bool:
             rows.append(row)
             status.update(f"{row.system}, {row.scheme}")
             verdict = "ok" if row.passed else "[bold red]FAILED[/]"
-            match, found, theory = f"{row.match:.1e}", f"{row.found:.5g}", f"{row.theory:.5g}"
-            table.add_row(row.system, row.scheme, match, row.quantity, found, theory, verdict)
+            match, measured, theory = f"{row.match:.1e}", f"{row.measured:.5g}", f"{row.theory:.5g}"
+            table.add_row(row.system, row.scheme, match, row.quantity, measured, theory, verdict)
     console.print(table)
     failed = [row for row in rows if not row.passed]
     console.print(f"{len(rows) - len(failed)} of {len(rows)} checks passed")

@@ -27,8 +27,12 @@ from .systems import (
     states,
 )
 
+#: Largest relative difference from the ideal algorithm. Chosen: rounding of some hundred steps leaves less.
 SAME = 1e-10
+#: Largest difference of a measured order from theory. Chosen: the error of a higher order still adds a few hundredths.
 ORDER = 0.1
+#: How far below and above the stability limit runs are made, over this. Chosen: growth and decay both show, and
+#: between them the growth rate is straight.
 MARGIN = 0.02
 
 SCHEMES = {name: Scheme(name) for name in ALGORITHMS}
@@ -56,7 +60,7 @@ class Row(NamedTuple):
     scheme: str
     match: float
     quantity: str
-    found: float
+    measured: float
     theory: float
     passed: bool
 
@@ -96,11 +100,11 @@ def simulate(
     )  # fmt: skip
 
 
-def deviation(got: Matrix, want: Matrix) -> float:
+def deviation(actual: Matrix, expected: Matrix) -> float:
     """The largest difference in a column over the largest value there."""
-    if got.shape != want.shape:
+    if actual.shape != expected.shape:
         return math.inf
-    return float((np.abs(got - want).max(axis=0) / np.abs(want).max(axis=0)).max())
+    return float((np.abs(actual - expected).max(axis=0) / np.abs(expected).max(axis=0)).max())
 
 
 def order(scheme: Scheme, units: Mapping[str, Unit]) -> int:
@@ -150,17 +154,17 @@ def orders(fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Schem
     for count in benchmark.counts:
         h = benchmark.stop / count
         result = simulate(fmu, benchmark.units, scheme, benchmark.stop, h, bond)
-        got = result.data[:, 1:]
-        matches.append(deviation(got, ideal.states(scheme, [h] * count)))
-        errors.append(deviation(got, ideal.exact([h] * count)))
+        simulated = result.data[:, 1:]
+        matches.append(deviation(simulated, ideal.states(scheme, [h] * count)))
+        errors.append(deviation(simulated, ideal.exact([h] * count)))
         if bond:
             energy = next(iter(result.energy.values()))
-            want = ideal.energy(scheme, [h] * count, bond)
+            predicted = ideal.energy(scheme, [h] * count, bond)
             ledger = np.array([energy["given"], energy["taken"]])
-            booked.append(float(np.abs(ledger - want).max() / np.abs(want).max()))
+            booked.append(float(np.abs(ledger - predicted).max() / np.abs(predicted).max()))
             residuals.append(energy["residual"])
-            ideal_shares.append(float((want[0] - want[1]) / np.abs(want).max()))
-            shares.append(float(energy["residual"] / np.abs(want).max()))
+            ideal_shares.append(float((predicted[0] - predicted[1]) / np.abs(predicted).max()))
+            shares.append(float(energy["residual"] / np.abs(predicted).max()))
     theory = order(scheme, benchmark.units)
     yield judge(name, title, matches, "order of the states", slope(errors, theory), theory, ORDER)
     if bond and max(map(abs, ideal_shares)) < SAME:
@@ -168,8 +172,8 @@ def orders(fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Schem
         yield judge(name, title, booked, "residual of the energy", largest, 0.0, SAME)
     elif bond:
         theory = residual_order(scheme, benchmark.units)
-        found = slope(residuals, theory)
-        yield judge(name, title, booked, "order of the residual", found, theory, ORDER)
+        measured_slope = slope(residuals, theory)
+        yield judge(name, title, booked, "order of the residual", measured_slope, theory, ORDER)
 
 
 def judge(
@@ -177,14 +181,14 @@ def judge(
     scheme: str,
     matches: Sequence[float],
     quantity: str,
-    found: float,
+    measured: float,
     theory: float,
     within: float,
 ) -> Row:
     """The row, passed if all runs match the ideal and what was found is within this of theory."""
     match = float(np.max(matches))
-    passed = match < SAME and abs(found - theory) <= within
-    return Row(system, scheme, match, quantity, found, theory, passed)
+    passed = match < SAME and abs(measured - theory) <= within
+    return Row(system, scheme, match, quantity, measured, theory, passed)
 
 
 def longest_step(ideal: Ideal, scheme: Scheme) -> float:
@@ -206,13 +210,15 @@ def limit(fmu: Path, name: str, units: Mapping[str, Unit], title: str, scheme: S
     matches, growth = [], []
     for h in (theory * (1 - MARGIN), theory * (1 + MARGIN)):
         count = math.ceil(4.0 / abs(math.log(ideal.radius(scheme, h))))
-        got = simulate(fmu, units, scheme, count * h, h).data[:, 1:]
-        matches.append(deviation(got, ideal.states(scheme, [h] * count)))
-        size = np.log(np.linalg.norm(got / np.abs(got).max(axis=0), axis=1))[count // 4 :]
+        simulated = simulate(fmu, units, scheme, count * h, h).data[:, 1:]
+        matches.append(deviation(simulated, ideal.states(scheme, [h] * count)))
+        size = np.log(np.linalg.norm(simulated / np.abs(simulated).max(axis=0), axis=1))[
+            count // 4 :
+        ]
         growth.append(float(np.polynomial.polynomial.polyfit(range(len(size)), size, 1)[1]))
     below, above = growth
-    found = theory * (1 - MARGIN * (above + below) / (above - below))
-    row = judge(name, title, matches, "stability limit [s]", found, theory, MARGIN * theory)
+    measured = theory * (1 - MARGIN * (above + below) / (above - below))
+    row = judge(name, title, matches, "stability limit [s]", measured, theory, MARGIN * theory)
     return row._replace(passed=row.passed and below < 0.0 < above)
 
 
@@ -225,13 +231,13 @@ def spring_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
     h, count = 0.01, 200
     ideal = Ideal(SPRING_AND_MASS)
     result = simulate(fmu, SPRING_AND_MASS, scheme, count * h, h, ("spring.1", "mass.1"))
-    place, speed = result.data[:, 1], result.data[:, 2]
-    energy = 50 * place**2 / 2 + 2.0 * speed**2 / 2
-    made = -next(iter(result.energy.values()))["residual"] / energy[0]
+    position, speed = result.data[:, 1], result.data[:, 2]
+    energy = 50 * position**2 / 2 + 2.0 * speed**2 / 2
+    created = -next(iter(result.energy.values()))["residual"] / energy[0]
     change = float(energy[-1] / energy[0]) - 1.0
     match = deviation(result.data[:, 1:], ideal.states(scheme, [h] * count))
     return judge(
-        "spring and mass", title, [match], "energy made / initial energy", made, change, SAME
+        "spring and mass", title, [match], "energy made / initial energy", created, change, SAME
     )
 
 
@@ -248,11 +254,11 @@ def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
         matches.append(deviation(result.data[:, 1:], ideal.states(scheme, [h] * count)))
         twist, w_1, w_2 = result.data[:, 1:].T
         energy = (1e4 * twist**2 + 1.1 * w_1**2 + 2.2 * w_2**2) / 2
-        made = -next(iter(result.energy.values()))["residual"]
-        gaps.append(float(energy[-1] - energy[0]) - made)
-    found = slope(gaps, 2)
+        created = -next(iter(result.energy.values()))["residual"]
+        gaps.append(float(energy[-1] - energy[0]) - created)
+    measured = slope(gaps, 2)
     quantity = "order of the energy not booked"
-    return judge("undamped drive", title, matches, quantity, found, 2, ORDER)
+    return judge("undamped drive", title, matches, quantity, measured, 2, ORDER)
 
 
 def tolerance(
@@ -274,10 +280,10 @@ def tolerance(
     for allowed in tolerances:
         step = Adaptive(allowed, control=control)
         result = simulate(fmu, benchmark.units, scheme, benchmark.stop, step, benchmark.bond)
-        got, sizes = result.data[:, 1:], np.diff(result["time"])
-        want = ideal.states(scheme, np.repeat(sizes / pieces, pieces).tolist())[::pieces]
-        matches.append(deviation(got, want))
-        errors.append(deviation(got, ideal.exact(sizes.tolist())))
-    found = math.log(errors[0] / errors[-1], tolerances[0] / tolerances[-1])
+        simulated, sizes = result.data[:, 1:], np.diff(result["time"])
+        predicted = ideal.states(scheme, np.repeat(sizes / pieces, pieces).tolist())[::pieces]
+        matches.append(deviation(simulated, predicted))
+        errors.append(deviation(simulated, ideal.exact(sizes.tolist())))
+    exponent = math.log(errors[0] / errors[-1], tolerances[0] / tolerances[-1])
     quantity = "exponent of the tolerance"
-    return judge(name, f"{title}, adaptive by {control}", matches, quantity, found, 1, ORDER)
+    return judge(name, f"{title}, adaptive by {control}", matches, quantity, exponent, 1, ORDER)

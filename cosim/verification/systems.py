@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..analysis.coupling_theory import Rows, Unit
 from ..system import System, Value
@@ -141,18 +141,20 @@ def couple(
     wires: list[str] = []
     start: dict[str, Value] = {}
     for name, unit in units.items():
-        given: dict[str, Value] = {f"{m}[{i},{j}]": 0.0 for m in "ABCD" for i in SIZE for j in SIZE}
-        given |= {f"{v}[{i}]": 0.0 for v in "xu" for i in SIZE}
-        given |= dict(_entries("A", unit.A)) | dict(_entries("B", unit.B))
-        given |= dict(_entries("C", unit.C)) | dict(_entries("D", unit.feedthrough))
-        given |= dict(_entries("x", unit.x)) | {"input_hold": input_hold}
+        values: dict[str, Value] = {
+            f"{m}[{i},{j}]": 0.0 for m in "ABCD" for i in SIZE for j in SIZE
+        }
+        values |= {f"{v}[{i}]": 0.0 for v in "xu" for i in SIZE}
+        values |= dict(_entries("A", unit.A)) | dict(_entries("B", unit.B))
+        values |= dict(_entries("C", unit.C)) | dict(_entries("D", unit.feedthrough))
+        values |= dict(_entries("x", unit.x)) | {"input_hold": input_hold}
         for i, source in enumerate(unit.u, 1):
             if isinstance(source, str):
                 wires.append(f"{output(source)} -> {name}.u[{i}]")
-                del given[f"u[{i}]"]
+                del values[f"u[{i}]"]
             else:
-                given[f"u[{i}]"] = source
-        start |= {f"{name}.{key}": value for key, value in given.items()}
+                values[f"u[{i}]"] = source
+        start |= {f"{name}.{key}": value for key, value in values.items()}
     bonds = [" * ".join(map(output, bond))] if bond else []
     return System(dict.fromkeys(units, fmu), wires, start, bonds)
 
@@ -162,7 +164,7 @@ def states(units: Mapping[str, Unit]) -> list[str]:
     return [f"{name}.x[{i + 1}]" for name, unit in units.items() for i in range(len(unit.x))]
 
 
-def _entries(name: str, values: Any) -> Iterator[tuple[str, float]]:
+def _entries(name: str, values: ArrayLike) -> Iterator[tuple[str, float]]:
     """Names M[1,1], M[1,2] and values of a matrix, v[1], v[2] of a vector."""
-    for place, value in np.ndenumerate(np.array(values, float)):
-        yield f"{name}[{','.join(str(i + 1) for i in place)}]", float(value)
+    for indices, value in np.ndenumerate(np.array(values, float)):
+        yield f"{name}[{','.join(str(i + 1) for i in indices)}]", float(value)

@@ -206,7 +206,7 @@ class Printer(ABC):
         return depth
 
     def require_no_attempt(self) -> None:
-        """Raise Untraceable at the end of a block within an attempt that the language cannot write."""
+        """Raise UntraceableError at the end of a block within an attempt that the language cannot write."""
         return
 
     def declared(self, names: Sequence[str], indent: str) -> Iterator[str]:

@@ -19,7 +19,7 @@ from ..trace.graph import (
     Operation,
     Result,
     Text,
-    Untraceable,
+    UntraceableError,
     calls_in,
     size,
 )
@@ -111,7 +111,7 @@ class PythonPrinter(Printer):
 
     def require_no_attempt(self) -> None:
         if self.trying:
-            raise Untraceable("a condition within what is attempted")
+            raise UntraceableError("a condition within what is attempted")
 
     def condition(self, node: Operation) -> str:
         return self.value(node)

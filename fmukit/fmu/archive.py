@@ -19,8 +19,10 @@ LICENSE = next(path for path in (KIT / "LICENSE", KIT.parent / "LICENSE") if pat
 
 
 def digest_of(interface: Interface, flavour: str, makers: Iterable[Path]) -> str:
-    """The hash of all that an FMU is made from: the model and what lies beside it, the whole kit, and
-    these files of others. Nothing is traced for it.
+    """The hash of all that an FMU is made from.
+
+    That is the model and what lies beside it, the whole kit, and these files of others. Nothing is
+    traced for it.
     """
     source = Path(interface.model.__file__ or "")
     kit = (file for pattern in ("*.py", "*.c") for file in KIT.rglob(pattern))

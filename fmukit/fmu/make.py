@@ -24,8 +24,10 @@ Build = TypeVar("Build", python.Build, native.NativeBuild)
 
 
 def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = False) -> int:
-    """Make NAME.fmu of every model, compiled ones in separate folders, and NAME.wasm; returns how many
-    failed. Each core takes a model."""
+    """Make NAME.fmu of every model, compiled ones in separate folders, and NAME.wasm.
+
+    Returns how many failed. Each core takes a model.
+    """
     paths, build_from_file = (
         list(models),
         partial(make_from_file, flavour=flavour, out=out, force=force),
@@ -94,8 +96,10 @@ def make(model: ModuleType, flavour: str, out: Path, force: bool) -> Iterator[bo
 
 
 def build_module_if_outdated(build: native.NativeBuild, path: Path, force: bool) -> bool:
-    """Make the module for WebAssembly unless it is up to date, which its guid tells; whether it is
-    there."""
+    """Make the module for WebAssembly unless it is up to date, which its guid shows.
+
+    Returns whether the module is there.
+    """
     if not force and path.is_file() and build.guid.encode() in path.read_bytes():
         print(f"wasm/{path.name} is up to date")
         return True

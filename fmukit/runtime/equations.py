@@ -16,8 +16,9 @@ Note = Callable[[str], None]
 
 
 def functions(interface: Interface) -> SimpleNamespace:
-    """The functions that `codegen.entries` traces, with the arguments and results of those printed:
-    `v` are the values of all variables, records lie flat in tuples.
+    """The functions that `codegen.entries` traces, with the arguments and results of those printed.
+
+    `v` are the values of all variables, and records lie flat in tuples.
     """
     model = interface.model
     state, inputs, width = model.State._make, model.Inputs._make, len(model.Inputs._fields)

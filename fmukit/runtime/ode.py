@@ -112,7 +112,7 @@ def attempt(
 
 
 def weighted(h: float, weights: Vector, slopes: Sequence[Vector]) -> Vector:
-    """h times the weighted sum of slopes, the latest added last: the others need not wait for it."""
+    """Weighted sum of slopes times h, the latest added last: the others need not wait for it."""
     used = [(h * weight, slope) for weight, slope in zip(weights, slopes) if weight]
     return [
         reduce(add, [factor * slope[index] for factor, slope in used])

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..declare.record import Declaration
 from .context import current
-from .graph import Branch, Leaf, Node, Operation, Tree, Untraceable, text_of
+from .graph import Branch, Leaf, Node, Operation, Tree, UntraceableError, text_of
 from .merge import merge_arms
 
 #: Limit of the conditions on one path: tracing doubles with each, so that more can only be a loop that does not end.
@@ -61,7 +61,7 @@ class Path:
     def decide(self, condition: Operation) -> bool:
         if condition.number not in self.facts:
             if self.decided == MOST_CONDITIONS:
-                raise Untraceable(
+                raise UntraceableError(
                     "a loop whose end is known only at run time: write repeat(body, x)"
                 )
             if self.decided == len(self.answers):

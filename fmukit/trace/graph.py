@@ -13,7 +13,7 @@ from .ops import COMPARISONS, OPS, Failure
 MARK = re.compile("\x01(\\d+)\x02")
 
 
-class Untraceable(TypeError):
+class UntraceableError(TypeError):
     """What C cannot compute as Python does."""
 
 
@@ -114,13 +114,13 @@ class Node:
         return int(self.choice())
 
     def __float__(self) -> float:
-        raise Untraceable("float() of a number known only at run time: leave it out")
+        raise UntraceableError("float() of a number known only at run time: leave it out")
 
     def __int__(self) -> int:
-        raise Untraceable("int() of a number known only at run time: write trunc(x) of math")
+        raise UntraceableError("int() of a number known only at run time: write trunc(x) of math")
 
     def __round__(self, digits: int = 0) -> float:
-        raise Untraceable("round() of a number known only at run time: write floor(x + 0.5)")
+        raise UntraceableError("round() of a number known only at run time: write floor(x + 0.5)")
 
     def __repr__(self) -> str:
         """Return a mark in a text, for a value that the FMU will know."""
@@ -128,7 +128,7 @@ class Node:
 
     def __format__(self, spec: str) -> str:
         if spec:
-            raise Untraceable(f"the format {spec!r} of a number in a text: write {{x!r}}")
+            raise UntraceableError(f"the format {spec!r} of a number in a text: write {{x!r}}")
         return repr(self)
 
     def choice(self) -> Any:
@@ -136,7 +136,7 @@ class Node:
         for item in self.items:
             if self == item:
                 return item
-        raise Untraceable(
+        raise UntraceableError(
             "a number known only at run time used as a key, an index or a choice, "
             "which only an enumeration can be: write conditions"
         )
@@ -144,7 +144,7 @@ class Node:
 
 def _refuse(what: str) -> Callable[..., Any]:
     def refused(*_: Any) -> Any:
-        raise Untraceable(f"{what}")
+        raise UntraceableError(f"{what}")
 
     return refused
 

@@ -53,7 +53,7 @@ from .graph import (
 Value = Callable[[Any, Any], Any]
 
 
-class Mismatch(Exception):
+class MismatchError(Exception):
     """The arms differ where they were to be merged; at most their last `shared` effects match."""
 
     def __init__(self, shared: int) -> None:
@@ -77,7 +77,7 @@ def merge_arms(nodes: list[Node], condition: Operation, true: Tree, false: Tree)
         try:
             join_nodes, rest = Merge(condition, (true, false), shared).merged_arms()
             return rest._replace(nodes=[*nodes, *join_nodes, *rest.nodes])
-        except Mismatch as mismatch:
+        except MismatchError as mismatch:
             shared = mismatch.shared
 
 
@@ -215,18 +215,18 @@ class Merge:
         self.phis: dict[int, tuple[Any, Any]] = {}
 
     def merged_arms(self) -> tuple[list[Node], Leaf]:
-        """The join, if it does anything, and what follows it; raises Mismatch."""
+        """The join, if it does anything, and what follows it; raises MismatchError."""
         self.match_tails()
         true, false = (arm.leaf for arm in self.arms)
         values = [self.value(a, b) for a, b in zip(true.values, false.values, strict=True)]
         return self.without_dead_code(Leaf(self.rest, values, true.shape, None))
 
     def match_tails(self) -> None:
-        """Merge the tails, effect by effect; raises Mismatch for the first pair that differs."""
+        """Merge the tails, effect by effect; raises MismatchError for the first pair that differs."""
         for index, (a, b) in enumerate(zip(self.arms[0].tail, self.arms[1].tail)):
             node = self.rebuilt(a, b, self.value)
             if node is None:
-                raise Mismatch(self.shared - index - 1)
+                raise MismatchError(self.shared - index - 1)
             self.merged[a.number, b.number] = node
             self.rest.append(node)
 
@@ -242,7 +242,7 @@ class Merge:
         for arm, phi_values in zip(self.arms, values):
             possible = arm.effects_before(phi_values)
             if possible is not None:
-                raise Mismatch(possible)
+                raise MismatchError(possible)
         arms = [arm.without_tail(phi_values) for arm, phi_values in zip(self.arms, values)]
         rest = rest._replace(nodes=list(nodes.values()))
         if not phis and not any(arm.nodes for arm in arms):

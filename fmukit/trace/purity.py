@@ -10,7 +10,7 @@ from typing import Any
 
 from ..declare.record import start
 from .execute import leaves
-from .graph import Node, Tree, Untraceable, key
+from .graph import Node, Tree, UntraceableError, key
 from .tracer import Tracer
 
 REFUSED: dict[type[ast.AST], str] = {
@@ -22,8 +22,10 @@ REFUSED: dict[type[ast.AST], str] = {
 
 
 def require(model: ModuleType, tracer: Tracer) -> None:
-    """Raise SyntaxError or Untraceable for a function that the FMU could not repeat: one that catches
-    errors, returns something that is not a number, or returns another value for the same numbers.
+    """Raise SyntaxError or UntraceableError for a function that the FMU could not repeat.
+
+    Such a function catches errors, returns something that is not a number, or returns another value for
+    the same numbers.
     """
     source_nodes = ast.walk(ast.parse(inspect.getsource(model)))
     for node in (
@@ -46,9 +48,9 @@ def require(model: ModuleType, tracer: Tracer) -> None:
         try:
             once, again = (tracer.trace(name, checked_function, **examples) for _ in range(2))
         except RecursionError as error:
-            raise Untraceable(f"{name} calls itself without end") from error
+            raise UntraceableError(f"{name} calls itself without end") from error
         if ends(once.tree) != ends(again.tree):
-            raise Untraceable(
+            raise UntraceableError(
                 f"{name} returns another value when it is called again with the same numbers: "
                 "it may only use its arguments and constants"
             )
@@ -61,12 +63,12 @@ def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
         returned = getattr(model, name)(*arguments.values())
         if not isinstance(returned, result):
             form = "(..., ...)" if result is tuple else f"{result.__name__}(...)"
-            raise Untraceable(f"{name} returns {_describe(returned)}: write return {form}")
+            raise UntraceableError(f"{name} returns {_describe(returned)}: write return {form}")
         for field, declared in getattr(result, "_declared", {}).items():
             value = getattr(returned, field)
             is_boolean = isinstance(value, bool) and declared.kind == "Real"
             if is_boolean or not isinstance(value, (Node, float, int)):
-                raise Untraceable(
+                raise UntraceableError(
                     f"in {name} {result.__name__}.{field} is {_describe(value)}, which is not a number"
                     + (": write 1.0 if ... else 0.0" if is_boolean else "")
                 )

@@ -19,7 +19,7 @@ from .graph import (
     Operation,
     Result,
     Tree,
-    Untraceable,
+    UntraceableError,
     argument,
     new_join,
     new_phi,
@@ -55,7 +55,7 @@ def derived(tracer: Tracer, traced: Function, moving: tuple[str, ...]) -> Functi
             traced.parameters | shapes,
         )
         if derivative is None:
-            raise Untraceable(f"the derivative of {traced.name}")
+            raise UntraceableError(f"the derivative of {traced.name}")
         del tracer.functions[identity]
         tracer.functions[identity] = derivative
     derivative_function = tracer.functions[identity]
@@ -137,7 +137,7 @@ class Tangents:
         rule = OPS[node.op].derivative if isinstance(node, Operation) else None
         if rule is None or not isinstance(node, Operation):
             what = node.op if isinstance(node, Operation) else type(node).__name__
-            raise Untraceable(f"the derivative of {what}")
+            raise UntraceableError(f"the derivative of {what}")
         tangents = [self.of(operand) for operand in node.operands]
         if not any(map(is_moving, tangents)):
             return 0.0

@@ -26,7 +26,7 @@ from .graph import (
     Loop,
     Node,
     Note,
-    Untraceable,
+    UntraceableError,
     argument,
     as_reals,
     call_node,
@@ -96,7 +96,7 @@ class Tracer:
         with self.tracing():
             traced = function(name, run, shapes)
         if traced is None:
-            raise Untraceable(f"{name} does not return the same record on all paths")
+            raise UntraceableError(f"{name} does not return the same record on all paths")
         return traced
 
     def entry(self, name: str, run: Callable[..., Any], **examples: Any) -> None:
@@ -201,7 +201,7 @@ def mathematical(original: Callable[..., Any]) -> Callable[..., Any]:
             return OTHERWISE[name](*args)
         if name not in OPERATIONS:
             instead = INSTEAD.get(name, f"one of {', '.join(sorted(OPERATIONS | {*OTHERWISE}))}")
-            raise Untraceable(f"{name} of math, which C computes differently: write {instead}")
+            raise UntraceableError(f"{name} of math, which C computes differently: write {instead}")
         return operation(name, *args)
 
     return call

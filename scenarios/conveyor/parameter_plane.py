@@ -68,7 +68,7 @@ class Plane(NamedTuple):
         return replace(self.machine, **{FIELDS[name]: v for name, v in coordinates.items()}), nu
 
     def nodes(self) -> list[tuple[float, float]]:
-        """x and y of all points, row by row."""
+        """Coordinates x and y of all points, row by row."""
         x, y = self.x.along.values.tolist(), self.y.along.values.tolist()
         return [(column, level) for level in y for column in x]
 
@@ -236,10 +236,10 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
     name, _, numbers = text.partition("=")
     if name == SPEED and option != "x":
         raise SetupError(f"--{option} {text}: the speed belongs on x")
-    label, unit = "Operating speed", "rad/s"
+    label, unit = "operating speed", "rad/s"
     if name != SPEED:
         _, unit, meaning = part(fmus, name)
-        label = f"{meaning}\n{name}"
+        label = f"{meaning[:1].lower()}{meaning[1:]}\n{name}"
     log = numbers.endswith(":log")
     form = "NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
     low, high, number = read(option, text, numbers.removesuffix(":log"), form, float, float, int)

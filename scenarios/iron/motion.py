@@ -99,7 +99,8 @@ def iron_drive(p: Mapping[str, Any], at: draw.Columns, cam: Positions) -> list[S
 
 def cam(p: Mapping[str, Any], system: System) -> Positions:
     """The working profile at phi = 0, seen from its axis, from a turn: the path of the roller's
-    centre, nearer by the roller's radius."""
+    centre, nearer by the roller's radius.
+    """
     slow_turn = turn(system, 1.0, 180)
     hub, roller = _centres(p, slow_turn["iron.alpha"][:-1])
     path = (roller - hub) * np.exp(-1j * slow_turn["iron.phi"][:-1])

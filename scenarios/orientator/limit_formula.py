@@ -31,7 +31,8 @@ FREE, HELD = (SHARES * np.sqrt(POINTS) * (1 - POINTS) ** power for power in (0.5
 
 class Path(NamedTuple):
     """A path of stage turning: what is left of its equation at the points, a + W b, of shape (2, 24);
-    W at which the cup stops in the end."""
+    W at which the cup stops in the end.
+    """
 
     left: Samples
     stops: float
@@ -141,7 +142,8 @@ class Machine:
     @cached_property
     def laid(self) -> tuple[float, float, float, float]:
         """Slope w1/w2 after the hook contact, kinetic energies before it, a + W b, and their share
-        that is left after it."""
+        that is left after it.
+        """
         *_, y, J = self.hinge(self.phi10)
         landed = (self.m2 * y) ** 2 * self.H / J
         high = self.energy(self.phi10, UP, self.l1 * math.sin(self.phi10) - self.l2)
@@ -176,7 +178,8 @@ class Machine:
 
     def path(self, slope: float, bend: float) -> Path | None:
         """The parabola with this slope and second derivative, to where the tip leaves the cup; None
-        where it stays."""
+        where it stays.
+        """
         _, *energy, share = self.laid
         start, first = self.flush, self.flush + UP
 

@@ -19,7 +19,7 @@ ORIENTED = 4
 #: Number of the stage of a jam, by the FMU.
 JAMMED = 5
 STAGES = ("falling", "joint", "turning", "released", "oriented", "jammed", "waiting")
-COLORS = ("grey", "sky", "green", "gold", "grey", "red", "grey")
+COLORS = ("grey", "sky", "green", "gold", "purple", "red", "grey")
 REASONS = (
     "none", "held in chute", "catcher stopped", "rim stayed at hook contact",
     "sliding stopped in turning", "turning stopped", "catcher back at stop",

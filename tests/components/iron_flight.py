@@ -74,7 +74,8 @@ def geometry(wrap: int) -> Geometry:
 @cache
 def transfer(wrap: int) -> Any:
     """alpha', alpha'', beta', beta'', H', H'' on the rise, as formulas (2) to (11) chain them, as a
-    function of phi and the dimensions, in mpmath's numbers."""
+    function of phi and the dimensions, in mpmath's numbers.
+    """
     g = geometry(wrap)
     a_1, a_2 = (sp.diff(g.of_phi, g.phi, k) for k in (1, 2))
     solution = [a_1, a_2]
@@ -145,7 +146,8 @@ class Reference:
         self, y: Any, cell: int, flying: bool, stiffness: float = 0.0
     ) -> tuple[float, float, float, float]:
         """Accelerations of cam and rocker, torque between them, power lost to the guide; in flight
-        a spring may push where the rocker has gone into the cam."""
+        a spring may push where the rocker has gone into the cam.
+        """
         phi, w, alpha, v, tau, *_ = y
         q, (_, a_1, a_2) = self.q, self.cam(phi, cell)
         J, J_1, Pi_1, H_1, H_2, W_0, drag, _ = self.side(alpha)

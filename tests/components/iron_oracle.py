@@ -191,7 +191,7 @@ class Nothing:
     """No inputs."""
 
 
-class OneSystem:
+class CoupledDrive:
     """Drive and motor integrated together, events by the drive's own guard and jump."""
 
     def __init__(self, p: Any, motor: dict[str, float], **state: float) -> None:

@@ -40,7 +40,8 @@ def until(
 
 def passage(v: Mapping[str, float], w: Callable[[float], float]) -> dict[str, float]:
     """The passage of a machine with these parameters by name; w gives the speed of its rotor [rad/s] at a
-    time since the release."""
+    time since the release.
+    """
     d, h, l2, m2, J2 = (v[f"cup.{name}"] for name in ("d", "h", "l", "m", "J"))
     l1, h1, m1, J1, rest = (v[f"catcher.{name}"] for name in ("l", "h", "m", "J", "phi"))
     c, R, H, mu, g = (v[x] for x in ("spring.c", "chute.R", "chute.H", "chute.mu", "g"))

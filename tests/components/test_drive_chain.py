@@ -35,7 +35,7 @@ LOADS = {
 
 
 @pytest.mark.parametrize("name", LOADS)
-def test_the_coupled_chain_converges_to_one_system(name: str, fmus: Path) -> None:
+def test_the_coupled_chain_converges_to_the_reference_solution(name: str, fmus: Path) -> None:
     """From rest to the set speed, of order 1 and 2 as feedthrough has it; no wire carries a sign."""
     load, load_starts, shaft = LOADS[name]
     chain = CHAIN | {"link": ("ShaftLink", link, shaft), "load": (name, load, load_starts)}

@@ -161,7 +161,7 @@ def test_gearbox_reverses_without_chatter_and_closes_its_energy() -> None:
     assert work != pytest.approx(stored - energy_loss, rel=0.1)
 
 
-def test_a_gearbox_without_a_ratio_is_refused_and_one_that_locks_is_warned_of() -> None:
+def test_a_gearbox_without_a_ratio_is_refused_and_a_locking_gearbox_is_warned_of() -> None:
     with pytest.raises(ValueError, match="must not be 0"):
         list(gearbox.check(start(gearbox.Parameters, i=0.0)))
     assert "this one does not" in next(gearbox.check(start(gearbox.Parameters, eta=0.4)))
@@ -263,7 +263,7 @@ def test_exciter_obeys_lagrange_and_balances_its_power() -> None:
         assert max(abs(wrong), abs(wrong_x)) > 1e-2
 
 
-def test_exciter_left_alone_keeps_its_energy_and_converges() -> None:
+def test_undriven_exciter_keeps_its_energy_and_converges() -> None:
     """With fixed steps of the integrator: of order 5."""
     values = {"rotor.d": 0.0, "mount.d": 0.0, "tau": 0.0, "phi": 0.3, "w": 60.0, "x": 2e-3}
     it, errors = part(exciter, **values), []

@@ -602,7 +602,7 @@ def test_every_step_of_a_passage_can_be_redone_to_the_bit(
         assert advance(redone, k) == recorded[k]
 
 
-def test_a_product_waits_for_an_edge_and_an_early_one_is_counted(fmus: Path) -> None:
+def test_a_product_waits_for_an_edge_and_an_early_product_is_counted(fmus: Path) -> None:
     h, now = 7e-3, itertools.count()
     unit = Unit(fmus / FMU).start(5.0, release=False)
     MESSAGES.clear()

@@ -18,7 +18,7 @@ from components.iron_drive import model as iron
 from cosim import System, run
 from fmukit.declare.record import declarations, replace, start
 from fmukit.runtime import hybrid as motion
-from tests.components.iron_oracle import OneSystem, by_material_points, tables
+from tests.components.iron_oracle import CoupledDrive, by_material_points, tables
 from tests.hosts.host import MESSAGES, Unit
 from tests.oracle import random_parameters
 
@@ -161,7 +161,7 @@ def test_friction_as_printed_feeds_energy_in() -> None:
         assert got["K"] * got["W"] * got["H_1"] * w < 0.0
 
 
-def test_start_up_as_one_system() -> None:
+def test_start_up_as_a_coupled_system() -> None:
     rows = """
     0.02 -1.02273930068 3.00972374284 2.02824595119 1.821925660 0.000000000
     0.044475 nan 5.13483138 nan nan nan
@@ -177,7 +177,7 @@ def test_start_up_as_one_system() -> None:
     2.607496610 10.4719755120 nan nan nan nan
     3.00 12.21472872729 4.43855728039 0.00535426289 5.583556326 1.497564840
     """
-    line = OneSystem(start(iron.Parameters), MOTOR)
+    line = CoupledDrive(start(iron.Parameters), MOTOR)
     top = 0.0
     for row in rows.split("\n")[1:-1]:
         t, *expected = map(float, row.split())
@@ -189,9 +189,9 @@ def test_start_up_as_one_system() -> None:
     assert top == pytest.approx(5.13483138, abs=1e-8)
 
 
-def test_stall_and_stick_as_one_system() -> None:
+def test_stall_and_stick_as_a_coupled_system() -> None:
     p = start(iron.Parameters)
-    line = OneSystem(p, STALLING, phi=0.0)
+    line = CoupledDrive(p, STALLING, phi=0.0)
     *_, (stop, x), (_, end) = line.events(3.0)
     assert stop == pytest.approx(1.091105685, abs=1e-8)
     assert (x.phi, x.w_cam, x.direction) == (pytest.approx(0.5284195507, abs=1e-10), 0.0, 0)
@@ -207,14 +207,14 @@ def test_stall_and_stick_as_one_system() -> None:
     ):
         assert (at.Pi_1 - K * at.W_0 * at.H.first) / 36 == pytest.approx(limit, abs=1e-9)
         motor = {"A": limit * factor, "B": 0.025, "T": 0.012}
-        line = OneSystem(p, motor, phi=radians(50), tau=limit * factor)
+        line = CoupledDrive(p, motor, phi=radians(50), tau=limit * factor)
         assert line.to(0.05).phi - radians(50) == pytest.approx(turned_angle, rel=2e-3, abs=1e-300)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("A", "cycles"), [(4.0, 42.3895), (3.7732, 39.9822), (3.77488, 40.0)])
 def test_speed_torque_and_friction_loss_of_the_steady_state(A: float, cycles: float) -> None:
-    line = OneSystem(start(iron.Parameters), MOTOR | {"A": A})
+    line = CoupledDrive(start(iron.Parameters), MOTOR | {"A": A})
     x, t = line.until(4 * pi), line.t
     end = line.until(6 * pi)
     assert 60 / (line.t - t) == pytest.approx(cycles, abs=1e-4)
@@ -243,7 +243,7 @@ def coast(p: Any, w: float, stop: float) -> Any:
     ("changes", "limit"),
     [({}, 7.89776), ({"spring.c": 0.0, "spring.m": 0.0}, 5.63049), ({"spring.side": -1}, 5.15434)],
 )
-def test_follower_lifts_off_where_it_should(changes: dict[str, Any], limit: float) -> None:
+def test_follower_leaves_its_cam_where_it_should(changes: dict[str, Any], limit: float) -> None:
     p = start(iron.Parameters, **{"reducer.J": 1e3}, **changes)
     coast(p, limit * 0.999, 6.0 / limit)
     with pytest.raises(ValueError, match=r"cam follower lifts off at phi = 3\.1"):
@@ -295,8 +295,8 @@ def coupled(fmus: Path, step: float, stop: float, algorithm: str, **motor: float
 
 
 @pytest.mark.slow
-def test_coupled_start_up_is_the_one_system(fmus: Path) -> None:
-    line, times = OneSystem(start(iron.Parameters), MOTOR), (0.05, 0.1, 0.5, 1.0, 2.0, 3.0)
+def test_coupled_start_up_is_that_of_the_reference_solution(fmus: Path) -> None:
+    line, times = CoupledDrive(start(iron.Parameters), MOTOR), (0.05, 0.1, 0.5, 1.0, 2.0, 3.0)
     fine, coarse = (coupled(fmus, h, 3.0, "strang", **MOTOR) for h in (5e-4, 1e-3))
     for t in times:
         x, at = line.to(t), [round(t / h) for h in (5e-4, 1e-3)]
@@ -313,7 +313,7 @@ def test_energy_ledger_of_a_coupled_start_up_closes(fmus: Path) -> None:
     assert np.abs(stored - stored[0] - work).max() < 1e-9 * np.abs(work).max()
 
 
-def test_coupled_stall_sticks_where_the_one_system_does(fmus: Path) -> None:
+def test_coupled_stall_sticks_where_the_reference_solution_does(fmus: Path) -> None:
     end = coupled(fmus, 1e-4, 1.2, "strang", **STALLING)
     assert end["drive.phi"][-1] == pytest.approx(0.5284195507, abs=1e-3)
     assert end["drive.motion"][-1] == iron.Motion.stuck
@@ -397,7 +397,9 @@ def test_a_steep_run_to_the_top_of_the_sprocket_is_warned_of() -> None:
     assert list(iron.check(machine())) == []
 
 
-def test_where_the_follower_lifts_off_the_fmu_stops_or_warns_once_per_episode(fmus: Path) -> None:
+def test_where_the_follower_leaves_its_cam_the_fmu_stops_or_warns_once_per_episode(
+    fmus: Path,
+) -> None:
     heavy = {"reducer.J": 1e3, "w_cam": 8.2, "tau": 0.0}
     stops = Unit(fmus / "IronDrive.fmu").start(**heavy)
     refusal = stops.refusal(lambda u: [u.step(n * 0.01, 0.01) for n in range(100)])

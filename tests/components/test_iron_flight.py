@@ -160,7 +160,8 @@ def test_a_heavy_cam_throws_the_follower_back_as_a_moving_flank_does_a_ball() ->
 
 def test_the_friction_of_the_guide_takes_its_share_of_an_impact() -> None:
     """Kinetic energy lost = between cam and follower + in the guide, neither ever made; the share of
-    the contact is (1 - e^2) / 2 m v^2 where the iron does not reverse."""
+    the contact is (1 - e^2) / 2 m v^2 where the iron does not reverse.
+    """
     draw, reversed_ = random.Random(6), 0
     for _ in range(200):
         p = start(iron.Parameters, **FLIES, **{"follower.e": draw.uniform(0.0, 1.0)})
@@ -183,7 +184,8 @@ def test_the_friction_of_the_guide_takes_its_share_of_an_impact() -> None:
 
 def test_a_landing_is_the_limit_of_a_stiff_contact() -> None:
     """Up to the end of the approach: iron rising, reversing, and brought to rest; with a spring whose
-    stiffness grows, the forces of the drive and the friction of the guide act as in flight."""
+    stiffness grows, the forces of the drive and the friction of the guide act as in flight.
+    """
     p = start(iron.Parameters, **FLIES, **{"follower.e": 0.0, "reducer.J": 1e-5})
     reference = Reference(p, 0.1)
     for degrees, w, w_gap in ((50, 3.0, -0.4), (180, 3.0, -2.0), (300, 9.0, -1.0)):
@@ -227,7 +229,7 @@ def test_where_nothing_lifts_the_option_changes_no_bit(fmus: Path) -> None:
         assert np.array_equal(*rows)
 
 
-def test_a_follower_off_its_cam_needs_the_option(fmus: Path) -> None:
+def test_a_follower_that_leaves_its_cam_needs_the_option(fmus: Path) -> None:
     for values in (
         {"gap": 0.1},
         {"w_gap": 0.1},
@@ -239,7 +241,7 @@ def test_a_follower_off_its_cam_needs_the_option(fmus: Path) -> None:
         unit.fmi.freeInstance()
 
 
-def test_a_motor_drives_a_bouncing_follower_as_one_system(fmus: Path) -> None:
+def test_a_motor_drives_a_bouncing_follower_as_a_coupled_system(fmus: Path) -> None:
     """Two FMUs, Strang, extrapolated from two steps, beside SciPy's one system."""
     motor = MOTOR | {"A": 8.0}
     p = start(iron.Parameters, **FLIES)
@@ -255,7 +257,7 @@ def test_a_motor_drives_a_bouncing_follower_as_one_system(fmus: Path) -> None:
         assert a + (a - b) / 3 == pytest.approx(end[name], rel=1e-5, abs=1e-5), name
 
 
-def test_the_chain_stays_taut_above_the_speed_of_lift_off(fmus: Path) -> None:
+def test_the_chain_stays_taut_above_the_speed_at_which_the_follower_leaves(fmus: Path) -> None:
     """Held to the cam, the run of the chain would go slack at 8.54 rad/s, the iron at 9.11 rad/s."""
     for w in (8.6, 9.4, 12.0):
         options = {"w_cam": w, "tau": 0.0, "reducer.J": 1e3, "phi": 0.0} | FLIES

@@ -51,7 +51,7 @@ def exponential(A: Any, h: float) -> Any:
     return rows[:, :n] + rows[:, -n:]
 
 
-def test_an_array_is_declared_element_by_element_and_read_whole() -> None:
+def test_an_array_is_declared_element_by_element_and_read_at_a_time() -> None:
     @record
     class Part:
         k: Ratio = real(7.0, "Gain")
@@ -79,7 +79,7 @@ def test_exponential_agrees_with_scipy_and_with_thirty_digits() -> None:
 
 
 @pytest.mark.parametrize("h", STEPS)
-def test_exponential_meets_closed_forms(h: float) -> None:
+def test_exponential_agrees_with_closed_forms(h: float) -> None:
     nilpotent = [[0, 1, 2, 3], [0, 0, 4, 5], [0, 0, 0, 6], [0, 0, 0, 0]]
     N = np.array(nilpotent, dtype=float) * h
     polynomial = np.eye(4) + N + N @ N / 2 + N @ N @ N / 6
@@ -105,7 +105,7 @@ def augmented(p: Any, x: Any, u0: Any, u1: Any, h: float) -> Any:
 
 @pytest.mark.parametrize("h", STEPS)
 @pytest.mark.parametrize("hold", InputHold)
-def test_steps_are_exact_for_every_course_of_the_inputs(hold: InputHold, h: float) -> None:
+def test_steps_are_exact_for_every_trajectory_of_the_inputs(hold: InputHold, h: float) -> None:
     draw = np.random.default_rng(2)
     for _ in range(20):
         A = draw.normal(size=(4, 4)) - 2.5 * np.eye(4)
@@ -150,7 +150,7 @@ ENTRIES = {
 
 @pytest.mark.parametrize("count", [1, 1000])
 @pytest.mark.parametrize("name", ENTRIES)
-def test_whole_systems_end_where_they_must(name: str, count: int, fmus: Path) -> None:
+def test_full_systems_end_where_they_must(name: str, count: int, fmus: Path) -> None:
     arrays, stop, expected = ENTRIES[name]
     unit, h = Unit(fmus / FMU).start(**system(**arrays)), stop / count
     for n in range(count):

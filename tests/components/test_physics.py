@@ -144,7 +144,7 @@ def test_power_balance_closes_at_every_instant(finite: bool) -> None:
 
 
 @pytest.mark.parametrize("finite", [False, True])
-def test_conveyor_keeps_its_energy_when_left_alone(finite: bool) -> None:
+def test_undriven_conveyor_keeps_its_energy(finite: bool) -> None:
     p = start(crank_conveyor.Parameters, **{"trough.d": 0.0, "rod.finite": finite})
     u, x = crank_conveyor.Inputs(0.0), crank_conveyor.State(0.3, 90.0)
     stored = []
@@ -252,7 +252,7 @@ def orbit(request: pytest.FixtureRequest) -> Any:
     return machine, nu, t, y, REFERENCE[request.param]
 
 
-def test_one_system_meets_the_reference_orbit(orbit: Any) -> None:
+def test_the_coupled_system_agrees_with_the_reference_orbit(orbit: Any) -> None:
     machine, nu, t, (phi, w, tau, _, _), want = orbit
     lagged = last_revolutions(phi, 4)
     speed, torque = (order(phi[lagged], x[lagged], 2) for x in (w, tau))

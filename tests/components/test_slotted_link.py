@@ -89,7 +89,7 @@ def test_force_of_the_pin_balances_crank_link_and_trough(swings: bool) -> None:
 
 
 @EACH
-def test_power_of_the_link_balances_and_alone_it_keeps_its_energy(swings: bool) -> None:
+def test_power_of_the_link_balances_and_undriven_it_keeps_its_energy(swings: bool) -> None:
     model = symbolic(link)
     phi, w, tau = sympy.symbols("phi w tau", real=True)
     p = start(model.Parameters, **{"link.swings": swings, "crank.r": 0.02, "load.m": 30.0})

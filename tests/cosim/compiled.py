@@ -20,10 +20,10 @@ def binary(source: Path, *flags: str) -> bytes:
 
     One by FMI 3.0, which must have all functions, gets those that it does not write: they return an error.
     """
-    known = CALL.findall((HEADERS / "fmi3Functions.h").read_text())
+    call_names = CALL.findall((HEADERS / "fmi3Functions.h").read_text())
     with TemporaryDirectory(prefix="compiled_") as folder:
         library, rest = (Path(folder, name) for name in ("library", "rest.c"))
-        stubs = (f"__attribute__((weak)) int {name}(void) {{ return 3; }}\n" for name in known)
+        stubs = (f"__attribute__((weak)) int {name}(void) {{ return 3; }}\n" for name in call_names)
         rest.write_text("".join(stubs))
         command = [
             sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11", "-Wall",

@@ -10,20 +10,22 @@ import pytest
 from cosim.cli.main import main
 from cosim.engine import driver
 
-Said = Callable[..., str]
+CommandOutput = Callable[..., str]
 
 
 @pytest.fixture
-def said(capsys: pytest.CaptureFixture[str]) -> Said:
+def command_output(capsys: pytest.CaptureFixture[str]) -> CommandOutput:
     """What a command says that ends with this code; what is refused, with 2, in one line."""
 
     def command(*arguments: object, code: int = 0) -> str:
         assert main([str(argument) for argument in arguments]) == code
-        told = capsys.readouterr()
+        captured = capsys.readouterr()
         if code != 2:
-            return told.out
-        assert told.err.startswith("error: ") and told.err.count("\n") == 1, told.err[:300]
-        return told.err
+            return captured.out
+        assert captured.err.startswith("error: ") and captured.err.count("\n") == 1, captured.err[
+            :300
+        ]
+        return captured.err
 
     return command
 

@@ -32,9 +32,9 @@ class ReverseSplitting(Algorithm):
     held_order = 2
 
     def stages(self, parts: Sequence[str]) -> list[Stage]:
-        first, *others = parts
-        inward: list[Stage] = [(Turn(part, 0.0, 0.5),) for part in reversed(others)]
-        return [*inward, (Turn(first),), *((Turn(part, 0.5, 0.5),) for part in others)]
+        first, *rest = parts
+        inward: list[Stage] = [(Turn(part, 0.0, 0.5),) for part in reversed(rest)]
+        return [*inward, (Turn(first),), *((Turn(part, 0.5, 0.5),) for part in rest)]
 
 
 class Trapezoidal(Algorithm):
@@ -87,7 +87,7 @@ def test_an_order_that_an_algorithm_does_not_have_is_noticed(
     monkeypatch.setitem(REGISTRY, "boastful", Boastful())
     states, *_ = verified(fmus, "oscillator", "boastful")
     assert states.match < checks.SAME and not states.passed
-    assert (states.theory, round(states.found)) == (2, 1)
+    assert (states.theory, round(states.measured)) == (2, 1)
 
 
 def refuse_in_run(fmus: Path, folder: Path, name: str) -> None:
@@ -112,7 +112,7 @@ def refuse_in_registry(fmus: Path, folder: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "place",
+    "use",
     [
         refuse_in_run,
         refuse_in_theory,
@@ -122,10 +122,10 @@ def refuse_in_registry(fmus: Path, folder: Path, name: str) -> None:
     ],
 )
 def test_an_unknown_algorithm_is_refused_everywhere(
-    fmus: Path, tmp_path: Path, place: Callable[[Path, Path, str], None]
+    fmus: Path, tmp_path: Path, use: Callable[[Path, Path, str], None]
 ) -> None:
     with pytest.raises(SetupError, match=r"algorithm 'my-own' must be one of jacobi, gauss-seidel"):
-        place(fmus, tmp_path, "my-own")
+        use(fmus, tmp_path, "my-own")
 
 
 @pytest.mark.parametrize("name", ["strang", "iterated"])
@@ -170,7 +170,7 @@ def test_outputs_that_show_the_end_of_a_step_keep_the_order_of_the_states() -> N
 
 
 @pytest.mark.parametrize("gain", [1.0, 1e6, 1e-9])
-def test_a_loop_of_different_units_is_as_harmless_as_one_of_equal_ones(
+def test_a_loop_of_different_units_is_solved_like_a_loop_of_equal_units(
     fmus: Path, gain: float
 ) -> None:
     """y_a = 1 + gain * y_b and y_b = 2 - y_a / (2 * gain) act on each other directly; their product is -1/2."""

@@ -35,7 +35,7 @@ from cosim import (
 from cosim.fmu.library import LOADED
 from cosim.isolated import _remains
 from cosim.scratch import MARK, _folder_of
-from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten, until
+from tests.conftest import DESCRIPTION, ROOT, described, restore_ctrl_c, rewritten, until
 from tests.cosim.foreign import BINARY, Value, library, pack
 
 Make = Callable[..., Path]
@@ -79,12 +79,12 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("TMPDIR", str(folder))
     _folder_of.cache_clear()
     yield folder
-    forget()
+    clear_copies()
     assert [path for path in folder.glob("*/*") if path.name != MARK] == []
     _folder_of.cache_clear()
 
 
-def forget() -> None:
+def clear_copies() -> None:
     """Let go of the FMUs that are kept for the next run."""
     for fmu in list(LOADED.values()):
         fmu.unload()
@@ -130,45 +130,45 @@ def failed(system: System, **settings: Any) -> SimulationError:
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_discrete_wires_are_late_as_they_must(kind: str, algorithm: str, make: Make) -> None:
+def test_discrete_wires_are_delayed_as_they_must(kind: str, algorithm: str, make: Make) -> None:
     """What A counts comes to B and from there to C: with Jacobi one step late each.
 
     Strang's B and C hear A half a step before its end.
     """
     parts = {"A": make(counts=True), "B": make(), "C": make()}
     wires = [f"{a}.{kind}_out -> {b}.{kind}_in" for a, b in ("AB", "BC")]
-    shown = {p: f"{p}.spelled" if kind == "string" else f"{p}.{kind}_out" for p in "ABC"}
+    outputs = {p: f"{p}.spelled" if kind == "string" else f"{p}.{kind}_out" for p in "ABC"}
     start = {f"{p}.string_in": "0" for p in "A"}
     result = run(
         system(parts, *wires, start=start), stop=6 * H, step=H, algorithm=algorithm,
-        record=[*shown.values()],
+        record=[*outputs.values()],
     )  # fmt: skip
     begin = {"integer": 0, "boolean": 0, "enumeration": 1, "string": 0}[kind]
     per_step = 2 if algorithm == "strang" else 1
-    late = {"jacobi": (0, 1, 2), "strang": (0, 1, 1)}.get(algorithm, (0, 0, 0))
-    for part, delay in zip("ABC", late):
+    delays = {"jacobi": (0, 1, 2), "strang": (0, 1, 1)}.get(algorithm, (0, 0, 0))
+    for part, delay in zip("ABC", delays):
         counts = [per_step * n - delay for n in range(7)]
-        told = [KINDS[kind](n) if n > 0 else begin for n in counts]
-        assert result[shown[part]].tolist() == told, part
+        expected = [KINDS[kind](n) if n > 0 else begin for n in counts]
+        assert result[outputs[part]].tolist() == expected, part
 
 
 def test_integers_and_enumerations_drive_each_other(make: Make) -> None:
     """FMI hands both over as whole numbers: C hears what it would hear by Integers alone."""
     parts = {"A": make(counts=True), "B": make(), "C": make()}
-    seen = []
+    values = []
     for kind in ("integer", "enumeration"):
         wires = [f"A.integer_out -> B.{kind}_in", f"B.{kind}_out -> C.integer_in"]
         result = run(system(parts, *wires), stop=6 * H, step=H, algorithm="jacobi")
-        seen.append(result["C.integer_out"].tolist())
-    assert seen[0][3:] == seen[1][3:] == [1, 2, 3, 4]
+        values.append(result["C.integer_out"].tolist())
+    assert values[0][3:] == values[1][3:] == [1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("gear", [5, "high"])
 def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Path) -> None:
     diary = tmp_path / "ä 100 %.txt"
-    given: dict[str, Value] = {"A.u": 2.5, "A.integer_in": -(2**31), "A.boolean_in": True}
-    given |= {"A.string_in": "12 ö", "A.enumeration_in": gear, "A.a": 0.0, "A.diary": str(diary)}
-    result = run(system({"A": make()}, start=given), stop=H, step=H)
+    start: dict[str, Value] = {"A.u": 2.5, "A.integer_in": -(2**31), "A.boolean_in": True}
+    start |= {"A.string_in": "12 ö", "A.enumeration_in": gear, "A.a": 0.0, "A.diary": str(diary)}
+    result = run(system({"A": make()}, start=start), stop=H, step=H)
     last = {name: result[f"A.{name}"][-1] for name in ("integer_out", "boolean_out", "spelled")}
     assert last == {"integer_out": -(2**31), "boolean_out": 1, "spelled": 12}
     assert result["A.enumeration_out"].tolist() == [5, 5]
@@ -207,14 +207,14 @@ def test_parts_have_their_resources_times_and_tolerance(make: Make) -> None:
     ):
         chain = system({"A": make(), "B": make()}, "A.token -> B.string_in", "A.y -> B.u")
         result = run(chain, start=-2.5, stop=9.0, stop_time_defined=True, **settings)
-        told = [result[f"B.{name}"][-1] for name in names]
-        assert told == [-2.5, 9.0, 1.0, tolerance, tolerance > 0.0]
+        values = [result[f"B.{name}"][-1] for name in names]
+        assert values == [-2.5, 9.0, 1.0, tolerance, tolerance > 0.0]
         assert result.provenance["parts"]["B"]["tolerance"] == (tolerance or None)
     with pytest.raises(SetupError, match=r"tolerance = -1.0 must be above 0"):
         run(chain, stop=1.0, step=H, tolerance=-1.0)
 
 
-def test_the_stop_time_is_handed_over_only_where_it_is_asked_for_or_needed(make: Make) -> None:
+def test_the_stop_time_is_passed_on_only_where_it_is_requested_or_needed(make: Make) -> None:
     """FMUs of some tools compute all up to a defined stop time in their first step."""
     ahead = system({"A": make(runs_ahead=True)})
     result = run(ahead, stop=1.0, step=H)
@@ -224,8 +224,8 @@ def test_the_stop_time_is_handed_over_only_where_it_is_asked_for_or_needed(make:
     assert result["A.y"][1:] == pytest.approx(math.exp(-1.0), rel=1e-13)
     needs = system({"A": make(needs_stop=True, x0=3.0), "B": make()}, "A.y -> B.u")
     result = run(needs, stop=1.0, step=H)
-    told = [result[f"{name}.stop_time_defined"][-1] for name in "AB"]
-    assert told == [1.0, 0.0] and result["A.stop_time"][-1] == 1.0
+    flags = [result[f"{name}.stop_time_defined"][-1] for name in "AB"]
+    assert flags == [1.0, 0.0] and result["A.stop_time"][-1] == 1.0
     assert result["A.y"] == pytest.approx(3.0 * np.exp(-result["time"]), rel=1e-13)
     (warning,) = result.warnings
     assert "does not initialise without a stop time" in warning and "is needed" in warning
@@ -233,12 +233,12 @@ def test_the_stop_time_is_handed_over_only_where_it_is_asked_for_or_needed(make:
         run(system({"A": make(needs_stop=True, error_at=0.0)}), stop=1.0, step=H)
 
 
-def test_the_tolerance_that_an_fmu_states_is_handed_over(make: Make, tmp_path: Path) -> None:
+def test_the_tolerance_that_an_fmu_states_is_passed_on(make: Make, tmp_path: Path) -> None:
     stated = '<DefaultExperiment tolerance="1e-4"/><ModelVariables>'
     fmu = rewritten(make(), tmp_path / "stated.fmu", described(("<ModelVariables>", stated)))
     both = system({"A": fmu, "B": make()})
-    for given, tolerances in ((None, [1e-4, 0.0]), (1e-7, [1e-7, 1e-7])):
-        result = run(both, stop=1.0, step=H, tolerance=given)
+    for tolerance, tolerances in ((None, [1e-4, 0.0]), (1e-7, [1e-7, 1e-7])):
+        result = run(both, stop=1.0, step=H, tolerance=tolerance)
         assert [result[f"{name}.tolerance"][-1] for name in "AB"] == tolerances
         assert result.provenance["parts"]["A"]["tolerance"] == tolerances[0]
 
@@ -324,7 +324,9 @@ def test_a_part_that_took_its_steps_for_good_says_so_when_another_discards(make:
 
 
 @pytest.mark.parametrize("algorithm", EXPLICIT)
-def test_a_part_that_discards_late_is_run_again_from_before(algorithm: str, make: Make) -> None:
+def test_a_part_that_discards_after_the_rest_stepped_is_run_again(
+    algorithm: str, make: Make
+) -> None:
     """The steps since the last checkpoint are repeated, their rows and energies are not."""
     h, pause, count = 1e-3, 2.5003, 3000
     parts = {"A": make(pause_at=pause), "B": make(x0=0.0)}
@@ -386,20 +388,20 @@ def test_a_part_that_takes_no_step_however_short_ends_the_run(make: Make) -> Non
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("loop", LOOPS)
-def test_a_warning_is_told_once_and_kept(
+def test_a_warning_is_logged_once_and_recorded(
     loop: str, algorithm: str, make: Make, caplog: pytest.LogCaptureFixture
 ) -> None:
     parts = {"A": make(x0=0.0, warn_at=0.55), "B": make(warn_at=0.0)}
     with caplog.at_level(logging.WARNING, "cosim"):
         result = run(ring(parts), stop=1.0, step=H, algorithm=algorithm, **LOOPS[loop])
-    told = ["B: t = 0 s in B", "A: t = 0.55 s in A"]
-    assert [record.getMessage() for record in caplog.records] == told
-    assert result.warnings == sorted(told)
+    warnings = ["B: t = 0 s in B", "A: t = 0.55 s in A"]
+    assert [record.getMessage() for record in caplog.records] == warnings
+    assert result.warnings == sorted(warnings)
     assert result.provenance["status"] == "complete"
 
 
 @pytest.mark.parametrize("loop", LOOPS)
-def test_a_warning_without_words_counts(
+def test_a_warning_without_text_counts(
     loop: str, make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cosim.engine.instance.Instance.on_log", lambda *_: None)
@@ -418,7 +420,7 @@ ENDINGS: dict[str, tuple[str, list[str]]] = {
 @pytest.mark.parametrize("algorithm", [*ALGORITHMS, "doubling", "energy"])
 @pytest.mark.parametrize("loop", LOOPS)
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_what_ends_on_the_way_is_named_and_the_rest_is_closed(
+def test_what_ends_meanwhile_is_named_and_the_rest_is_closed(
     ending: str, loop: str, algorithm: str, make: Make, diary: Diary, tmp_path: Path
 ) -> None:
     """Nothing is called on an FMU after Fatal, nor on another instance of it; the rows stay."""
@@ -497,12 +499,12 @@ def test_what_is_no_number_is_named_with_its_time(
     """Whether it comes over a wire or is recorded only."""
     parts = {"A": make(), "B": make(nan_at=0.55)}
     settings = stepped(algorithm)
-    told = system(
+    coupled = system(
         parts, "A.y -> B.u", *(["B.y -> A.u"] if wired else ["B.z -> A.u"]),
         bonds=[f"A.y * B.{'y' if wired else 'z'}"],
     )  # fmt: skip
     record = ["A.y"] if wired else ["B.y"]
-    error = failed(told, stop=1.0, record=record, **settings, **LOOPS[loop])
+    error = failed(coupled, stop=1.0, record=record, **settings, **LOOPS[loop])
     match = re.match(r"B\.y = nan at t = (\S+) s must be a finite number; ", str(error))
     assert match is not None, str(error)
     assert 0.55 <= float(match[1]) <= 0.65
@@ -516,7 +518,9 @@ STEADY, STATELESS = "canHandleVariableCommunicationStepSize", "canGetAndSetFMUst
 
 @pytest.mark.parametrize("algorithm", EXPLICIT)
 @pytest.mark.parametrize("loop", LOOPS)
-def test_parts_that_can_do_less_run_as_others_do(loop: str, algorithm: str, make: Make) -> None:
+def test_parts_without_capabilities_run_like_parts_with_them(
+    loop: str, algorithm: str, make: Make
+) -> None:
     """Also in steps of one size each, be it a half or a third of the communication step."""
     settings: dict[str, Any] = {"stop": 3.0, "step": 0.3, "algorithm": algorithm}
     settings |= {"substeps": {"B": 3}, "record": ["A.y", "B.y"]} | LOOPS[loop]
@@ -562,7 +566,7 @@ def test_parts_without_a_state_step_adaptively_by_energy(make: Make) -> None:
     assert len(set(np.diff(result["time"]).round(6))) > 5
 
 
-WAYS: dict[str, dict[str, Any]] = {
+EXCHANGES: dict[str, dict[str, Any]] = {
     **{algorithm: {"algorithm": algorithm} for algorithm in ALGORITHMS},
     **{f"{a}, order {n}": {"algorithm": a, "input_order": n} for a in ALGORITHMS for n in (1, 2)},
     **{
@@ -577,23 +581,23 @@ WAYS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("loop", LOOPS)
-@pytest.mark.parametrize("way", WAYS)
-def test_cached_and_fresh_outputs_agree(way: str, loop: str, make: Make, diary: Diary) -> None:
+@pytest.mark.parametrize("exchange", EXCHANGES)
+def test_cached_and_fresh_outputs_agree(exchange: str, loop: str, make: Make, diary: Diary) -> None:
     """To the bit; and no output is read after an input was set without a step between."""
-    settings = {"step": H} | WAYS[way] | LOOPS[loop]
-    longest = 0.06 if way == "discarding" else 1e9
+    settings = {"step": H} | EXCHANGES[exchange] | LOOPS[loop]
+    longest = 0.06 if exchange == "discarding" else 1e9
     wires = ["A.z -> B.u", "B.y -> A.u", "A.integer_out -> B.integer_in"]
     runs = []
     for fresh in (False, True):
         parts = {"A": make(x0=0.0, fresh=fresh), "B": make(fresh=fresh, longest_step=longest)}
         coupled = system(parts, *wires, bonds=["A.z * B.y"], start={"A.integer_in": 4})
         runs.append(run(coupled, stop=2.0, **settings))
-    one, other = runs
-    assert np.array_equal(one.data, other.data)
+    first, second = runs
+    assert np.array_equal(first.data, second.data)
     for part in "AB":
-        assert not one[f"{part}.gets_after_set"].any()
-        assert one[f"{part}.steps"][-1] >= 3
-    assert abs(one["A.z"][-1] - one["A.z"][0]) > 0.1
+        assert not first[f"{part}.gets_after_set"].any()
+        assert first[f"{part}.steps"][-1] >= 3
+    assert abs(first["A.z"][-1] - first["A.z"][0]) > 0.1
     assert sorted(diary()) == sorted(2 * CLOSED)
 
 
@@ -631,8 +635,8 @@ def test_moving_inputs_are_exact_for_capable_parts(order: int, algorithm: str, m
     coupled, exact = moving(make, order)
     result = run(coupled, stop=2.0, step=H, algorithm=algorithm, input_order=order, record=["B.y"])
     error = result["B.y"] - exact(result["time"])
-    known = order == 1 or algorithm in ("gauss-seidel", "iterated")
-    if known:
+    is_exact = order == 1 or algorithm in ("gauss-seidel", "iterated")
+    if is_exact:
         assert np.abs(error).max() < 1e-13
     else:
         decay = error[1] * np.exp(-(result["time"][1:] - H))
@@ -673,16 +677,18 @@ def test_moving_inputs_are_means_for_other_parts(order: int, make: Make) -> None
     assert 1e-5 < np.abs(result["B.y"] - exact(result["time"])).max() < 1e-2
 
 
-@pytest.mark.parametrize(("told", "late"), [(0, True), (1, False)])
-def test_output_derivatives_serve_the_first_step(told: int, late: bool, make: Make) -> None:
+@pytest.mark.parametrize(("derivative_order", "is_delayed"), [(0, True), (1, False)])
+def test_output_derivatives_serve_the_first_step(
+    derivative_order: int, is_delayed: bool, make: Make
+) -> None:
     """Without them, Jacobi can but hold the ramp's first value over the first step."""
-    source = make(a=0.0, x0=0.0, u=1.0, maxOutputDerivativeOrder=told)
+    source = make(a=0.0, x0=0.0, u=1.0, maxOutputDerivativeOrder=derivative_order)
     parts = {"S": source, "B": make(a=0.0, x0=0.0)}
     coupled = system(parts, "S.y -> B.u", start={"S.u": 1.0})
     result = run(coupled, stop=1.0, step=H, algorithm="jacobi", input_order=1, record=["B.y"])
     missing = result["time"] ** 2 / 2 - result["B.y"]
-    lost = H**2 / 2 if late else 0.0
-    assert missing[1:] == pytest.approx(np.full(10, lost), abs=1e-15)
+    expected = H**2 / 2 if is_delayed else 0.0
+    assert missing[1:] == pytest.approx(np.full(10, expected), abs=1e-15)
 
 
 @pytest.mark.parametrize("algorithm", ["iterated", "doubling", "jacobi"])
@@ -701,11 +707,11 @@ FMI3 = """<fmiModelDescription fmiVersion="3.0" modelName="foreign" instantiatio
 <CoSimulation modelIdentifier="foreign"/>
 <ModelVariables><Float64 name="time" valueReference="0" causality="independent"/></ModelVariables>
 <ModelStructure/></fmiModelDescription>"""
-WHOLE = r"(?s)\A.*\Z"
+EVERYTHING = r"(?s)\A.*\Z"
 EXCHANGE = ("<CoSimulation.*?/>", '<ModelExchange modelIdentifier="foreign"/>')
 REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
-    "FMI 1.0": (described((WHOLE, FMI1)), "is FMI 1.0; this master runs co-simulation by FMI 2.0"),
-    "no binary of FMI 3.0": (described((WHOLE, FMI3)), f"has no binary for this platform, binaries/{platform_tuple}/foreign"),
+    "FMI 1.0": (described((EVERYTHING, FMI1)), "is FMI 1.0; this master runs co-simulation by FMI 2.0"),
+    "no binary of FMI 3.0": (described((EVERYTHING, FMI3)), f"has no binary for this platform, binaries/{platform_tuple}/foreign"),
     "model exchange only": (described(EXCHANGE), "offers model exchange only; this master runs co-simulation by FMI 2.0 and 3.0: export it"),
     "wrong GUID": (described(("guid=.*?}", 'guid="{1}')), "A: instantiate failed: the GUID {1} is not {"),
     "no binary": (lambda files: files.update({"binaries/win32/foreign.dll": files.pop(BINARY)}), f"has no binary for this platform, {BINARY}; it is for win32"),
@@ -723,12 +729,12 @@ DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
 
 def spoiled(path: Path, defect: str) -> tuple[Path, str]:
     """An FMU with a defect of REFUSED or DAMAGED, and what is said of it."""
-    whole = pack(path.with_suffix(".whole"))
+    intact = pack(path.with_suffix(".whole"))
     if defect in REFUSED:
         edit, message = REFUSED[defect]
-        return rewritten(whole, path, edit), message
+        return rewritten(intact, path, edit), message
     damage, message = DAMAGED[defect]
-    if data := damage(rewritten(whole, path, lambda _: None).read_bytes()):
+    if data := damage(rewritten(intact, path, lambda _: None).read_bytes()):
         path.write_bytes(data)
     else:
         path.unlink()
@@ -739,7 +745,7 @@ def spoiled(path: Path, defect: str) -> tuple[Path, str]:
 def test_what_is_no_fmu_says_why(
     defect: str, make: Make, diary: Diary, tmp_path: Path, scratch: Path
 ) -> None:
-    here = Path.cwd()
+    folder = Path.cwd()
     fmu, message = spoiled(tmp_path / "A.fmu", defect)
     parts = {"B": make(), "A": fmu}
     with pytest.raises(SetupError) as caught:
@@ -748,9 +754,9 @@ def test_what_is_no_fmu_says_why(
     assert message in text
     assert re.match("part A: .*A.fmu |A: |part A: there", text)
     assert "\n" not in text
-    assert Path.cwd() == here
+    assert Path.cwd() == folder
     assert diary() in ([], ["freed B"])
-    forget()
+    clear_copies()
     loaded = Path("/proc/self/maps")
     assert not loaded.exists() or str(scratch) not in loaded.read_text()
 
@@ -814,7 +820,7 @@ def test_an_fmu_that_ends_its_process_leaves_the_rows(
     assert np.array_equal(short.data[:10], rows[:10])
 
 
-def test_an_fmu_that_dies_at_once_leaves_what_was_there(make: Make, tmp_path: Path) -> None:
+def test_an_fmu_that_dies_immediately_leaves_present_files(make: Make, tmp_path: Path) -> None:
     (tmp_path / "run.partial.csv").write_text("an earlier run")
     (tmp_path / "run.partial.json").write_text("{}")
     parts = {"A": make(crash_at=0.0)}
@@ -852,7 +858,7 @@ def test_errors_of_an_isolated_run_are_those_of_a_run(make: Make, tmp_path: Path
     assert caught.value.result.provenance["status"] == "failed"
 
 
-def test_a_row_that_was_being_written_is_cut_off(tmp_path: Path) -> None:
+def test_a_row_that_was_being_written_is_removed(tmp_path: Path) -> None:
     path = tmp_path / "run.partial.csv"
     path.write_text("time,A.y\n0.0,1.0\n0.5,2.0\n1.")
     path.with_suffix(".json").write_text('{"status": "running", "start": 0.0, "units": {}}')
@@ -865,17 +871,17 @@ def test_a_row_that_was_being_written_is_cut_off(tmp_path: Path) -> None:
 
 def test_rows_reach_their_file_while_a_run_goes_on(make: Make, tmp_path: Path) -> None:
     """However few there are, and with the facts of a run that is not over."""
-    seen: list[int] = []
+    row_counts: list[int] = []
 
     def progress(share: float) -> None:
         time.sleep(0.06)
         facts = json.loads((tmp_path / "run.partial.json").read_text())
         assert facts["status"] == "running"
-        seen.append(len(read(tmp_path / "run.partial.csv")))
+        row_counts.append(len(read(tmp_path / "run.partial.csv")))
 
     fine = {"record": ["A.y"], "output_step": H / 2, "csv": tmp_path / "run.csv"}
     run(system({"A": make()}), stop=1.0, step=H, progress=progress, **fine)
-    assert seen[-1] >= 10
+    assert row_counts[-1] >= 10
     assert sorted(path.name for path in tmp_path.glob("run*")) == ["run.csv", "run.json"]
 
 
@@ -921,7 +927,7 @@ def test_ctrl_c_ends_an_isolated_run(
     fmu = make(hang_at=3e3 if hangs else 1e300)
     process = subprocess.Popen(
         [sys.executable, str(script), str(fmu), str(tmp_path / "run.csv")], start_new_session=True,
-        env=os.environ | {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT)}, preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        env=os.environ | {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT)}, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     try:

@@ -21,7 +21,7 @@ from tests.cosim.test_cosim import pair, ripple
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_error_of_a_clean_series_is_found(order: int) -> None:
+def test_error_of_a_clean_series_is_estimated(order: int) -> None:
     """v(h) = 5 + 0.3 h^p + a little of the next order."""
     values = [5 + 0.3 * h**order + 0.05 * h ** (order + 1) for h in (0.1, 0.2, 0.4)]
     got = estimate(values, order)
@@ -54,9 +54,7 @@ def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:
         (lambda r: float(r["x"].min()), 10 / 80),
     ],
 )
-def test_an_extreme_that_every_run_smoothes_away_is_in_the_error(
-    metric: Any, widest: float
-) -> None:
+def test_an_extreme_that_every_run_smoothes_is_in_the_error(metric: Any, widest: float) -> None:
     """x = 20 t^2 - t dips to -1/80; an error of 80 h t leaves no run a value below that of the start."""
     t = np.linspace(0.0, 1.0, 21)
 
@@ -64,23 +62,23 @@ def test_an_extreme_that_every_run_smoothes_away_is_in_the_error(
         rows = np.column_stack([t, 20 * t**2 - t + 80 * step * t])
         return Result(["time", "x"], {}, {"convergence_order": 1}, lambda: rows)
 
-    found = certify(System({}), {"x": metric}, step=0.05, runner=runner).figures["x"]
-    assert found.value == pytest.approx(0.0, abs=1e-12)
-    assert found.error is not None and 1 / 80 <= found.error <= widest
+    estimate = certify(System({}), {"x": metric}, step=0.05, runner=runner).figures["x"]
+    assert estimate.value == pytest.approx(0.0, abs=1e-12)
+    assert estimate.error is not None and 1 / 80 <= estimate.error <= widest
 
 
 def test_a_dip_close_behind_the_start_is_in_the_error(native: Path) -> None:
     """The cam falls back for 30 us before its motor pulls, a sixth of a step."""
     parts = {"motor": native / "DriveMotor.fmu", "iron": native / "IronDrive.fmu"}
     system = System(parts, iron.WIRES, iron.MOTOR)
-    asked = {"step": 2e-4, "stop": 0.02, "record": ["iron.w_cam"]}
-    exact = run(system, **asked | {"step": 1e-6, "stop": 1e-4})["iron.w_cam"].min()
+    settings = {"step": 2e-4, "stop": 0.02, "record": ["iron.w_cam"]}
+    exact = run(system, **settings | {"step": 1e-6, "stop": 1e-4})["iron.w_cam"].min()
     assert exact == pytest.approx(-3.248e-6, rel=1e-3)
     function = lambda r: r["iron.w_cam"].min()
     for metric, widest in ((Smallest("iron.w_cam"), -3 * exact), (function, -12 * exact)):
-        told = certify(system, {"least": metric}, **asked).figures["least"]
-        assert told.error is not None
-        assert abs(told.value - exact) < told.error < widest
+        estimate = certify(system, {"least": metric}, **settings).figures["least"]
+        assert estimate.error is not None
+        assert abs(estimate.value - exact) < estimate.error < widest
 
 
 @pytest.mark.parametrize("step", [1e-3, 5e-4])
@@ -88,44 +86,44 @@ def test_a_dip_that_the_coupling_hides_is_in_the_error(step: float, native: Path
     """With Gauss-Seidel the motor pulls a step too early, so that the cam does not fall back in any run."""
     parts = {"motor": native / "DriveMotor.fmu", "iron": native / "IronDrive.fmu"}
     system = System(parts, iron.WIRES, iron.MOTOR)
-    asked: dict[str, Any] = {"stop": 0.02, "record": ["iron.w_cam"], "algorithm": "gauss-seidel"}
+    settings: dict[str, Any] = {"stop": 0.02, "record": ["iron.w_cam"], "algorithm": "gauss-seidel"}
     function = lambda r: r["iron.w_cam"].min()
     for metric in (Smallest("iron.w_cam"), function):
-        figure = certify(system, {"least": metric}, step=step, **asked).figures["least"]
+        figure = certify(system, {"least": metric}, step=step, **settings).figures["least"]
         assert figure.value == 0.0 and figure.error is not None
         assert 3.248e-6 < figure.error < 0.2 * step
 
 
-def told(x: Any, metric: Any) -> Any:
+def certified_estimate(x: Any, metric: Any) -> Any:
     """What is certified of a figure of x(t, step) on 101 rows in a second, by order 1."""
     t = np.linspace(0.0, 1.0, 101)
 
     def runner(_: System, *, step: float, **__: Any) -> Result:
-        made = {"convergence_order": 1}
-        return Result(["time", "x"], {}, made, lambda: np.column_stack([t, x(t, step)]))
+        report = {"convergence_order": 1}
+        return Result(["time", "x"], {}, report, lambda: np.column_stack([t, x(t, step)]))
 
     return certify(System({}), {"x": metric}, step=0.01, runner=runner).figures["x"]
 
 
 @pytest.mark.parametrize("metric", [Smallest("x"), lambda r: float(r["x"].min())])
-@pytest.mark.parametrize("way", [1, -1])
-def test_a_dip_beside_an_impact_is_in_the_error_though_it_is_over_before_the_next_row(
-    way: int, metric: Any
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_dip_next_to_an_impact_is_in_the_error_though_it_is_over_before_the_next_row(
+    direction: int, metric: Any
 ) -> None:
     """x is 1 until 0.5002 s, then 1 - 2 s + 250 s^2: the least, 0.996, is at s = 4 ms; or backwards."""
 
     def x(t: Any, _: float) -> Any:
-        s = np.maximum((t if way > 0 else 1.0 - t) - 0.5002, 0.0)
+        s = np.maximum((t if direction > 0 else 1.0 - t) - 0.5002, 0.0)
         return 1.0 - 2.0 * s + 250.0 * s**2
 
-    found = told(x, metric)
-    assert found.error is not None and found.value - 0.996 < found.error < 0.03
+    estimate = certified_estimate(x, metric)
+    assert estimate.error is not None and estimate.value - 0.996 < estimate.error < 0.03
 
 
 @pytest.mark.parametrize(
     "metric", [TimeOfLargest("x"), lambda r: float(r["time"][np.argmax(r["x"])])]
 )
-def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_whole_plateau(
+def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_plateau(
     metric: Any,
 ) -> None:
     """A share of 0.1 h is left by the coupling; the second peak is higher by a millionth, but lower in
@@ -142,10 +140,10 @@ def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_who
     def bell(t: Any, h: float) -> Any:
         return np.exp(-((t - 0.5) ** 2)) * (1 - 0.1 * h)
 
-    assert told(peaks, metric).error >= 0.5
-    flat = told(plateau, metric)
+    assert certified_estimate(peaks, metric).error >= 0.5
+    flat = certified_estimate(plateau, metric)
     assert flat.value == pytest.approx(0.2, abs=0.011) and flat.error >= 0.59
-    assert told(bell, metric).error < 0.02
+    assert certified_estimate(bell, metric).error < 0.02
 
 
 def test_peaks_are_as_high_as_between_their_rows() -> None:
@@ -165,10 +163,10 @@ def test_peaks_are_as_high_as_between_their_rows() -> None:
 )
 def test_no_number_of_a_column_is_stated_whose_error_hardly_falls(metric: Any) -> None:
     """An error of 1 / log(1000 / h) falls by 5 % with each halving; noise of solvers is no such error."""
-    slow = told(lambda t, h: np.sin(7 * t) + (1 + t) / math.log(1e3 / h), metric)
+    slow = certified_estimate(lambda t, h: np.sin(7 * t) + (1 + t) / math.log(1e3 / h), metric)
     assert slow.error is None
     assert "not converged: the error of x falls with order 0.2" in slow.text("1")
-    noisy = told(lambda t, h: np.sin(7 * t) + 1e-7 * np.sin(1e9 * (t + h)), metric)
+    noisy = certified_estimate(lambda t, h: np.sin(7 * t) + 1e-7 * np.sin(1e9 * (t + h)), metric)
     assert noisy.error is not None
 
 
@@ -180,8 +178,10 @@ def test_a_peak_that_is_over_before_the_runs_diverge_needs_to_stand_out(metric: 
         later = np.sin(60.0 * t + 2.0 * math.log2(h)) * (t > 0.4)
         return peak * np.exp(-(((t - 0.15) / 0.04) ** 2)) * (1.0 + h) + later
 
-    assert told(lambda t, h: x(t, h, 1.2), metric).reason.startswith("not converged: the runs")
-    clear = told(lambda t, h: x(t, h, 5.0), metric)
+    assert certified_estimate(lambda t, h: x(t, h, 1.2), metric).reason.startswith(
+        "not converged: the runs"
+    )
+    clear = certified_estimate(lambda t, h: x(t, h, 5.0), metric)
     assert clear.error is not None and abs(clear.value - 5.0) < clear.error < 0.6
 
 
@@ -191,12 +191,12 @@ def test_an_output_that_follows_its_input_at_once_converges_with_order_1(
 ) -> None:
     """Also where the last step is shorter than the others, and by another share in each run."""
     system = pair(native, {"conveyor.w": w, "conveyor.rotor.J": J})
-    asked = {"stop": 0.4, "record": ["conveyor.f_rod", "conveyor.w"]}
-    exact = run(system, step=2e-6, output_step=1e-3, **asked)["conveyor.f_rod"][-1]
+    settings = {"stop": 0.4, "record": ["conveyor.f_rod", "conveyor.w"]}
+    exact = run(system, step=2e-6, output_step=1e-3, **settings)["conveyor.f_rod"][-1]
     ratios = []
     for step in np.geomspace(1e-3, 4e-3, 13).tolist():
-        told = certify(system, lambda r: {"f": r["conveyor.f_rod"][-1]}, step=step, **asked)
-        figure = told.figures["f"]
+        certified = certify(system, lambda r: {"f": r["conveyor.f_rod"][-1]}, step=step, **settings)
+        figure = certified.figures["f"]
         if figure.error is not None:
             ratios.append(abs(figure.value - exact) / figure.error)
     assert len(ratios) > 6 and max(ratios) <= 1.0
@@ -205,13 +205,13 @@ def test_an_output_that_follows_its_input_at_once_converges_with_order_1(
 def test_what_strang_shows_of_the_end_of_a_step_converges_with_order_2(native: Path) -> None:
     """On its way back the motor hears the speed of the end, and its power is not wider than need be."""
     system = pair(native, {"conveyor.w": 50.4, "motor.tau": 15.0})
-    asked: dict[str, Any] = {"stop": 0.4, "record": ["motor.P", "conveyor.f_rod"]}
-    exact = run(system, step=1e-5, output_step=1e-3, **asked)["motor.P"][-1]
-    told = certify(system, lambda r: {"P": r["motor.P"][-1]}, step=1e-3, **asked)
-    assert told.result.provenance["first_order"] == ["conveyor.f_rod"]
-    assert told.figures["P"].error is not None
-    assert 0.5 < abs(told.figures["P"].value - exact) / told.figures["P"].error <= 1.0
-    backwards = run(system, step=1e-3, order=["conveyor", "motor"], **asked)
+    settings: dict[str, Any] = {"stop": 0.4, "record": ["motor.P", "conveyor.f_rod"]}
+    exact = run(system, step=1e-5, output_step=1e-3, **settings)["motor.P"][-1]
+    certified = certify(system, lambda r: {"P": r["motor.P"][-1]}, step=1e-3, **settings)
+    assert certified.result.provenance["first_order"] == ["conveyor.f_rod"]
+    assert certified.figures["P"].error is not None
+    assert 0.5 < abs(certified.figures["P"].value - exact) / certified.figures["P"].error <= 1.0
+    backwards = run(system, step=1e-3, order=["conveyor", "motor"], **settings)
     assert backwards.provenance["first_order"] == ["motor.P"]
 
 
@@ -222,11 +222,11 @@ def test_the_order_stated_knows_of_direct_feedthrough(fmus: Path) -> None:
     figures: Any = lambda result: {"w": float(result["load.x[2]"][-1])}
     certified = certify(system, figures, stop=0.01, step=1e-4, record=["load.x[2]"])
     assert certified.result.provenance["convergence_order"] == 1
-    found = certified.figures["w"]
+    estimate = certified.figures["w"]
     exact = Ideal(units).exact([0.01])[-1][3]
-    assert found.error is not None
-    assert abs(found.value - exact) <= 1.2 * found.error
-    assert found.order == pytest.approx(1.0, abs=0.2)
+    assert estimate.error is not None
+    assert abs(estimate.value - exact) <= 1.2 * estimate.error
+    assert estimate.order == pytest.approx(1.0, abs=0.2)
 
 
 def lorenz(h: float, stop: float) -> Any:
@@ -254,27 +254,27 @@ def test_figures_after_the_runs_have_diverged_are_refused(stop: float) -> None:
         return Result(names, {}, {"convergence_order": 2}, lambda: rows)
 
     def figures(r: Result) -> dict[str, float]:
-        late, early = r["time"] >= stop - 1.0, r["time"] <= 1.0
-        found = {f"{k} late": float(np.max(r[k][late])) for k in "xyz"}
-        return found | {"early": float(np.mean(r["x"][early])), "ramp": float(r["ramp"][-1])}
+        final, early = r["time"] >= stop - 1.0, r["time"] <= 1.0
+        estimates = {f"{k} late": float(np.max(r[k][final])) for k in "xyz"}
+        return estimates | {"early": float(np.mean(r["x"][early])), "ramp": float(r["ramp"][-1])}
 
-    found = certify(System({}), figures, step=0.005, runner=runner).figures
+    estimates = certify(System({}), figures, step=0.005, runner=runner).figures
     for name in ("x late", "y late", "z late"):
-        assert found[name].error is None
-        assert "not converged: the runs diverge from" in found[name].text("1")
+        assert estimates[name].error is None
+        assert "not converged: the runs diverge from" in estimates[name].text("1")
     exact = solve_ivp(
         lambda _, x: [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]],
         (0.0, 1.0), [1.0, 1.0, 20.0], t_eval=np.linspace(0.0, 1.0, 201), rtol=1e-10, atol=1e-10,
     )  # fmt: skip
-    assert abs(found["early"].value - exact.y[0].mean()) <= found["early"].error
-    assert found["ramp"].error is not None
+    assert abs(estimates["early"].value - exact.y[0].mean()) <= estimates["early"].error
+    assert estimates["ramp"].error is not None
 
 
 def test_runs_that_differ_much_but_converge_have_not_diverged() -> None:
     """A phase that falls behind by an error of order 1, by a row or by a quarter of a turn."""
     t = np.linspace(0.0, 10.0, 401)
-    for late in (0.02, 0.2, 1.0):
-        runs = [np.column_stack([t, np.sin(2 * (1 - late * h) * t)]) for h in (0.025, 0.05, 0.1)]
+    for delay in (0.02, 0.2, 1.0):
+        runs = [np.column_stack([t, np.sin(2 * (1 - delay * h) * t)]) for h in (0.025, 0.05, 0.1)]
         assert divergence(runs)[0] == math.inf
     steps = [np.column_stack([t, t > 5 + 4 * h]) * 1.0 for h in (0.025, 0.05, 0.1)]
     assert not divergence(steps)[1].any()
@@ -290,5 +290,5 @@ def test_results_show_themselves_in_a_notebook(fmus: Path) -> None:
     assert "end &lt;b&gt;" in page and text.split()[0] in page and "+-" in page
     picture = certified.result.plot("motor.tau")
     assert picture._repr_png_().startswith(b"\x89PNG")
-    found = diagnose(pair(fmus / "native"), step=1e-3)
-    assert str(found) == found.text() and found._repr_html_().startswith("<p>")
+    diagnosis = diagnose(pair(fmus / "native"), step=1e-3)
+    assert str(diagnosis) == diagnosis.text() and diagnosis._repr_html_().startswith("<p>")

@@ -23,7 +23,7 @@ from cosim.cli import commands
 from cosim.cli.main import main, parser
 from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack
 from tests.cosim.test_cosim import NU, pair
 
@@ -36,8 +36,8 @@ def drive(fmus: Path, tmp_path: Path) -> Path:
     return path
 
 
-def test_info_tells_what_a_system_is_made_of(drive: Path, said: Said) -> None:
-    text = said("info", drive)
+def test_info_lists_what_a_system_consists_of(drive: Path, command_output: CommandOutput) -> None:
+    text = command_output("info", drive)
     for line in (
         "motor: DriveMotor, DriveMotor.fmu",
         "output  conveyor.w [rad/s]: Real, Crank speed",
@@ -50,13 +50,13 @@ def test_info_tells_what_a_system_is_made_of(drive: Path, said: Said) -> None:
 
 
 def test_run_writes_what_the_api_computes(
-    drive: Path, fmus: Path, tmp_path: Path, said: Said
+    drive: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     out = tmp_path / "out.csv"
     options = [
         "--stop", "0.5", "--step", "0.001", "--algorithm", "gauss-seidel", "--set", "motor.T=0.05",
     ]  # fmt: skip
-    text = said("run", drive, "--out", out, "--plot", tmp_path / "out.png", *options)
+    text = command_output("run", drive, "--out", out, "--plot", tmp_path / "out.png", *options)
     assert "gauss-seidel, steps of 0.001 s: 500 steps" in text
     assert "motor.tau * conveyor.w" in text
     system = pair(fmus, SETS["A"].start(NU) | {"motor.T": 0.05})
@@ -64,47 +64,53 @@ def test_run_writes_what_the_api_computes(
     frame = pd.read_csv(out)
     assert frame.columns.tolist() == ours.columns
     assert_array_equal(frame.to_numpy(), ours.data)
-    told = json.loads(out.with_suffix(".json").read_text())
-    assert told["parts"]["motor"]["parameters"]["T"] == 0.05
-    assert told["units"]["motor.tau"] == "N.m"
+    content = json.loads(out.with_suffix(".json").read_text())
+    assert content["parts"]["motor"]["parameters"]["T"] == 0.05
+    assert content["units"]["motor.tau"] == "N.m"
     assert (tmp_path / "out.png").exists()
 
 
-def test_step_and_stop_come_from_the_files(drive: Path, tmp_path: Path, said: Said) -> None:
-    assert "steps of 0.001 s: 1000 steps" in said("run", drive)
+def test_step_and_stop_come_from_the_files(
+    drive: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
+    assert "steps of 0.001 s: 1000 steps" in command_output("run", drive)
 
 
 def test_a_single_fmu_is_run_over_its_default_experiment(
-    fmus: Path, tmp_path: Path, said: Said
+    fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     fmu, out = fmus / "native" / "DriveMotor.fmu", tmp_path / "out.csv"
-    assert "steps of 0.001 s: 1000 steps" in said("run", fmu, "--out", out)
+    assert "steps of 0.001 s: 1000 steps" in command_output("run", fmu, "--out", out)
     assert pd.read_csv(out)["time"].iloc[-1] == 1.0
-    assert "default experiment: 0 to 1 s" in said("info", fmu)
+    assert "default experiment: 0 to 1 s" in command_output("info", fmu)
     later = described(('startTime="0.0" stopTime="1.0"', 'startTime="0.5" stopTime="0.7"'))
-    assert "200 steps" in said("run", rewritten(fmu, tmp_path / "later.fmu", later))
+    assert "200 steps" in command_output("run", rewritten(fmu, tmp_path / "later.fmu", later))
     silent = rewritten(fmu, tmp_path / "silent.fmu", described(("<DefaultExperiment .*?/>", "")))
-    assert "silent.fmu states no stop time: give --stop" in said("run", silent, code=2)
+    assert "silent.fmu states no stop time: give --stop" in command_output("run", silent, code=2)
 
 
-def test_columns_of_a_part_drive_fmpy(drive: Path, fmus: Path, tmp_path: Path, said: Said) -> None:
+def test_columns_of_a_part_drive_fmpy(
+    drive: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
     """The conveyor's speed, taken by fmpy as the motor's input, gives the motor's torque."""
     speed, torque = tmp_path / "w.csv", tmp_path / "tau.csv"
     common = ("run", drive, "--step", 1e-3, "--algorithm", "jacobi")
-    said(*common, "--part", "conveyor", "--record", "conveyor.w", "--out", speed)
-    said(*common, "--part", "motor", "--out", torque)
+    command_output(*common, "--part", "conveyor", "--record", "conveyor.w", "--out", speed)
+    command_output(*common, "--part", "motor", "--out", torque)
     start = {k.partition(".")[2]: v for k, v in SETS["A"].start(NU).items() if k[:5] == "motor"}
     frame = pd.read_csv(speed)
     rows = np.array([tuple(row) for row in frame.to_numpy()], [("time", "<f8"), ("w", "<f8")])
     settings: dict[str, Any] = {"stop_time": 1.0, "output_interval": 1e-3, "output": ["tau"]}
     motor = str(fmus / "DriveMotor.fmu")
-    made = simulate_fmu(motor, **settings, start_values=start, input=rows)
+    result = simulate_fmu(motor, **settings, start_values=start, input=rows)
     ours = pd.read_csv(torque)["tau"]
-    assert made["tau"] == pytest.approx(ours.to_numpy(), abs=1e-6)
+    assert result["tau"] == pytest.approx(ours.to_numpy(), abs=1e-6)
 
 
-def test_certify_states_errors_and_orders(drive: Path, said: Said) -> None:
-    text = said("run", drive, "--stop", 0.1, "--certify", "--record", "motor.tau,conveyor.a")
+def test_certify_states_errors_and_orders(drive: Path, command_output: CommandOutput) -> None:
+    text = command_output(
+        "run", drive, "--stop", 0.1, "--certify", "--record", "motor.tau,conveyor.a"
+    )
     (mean,) = [line for line in text.splitlines() if "motor.tau, mean" in line]
     assert " +- " in mean
     assert "order 2.0" in mean
@@ -114,12 +120,12 @@ def test_certify_states_errors_and_orders(drive: Path, said: Said) -> None:
 
 @pytest.mark.parametrize("has_file", [False, True])
 def test_the_errors_of_certify_are_those_of_three_different_runs(
-    drive: Path, fmus: Path, tmp_path: Path, said: Said, has_file: bool
+    drive: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput, has_file: bool
 ) -> None:
     """The command runs in another process, which writes one file after another; the figures are the same."""
     out = ("--out", tmp_path / "rows.csv") if has_file else ()
     options = ("--stop", 0.1, "--step", 1e-3, "--certify", "--record", "motor.tau")
-    text = said("run", drive, *options, *out)
+    text = command_output("run", drive, *options, *out)
     system = pair(fmus / "native")
     certified = certify(system, stop=0.1, step=1e-3, record=["motor.tau"])
     for name, figure in certified.figures.items():
@@ -128,10 +134,12 @@ def test_the_errors_of_certify_are_those_of_three_different_runs(
         assert figure.text("N.m") in line
 
 
-def test_figures_of_names_with_commas_keep_their_units(fmus: Path, said: Said) -> None:
+def test_figures_of_names_with_commas_keep_their_units(
+    fmus: Path, command_output: CommandOutput
+) -> None:
     record = "LinearSystem.A[2,1],LinearSystem.x[1]"
     options = ("--stop", 0.02, "--certify", "--record", record)
-    lines = said("run", fmus / "LinearSystem.fmu", *options).splitlines()
+    lines = command_output("run", fmus / "LinearSystem.fmu", *options).splitlines()
     (rate,) = [line for line in lines if "LinearSystem.A[2,1] at the end" in line]
     assert rate.split()[-6:] == ["-100.0000000", "+-", "0.0000001", "1", "order", "2.0"]
     assert any("LinearSystem.x[1], largest" in line for line in lines)
@@ -143,18 +151,20 @@ def test_a_run_that_fails_ends_with_code_1_and_keeps_its_rows(tmp_path: Path, ca
     assert main(["run", str(fmu), "--stop", "1", "--step", "0.01", "--out", str(out)]) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: part: doStep(t = ") and error.count("\n") == 1
-    kept = pd.read_csv(tmp_path / "out.partial.csv")
-    assert 0.45 < kept["time"].iloc[-1] < 0.5
+    table = pd.read_csv(tmp_path / "out.partial.csv")
+    assert 0.45 < table["time"].iloc[-1] < 0.5
     assert not out.exists()
 
 
-def test_held_angles_are_warned_of(fmus: Path, tmp_path: Path, said: Said) -> None:
+def test_held_angles_are_warned_of(
+    fmus: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
     """A crank that hears an angle of another over a wire."""
     parts = {"crank": fmus / "CrankConveyor.fmu", "other": fmus / "LinearSystem.fmu"}
     start = {"crank.tau": 0.0} | {f"other.u[{i}]": 0.0 for i in (2, 3, 4)}
     path = tmp_path / "angle.ssp"
     write_ssp(System(parts, ["crank.phi => other.u[1]"], start), path, stop=1.0)
-    assert "an angle held over a step pushes a stiff shaft" in said("check", path)
+    assert "an angle held over a step pushes a stiff shaft" in command_output("check", path)
 
 
 def test_a_terminal_shows_simulated_time_pace_and_what_is_left(drive: Path) -> None:
@@ -168,32 +178,34 @@ def test_a_terminal_shows_simulated_time_pace_and_what_is_left(drive: Path) -> N
         while chunk := os.read(ours, 1 << 16):
             written += chunk
     os.close(ours)
-    told, _ = process.communicate()
-    shown = written.decode(errors="replace")
-    assert "drive" in shown
-    assert re.search(r"of 0\.5 s, \S+ x real time", shown)
-    assert re.search(r"\d:\d\d:\d\d", shown)
-    assert b"500 steps" in told
+    output, _ = process.communicate()
+    terminal_text = written.decode(errors="replace")
+    assert "drive" in terminal_text
+    assert re.search(r"of 0\.5 s, \S+ x real time", terminal_text)
+    assert re.search(r"\d:\d\d:\d\d", terminal_text)
+    assert b"500 steps" in output
 
 
-def test_adaptive_run(drive: Path, tmp_path: Path, said: Said) -> None:
+def test_adaptive_run(drive: Path, tmp_path: Path, command_output: CommandOutput) -> None:
     out = tmp_path / "out.csv"
-    text = said("run", drive, "--adaptive", 0.01, "--output-step", 0.01, "--out", out)
+    text = command_output("run", drive, "--adaptive", 0.01, "--output-step", 0.01, "--out", out)
     assert "adaptive steps, tolerance 0.01" in text
     assert pd.read_csv(out)["time"].to_numpy() == pytest.approx(np.arange(101) * 0.01, abs=1e-15)
 
 
-def test_a_single_fmu_runs_with_its_own_inputs(fmus: Path, tmp_path: Path, said: Said) -> None:
+def test_a_single_fmu_runs_with_its_inputs(
+    fmus: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
     out = tmp_path / "out.csv"
     options = ("--stop", 2, "--set", "DriveMotor.w=30", "--out", out)
-    said("run", fmus / "DriveMotor.fmu", *options)
+    command_output("run", fmus / "DriveMotor.fmu", *options)
     assert pd.read_csv(out)["DriveMotor.tau"].iloc[-1] == pytest.approx(8000 - 199.8 * 30)
 
 
-def test_check_tells_what_is_in_the_way(
-    drive: Path, fmus: Path, tmp_path: Path, said: Said
+def test_check_names_every_obstacle(
+    drive: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
-    text = said("check", drive)
+    text = command_output("check", drive)
     assert "order of steps: motor, conveyor" in text
     assert "recommended step: 0.001 s, preferred by motor" in text
     assert text.endswith("ready to run\n")
@@ -202,20 +214,22 @@ def test_check_tells_what_is_in_the_way(
     start = {f"{part}.u[{i}]": 0.0 for part in parts for i in (2, 3, 4)}
     loop = tmp_path / "loop.ssp"
     write_ssp(System(parts, wires, start), loop, stop=1.0)
-    text = said("check", loop, "--step", 0.01, code=1)
+    text = command_output("check", loop, "--step", 0.01, code=1)
     assert "error: algebraic loop: a.z[1] -> b.u[1], b.z[1] -> a.u[1]" in text
-    said("check", loop, "--step", 0.01, "--algorithm", "iterated")
+    command_output("check", loop, "--step", 0.01, "--algorithm", "iterated")
 
 
-def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, said: Said) -> None:
+def test_exports_are_files_of_their_kind(
+    drive: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
     """Whose step and stop a run takes."""
     again = ("--out", tmp_path / "again.ssp", "--step", 2e-3)
-    said("export", drive, "--to", "ssp", *again)
-    said("export", drive, "--to", "osp", "--out", tmp_path / "osp")
-    said("export", drive, "--to", "container", "--out", tmp_path / "drive.fmu")
-    assert "steps of 0.002 s: 500" in said("run", tmp_path / "again.ssp")
+    command_output("export", drive, "--to", "ssp", *again)
+    command_output("export", drive, "--to", "osp", "--out", tmp_path / "osp")
+    command_output("export", drive, "--to", "container", "--out", tmp_path / "drive.fmu")
+    assert "steps of 0.002 s: 500" in command_output("run", tmp_path / "again.ssp")
     assert (tmp_path / "osp" / "OspSystemStructure.xml").exists()
-    assert "drive: " in said("info", tmp_path / "drive.fmu")
+    assert "drive: " in command_output("info", tmp_path / "drive.fmu")
 
 
 @pytest.mark.parametrize(
@@ -250,22 +264,24 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, said: Said
     ],
 )
 def test_bad_input_ends_with_code_2(
-    drive: Path, said: Said, arguments: list[str], message: str
+    drive: Path, command_output: CommandOutput, arguments: list[str], message: str
 ) -> None:
-    assert message in said(*(drive if word == "DRIVE" else word for word in arguments), code=2)
+    assert message in command_output(
+        *(drive if word == "DRIVE" else word for word in arguments), code=2
+    )
 
 
 @pytest.mark.parametrize("command", parser()._actions[-1].choices or ())
-def test_help_tells_defaults_as_a_person_writes_them(command: str) -> None:
+def test_help_states_defaults_as_a_person_writes_them(command: str) -> None:
     """None where there is none, and what may be given again."""
     commands: Any = parser()._actions[-1].choices
-    said = " ".join(commands[command].format_help().split())
-    assert not re.search(r"default: (None|False|inf|\[\]|\d+\.0\b)", said)
+    help_text = " ".join(commands[command].format_help().split())
+    assert not re.search(r"default: (None|False|inf|\[\]|\d+\.0\b)", help_text)
     for option in ("--set", "--substeps", "--at", "--map"):
-        if f" {option} " in said:
-            assert re.search(rf"{option} [^(]*?\(repeatable\)", said.split("options:")[1])
+        if f" {option} " in help_text:
+            assert re.search(rf"{option} [^(]*?\(repeatable\)", help_text.split("options:")[1])
     if command == "run":
-        assert "--input-order N polynomial order of inputs within a step (default: 0)" in said
+        assert "--input-order N polynomial order of inputs within a step (default: 0)" in help_text
 
 
 def test_output_that_nobody_reads_any_more_is_no_traceback(drive: Path) -> None:
@@ -279,12 +295,12 @@ def test_output_that_nobody_reads_any_more_is_no_traceback(drive: Path) -> None:
 
 
 def test_times_and_start_values_take_units_and_either_option(
-    drive: Path, tmp_path: Path, said: Said
+    drive: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     out = tmp_path / "new" / "inner" / "out.csv"
 
     def rows(*options: object) -> Any:
-        text = said("run", drive, "--out", out, *options)
+        text = command_output("run", drive, "--out", out, *options)
         assert f"rows written to {out}, units and provenance to {out.with_suffix('.json')}" in text
         return text, out.read_bytes()
 
@@ -297,13 +313,13 @@ def test_times_and_start_values_take_units_and_either_option(
     ):
         text, same = rows(*options)
         assert same == plain and "new folder" not in text
-    assert "motor.T [s] = 0.005" in said("info", drive, "--start", "motor.T=5ms")
-    rpm = said("info", drive, "--set", "motor.w=60rpm")
+    assert "motor.T [s] = 0.005" in command_output("info", drive, "--start", "motor.T=5ms")
+    rpm = command_output("info", drive, "--set", "motor.w=60rpm")
     assert f"motor.w [rad/s] = {2 * np.pi!r}" in rpm
 
 
-def test_a_command_is_added_by_one_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Said
+def test_a_command_is_added_by_a_single_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_output: CommandOutput
 ) -> None:
     module = tmp_path / "greet.py"
     module.write_text(
@@ -316,5 +332,5 @@ def test_a_command_is_added_by_one_file(
         "COMMAND = Command('greet', 'greet a person', run, add_options, 0, reads_system=False)\n"
     )
     monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
-    assert said("greet", "Ada") == "hello Ada\n"
+    assert command_output("greet", "Ada") == "hello Ada\n"
     assert next(iter(parser()._actions[-1].choices or ())) == "greet"

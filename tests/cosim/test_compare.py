@@ -14,7 +14,7 @@ import pytest
 from cosim import Result, SetupError, compare, run
 from cosim.analysis.compare import Band
 from examples import measured_drive as drive
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_measured import geared
 
 T = np.linspace(0.0, 10.0, 1001)
@@ -29,30 +29,30 @@ def frame(t: Any = T, **columns: Any) -> pd.DataFrame:
     return pd.DataFrame({"time": t, **columns})
 
 
-def test_a_curve_that_is_late_by_less_than_the_band_passes_and_by_more_fails() -> None:
+def test_a_curve_that_is_delayed_by_less_than_the_band_passes_and_by_more_fails() -> None:
     """What is beyond the tolerance in time counts as distance: slope times what is left."""
     reference = frame(x=saw(T))
-    for late in (-0.049, 0.049):
-        assert compare(frame(x=saw(T - late)), reference, time=0.05, value=1e-9).passed
-    for late in (-0.06, 0.06):
-        found = compare(frame(x=saw(T - late)), reference, time=0.05, value=1e-9)["x"]
-        assert not found.passed
-        assert found.deviation == pytest.approx(0.01, abs=1e-9)
-        assert found.outside.mean() > 0.9  # everywhere but at the corners
+    for delay in (-0.049, 0.049):
+        assert compare(frame(x=saw(T - delay)), reference, time=0.05, value=1e-9).passed
+    for delay in (-0.06, 0.06):
+        deviation = compare(frame(x=saw(T - delay)), reference, time=0.05, value=1e-9)["x"]
+        assert not deviation.passed
+        assert deviation.deviation == pytest.approx(0.01, abs=1e-9)
+        assert deviation.outside.mean() > 0.9  # everywhere but at the corners
     assert not compare(frame(x=saw(T - 0.02)), reference, time=0.0, value=1e-3).passed
     assert compare(frame(x=saw(T - 0.02)), reference).passed  # 0.2 % of 10 s
 
 
-def test_one_row_that_is_off_is_found_with_its_size_and_time() -> None:
+def test_a_single_wrong_row_is_located_with_its_size_and_time() -> None:
     x = saw(T)
     x[437] += 0.3
     result = compare(frame(x=x, y=saw(T)), frame(x=saw(T), y=saw(T)), time=0.015, value=0.01)
-    found = result["x"]
-    assert (found.time, int(found.outside.sum())) == (T[437], 1)
-    assert found.deviation == pytest.approx(
+    deviation = result["x"]
+    assert (deviation.time, int(deviation.outside.sum())) == (T[437], 1)
+    assert deviation.deviation == pytest.approx(
         0.3 - 0.015
     )  # the curve comes 0.015 closer within 15 ms
-    assert found.allowed == pytest.approx(0.01 * 2.0)
+    assert deviation.allowed == pytest.approx(0.01 * 2.0)
     assert not result.passed and result["y"].passed and result["y"].deviation == 0.0
     assert result.text().endswith("outside: x")
     assert "0.285 at 4.37 s" in result.text() and "1 of 1001 rows outside" in result.text()
@@ -91,10 +91,10 @@ def test_grids_and_units_of_each_are_honoured() -> None:
     theirs = pd.DataFrame(
         {"t [ms]": 1e3 * t, "w [rpm]": saw(t) * 30 / pi, "load [%]": saw(t) * 4, "x[1]": saw(t)}
     )
-    found = compare(ours, theirs, value=0.02)
-    assert found.passed and (found.start, found.stop) == (0.0, 9.0)
-    assert [c.name for c in found.columns] == ["w", "x[1]"]
-    assert found["w"].unit == "rpm" and found["w"].allowed == pytest.approx(
+    comparison = compare(ours, theirs, value=0.02)
+    assert comparison.passed and (comparison.start, comparison.stop) == (0.0, 9.0)
+    assert [c.name for c in comparison.columns] == ["w", "x[1]"]
+    assert comparison["w"].unit == "rpm" and comparison["w"].allowed == pytest.approx(
         0.02 * 60 / pi, rel=0.01
     )
     assert not compare(ours, theirs, value=0.02, columns={"w": "w:deg/s"}).passed
@@ -103,10 +103,10 @@ def test_grids_and_units_of_each_are_honoured() -> None:
         ("load * 300:mm", False), ("load * 250 + 80:mm", False), ("load * 250 - 8:mm", True),
         ("load * -250:mm", False),
     ):  # fmt: skip
-        found = compare(ours, theirs, value=0.02, columns={"x[1]": text})
-        assert found.passed is passes, text
-        assert found["x[1]"].reference == "load"
-        assert "not compared in the result: w" in found.text()
+        comparison = compare(ours, theirs, value=0.02, columns={"x[1]": text})
+        assert comparison.passed is passes, text
+        assert comparison["x[1]"].reference == "load"
+        assert "not compared in the result: w" in comparison.text()
 
 
 def test_a_column_is_not_mapped_twice() -> None:
@@ -118,9 +118,9 @@ def test_a_column_is_not_mapped_twice() -> None:
 def test_errors_of_both_and_of_the_sensor_widen_the_band() -> None:
     reference = frame(x=saw(T), x_error=np.where(T < 4.995, 0.1, 0.0))
     ours = frame(x=saw(T) + 0.29, x_error=0.1)
-    found = compare(ours, reference, time=0.0, value=0.05)["x"]
-    assert found.t[~found.outside].max() < 4.995 < found.t[found.outside].min()
-    assert found.allowed == pytest.approx(0.2) and found.deviation == pytest.approx(0.29)
+    deviation = compare(ours, reference, time=0.0, value=0.05)["x"]
+    assert deviation.t[~deviation.outside].max() < 4.995 < deviation.t[deviation.outside].min()
+    assert deviation.allowed == pytest.approx(0.2) and deviation.deviation == pytest.approx(0.29)
     for error, passes in ((0.089, False), (0.091, True), ("91mm", True)):
         named = reference.rename(columns={"x": "x [m]"})
         assert compare(ours, named, time=0.0, value=0.05, errors={"x": error}).passed is passes, (
@@ -128,17 +128,17 @@ def test_errors_of_both_and_of_the_sensor_widen_the_band() -> None:
         )
 
 
-def test_nothing_is_compared_in_a_gap_and_that_is_said() -> None:
-    kept = (T <= 2.0) | (T >= 3.5)
-    reference = frame(T[kept], x=saw(T[kept]))
+def test_nothing_is_compared_in_a_gap_and_that_is_stated() -> None:
+    outside_gap = (T <= 2.0) | (T >= 3.5)
+    reference = frame(T[outside_gap], x=saw(T[outside_gap]))
     assert not compare(frame(x=saw(T)), reference).passed
-    found = compare(frame(x=saw(T)), reference, gap=0.1)
-    assert found.passed and len(found["x"].t) == kept.sum()
-    assert "149 rows are not compared: they lie in gaps of the reference" in found.text()
+    comparison = compare(frame(x=saw(T)), reference, gap=0.1)
+    assert comparison.passed and len(comparison["x"].t) == outside_gap.sum()
+    assert "149 rows are not compared: they lie in gaps of the reference" in comparison.text()
 
 
 @pytest.mark.parametrize(
-    ("columns", "settings", "said"),
+    ("columns", "settings", "message"),
     [
         ({"y": saw(T)}, {}, "no column in common: the result has x, the reference has y"),
         ({"x": saw(T)}, {"columns": ["z"]}, "the result has no column 'z', only x"),
@@ -160,13 +160,13 @@ def test_nothing_is_compared_in_a_gap_and_that_is_said() -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_compared_is_refused(
-    columns: dict[str, Any], settings: dict[str, Any], said: str
+    columns: dict[str, Any], settings: dict[str, Any], message: str
 ) -> None:
     ours = frame(**{"x [m]" if "x [kg]" in columns else "x": saw(T)})
     reference = frame(columns.pop("t", T), **(columns or {"x": saw(T)}))
     with pytest.raises(SetupError) as refused:
         compare(ours, reference, **settings)
-    assert said in str(refused.value)
+    assert message in str(refused.value)
 
 
 def test_a_constant_is_compared_by_its_value_and_a_jump_by_its_two_rows() -> None:
@@ -175,32 +175,36 @@ def test_a_constant_is_compared_by_its_value_and_a_jump_by_its_two_rows() -> Non
     assert not compare(frame(x=1.0021 * ones["x"]), ones).passed
     jump = frame([0.0, 5.0, 5.0, 10.0], x=[0.0, 0.0, 1.0, 1.0])
     for at, passes in ((4.99, True), (5.01, True), (4.9, False), (5.1, False)):
-        late = frame(x=np.where(at > T, 0.0, 1.0))
-        assert compare(late, jump, time=0.02).passed is passes, at
+        delayed = frame(x=np.where(at > T, 0.0, 1.0))
+        assert compare(delayed, jump, time=0.02).passed is passes, at
 
 
-def test_the_command_tells_draws_and_has_an_exit_code(tmp_path: Path, said: Said) -> None:
+def test_the_command_reports_plots_and_has_an_exit_code(
+    tmp_path: Path, command_output: CommandOutput
+) -> None:
     ours, theirs, image = tmp_path / "run.csv", tmp_path / "log.csv", tmp_path / "it.png"
     frame(w=saw(T), x=saw(T)).to_csv(ours, index=False)
     ours.with_suffix(".json").write_text(json.dumps({"units": {"w": "rad/s", "x": "m"}}))
     frame(**{"speed [rpm]": saw(T) * 30 / pi, "pos [mm]": 1e3 * saw(T - 0.1)}).to_csv(theirs)
     pd.read_csv(theirs, index_col=0).to_csv(theirs, index=False)
     command = ["compare", str(ours), str(theirs), "--plot", str(image), "--map"]
-    assert "every column stays in its band" in said(*command, "w=speed")
+    assert "every column stays in its band" in command_output(*command, "w=speed")
     assert image.read_bytes().startswith(b"\x89PNG")
-    text = said(*command, "w=speed", "--map", "x=pos", code=1)
+    text = command_output(*command, "w=speed", "--map", "x=pos", code=1)
     assert "x = pos    80 mm at" in text and "FAIL" in text
-    said(*command, "x=pos", "--error", "x=8cm")
-    said(*command, "x=pos", "--time", "0.11")
+    command_output(*command, "x=pos", "--error", "x=8cm")
+    command_output(*command, "x=pos", "--time", "0.11")
     theirs.with_suffix(".json").write_text("[]")  # of somebody else
-    assert "run.csv: x [m] cannot be converted to rpm" in said(*command, "x=speed", code=2)
+    assert "run.csv: x [m] cannot be converted to rpm" in command_output(
+        *command, "x=speed", code=2
+    )
 
 
 def test_the_picture_shows_both_curves_the_band_and_the_rows_outside() -> None:
     x = saw(T)
     x[437] += 0.3
-    found = compare(frame(x=x, y=x), frame(x=saw(T), y=x))
-    first, second = found.plot().axes
+    comparison = compare(frame(x=x, y=x), frame(x=saw(T), y=x))
+    first, second = comparison.plot().axes
     reference, ours, outside = first.lines
     assert np.array_equal(ours.get_ydata(), x) and np.array_equal(reference.get_ydata(), saw(T))
     assert outside.get_xdata().tolist() == [T[437]] and len(second.lines) == 2
@@ -210,14 +214,18 @@ def test_the_picture_shows_both_curves_the_band_and_the_rows_outside() -> None:
 def test_the_measured_drive_is_its_fmus_but_where_its_belt_slips(fmus: Path) -> None:
     """Within the encoder's step and the noise; the slip, which no FMU has, is found where it is."""
     result = run(geared(fmus), stop=drive.STOP, step=1e-3, record=["motor.w", "motor.tau"])
-    found = compare(
+    comparison = compare(
         result, drive.record(), columns={"motor.w": "speed", "motor.tau": "torque * 0.73:N.m"},
         errors={"motor.w": "8rpm", "motor.tau": "2.5N.m"}, gap=0.01,
     )  # fmt: skip
-    for column in found.columns:
+    for column in comparison.columns:
         out = column.t[column.outside]
-        assert out.size and out.min() > drive.SLIPS and out.max() < drive.SLIPS + 0.25, column
-    assert found["motor.w"].unit == "rpm"
+        assert out.size and out.min() > drive.SLIP_BEGIN and out.max() < drive.SLIP_BEGIN + 0.25, (
+            column
+        )
+    assert comparison["motor.w"].unit == "rpm"
     stale = Result(result.columns, result.units, {}, lambda: result.data * [1.0, 1.03, 1.0])
-    off = compare(stale, drive.record(), columns={"motor.w": "speed"}, errors={"motor.w": "8rpm"})
-    assert off["motor.w"].outside.mean() > 0.5
+    misfit = compare(
+        stale, drive.record(), columns={"motor.w": "speed"}, errors={"motor.w": "8rpm"}
+    )
+    assert misfit["motor.w"].outside.mean() > 0.5

@@ -53,7 +53,7 @@ def test_container_equals_master(
     assert np.ptp(result["conveyor.w"]) > 1.0
 
 
-def test_a_warning_of_the_tool_is_given_once(
+def test_a_warning_of_the_tool_appears_once(
     fmus: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Although our own check and the tool go through the loop, one after the other; again for another file."""
@@ -73,15 +73,15 @@ def test_parameters_and_open_inputs_can_be_set_from_outside(
     result = run(pair(fmus, **changed), stop=0.1, step=1e-3, algorithm="jacobi")
     assert_array_equal(simulate(path, **changed)["conveyor.w"], result["conveyor.w"])
 
-    alone = System({"conveyor": fmus / "CrankConveyor.fmu"}, start={"conveyor.tau": 12.0})
-    write_container(alone, path, step=1e-3)
+    conveyor = System({"conveyor": fmus / "CrankConveyor.fmu"}, start={"conveyor.tau": 12.0})
+    write_container(conveyor, path, step=1e-3)
     for start in ({}, {"conveyor__tau": -3.0}):
-        system = System(alone.parts, start={"conveyor.tau": start.get("conveyor__tau", 12.0)})
+        system = System(conveyor.parts, start={"conveyor.tau": start.get("conveyor__tau", 12.0)})
         result = run(system, stop=0.1, step=1e-3, algorithm="jacobi")
         assert_array_equal(simulate(path, **start)["conveyor.a"], result["conveyor.a"])
 
 
-def test_types_and_two_parts_of_one_fmu(fmus: Path, echo: Path, tmp_path: Path) -> None:
+def test_types_and_two_parts_of_the_same_fmu(fmus: Path, echo: Path, tmp_path: Path) -> None:
     path = tmp_path / "types.fmu"
     parts = {"a": echo, "b": echo}
     start = {"a.i": 3, "a.b": True, "a.s": "B", "a.u": 0.25, "b.r": 0.5, "b.s": "C"}

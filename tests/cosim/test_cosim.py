@@ -57,44 +57,44 @@ def ripple(fmus: Path, algorithm: str, n: int, revolutions: int = 24, **start: i
     system = pair(fmus / "native", SETS["A"].start(NU) | held)
     result = run(system, stop=revolutions * n * h, step=h, algorithm=algorithm, record=RECORD)
     tau, _, phi, w, _ = result.data.T[1:]
-    late = last_revolutions(phi, 8)
-    speed, torque = (order(phi[late], x[late], 2) for x in (w, tau))
+    settled = last_revolutions(phi, 8)
+    speed, torque = (order(phi[settled], x[settled], 2) for x in (w, tau))
     return abs(speed), abs(torque), math.degrees(cmath.phase(torque))
 
 
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("settings", [{}, {"input_order": 2}], ids=["held", "moving"])
-def test_wires_into_one_input_add_up(
+def test_wires_into_the_same_input_add_up(
     settings: Any, compiled: bool, fmus: Path, request: pytest.FixtureRequest
 ) -> None:
     """Two linear motors are one with both their parameters; bonds of a summed torque are no bonds."""
     native = fmus / "native"
-    one = run(pair(native, {}), stop=0.2, step=1e-3, algorithm="jacobi", **settings)
+    result = run(pair(native, {}), stop=0.2, step=1e-3, algorithm="jacobi", **settings)
     if not compiled:
         request.getfixturevalue("interpreted")
     two = run(halves(native), stop=0.2, step=1e-3, algorithm="jacobi", **settings)
-    assert two["conveyor.w"] == pytest.approx(one["conveyor.w"], rel=1e-13)
+    assert two["conveyor.w"] == pytest.approx(result["conveyor.w"], rel=1e-13)
     assert np.ptp(two["other.tau"]) > 1.0
-    assert one.energy
+    assert result.energy
     assert not two.energy
 
 
-def test_sums_of_wires_are_known_to_oracle_linear_system_and_description(fmus: Path) -> None:
+def test_sums_of_wires_reach_oracle_linear_system_and_description(fmus: Path) -> None:
     """The modes of the drive with one motor, and how fast the two motors' difference fades."""
-    one, two = pair(fmus / "native", {}), halves(fmus / "native")
-    exact = [oracle(system, stop=0.02)["conveyor.w"][-1] for system in (one, two)]
+    single, split = pair(fmus / "native", {}), halves(fmus / "native")
+    exact = [oracle(system, stop=0.02)["conveyor.w"][-1] for system in (single, split)]
     assert exact[1] == pytest.approx(exact[0], rel=1e-10)
-    modes = [np.sort_complex(np.linalg.eigvals(linearize(system).A)) for system in (one, two)]
+    modes = [np.sort_complex(np.linalg.eigvals(linearize(system).A)) for system in (single, split)]
     assert modes[1] == pytest.approx(np.sort_complex([*modes[0], -1 / 0.0625]), abs=1e-9)
-    assert "  other.tau [N.m] +> conveyor.tau [N.m]" in info(connect(two))
+    assert "  other.tau [N.m] +> conveyor.tau [N.m]" in info(connect(split))
 
 
 def test_a_sum_ends_no_bond(fmus: Path) -> None:
     """The power at its end is not that of one wire, even where one alone has a way back."""
-    one_way = replace(halves(fmus / "native"), wires=halves(fmus / "native").wires[:3])
-    assert not find_bonds(connect(one_way))
+    without_return = replace(halves(fmus / "native"), wires=halves(fmus / "native").wires[:3])
+    assert not find_bonds(connect(without_return))
     with pytest.raises(SetupError, match=r"ends at conveyor\.tau, which is a sum of wires"):
-        find_bonds(connect(replace(one_way, bonds=["motor.tau * conveyor.w"])))
+        find_bonds(connect(replace(without_return, bonds=["motor.tau * conveyor.w"])))
 
 
 def percent(value: float, reference: float) -> float:
@@ -130,19 +130,19 @@ def figures_of_the_page() -> Iterator[Any]:
         name, _, *cells = (cell.strip() for cell in line.split("|")[1:-1])
         algorithm, motor, conveyor = re.fullmatch(r"(\S+).*, (\d) / (\d)", name).groups()
         errors = {n: cell.split()[0] for n, cell in zip(steps, cells) if cell[-1:] == "%"}
-        for n, told in errors.items():
+        for n, texts in errors.items():
             long = [pytest.mark.slow] if algorithm == "iterated" and n > 256 else []
             held = {"motor_input_hold": int(motor), "conveyor_input_hold": int(conveyor)}
-            yield pytest.param(algorithm.lower(), held, n, told, id=f"{name}, {n}", marks=long)
+            yield pytest.param(algorithm.lower(), held, n, texts, id=f"{name}, {n}", marks=long)
 
 
-@pytest.mark.parametrize(("algorithm", "held", "n", "told"), list(figures_of_the_page()))
-def test_every_error_that_the_page_on_coupling_tells(
-    fmus: Path, algorithm: str, held: dict[str, int], n: int, told: str
+@pytest.mark.parametrize(("algorithm", "held", "n", "text"), list(figures_of_the_page()))
+def test_every_error_that_the_page_on_coupling_states(
+    fmus: Path, algorithm: str, held: dict[str, int], n: int, text: str
 ) -> None:
-    error = float(told)
+    error = float(text)
     _, torque, _ = ripple(fmus, algorithm, n, 48 if error > 1 else 24, **held)
-    last = 10.0 ** -len(told.partition(".")[2])
+    last = 10.0 ** -len(text.partition(".")[2])
     assert percent(torque, HELD_TAU2) == pytest.approx(error, abs=0.51 * last)
 
 
@@ -166,8 +166,8 @@ def test_strang_has_second_order_in_all_variables(fmus: Path, rest: bool) -> Non
 
 def test_gauss_seidel_drops_to_first_order_from_rest(fmus: Path) -> None:
     for rest, expected in ((True, 1.0), (False, 2.0)):
-        found = orders(transient_errors(fmus, "gauss-seidel", rest))
-        assert found[:, 1] == pytest.approx(expected, abs=0.1)
+        measured = orders(transient_errors(fmus, "gauss-seidel", rest))
+        assert measured[:, 1] == pytest.approx(expected, abs=0.1)
 
 
 def test_jacobi_has_first_order(fmus: Path) -> None:
@@ -218,17 +218,17 @@ def test_order_follows_the_wires_or_the_user(fmus: Path) -> None:
     settings: dict[str, Any] = {"stop": 0.01, "step": 1e-3, "algorithm": "gauss-seidel"}
     assert run(chain, **settings).provenance["order"] == ["motor", "conveyor"]
     assert run(loop, **settings).provenance["order"] == ["conveyor", "motor"]
-    given = run(loop, order=["motor", "conveyor"], **settings)
-    assert given.provenance["order"] == ["motor", "conveyor"]
-    assert not np.array_equal(given.data, run(loop, **settings).data)
+    result = run(loop, order=["motor", "conveyor"], **settings)
+    assert result.provenance["order"] == ["motor", "conveyor"]
+    assert not np.array_equal(result.data, run(loop, **settings).data)
 
 
 def test_wires_scale_and_shift(fmus: Path) -> None:
     """tau_static = A - B w tells what the motor hears."""
     wires = ["motor.tau -> conveyor.tau", "conveyor.w * 0.5 - 1.5e0 -> motor.w"]
     result = run(pair(fmus, {"conveyor.w": 33.0}, wires), stop=0.01, step=1e-3)
-    heard = (8000.0 - result["motor.tau_static"][0]) / 199.8
-    assert heard == pytest.approx(0.5 * 33.0 - 1.5, rel=1e-12)
+    received = (8000.0 - result["motor.tau_static"][0]) / 199.8
+    assert received == pytest.approx(0.5 * 33.0 - 1.5, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_wires_scale_and_shift(fmus: Path) -> None:
 )  # fmt: skip
 def test_a_wire_is_a_value_or_a_text(fmus: Path, wire: Wire, text: str) -> None:
     assert str(wire) == text
-    systems = (pair(fmus, wires=[given, WIRES[1]]) for given in (wire, text))
+    systems = (pair(fmus, wires=[form, WIRES[1]]) for form in (wire, text))
     results = [run(system, stop=0.01, step=1e-3) for system in systems]
     assert np.array_equal(results[0].data, results[1].data)
     assert results[0].provenance["wires"] == [text, WIRES[1]]
@@ -274,10 +274,10 @@ def test_units_with_an_offset_are_converted() -> None:
     kelvin = BaseUnit(K=1)
     celsius = BaseUnit(K=1, offset=273.15)
     fahrenheit = BaseUnit(K=1, factor=5 / 9, offset=273.15 - 32 * 5 / 9)
-    known = [(celsius, 20.0), (kelvin, 293.15), (fahrenheit, 68.0)]
-    for here, value in known:
-        for there, wanted in known:
-            factor, offset = unit_conversion(here, there) or (math.nan, math.nan)
+    temperatures = [(celsius, 20.0), (kelvin, 293.15), (fahrenheit, 68.0)]
+    for source, value in temperatures:
+        for target, wanted in temperatures:
+            factor, offset = unit_conversion(source, target) or (math.nan, math.nan)
             assert factor * value + offset == pytest.approx(wanted, rel=1e-12)
     assert unit_conversion(kelvin, BaseUnit(K=1, s=-1)) is None
 
@@ -300,10 +300,10 @@ def test_wires_convert_units(fmus: Path, tmp_path: Path) -> None:
     assert bond["residual"] == bond["given"] - bond["taken"] != 0.0
 
 
-def test_an_open_input_keeps_the_start_of_its_fmu_and_is_told(fmus: Path) -> None:
-    given = {"wires": ["motor.tau -> conveyor.tau"]}
-    open_, told = (replace(pair(fmus, start), **given) for start in ({}, {"motor.w": 40.0}))
-    runs = [run(system, stop=0.05, step=1e-3) for system in (open_, told)]
+def test_an_open_input_keeps_the_start_of_its_fmu_and_is_reported(fmus: Path) -> None:
+    changes = {"wires": ["motor.tau -> conveyor.tau"]}
+    open_, started = (replace(pair(fmus, start), **changes) for start in ({}, {"motor.w": 40.0}))
+    runs = [run(system, stop=0.05, step=1e-3) for system in (open_, started)]
     assert np.array_equal(runs[0].data, runs[1].data)
     assert [r.provenance["open_inputs"] for r in runs] == [{"motor.w": 40.0}, {}]
 

@@ -19,7 +19,7 @@ from cosim.analysis.crosscheck.report import COLORS, WRITERS
 from cosim.analysis.crosscheck.subject import Subject
 from cosim.engine.instance import quiet
 from tests.conftest import ROOT, described, rewritten
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.faulty import DEADLY, FAULTS, FAULTS3, pack
 from tests.cosim.foreign import pack as foreign
 from tests.cosim.third import pack as third
@@ -92,10 +92,12 @@ def test_a_crash_or_a_hang_fails_no_further_check(fault: str, version: str, tmp_
     assert len(report.verdicts) == len(CHECKS)
 
 
-def test_the_command_survives_a_crash_and_writes_its_reports(tmp_path: Path, said: Said) -> None:
+def test_the_command_survives_a_crash_and_writes_its_reports(
+    tmp_path: Path, command_output: CommandOutput
+) -> None:
     fmu, page, junit = (tmp_path / name for name in ("deadly.fmu", "it.html", "it.xml"))
     pack(fmu, "crashes")
-    text = said("crosscheck", fmu, "--out", page, "--out", junit, code=1)
+    text = command_output("crosscheck", fmu, "--out", page, "--out", junit, code=1)
     assert "memory                   2.1.5  FAILED  the process was killed by signal SIG" in text
     assert "memory, FMI 2.0.4, 2.1.5: 10 000 steps" in text and "18 passed, 1 failed" in text
     suite = ElementTree.parse(junit).getroot()
@@ -116,12 +118,12 @@ def test_the_command_survives_a_crash_and_writes_its_reports(tmp_path: Path, sai
     ],
 )
 def test_bad_input_is_refused_in_a_line(
-    arguments: Any, message: str, tmp_path: Path, said: Said
+    arguments: Any, message: str, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     sound = pack(tmp_path / "sound.fmu")
     other = (r"(?s)<CoSimulation.*?/>", '<ModelExchange modelIdentifier="faulty"/>')
     rewritten(sound, tmp_path / "other.fmu", described(other))
-    assert message in said("crosscheck", tmp_path / arguments[0], *arguments[1:], code=2)
+    assert message in command_output("crosscheck", tmp_path / arguments[0], *arguments[1:], code=2)
 
 
 @pytest.mark.parametrize(

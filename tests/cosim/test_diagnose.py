@@ -87,19 +87,19 @@ TABLE = [
 
 
 @pytest.mark.parametrize(
-    ("drive", "algorithm", "h", "seen"),
+    ("drive", "algorithm", "h", "damping"),
     [pytest.param(*row, marks=[] if row[2] == 1e-3 else [pytest.mark.slow]) for row in TABLE],
 )
-def test_damping_is_seen_as_the_ideal_algorithm_shows_it(
-    fmus: Path, drive: str, algorithm: str, h: float, seen: float
+def test_damping_is_that_of_the_ideal_algorithm(
+    fmus: Path, drive: str, algorithm: str, h: float, damping: float
 ) -> None:
     """Also the drive's momentum, which a held angle lets grow at c H / (2 (J1 + J2))."""
     got = diagnose(coupled(fmus, DRIVES[drive]), step=h, algorithm=algorithm, share=LOOSE)
     real = damping_ratio(100.0 if drive == "soft" else DAMP)
     ideal = ideal_damping(DRIVES[drive], algorithm, h)
     assert got.trusted
-    assert got.damping_seen == pytest.approx(seen, rel=3e-3)
-    assert got.damping_seen == pytest.approx(ideal, rel=1e-6)
+    assert got.damping_at_step == pytest.approx(damping, rel=3e-3)
+    assert got.damping_at_step == pytest.approx(ideal, rel=1e-6)
     assert got.frequency == pytest.approx(RESONANCE, rel=1e-3)
     assert abs(got.damping - real) <= got.error
     assert got.error < 0.05 * real
@@ -111,17 +111,19 @@ def test_damping_is_seen_as_the_ideal_algorithm_shows_it(
     assert ("a held angle or position drives it" in got.text()) is pushes
     assert got.recommended_step == h
     assert "This step keeps" in got.text()
-    assert ("unstable" in got.text()) is (seen < 0.0)
+    assert ("unstable" in got.text()) is (damping < 0.0)
 
 
-@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+@pytest.mark.parametrize(
+    "algorithm", ["jacobi", pytest.param("gauss-seidel", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("drive", ["two", pytest.param("three", marks=pytest.mark.slow)])
-def test_the_recommended_step_meets_its_share_and_is_no_shorter_than_it_must(
+def test_the_recommended_step_keeps_its_share_and_is_no_shorter_than_it_must(
     fmus: Path, drive: str, algorithm: str
 ) -> None:
     got = diagnose(coupled(fmus, DRIVES[drive]), step=1e-3, algorithm=algorithm, share=0.05)
-    kept = ideal_damping(DRIVES[drive], algorithm, got.recommended_step)
-    assert 0.04 < abs(kept / damping_ratio(DAMP) - 1) < 0.05
+    remaining = ideal_damping(DRIVES[drive], algorithm, got.recommended_step)
+    assert 0.04 < abs(remaining / damping_ratio(DAMP) - 1) < 0.05
     assert got.damping == pytest.approx(damping_ratio(DAMP), rel=1e-3)
     assert f"Steps of {got.recommended_step:.3g} s keep the damping within 5 %" in got.text()
 
@@ -130,17 +132,17 @@ def test_gauss_seidel_coupled_by_speed_has_no_delay(fmus: Path) -> None:
     system = coupled(fmus, twisting_drive(DAMP))
     got = diagnose(system, step=1e-3, algorithm="gauss-seidel")
     assert abs(got.delay) < 1e-4 * got.step
-    assert got.damping_seen == pytest.approx(0.0058386, abs=5e-8)
+    assert got.damping_at_step == pytest.approx(0.0058386, abs=5e-8)
     assert (got.recommended_step, got.drift) == (got.step, 0.0)
-    late = diagnose(system, step=1e-3, algorithm="jacobi", share=LOOSE)
-    assert late.damping_seen == pytest.approx(-0.01360, abs=5e-6)
+    diagnosis = diagnose(system, step=1e-3, algorithm="jacobi", share=LOOSE)
+    assert diagnosis.damping_at_step == pytest.approx(-0.01360, abs=5e-6)
 
 
 def test_moving_inputs_are_measured_too(fmus: Path) -> None:
     """Extrapolating FMUs, a master that extrapolates means, and a wire with a factor."""
     extrapolates = coupled(fmus, DRIVES["two"], hold=1)
     extrapolating = diagnose(extrapolates, step=1e-3, algorithm="jacobi", share=1.0)
-    assert extrapolating.damping_seen == pytest.approx(0.00564, abs=5e-6)
+    assert extrapolating.damping_at_step == pytest.approx(0.00564, abs=5e-6)
     system = coupled(fmus, DRIVES["two"])
     doubled = {"shaft.C[1,1]": STIFF / 2, "shaft.C[1,2]": DAMP / 2}
     doubled |= {"shaft.D[1,1]": -STIFF / 2, "shaft.D[1,2]": -DAMP / 2}
@@ -148,7 +150,7 @@ def test_moving_inputs_are_measured_too(fmus: Path) -> None:
     geared = replace(system, wires=wires, start={**system.start, **doubled})
     got = diagnose(geared, step=1e-3, algorithm="jacobi", input_order=1, share=1.0)
     ideal = ideal_damping(DRIVES["two"], "jacobi", 1e-3, input_order=1)
-    assert got.damping_seen == pytest.approx(ideal, rel=1e-6)
+    assert got.damping_at_step == pytest.approx(ideal, rel=1e-6)
 
 
 @pytest.mark.parametrize(("algorithm", "delay"), [("jacobi", 1.0), ("gauss-seidel", 0.0)])
@@ -176,10 +178,10 @@ def test_loop_delay_of_the_conveyor_drive_on_its_orbit(algorithm: str, delay: fl
 )
 def test_model_exchange_gives_the_damping_itself(algorithm: str, fmus: Path, native: Path) -> None:
     """Two masses on a shaft: the eigenvalue, and within its error what runs of the Python FMUs tell."""
-    given = {"shaft__c": STIFF, "shaft__d": 100.0, "shaft__twist": 0.001}
-    given |= dict.fromkeys(("one__w_a", "two__w_a", "two__tau_b"), 0.0)
+    start = {"shaft__c": STIFF, "shaft__d": 100.0, "shaft__twist": 0.001}
+    start |= dict.fromkeys(("one__w_a", "two__w_a", "two__tau_b"), 0.0)
     linear, runs = (
-        diagnose(two_masses(folder, **given), step=1e-4, algorithm=algorithm, share=LOOSE)
+        diagnose(two_masses(folder, **start), step=1e-4, algorithm=algorithm, share=LOOSE)
         for folder in (native, fmus)
     )
     assert (linear.linear, runs.linear) == (True, False)
@@ -187,7 +189,7 @@ def test_model_exchange_gives_the_damping_itself(algorithm: str, fmus: Path, nat
     assert linear.damping == pytest.approx(damping_ratio(100.0), rel=1e-8)
     assert abs(runs.damping - linear.damping) <= runs.error
     assert linear.error < runs.error / 10
-    assert linear.damping_seen == pytest.approx(runs.damping_seen, rel=1e-6)
+    assert linear.damping_at_step == pytest.approx(runs.damping_at_step, rel=1e-6)
     assert "from derivatives of the FMUs." in linear.text()
     assert "from runs with shorter steps." in runs.text()
 
@@ -206,12 +208,12 @@ def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
     assert abs(got.damping) <= got.error < 1e-4
     s = rates(OSCILLATOR, Scheme("jacobi"), 0.01)
     growing = min(s[s.imag > 0.0], key=lambda s: -s.real / abs(s))
-    assert got.damping_seen == pytest.approx(-growing.real / abs(growing), rel=1e-6)
+    assert got.damping_at_step == pytest.approx(-growing.real / abs(growing), rel=1e-6)
     assert got.recommended_step is None
     assert "does not damp it" in got.text()
 
 
-def drawn_masses(draw: random.Random) -> tuple[dict[str, Unit], Any]:
+def random_masses(draw: random.Random) -> tuple[dict[str, Unit], Any]:
     """Two masses with springs and dampers to the ground and between them, in two parts, and the
     matrix A of x' = A x of the whole.
     """
@@ -227,37 +229,35 @@ def drawn_masses(draw: random.Random) -> tuple[dict[str, Unit], Any]:
             [[between, both]], [0, 0.2], ["a.1", "a.2"], D=[[-between, -both]],
         ),
     }  # fmt: skip
-    one = [-(c + between) / m, -(d + both) / m, between / m, both / m]
+    row = [-(c + between) / m, -(d + both) / m, between / m, both / m]
     other = [between / n, both / n, -(k + between) / n, -(e + both) / n]
-    return units, np.array([[0, 1, 0, 0], one, [0, 0, 0, 1], other])
+    return units, np.array([[0, 1, 0, 0], row, [0, 0, 0, 1], other])
 
 
 @pytest.mark.parametrize(
     ("seed", "count"),
-    [(2, 3), *(pytest.param(n, 16, marks=pytest.mark.slow) for n in (1, 2, 3, 4))],
+    [(2, 1), *(pytest.param(n, 16, marks=pytest.mark.slow) for n in (1, 2, 3, 4))],
 )
-def test_damping_and_steps_of_systems_drawn_at_random_are_the_true_ones(
-    fmus: Path, seed: int, count: int
-) -> None:
+def test_damping_and_steps_of_random_systems_are_true(fmus: Path, seed: int, count: int) -> None:
     """At steps where a damping ratio follows a parabola, and where it does not yet."""
-    draw, outside, told = random.Random(seed), [], 0
-    while told < count:
-        units, A = drawn_masses(draw)
+    draw, outside, stated = random.Random(seed), [], 0
+    while stated < count:
+        units, A = random_masses(draw)
         modes = np.linalg.eigvals(A)
         h = 2 * math.pi / np.abs(modes).max() / 10 ** draw.uniform(0.8, 2.3)
         algorithm, share = draw.choice(["jacobi", "gauss-seidel"]), 10 ** draw.uniform(-2.0, 0.0)
         got = diagnose(coupled(fmus, units), step=h, algorithm=algorithm, share=share)
         if not (got.trusted and got.damped):
             continue
-        told += 1
-        seen = got.frequency * complex(-got.damping, math.sqrt(1.0 - got.damping**2))
-        true = min(modes, key=lambda s: abs(s - seen))
+        stated += 1
+        eigenvalue = got.frequency * complex(-got.damping, math.sqrt(1.0 - got.damping**2))
+        true = min(modes, key=lambda s: abs(s - eigenvalue))
         damping = -true.real / abs(true)
         outside.append(abs(got.damping - damping) / got.error)
         if got.recommended_step is not None:
             s = rates(units, Scheme(algorithm, 0), got.recommended_step)
-            kept = min(s, key=lambda s: abs(s - true))
-            assert abs(-kept.real / abs(kept) - damping) <= share * damping * (1.0 + 1e-6)
+            nearest = min(s, key=lambda s: abs(s - true))
+            assert abs(-nearest.real / abs(nearest) - damping) <= share * damping * (1.0 + 1e-6)
     assert sum(ratio > 1.0 for ratio in outside) <= count / 16
     assert max(outside) < 1.5
 
@@ -271,7 +271,7 @@ def hunt(half: Path, a: float, b: float, x: float, y: float) -> System:
     return System(dict.fromkeys(parts, half), wires, start)
 
 
-def drawn_hunts(seed: int) -> Iterator[tuple[str, float, float, tuple[float, ...]]]:
+def random_hunts(seed: int) -> Iterator[tuple[str, float, float, tuple[float, ...]]]:
     """Algorithms, steps, times to settle, and hunts at random; some begin far from their centre."""
     draw = random.Random(seed)
     for algorithm in ("jacobi", "gauss-seidel", "strang"):
@@ -285,19 +285,27 @@ def drawn_hunts(seed: int) -> Iterator[tuple[str, float, float, tuple[float, ...
         )
 
 
+#: step [s] that is tried with each algorithm; shorter ones are slow
+LONGEST = 0.2
 FIXED = [
-    (algorithm, step, settle, (1.1, 1.1, 1.5, 0.7))
-    for step, settle in ((0.2, 0.0), (0.05, 7.0), (0.02, 0.0))
+    pytest.param(
+        algorithm,
+        step,
+        settle,
+        (1.1, 1.1, 1.5, 0.7),
+        marks=[] if step == LONGEST else [pytest.mark.slow],
+    )
+    for step, settle in ((LONGEST, 0.0), (0.05, 7.0), (0.02, 0.0))
     for algorithm in ("jacobi", "gauss-seidel", "strang")
 ]
-DRAWN = [
-    pytest.param(*hunted, id=f"{seed}-{hunted[0]}", marks=[pytest.mark.slow] if seed else [])
+RANDOM_HUNTS = [
+    pytest.param(*hunted, id=f"{seed}-{hunted[0]}", marks=pytest.mark.slow)
     for seed in range(11)
-    for hunted in drawn_hunts(seed)
+    for hunted in random_hunts(seed)
 ]
 
 
-@pytest.mark.parametrize(("algorithm", "step", "settle", "numbers"), [*FIXED, *DRAWN])
+@pytest.mark.parametrize(("algorithm", "step", "settle", "numbers"), [*FIXED, *RANDOM_HUNTS])
 def test_a_centre_has_no_damping(
     algorithm: str, step: float, settle: float, numbers: tuple[float, ...], half: Path
 ) -> None:
@@ -326,7 +334,7 @@ def test_figures_that_are_not_trustworthy_are_not_stated(fmus: Path) -> None:
         assert not re.search(r"\d", odd.text())
 
 
-def test_a_system_that_does_not_oscillate_is_told(fmus: Path) -> None:
+def test_a_system_that_does_not_oscillate_is_reported(fmus: Path) -> None:
     got = diagnose(coupled(fmus, DC_MOTOR), step=1e-3)
     assert math.isnan(got.frequency)
     assert got.recommended_step is None
@@ -351,6 +359,6 @@ def test_what_cannot_be_diagnosed_is_refused(fmus: Path) -> None:
     for settings, reason in wrong:
         with pytest.raises(SetupError, match=reason):
             diagnose(system, **{"step": 1e-3} | settings)
-    alone = System({"a": fmus / "LinearSystem.fmu"}, start={f"a.u[{i}]": 0.0 for i in range(1, 5)})
+    single = System({"a": fmus / "LinearSystem.fmu"}, start={f"a.u[{i}]": 0.0 for i in range(1, 5)})
     with pytest.raises(SetupError, match="needs a wire that carries a Real"):
-        diagnose(alone, step=1e-3)
+        diagnose(single, step=1e-3)

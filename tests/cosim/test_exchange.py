@@ -14,14 +14,14 @@ from scipy.linalg import expm
 from cosim import SetupError, System, linearize, oracle, run, true_errors
 from scenarios.packing_line.questions import packing_line
 from tests.conftest import described, rewritten
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import DRIVE
 from tests.cosim.test_reference import HYBRID
 from tests.cosim.vector import pack
 from tests.fmukit.test_fmi3 import built
 
 EVERY = r"(?s)<CoSimulation[^>]*/>|<CoSimulation.*</CoSimulation>"
-ALONE = described((EVERY, ""))
+WITHOUT_COSIMULATION = described((EVERY, ""))
 MATRIX = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -4.0, 0.0]])
 
 
@@ -54,8 +54,10 @@ def same_events(second: System, third: System, stop: float) -> None:
 @pytest.mark.parametrize("case", HYBRID, ids=lambda case: case[0])
 def test_both_versions_have_the_same_events(case: tuple, native: Path) -> None:
     name, start, stop, _ = case
-    given = {f"m.{k}": value for k, value in start.items()}
-    second, third = (System({"m": f}, start=given) for f in (native / f"{name}.fmu", built(name)))
+    named_start = {f"m.{k}": value for k, value in start.items()}
+    second, third = (
+        System({"m": f}, start=named_start) for f in (native / f"{name}.fmu", built(name))
+    )
     same_events(second, third, stop)
 
 
@@ -68,26 +70,26 @@ def test_a_boolean_wire_acts_at_the_same_time_in_both_versions(native: Path) -> 
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_model_exchange_alone_is_enough_for_the_oracle_and_not_for_a_run(
+def test_model_exchange_is_enough_for_the_oracle_and_not_for_a_run(
     version: str, native: Path, tmp_path: Path
 ) -> None:
     third = version == "3.0"
     fmus = [built(n) if third else native / f"{n}.fmu" for n in ("DriveMotor", "CrankConveyor")]
     both = drive(*fmus)
-    system = drive(*(rewritten(fmu, tmp_path / fmu.name, ALONE) for fmu in fmus))
+    system = drive(*(rewritten(fmu, tmp_path / fmu.name, WITHOUT_COSIMULATION) for fmu in fmus))
     got, exact = (oracle(s, stop=0.02, output_step=0.005) for s in (system, both))
     assert np.array_equal(got.data, exact.data)
     assert np.array_equal(linearize(system).A, linearize(both).A)
-    ways: tuple[Callable[[], object], ...] = (
+    calls: tuple[Callable[[], object], ...] = (
         lambda: run(system, stop=0.1, step=0.01),
         lambda: true_errors(system, stop=0.1, step=0.01),
     )
-    for way in ways:
+    for call in calls:
         with pytest.raises(
             SetupError,
             match=r"part motor: .*DriveMotor\.fmu offers model exchange only; .* oracle and linearize",
         ):
-            way()
+            call()
 
 
 def linear(u: float, k: float, t: float, x: np.ndarray) -> np.ndarray:
@@ -108,34 +110,36 @@ def test_arrays_discrete_inputs_and_events_of_time(tmp_path: Path) -> None:
         x = linear(3.0, k, end - begin, x)
     assert got.provenance["events"] == [0.3, 0.5]
     assert got.data[-1, 1:] == pytest.approx([x[1] + 1.5, x[0], x[2]], abs=1e-11)
-    whole = oracle(system, stop=0.1, record=["v.y"])
-    assert whole.columns == ["time", "v.y[1]", "v.y[2]"]
+    reference = oracle(system, stop=0.1, record=["v.y"])
+    assert reference.columns == ["time", "v.y[1]", "v.y[2]"]
 
 
 @pytest.mark.parametrize("slopes", [True, False])
 def test_arrays_are_linearised_element_by_element(slopes: bool, tmp_path: Path) -> None:
     """By derivatives with a seed for each element, and by differences; two of them in a chain."""
     fmu = pack(tmp_path / "vector.fmu", slopes=slopes)
-    found = linearize(System({"v": fmu, "w": fmu}, ["v.y -> w.u"], {"v.k": 5.0}))
-    assert found.states == [f"{part}.{x}" for part in "vw" for x in ("z", "x[1]", "x[2]")]
-    assert (found.inputs, found.outputs[2:]) == (["v.u[1]", "v.u[2]"], ["w.y[1]", "w.y[2]"])
+    linear = linearize(System({"v": fmu, "w": fmu}, ["v.y -> w.u"], {"v.k": 5.0}))
+    assert linear.states == [f"{part}.{x}" for part in "vw" for x in ("z", "x[1]", "x[2]")]
+    assert (linear.inputs, linear.outputs[2:]) == (["v.u[1]", "v.u[2]"], ["w.y[1]", "w.y[2]"])
     inner, entry = np.zeros((6, 6)), np.zeros((6, 2))
     inner[:3, :3] = inner[3:, 3:] = MATRIX
     inner[3, 2] = inner[5, 1] = 1.0  # u = x of the first one, whose k is 1 here
     entry[:3] = [[0.0, 1.0], [0.0, 0.0], [5.0, 0.0]]
     entry[3:] = [[0.0, 0.5], [0.0, 0.0], [0.5, 0.0]]
-    shown = np.array([[0, 0.5, 0, 0, 1, 0], [0, 0, 0.5, 0, 0, 1]])
-    for got, exact in ((found.A, inner), (found.B, entry), (found.C[2:], shown)):
+    expected = np.array([[0, 0.5, 0, 0, 1, 0], [0, 0, 0.5, 0, 0, 1]])
+    for got, exact in ((linear.A, inner), (linear.B, entry), (linear.C[2:], expected)):
         assert got == pytest.approx(exact, abs=1e-12 if slopes else 1e-9)
-    assert found.D[2:] == pytest.approx(np.eye(2) / 4, abs=1e-9)
+    assert linear.D[2:] == pytest.approx(np.eye(2) / 4, abs=1e-9)
 
 
-def test_the_shell_gives_the_truth_where_no_run_can_be(tmp_path: Path, said: Said) -> None:
+def test_the_shell_gives_the_truth_where_no_run_can_be(
+    tmp_path: Path, command_output: CommandOutput
+) -> None:
     fmu, out = pack(tmp_path / "vector.fmu"), tmp_path / "true.csv"
     options = ["--stop", "0.4", "--record", "vector.x[1]", "--out", str(out)]
-    told = said("oracle", fmu, *options)
-    assert "with no run to compare: vector offers no co-simulation" in told
-    values = {row.split("  ")[1]: row.split() for row in told.splitlines()[1:-1]}
+    text = command_output("oracle", fmu, *options)
+    assert "with no run to compare: vector offers no co-simulation" in text
+    values = {row.split("  ")[1]: row.split() for row in text.splitlines()[1:-1]}
     for what, exact in {
         "at the end": 0.2 * math.cos(0.8),
         ", smallest": 0.2 * math.cos(0.8),
@@ -146,8 +150,10 @@ def test_the_shell_gives_the_truth_where_no_run_can_be(tmp_path: Path, said: Sai
         value, error = float(row[row.index("+-") - 1]), float(row[row.index("+-") + 1])
         assert 0.0 < error < 1e-6 and abs(value - exact) <= error, what
     assert len(out.read_text().splitlines()) == 1002
-    assert "offers model exchange only" in said("run", fmu, "--stop", "1", "--step", "0.1", code=2)
-    assert "for model exchange only" in said("info", fmu)
+    assert "offers model exchange only" in command_output(
+        "run", fmu, "--stop", "1", "--step", "0.1", code=2
+    )
+    assert "for model exchange only" in command_output("info", fmu)
 
 
 def test_a_clock_that_is_to_tick_is_refused(tmp_path: Path) -> None:

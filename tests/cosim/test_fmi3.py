@@ -36,7 +36,7 @@ from cosim.engine.settings import RunSettings
 from cosim.system import connect
 from tests.conftest import rewritten
 from tests.cosim import foreign
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_cosim import NU, WIRES
 from tests.cosim.third import BASES, pack
 from tests.fmukit.test_fmi3 import built
@@ -111,12 +111,12 @@ def test_both_versions_and_their_mixtures_give_the_same_bits(
     for versions, parts in drives.items():
         start = {"conveyor.w": NU}
         settings: dict[str, Any] = {"stop": 0.3004, "step": 1e-3, "substeps": {"motor": 2}}
-        found = run(System(parts, WIRES, start), algorithm=algorithm, **settings)
-        assert found.provenance["loop"] == "compiled"
-        results[versions] = found
-    for found in results.values():
-        assert_array_equal(found.data, results["22"].data)
-        assert found.energy == results["22"].energy
+        rows = run(System(parts, WIRES, start), algorithm=algorithm, **settings)
+        assert rows.provenance["loop"] == "compiled"
+        results[versions] = rows
+    for rows in results.values():
+        assert_array_equal(rows.data, results["22"].data)
+        assert rows.energy == results["22"].energy
     assert np.ptp(results["33"]["conveyor.w"]) > 1.0
 
 
@@ -126,9 +126,9 @@ def test_both_versions_and_their_mixtures_give_the_same_bits(
 def test_going_back_gives_the_same_bits(
     settings: dict[str, Any], drives: dict[str, dict[str, Path]]
 ) -> None:
-    told = [run(System(drives[v], WIRES), stop=0.05, **settings) for v in ("22", "33", "23")]
-    for other in told[1:]:
-        assert_array_equal(told[0].data, other.data)
+    results = [run(System(drives[v], WIRES), stop=0.05, **settings) for v in ("22", "33", "23")]
+    for other in results[1:]:
+        assert_array_equal(results[0].data, other.data)
 
 
 def test_a_certified_figure_is_the_same(drives: dict[str, dict[str, Path]]) -> None:
@@ -214,7 +214,7 @@ def test_types_of_both_versions_meet(third: Path, tmp_path: Path) -> None:
     assert result["B.Float32_out"][-1] == np.float32(result["A.y"][-1])
 
 
-def test_arrays_go_over_wires_whole_and_by_element(two: dict[str, Path]) -> None:
+def test_arrays_go_over_wires_together_and_by_element(two: dict[str, Path]) -> None:
     start = {f"A.Float64_ins[{i},{j}]": 10.0 * i + j for i in (1, 2) for j in (1, 2)}
     start |= {"B.Int32_ins[1,2]": 5, "B.Float32_ins[2,2]": 0.5}
     wires = ["A.Float64_outs * 2 -> B.Float64_ins", "A.Int32_out -> B.Int32_ins[2,1]"]
@@ -243,7 +243,7 @@ def test_arrays_go_over_wires_whole_and_by_element(two: dict[str, Path]) -> None
         ("A.String_out -> B.Int8_in", {}, "String cannot drive Integer"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_one_sentence(
+def test_what_cannot_be_is_refused_in_a_sentence(
     wire: str, start: dict[str, Any], reason: str, two: dict[str, Path]
 ) -> None:
     with pytest.raises(SetupError, match=reason) as refused:
@@ -255,8 +255,8 @@ def test_binary_values_are_hexadecimal_digits(third: Path) -> None:
     network = connect(System({"A": third}, start={"A.Binary_in": "DEAD00BEEF"}))
     with ExitStack() as stack:
         part = initialise(network, RunSettings(1.0, 0.1), ["A"], stack)["A"]
-        shown = [network.port(f"A.{name}_out").variable for name in ("Binary", "String")]
-        assert part.values(shown) == {"Binary_out": "dead00beef", "String_out": "grün"}
+        variables = [network.port(f"A.{name}_out").variable for name in ("Binary", "String")]
+        assert part.values(variables) == {"Binary_out": "dead00beef", "String_out": "grün"}
     with pytest.raises(SetupError, match=r"A.Binary_out is a Binary and cannot be recorded"):
         run(System({"A": third}), stop=1.0, step=0.1, record=["A.Binary_out"])
 
@@ -315,11 +315,11 @@ def test_all_stop_at_an_event_that_a_wire_carries(
     assert result["B.y"] == pytest.approx(true, abs=1e-5)
     if settings["step"] == 0.1:
         parts["A"] = pack(tmp_path / "stays.fmu", canGetAndSetFMUState="false")
-        late = run(System(parts, ["A.hits -> B.u"]), stop=1.2, record=["B.y"], **settings)
-        assert 0.01 < abs(true[-1] - late["B.y"][-1]) < 0.3
+        delayed = run(System(parts, ["A.hits -> B.u"]), stop=1.2, record=["B.y"], **settings)
+        assert 0.01 < abs(true[-1] - delayed["B.y"][-1]) < 0.3
 
 
-def test_rows_within_steps_are_what_the_fmu_shows_there(third: Path, tmp_path: Path) -> None:
+def test_rows_within_steps_are_intermediate_values_of_the_fmu(third: Path, tmp_path: Path) -> None:
     """Parabolas to the last digits, also beside a landing; without them a cubic cuts it off."""
     settings: dict[str, Any] = {
         "stop": 1.2,
@@ -357,7 +357,7 @@ def test_a_clock_ticks_at_its_times(
         assert y == pytest.approx(3.0 * last, abs=1.5 * step + 1e-9)
 
 
-def test_a_sampled_value_reaches_the_others_when_it_is_sampled(tmp_path: Path) -> None:
+def test_a_sampled_value_reaches_further_parts_when_it_is_sampled(tmp_path: Path) -> None:
     """x' is 0 before the first tick, at 0.05 s and within a step, and 1 after it."""
     parts = {"A": pack(tmp_path / "clock.fmu", TICKS.format("constant"))}
     parts["B"] = foreign.pack(tmp_path / "B.fmu", a=0.0, x0=0.0)
@@ -457,7 +457,7 @@ def require_second(root: Any) -> None:
             assert len(listed) == count
 
 
-def test_a_package_with_fmi_3_is_one_of_ssp_2(two: dict[str, Path], tmp_path: Path) -> None:
+def test_a_package_with_fmi_3_is_written_as_ssp_2(two: dict[str, Path], tmp_path: Path) -> None:
     """Every type, arrays as arrays, and values beyond 32 bits come back."""
     kinds = [*BASES, "String", "Gear"]
     wires = [f"A.{kind}_out -> B.{kind}_in" for kind in kinds]
@@ -469,8 +469,10 @@ def test_a_package_with_fmi_3_is_one_of_ssp_2(two: dict[str, Path], tmp_path: Pa
     names = {etree.QName(c[0]).localname for c in root.iter("{*}Connector")}
     older = {"Float64": "Real", "Int32": "Integer"}  # the same numbers, known to more tools
     assert names == {*(older.get(kind, kind) for kind in BASES), "String", "Enumeration"}
-    whole = [c for c in root.iter("{*}Connection") if c.get("startConnector") == "Float64_outs"]
-    assert [c.get("startIndices") for c in whole] == [None]
+    connections = [
+        c for c in root.iter("{*}Connection") if c.get("startConnector") == "Float64_outs"
+    ]
+    assert [c.get("startIndices") for c in connections] == [None]
     package = read_ssp(tmp_path / "all.ssp", tmp_path / "all")
     ours, theirs = connect(system), connect(package.system)
     assert {p.name: v for p, v in ours.start} == {p.name: v for p, v in theirs.start}
@@ -491,7 +493,7 @@ def test_a_wire_between_single_elements_is_written_aloud(
     ]
 
 
-def test_a_package_of_fmi_2_alone_stays_one_of_ssp_1(
+def test_a_package_of_fmi_2_is_written_as_ssp_1(
     drives: dict[str, dict[str, Path]], tmp_path: Path
 ) -> None:
     root = written(System(drives["22"], WIRES, {"motor.T": 0.04}), tmp_path / "old.ssp")
@@ -524,10 +526,12 @@ def test_bad_arrays_and_values_are_refused(name: str, two: dict[str, Path], tmp_
         read_ssp(rewritten(tmp_path / "a.ssp", tmp_path / "b.ssp", edit), tmp_path / "b")
 
 
-def test_info_and_the_shell_tell_types_and_version(third: Path, tmp_path: Path, said: Said) -> None:
-    told = "\n".join(info(connect(System({"A": third}))))
-    assert "A: third, third.fmu, FMI 3.0" in told
-    assert "has event mode, returns early at events, shows values within a step" in told
-    assert "input   A.UInt16_ins[2,1]: UInt16" in told
-    assert "A.Binary_in = 'c0ffee'" in told
-    assert "ready to run" in said("check", third, "--stop", "1")
+def test_info_and_the_shell_report_types_and_version(
+    third: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
+    text = "\n".join(info(connect(System({"A": third}))))
+    assert "A: third, third.fmu, FMI 3.0" in text
+    assert "has event mode, returns early at events, shows values within a step" in text
+    assert "input   A.UInt16_ins[2,1]: UInt16" in text
+    assert "A.Binary_in = 'c0ffee'" in text
+    assert "ready to run" in command_output("check", third, "--stop", "1")

@@ -68,7 +68,7 @@ def test_a_step_is_exact(a: float, slope: float, bend: float, make: Make) -> Non
     assert unit.get("u") == pytest.approx(u, rel=1e-14)
 
 
-def test_input_derivatives_hold_for_one_step(make: Make) -> None:
+def test_input_derivatives_hold_for_a_single_step(make: Make) -> None:
     unit = make().start()
     unit.fmi.setRealInputDerivatives(references("u"), [1], [1.0])
     unit.step(0.0, H).step(H, H)
@@ -187,13 +187,13 @@ def test_a_step_beyond_the_stop_time_is_refused(make: Make) -> None:
     assert "beyond the stop time 0.3 s" in refused(unit.fmi.doStep, 0.3, 0.001)
 
 
-@pytest.mark.parametrize("given", [True, False])
-def test_some_need_their_input_in_initialisation(given: bool, make: Make) -> None:
+@pytest.mark.parametrize("is_set", [True, False])
+def test_some_need_their_input_in_initialisation(is_set: bool, make: Make) -> None:
     unit = make(needs_input=True, u=1.0).set(u=2.0)
     unit.fmi.setupExperiment()
     unit.fmi.enterInitializationMode()
     unit.set(integer_in=3)
-    if given:
+    if is_set:
         unit.set(u=3.0).fmi.exitInitializationMode()
     else:
         reason = refused(unit.fmi.exitInitializationMode)
@@ -212,7 +212,7 @@ def test_after_a_breakdown_nothing_may_be_called(at: float, make: Make, tmp_path
     assert diary.read_text() == 2 * "used after fatal unit 7\n" + "freed unit 7\n"
 
 
-def test_the_diary_tells_how_an_instance_ended(make: Make, tmp_path: Path) -> None:
+def test_the_diary_says_how_an_instance_ended(make: Make, tmp_path: Path) -> None:
     diary = tmp_path / "diary.txt"
     unit = make(diary=str(diary)).start()
     state(unit)

@@ -14,7 +14,7 @@ import pytest
 from cosim import SetupError, System
 from cosim.system import connect
 from tests.conftest import ROOT, described, rewritten
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import BINARY
 from tests.cosim.foreign import pack as foreign
 from tests.cosim.test_ssp import (
@@ -50,8 +50,8 @@ def doubled(depth: int, width: int) -> str:
     inner = MOTOR.format("")
     for level in range(depth):
         many = "".join(LOOP.format(f"a{n}", f"#l{level}") for n in range(width))
-        one = f'<ssd:System name="l{level}" id="l{level}"><ssd:Elements>{inner}</ssd:Elements></ssd:System>'
-        inner = one + many
+        level_text = f'<ssd:System name="l{level}" id="l{level}"><ssd:Elements>{inner}</ssd:Elements></ssd:System>'
+        inner = level_text + many
     return ssd(inner)
 
 
@@ -94,16 +94,16 @@ TEXTS: dict[str, tuple[str | bytes | Files, str]] = {
 BOMBS = ("billion laughs", "laughs in a name", "a thousand million parts", "files in files")
 
 
-Spoil = Callable[[zipfile.ZipFile], object]
+Damage = Callable[[zipfile.ZipFile], object]
 BIG = 3_000_000_000
 
 
-def first(**attributes: Any) -> Spoil:
+def first(**attributes: Any) -> Damage:
     """What the directory at the end of an archive says of its first file, true or not."""
     return lambda archive: [setattr(archive.infolist()[0], *item) for item in attributes.items()]
 
 
-def also(name: str, content: str = "x", mode: int = 0o100644) -> Spoil:
+def also(name: str, content: str = "x", mode: int = 0o100644) -> Damage:
     """One more file in an archive, or a link."""
 
     def write(archive: zipfile.ZipFile) -> None:
@@ -114,7 +114,7 @@ def also(name: str, content: str = "x", mode: int = 0o100644) -> Spoil:
     return write
 
 
-ARCHIVES: dict[str, tuple[Spoil, str]] = {
+ARCHIVES: dict[str, tuple[Damage, str]] = {
     "bomb": (first(file_size=BIG), "unpacked, it would be far larger than it is packed"),
     "said to be short": (first(file_size=10), "is not a readable zip file: Bad CRC-32"),
     "encrypted": (first(flag_bits=1), "is not a readable zip file: File"),
@@ -133,11 +133,11 @@ Refused = Callable[[Path, str], None]
 
 
 @pytest.fixture
-def refused(said: Said) -> Refused:
+def refused(command_output: CommandOutput) -> Refused:
     """Say why a file cannot be read, in one short line."""
 
     def why(path: Path, message: str) -> None:
-        error = said("run", path, "--stop", 0.1, "--step", 0.1, code=2)
+        error = command_output("run", path, "--stop", 0.1, "--step", 0.1, code=2)
         assert message in error and len(error) < 500, error[:300]
 
     return why
@@ -168,10 +168,10 @@ def test_a_pipe_is_no_file(name: str, tmp_path: Path, refused: Refused) -> None:
 
 @pytest.mark.parametrize("name", ARCHIVES)
 def test_hostile_archives_are_refused(name: str, tmp_path: Path, refused: Refused) -> None:
-    spoil, message = ARCHIVES[name]
+    damage, message = ARCHIVES[name]
     with zipfile.ZipFile(tmp_path / "test.ssp", "w") as archive:
         archive.writestr(SSD, component('source="link.fmu"'))
-        spoil(archive)
+        damage(archive)
     before = sorted(tmp_path.parent.rglob("*"))
     refused(tmp_path / "test.ssp", message)
     assert sorted(tmp_path.parent.rglob("*")) == before
@@ -204,14 +204,14 @@ def test_the_description_of_an_fmu_is_no_bomb(
     ("codec", "named"), [("utf-16", "UTF-16"), ("latin-1", "ISO-8859-1"), ("utf-8-sig", "UTF-8")]
 )
 def test_other_encodings_are_read(
-    codec: str, named: str, fmus: Path, tmp_path: Path, said: Said
+    codec: str, named: str, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     structure = encoded(flat().replace('name="all"', 'name="Räder"'), codec, named)
     files: Files = {
         f"resources/{n}.fmu": fmus / f"{n}.fmu" for n in ("DriveMotor", "CrankConveyor")
     }
     path = pack(tmp_path / "test.ssp", files | {SSD: structure})
-    said("info", path)
+    command_output("info", path)
 
 
 def small() -> None:
@@ -254,7 +254,7 @@ def test_an_array_with_too_many_elements_is_named(
         ((r'valueReference="\d+"', 'valueReference="-"'), "is not a number"),
     ],
 )  # fmt: skip
-def test_a_malformed_description_is_refused_in_words(
+def test_a_malformed_description_is_refused_with_a_sentence(
     swap: tuple[str, str], message: str, tmp_path: Path, refused: Refused
 ) -> None:
     refused(rewritten(third(tmp_path / "A.fmu"), tmp_path / "B.fmu", described(swap)), message)
@@ -270,7 +270,7 @@ def test_a_description_in_another_encoding_than_it_says_is_refused(
     refused(rewritten(third(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit), "modelDescription.xml")
 
 
-def test_a_library_of_another_name_is_named(tmp_path: Path, said: Said) -> None:
+def test_a_library_of_another_name_is_named(tmp_path: Path, command_output: CommandOutput) -> None:
     """And the FMU is described all the same."""
 
     def edit(files: dict[str, Any]) -> None:
@@ -279,26 +279,26 @@ def test_a_library_of_another_name_is_named(tmp_path: Path, said: Said) -> None:
     fmu = rewritten(foreign(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit)
     reason = "has no binaries/linux64/foreign.so, the name that its modelIdentifier gives; "
     reason += "binaries/linux64/ has other.so"
-    assert reason in said("run", fmu, "--stop", 1, "--step", 0.1, code=2)
-    text = said("info", fmu)
+    assert reason in command_output("run", fmu, "--stop", 1, "--step", 0.1, code=2)
+    text = command_output("info", fmu)
     assert f"cannot run here: part B: {fmu} {reason}" in text and "output  B.y: Real" in text
 
 
 def test_what_only_other_platforms_run_and_clocks_that_nothing_ticks_are_described(
-    tmp_path: Path, said: Said
+    tmp_path: Path, command_output: CommandOutput
 ) -> None:
     def edit(files: dict[str, Any]) -> None:
         files["binaries/win64/foreign.dll"] = files.pop(BINARY)
 
     fmu = rewritten(foreign(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit)
-    text = said("info", fmu)
+    text = command_output("info", fmu)
     assert "for win64" in text and "has no binary for this platform, binaries/linux64" in text
     waits = third(tmp_path / "waits.fmu", 'intervalVariability="triggered"')
-    assert "cannot run here: waits.clock is a triggered clock" in said("info", waits)
-    assert "is a triggered clock" in said("run", waits, code=2)
+    assert "cannot run here: waits.clock is a triggered clock" in command_output("info", waits)
+    assert "is a triggered clock" in command_output("run", waits, code=2)
     swap = described((r"(?s)<CoSimulation.*?/>", '<ScheduledExecution modelIdentifier="third"/>'))
     scheduled = rewritten(third(tmp_path / "third.fmu"), tmp_path / "scheduled.fmu", swap)
-    assert "offers scheduled execution only" in said("info", scheduled)
+    assert "offers scheduled execution only" in command_output("info", scheduled)
 
 
 @pytest.mark.parametrize(

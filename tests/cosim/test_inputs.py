@@ -31,7 +31,7 @@ from cosim import (
 )
 from cosim.cli.main import main
 from cosim.cli.system_file import single_fmu_system
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack
 
 A, B, T = 100.0, 2.0, 0.05
@@ -61,7 +61,7 @@ def torque(t: Any) -> Any:
     return np.where(t <= 0.35, on_line(A, 0.0, up, t), on_line(middle, 20.0, down, t - 0.35))
 
 
-def off(result: Any) -> float:
+def speed_error(result: Any) -> float:
     """The largest error of the torque [N m]."""
     return float(np.abs(result["motor.tau"] - torque(result["time"])).max())
 
@@ -72,7 +72,7 @@ def test_a_motor_follows_a_ramp_and_a_step_with_order_two(fmus: Path) -> None:
     for n in (100, 200, 400, 800):
         result = run(motor(fmus, RAMP), stop=1.0, step=1 / n, record=["motor.tau"])
         assert result.provenance["loop"] == "compiled"
-        errors.append(off(result))
+        errors.append(speed_error(result))
     assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([2.0] * 3, abs=0.15)
     assert errors[-1] < 1e-3
 
@@ -80,7 +80,7 @@ def test_a_motor_follows_a_ramp_and_a_step_with_order_two(fmus: Path) -> None:
 def test_an_fmu_that_interpolates_follows_a_line_exactly(fmus: Path) -> None:
     """The jump is at a communication point: nothing is left but the accuracy of the FMU."""
     result = run(motor(fmus, RAMP), stop=1.0, step=0.01, input_order=1, record=["motor.tau"])
-    assert off(result) < 1e-6
+    assert speed_error(result) < 1e-6
 
 
 @pytest.mark.parametrize("held", [False, True])
@@ -115,7 +115,7 @@ def test_adaptive_steps_end_at_a_jump_and_keep_the_tolerance(fmus: Path) -> None
     for tolerance in tolerances:
         result = run(motor(fmus, RAMP), stop=1.0, step=Adaptive(tolerance), record=["motor.tau"])
         assert 0.35 in result["time"]
-        errors.append(off(result) / A)
+        errors.append(speed_error(result) / A)
         assert errors[-1] < tolerance
     assert [math.log10(a / b) for a, b in pairwise(errors)] == pytest.approx([1.0, 1.0], abs=0.35)
 
@@ -167,8 +167,8 @@ def test_a_frame_and_a_file_give_the_same_rows(fmus: Path, tmp_path: Path) -> No
     tables = [Table(frame["time"], frame["speed"]), Table.read(tmp_path / "w.csv", "speed")]
     first, second = (run(motor(fmus, table), stop=1.0, step=0.01) for table in tables)
     assert_array_equal(first.data, second.data)
-    plain, told = (result.provenance["inputs"]["motor.w"] for result in (first, second))
-    assert told == plain | {"source": "w.csv, column speed", "rows": 4, "held": False}
+    plain, from_file = (result.provenance["inputs"]["motor.w"] for result in (first, second))
+    assert from_file == plain | {"source": "w.csv, column speed", "rows": 4, "held": False}
 
 
 def echo(tmp_path: Path, **more: Any) -> System:
@@ -224,9 +224,9 @@ def test_discrete_inputs_are_held_to_their_next_row(
     system = echo(tmp_path, inputs={f"A.{kind}_in": table})
     out = "A.spelled" if kind == "string" else f"A.{kind}_out"
     result = run(system, stop=1.0, step=step, record=[out])
-    seen = list(dict.fromkeys(result[out]))
+    distinct = list(dict.fromkeys(result[out]))
     wanted = {"integer": [0, 7, -2], "boolean": [0, 1], "enumeration": [1, 5], "string": [0]}
-    assert seen == wanted[kind]
+    assert distinct == wanted[kind]
     times = result["time"][1:][np.diff(result[out]) != 0]
     if kind != "string" and step == 0.1:
         assert times == pytest.approx([0.4, 0.7])
@@ -258,10 +258,12 @@ def test_inputs_feed_a_loop_of_parts(capable: bool, tmp_path: Path) -> None:
 def test_a_diagnosis_leaves_the_inputs_out_of_account(tmp_path: Path) -> None:
     fmu = pack(tmp_path / "A.fmu")
     parts, wires = {"a": fmu, "b": fmu, "c": fmu}, ["a.y * -4 -> b.u", "b.y * 4 -> a.u"]
-    calm = System(parts, wires)
-    moved = System(parts, wires, inputs={"c.u": math.sin})
-    one_, other = (diagnose(s, step=0.01, algorithm="gauss-seidel") for s in (calm, moved))
-    assert other.frequency == pytest.approx(one_.frequency, rel=1e-9)
+    without_input = System(parts, wires)
+    with_input = System(parts, wires, inputs={"c.u": math.sin})
+    first, second = (
+        diagnose(s, step=0.01, algorithm="gauss-seidel") for s in (without_input, with_input)
+    )
+    assert second.frequency == pytest.approx(first.frequency, rel=1e-9)
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
@@ -284,9 +286,9 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_does_not_fit_is_refused(case: str, tmp_path: Path) -> None:
-    given, message = REFUSED[case]
+    arguments, message = REFUSED[case]
     with pytest.raises(SetupError) as caught:
-        run(echo(tmp_path, **dict(given)), stop=1.0, step=0.1)
+        run(echo(tmp_path, **dict(arguments)), stop=1.0, step=0.1)
     assert message in str(caught.value)
 
 
@@ -322,7 +324,7 @@ def test_what_is_no_file_of_rows_is_refused(text: str, message: str, tmp_path: P
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_a_function_that_gives_no_number_ends_the_run_there(
+def test_a_function_that_gives_no_number_ends_the_run(
     compiled: bool, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if not compiled:
@@ -352,7 +354,7 @@ def test_formats_without_inputs_over_time_refuse_them(
 @pytest.mark.parametrize("kind", ["ssp", "osp", "folder"])
 @pytest.mark.parametrize("held", [False, True])
 def test_the_command_line_feeds_a_system_of_any_format(
-    held: bool, kind: str, fmus: Path, tmp_path: Path, said: Said
+    held: bool, kind: str, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     """In the unit of the file's header, on lines or held, and the result says so."""
     file, out, rpm = tmp_path / f"motor.{kind}", tmp_path / "out.csv", 30.0 / math.pi
@@ -367,9 +369,9 @@ def test_the_command_line_feeds_a_system_of_any_format(
             archive.extractall(file)
     frame = pd.DataFrame({"t": RAMP.times, "speed [rpm]": [rpm * w for w in RAMP.values]})
     frame.to_csv(tmp_path / "w.csv", index=False)
-    told = ["run", str(file), "--step", "0.01", "--input", str(tmp_path / "w.csv")]
-    told += ["--held"] if held else []
-    said(*told, "--map", "motor.w=speed", "--out", out)
+    arguments = ["run", str(file), "--step", "0.01", "--input", str(tmp_path / "w.csv")]
+    arguments += ["--held"] if held else []
+    command_output(*arguments, "--map", "motor.w=speed", "--out", out)
     table = Table(RAMP.times, RAMP.values, held=held)
     expected = run(motor(fmus, table), stop=1.0, step=0.01)
     written = pd.read_csv(out)["motor.tau"].to_numpy()
@@ -377,14 +379,16 @@ def test_the_command_line_feeds_a_system_of_any_format(
     facts = json.loads(out.with_suffix(".json").read_text())
     followed = facts["inputs"]["motor.w"]
     assert (followed["source"], followed["held"]) == ("w.csv, column speed", held)
-    assert "has no column 'torque', only speed" in said(*told, "--map", "motor.w=torque", code=2)
-    assert "--input needs a --map" in said(*told, code=2)
+    assert "has no column 'torque', only speed" in command_output(
+        *arguments, "--map", "motor.w=torque", code=2
+    )
+    assert "--input needs a --map" in command_output(*arguments, code=2)
 
 
-def test_the_command_line_makes_changes(tmp_path: Path, said: Said) -> None:
+def test_the_command_line_makes_changes(tmp_path: Path, command_output: CommandOutput) -> None:
     fmu, out = pack(tmp_path / "A.fmu"), tmp_path / "out.csv"
-    told = ["run", str(fmu), "--stop", "1", "--step", "0.1", "--out", str(out)]
-    said(*told, "--record", "A.y", "--at", "0.5 A.a=-3", "--at", "0.5 A.u=0")
+    arguments = ["run", str(fmu), "--stop", "1", "--step", "0.1", "--out", str(out)]
+    command_output(*arguments, "--record", "A.y", "--at", "0.5 A.a=-3", "--at", "0.5 A.u=0")
     assert pd.read_csv(out)["A.y"].iloc[-1] == pytest.approx(math.exp(-2.0), rel=1e-12)
 
 
@@ -424,16 +428,16 @@ def test_a_file_gives_a_single_fmu_its_parameters(name: str, fmus: Path, tmp_pat
     """Units of the file, of the FMU and its display units are converted; --set goes over it."""
     (tmp_path / name).write_text(FILES[name], encoding="utf-8")
     out = tmp_path / "out.csv"
-    told = ["run", str(fmus / "DriveMotor.fmu"), "--stop", "0.1", "--out", str(out)]
-    told += ["--parameters", str(tmp_path / name), "--set", "DriveMotor.A=7000"]
-    assert main(told) == 0
+    arguments = ["run", str(fmus / "DriveMotor.fmu"), "--stop", "0.1", "--out", str(out)]
+    arguments += ["--parameters", str(tmp_path / name), "--set", "DriveMotor.A=7000"]
+    assert main(arguments) == 0
     start = {"T": 0.05, "kloss.w_s": SPEED, "characteristic": 1, "w": 30.0, "A": 7000.0}
-    given = {f"DriveMotor.{key}": value for key, value in start.items()}
-    system = System({"DriveMotor": fmus / "DriveMotor.fmu"}, start=given)
+    named_start = {f"DriveMotor.{key}": value for key, value in start.items()}
+    system = System({"DriveMotor": fmus / "DriveMotor.fmu"}, start=named_start)
     expected = run(system, stop=0.1, step=1e-3)["DriveMotor.tau"]
     assert pd.read_csv(out)["DriveMotor.tau"].to_numpy() == pytest.approx(expected, rel=1e-13)
     facts = json.loads(out.with_suffix(".json").read_text())
-    assert facts["start_values"] == pytest.approx(given, rel=1e-15)
+    assert facts["start_values"] == pytest.approx(named_start, rel=1e-15)
 
 
 def test_a_file_gives_the_parts_of_a_system_their_parameters(fmus: Path, tmp_path: Path) -> None:
@@ -443,8 +447,8 @@ def test_a_file_gives_the_parts_of_a_system_their_parameters(fmus: Path, tmp_pat
     file = tmp_path / "set.csv"
     file.write_text("name,value\nline.motor.T,0.05\nconveyor.rod.finite,true\n")
     out = tmp_path / "out.csv"
-    told = ["run", str(tmp_path / "pair.ssp"), "--parameters", str(file), "--out", str(out)]
-    assert main(told) == 0
+    arguments = ["run", str(tmp_path / "pair.ssp"), "--parameters", str(file), "--out", str(out)]
+    assert main(arguments) == 0
     facts = json.loads(out.with_suffix(".json").read_text())
     assert facts["start_values"] == {"line.motor.T": 0.05, "conveyor.rod.finite": True}
     assert facts["parts"]["conveyor"]["parameters"]["rod.finite"] == 1
@@ -469,12 +473,12 @@ BAD_FILES = {
 
 @pytest.mark.parametrize("case", BAD_FILES)
 def test_what_is_no_file_of_parameters_is_refused(
-    case: str, fmus: Path, tmp_path: Path, said: Said
+    case: str, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     text, message = BAD_FILES[case]
     suffix = "csv" if text is None or "," in text or "\0" in text else "ssv"
     file = tmp_path / f"set.{'txt' if case == 'suffix' else suffix}"
     if text is not None:
         file.write_text(text)
-    told = ["run", str(fmus / "DriveMotor.fmu"), "--stop", "1", "--parameters", str(file)]
-    assert message in said(*told, code=2)
+    arguments = ["run", str(fmus / "DriveMotor.fmu"), "--stop", "1", "--parameters", str(file)]
+    assert message in command_output(*arguments, code=2)

@@ -26,8 +26,8 @@ from cosim.cli.commands import run as run_command
 from cosim.cli.main import main
 from cosim.cli.system_file import single_fmu_system
 from cosim.engine import driver, process_state
-from tests.conftest import ROOT, hear_ctrl_c, until
-from tests.cosim.conftest import Said
+from tests.conftest import ROOT, restore_ctrl_c, until
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack
 
 COMMAND = [sys.executable, "-m", "cosim", "run"]
@@ -36,7 +36,7 @@ COMMAND = [sys.executable, "-m", "cosim", "run"]
 def start(*arguments: str | Path, **more: Any) -> subprocess.Popen[str]:
     """The program, hearing signals although the tests may not."""
     return subprocess.Popen(
-        [*COMMAND, *map(str, arguments)], cwd=ROOT, text=True, preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        [*COMMAND, *map(str, arguments)], cwd=ROOT, text=True, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more,
     )  # fmt: skip
 
@@ -47,7 +47,7 @@ def long(tmp_path: Path, *options: str | Path, **start_values: Any) -> list[str 
     return [fmu, "--stop", "2000", "--step", "1e-4", *options]
 
 
-def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
+def test_two_runs_do_not_write_the_same_file(tmp_path: Path) -> None:
     out = tmp_path / "r.csv"
     first = start(*long(tmp_path, "--out", out))
     until((tmp_path / "r.partial.csv").exists)
@@ -63,7 +63,7 @@ def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
+    ("first_options", "second_options"),
     [
         pytest.param(["r.parquet"], ["r.parquet"], marks=pytest.mark.slow),
         (["r.parquet"], ["r.csv"]),
@@ -71,22 +71,35 @@ def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
         pytest.param(["r.csv", "--part", "A"], ["r.csv", "--part", "A"], marks=pytest.mark.slow),
     ],
 )
-def test_one_name_belongs_to_one_run_in_every_format(
-    one: list[str], other: list[str], tmp_path: Path, said: Said
+def test_a_name_belongs_to_a_single_run_in_every_format(
+    first_options: list[str],
+    second_options: list[str],
+    tmp_path: Path,
+    command_output: CommandOutput,
 ) -> None:
     """Both would write r.json; the second is refused, the first keeps its rows, a third may run."""
-    first = start(*long(tmp_path, "--out", tmp_path / one[0], *one[1:]))
+    first = start(*long(tmp_path, "--out", tmp_path / first_options[0], *first_options[1:]))
     until((tmp_path / "r.partial.csv").exists)
-    again = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / other[0]), *other[1:]]
-    assert "another run is writing" in said("run", tmp_path / "A.fmu", *again, code=2)
+    again = [
+        "--stop",
+        "1",
+        "--step",
+        "0.1",
+        "--out",
+        str(tmp_path / second_options[0]),
+        *second_options[1:],
+    ]
+    assert "another run is writing" in command_output("run", tmp_path / "A.fmu", *again, code=2)
     time.sleep(0.5)
     first.send_signal(signal.SIGINT)
     _, errors = first.communicate(timeout=60)
     assert first.returncode == 130, errors
-    kept = tmp_path / f"r.partial{Path(one[0]).suffix}"
-    assert len(pd.read_parquet(kept) if kept.suffix == ".parquet" else pd.read_csv(kept)) > 1
-    kept.unlink()
-    said("run", tmp_path / "A.fmu", *again)
+    partial = tmp_path / f"r.partial{Path(first_options[0]).suffix}"
+    assert (
+        len(pd.read_parquet(partial) if partial.suffix == ".parquet" else pd.read_csv(partial)) > 1
+    )
+    partial.unlink()
+    command_output("run", tmp_path / "A.fmu", *again)
     assert not list(tmp_path.glob("r.partial.[cp]*"))
 
 
@@ -99,9 +112,9 @@ def test_signals_that_ask_to_stop_keep_the_rows(number: signal.Signals, tmp_path
     process = start(*long(tmp_path, "--out", out), env=environment)
     until(lambda: out.with_name("r.partial.csv").exists())
     process.send_signal(number)
-    _, said = process.communicate(timeout=60)
+    _, message = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "interrupted; what was computed is kept" in said and "Traceback" not in said
+    assert "interrupted; what was computed is kept" in message and "Traceback" not in message
     assert json.loads((tmp_path / "r.partial.json").read_text())["status"] == "interrupted"
     assert list(scratch.iterdir()) == []
 
@@ -124,8 +137,8 @@ def test_a_failed_run_keeps_its_rows_whatever_the_format(
     fmu = pack(tmp_path / "A.fmu", error_at=0.55)
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(fmu), "--stop", "1", "--step", "0.1", *options]) == 1
-    kept = Path(options[1]).with_stem("r.partial")
-    rows = pd.read_parquet(kept) if kept.suffix == ".parquet" else pd.read_csv(kept)
+    partial = Path(options[1]).with_stem("r.partial")
+    rows = pd.read_parquet(partial) if partial.suffix == ".parquet" else pd.read_csv(partial)
     assert list(rows["time"]) == pytest.approx([0.1 * n for n in range(6)])
     assert json.loads(Path("r.partial.json").read_text())["status"] == "failed"
 
@@ -144,12 +157,12 @@ def test_files_that_could_not_be_written_are_refused_before_the_run(
     message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    said: Said,
+    command_output: CommandOutput,
 ) -> None:
     (tmp_path / "folder").mkdir()
     fmu = pack(tmp_path / "A.fmu", crash_at=0.0)
     monkeypatch.chdir(tmp_path)
-    assert message in said("run", fmu, "--stop", "1", "--step", "0.1", *options, code=2)
+    assert message in command_output("run", fmu, "--stop", "1", "--step", "0.1", *options, code=2)
 
 
 def test_csv_must_be_a_csv_file(tmp_path: Path) -> None:
@@ -159,7 +172,7 @@ def test_csv_must_be_a_csv_file(tmp_path: Path) -> None:
     assert len(run(system, stop=1.0, step=0.1, csv=str(tmp_path / "a.csv")).data) == 11
 
 
-def test_a_full_disk_ends_a_run_with_whole_rows(tmp_path: Path) -> None:
+def test_a_full_disk_ends_a_run_with_complete_rows(tmp_path: Path) -> None:
     """A limit on the size of files stands for it."""
 
     def limited() -> None:
@@ -215,7 +228,7 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
     when: float, watched: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whose numbers stay the same, and which hears Ctrl-C all the same."""
-    own = locale.setlocale(locale.LC_ALL)
+    locale_name = locale.setlocale(locale.LC_ALL)
     before = locale.setlocale(locale.LC_ALL, "C.UTF-8")  # another one than the FMU sets
 
     def interrupt(share: float) -> None:
@@ -238,14 +251,14 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
     finally:
         signal.signal(signal.SIGINT, handler)
     assert locale.setlocale(locale.LC_ALL) == before
-    locale.setlocale(locale.LC_ALL, own)
-    told = "an FMU has changed {} of the whole process; it was restored"
+    locale.setlocale(locale.LC_ALL, locale_name)
+    warning = "an FMU has changed {} of the whole process; it was restored"
     assert caught.value.result.warnings == [
-        told.format(what) for what in ("the working directory", "the locale")
+        warning.format(what) for what in ("the working directory", "the locale")
     ]
-    calm = run(single_fmu_system(other), stop=1.0, step=0.1, record=["part_2.y"])
-    assert calm.warnings == []
-    assert np.array_equal(calm.data[:7], caught.value.result.data)
+    result = run(single_fmu_system(other), stop=1.0, step=0.1, record=["part_2.y"])
+    assert result.warnings == []
+    assert np.array_equal(result.data[:7], caught.value.result.data)
 
 
 def test_numbers_that_are_rounded_otherwise_end_a_run(watched: Path) -> None:
@@ -260,8 +273,8 @@ def test_numbers_that_are_rounded_otherwise_end_a_run(watched: Path) -> None:
     assert (watched / "a.partial.csv").read_text().count("\n") == len(caught.value.result.data) + 1
     started = run(single_fmu_system(pack(watched / "B.fmu", round_at=0.0)), stop=1.0, step=0.1)
     assert "the rounding of floating-point numbers" in started.warnings[0]
-    calm = run(single_fmu_system(pack(watched / "C.fmu")), stop=1.0, step=0.1)
-    assert np.array_equal(calm["C.y"], started["B.y"])
+    result = run(single_fmu_system(pack(watched / "C.fmu")), stop=1.0, step=0.1)
+    assert np.array_equal(result["C.y"], started["B.y"])
 
 
 @pytest.mark.skipif(
@@ -274,12 +287,14 @@ def test_numbers_whose_subnormal_ones_vanish_end_a_run(watched: Path) -> None:
     assert sys.float_info.min * float("0.5") > 0.0, "it was restored"
     started = run(single_fmu_system(pack(watched / "B.fmu", flush_at=0.0)), stop=1.0, step=0.1)
     assert "subnormal" in started.warnings[0]
-    calm = run(single_fmu_system(pack(watched / "C.fmu")), stop=1.0, step=0.1)
-    assert np.array_equal(calm["C.y"], started["B.y"])
+    result = run(single_fmu_system(pack(watched / "C.fmu")), stop=1.0, step=0.1)
+    assert np.array_equal(result["C.y"], started["B.y"])
 
 
 @pytest.mark.parametrize("name", ["r.partial.csv", "r.partial.json", "r.json"])
-def test_results_are_not_written_through_links(name: str, tmp_path: Path, said: Said) -> None:
+def test_results_are_not_written_through_links(
+    name: str, tmp_path: Path, command_output: CommandOutput
+) -> None:
     precious = tmp_path / "precious.txt"
     precious.write_text("precious")
     (tmp_path / name).symlink_to(precious)
@@ -289,7 +304,7 @@ def test_results_are_not_written_through_links(name: str, tmp_path: Path, said: 
         if not (tmp_path / link).is_symlink():
             (tmp_path / link).symlink_to(precious)
         out = str(tmp_path / f"r{ending}")
-        errors = said(
+        errors = command_output(
             "run", tmp_path / "A.fmu", "--stop", "1", "--step", "0.1", "--out", out, code=2
         )
         assert (
@@ -326,11 +341,13 @@ def test_a_current_folder_that_was_removed_is_named_as_the_cause(tmp_path: Path)
 
 
 def test_a_name_that_only_its_partial_file_makes_too_long_is_refused_at_once(
-    tmp_path: Path, said: Said
+    tmp_path: Path, command_output: CommandOutput
 ) -> None:
     pack(tmp_path / "A.fmu")
     out = tmp_path / f"{'a' * 243}.csv"
-    errors = said("run", tmp_path / "A.fmu", "--stop", "1", "--step", "0.1", "--out", out, code=2)
+    errors = command_output(
+        "run", tmp_path / "A.fmu", "--stop", "1", "--step", "0.1", "--out", out, code=2
+    )
     assert errors.strip().endswith(".partial.json cannot be written: File name too long")
     assert [*tmp_path.iterdir()] == [tmp_path / "A.fmu"]
 
@@ -358,15 +375,15 @@ def test_an_fmu_that_is_never_freed_does_not_hold_the_result(
 
 
 def test_rows_in_a_file_are_counted_without_reading_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Said
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_output: CommandOutput
 ) -> None:
     monkeypatch.setattr(isolated, "read_rows", pytest.fail)
-    told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "r.csv")]
-    assert ", 11 rows" in said("run", pack(tmp_path / "A.fmu"), *told)
+    arguments = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "r.csv")]
+    assert ", 11 rows" in command_output("run", pack(tmp_path / "A.fmu"), *arguments)
 
 
 @pytest.mark.parametrize("options", [["q.parquet"], ["q.csv", "--part", "A"]])
-def test_rows_for_which_there_is_no_room_at_the_end_are_kept_elsewhere(
+def test_rows_for_which_the_disk_is_full_at_the_end_are_saved_elsewhere(
     options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     """And what is half written does not stand there under the name of the whole."""
@@ -382,10 +399,10 @@ def test_rows_for_which_there_is_no_room_at_the_end_are_kept_elsewhere(
         monkeypatch.setattr(pd.DataFrame, name, full)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(run_command, "scratch", lambda: tmp_path)
-    told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "full" / options[0])]
-    assert main(["run", str(pack(tmp_path / "A.fmu")), *told, *options[1:]]) == 1
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1
-    assert "cannot be written: No space left on device; the rows are in " in said[0]
-    assert len(pd.read_csv(said[0].partition("; the rows are in ")[2])) == 11
+    arguments = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "full" / options[0])]
+    assert main(["run", str(pack(tmp_path / "A.fmu")), *arguments, *options[1:]]) == 1
+    messages = capsys.readouterr().err.splitlines()
+    assert len(messages) == 1
+    assert "cannot be written: No space left on device; the rows are in " in messages[0]
+    assert len(pd.read_csv(messages[0].partition("; the rows are in ")[2])) == 11
     assert [*(tmp_path / "full").iterdir()] == []

@@ -20,8 +20,8 @@ import pytest
 from cosim import SetupError, System, run, run_isolated, write_ssp
 from cosim.fmu.library import LOADED, MOST_LOADED
 from cosim.scratch import scratch
-from tests.conftest import ROOT, described, hear_ctrl_c, rewritten, until
-from tests.cosim.conftest import Said
+from tests.conftest import ROOT, described, restore_ctrl_c, rewritten, until
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_cosim import pair
 
 
@@ -59,14 +59,14 @@ def test_a_replaced_fmu_is_noticed(fmus: Path, tmp_path: Path) -> None:
     assert np.array_equal(run(system, stop=0.01, step=1e-3).data, started.data)
 
 
-def test_a_folder_that_was_swept_away_is_made_anew(fmus: Path) -> None:
+def test_a_folder_that_was_deleted_is_created_again(fmus: Path) -> None:
     system = drive(fmus / "native")
     first = run(system, stop=0.01, step=1e-3)
     shutil.rmtree(LOADED[system.parts["motor"]].folder)
     assert np.array_equal(run(system, stop=0.01, step=1e-3).data, first.data)
 
 
-def test_no_more_than_some_are_kept(fmus: Path, tmp_path: Path) -> None:
+def test_only_some_copies_are_cached(fmus: Path, tmp_path: Path) -> None:
     for k in range(MOST_LOADED + 2):
         copy = Path(shutil.copy(fmus / "native" / "DriveMotor.fmu", tmp_path / f"m{k}.fmu"))
         run(System({"m": copy}, start={"m.w": 1.0}), stop=0.01, step=0.01)
@@ -83,7 +83,7 @@ def test_an_fmu_that_lives_only_once_is_loaded_anew_for_every_run(
     def loaded() -> set[str]:
         return {*re.findall(f"{scratch()}/[^/]+", Path("/proc/self/maps").read_text())}
 
-    before, known = {*scratch().iterdir()}, loaded()
+    before, libraries = {*scratch().iterdir()}, loaded()
     flags = [f'canBeInstantiatedOnlyOncePerProcess="{word}"' for word in ("false", "true")]
     once = described((flags[0], flags[1]))
     fmu = rewritten(fmus / "native" / "DriveMotor.fmu", tmp_path / "once.fmu", once)
@@ -91,12 +91,12 @@ def test_an_fmu_that_lives_only_once_is_loaded_anew_for_every_run(
         run(System({"m": fmu}, start={"m.w": 1.0}), stop=0.01, step=0.01)
         assert fmu not in LOADED
         assert {*scratch().iterdir()} <= before
-        assert loaded() <= known
+        assert loaded() <= libraries
 
 
 def test_threads_share_the_fmus(fmus: Path) -> None:
     """Of both flavours. Loading changes the folder of the process for a moment."""
-    here, failures, rows = Path.cwd(), [], []
+    folder, failures, rows = Path.cwd(), [], []
     systems = [drive(fmus / "native"), drive(fmus)]
     expected = [run(system, stop=0.01, step=1e-3).data for system in systems]
     for fmu in list(LOADED.values()):
@@ -105,7 +105,8 @@ def test_threads_share_the_fmus(fmus: Path) -> None:
     def work() -> None:
         try:
             for k in range(20):
-                rows.append((run(systems[k % 2], stop=0.01, step=1e-3).data, expected[k % 2]))
+                row = run(systems[k % 2], stop=0.01, step=1e-3).data
+                rows.append((row, expected[k % 2]))
         except Exception as error:  # noqa: BLE001
             failures.append(error)
 
@@ -115,8 +116,8 @@ def test_threads_share_the_fmus(fmus: Path) -> None:
     for thread in threads:
         thread.join()
     assert failures == []
-    assert all(data.tobytes() == alone.tobytes() for data, alone in rows)
-    assert Path.cwd() == here
+    assert all(data.tobytes() == reference.tobytes() for data, reference in rows)
+    assert Path.cwd() == folder
 
 
 SCRIPT = """
@@ -151,10 +152,10 @@ def test_nothing_is_left_behind(
     scratch.mkdir()
     folder = fmus / "native" if flavour == "native" else fmus
     parts = drive(folder).parts.values()
-    own = {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT), "MALLOC_CHECK_": "3"}
+    environment = {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT), "MALLOC_CHECK_": "3"}
     process = subprocess.Popen(
         [sys.executable, "-X", "faulthandler", str(script), *map(str, parts), str(echo)],
-        cwd=tmp_path, env=os.environ | own, text=True, preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        cwd=tmp_path, env=os.environ | environment, text=True, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     assert process.stdout.readline() == "ready\n", process.communicate()
@@ -192,7 +193,7 @@ def test_the_wrapper_of_python_fmus_lets_go_before_it_is_unloaded(
 
 
 @pytest.mark.slow
-def test_memory_is_sound_to_the_end_of_a_process_with_wrappers_of_others(
+def test_memory_is_sound_to_the_end_of_a_process_with_foreign_wrappers(
     fmus: Path, echo: Path, tmp_path: Path
 ) -> None:
     if shutil.which("valgrind") is None:
@@ -204,9 +205,9 @@ def test_memory_is_sound_to_the_end_of_a_process_with_wrappers_of_others(
         cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONMALLOC": "malloc"},
         input="0.01\n", text=True, check=True, capture_output=True,
     )  # fmt: skip
-    places = re.findall(r"(?:at|by) 0x\w+: (\S+)", done.stderr)
+    functions = re.findall(r"(?:at|by) 0x\w+: (\S+)", done.stderr)
     assert "ready" in done.stdout
-    assert "finalizePythonInterpreter" not in places, done.stderr
+    assert "finalizePythonInterpreter" not in functions, done.stderr
 
 
 def test_an_isolated_run_keeps_nothing(fmus: Path, tmp_path: Path) -> None:
@@ -224,9 +225,9 @@ def test_a_system_without_parts_is_refused_and_leaves_no_file(tmp_path: Path) ->
 
 @pytest.mark.parametrize("command", [["diagnose"], ["export", "--to", "osp", "--out", "o"]])
 def test_a_step_of_zero_is_refused_by_every_command(
-    command: list[str], fmus: Path, tmp_path: Path, said: Said
+    command: list[str], fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     write_ssp(drive(fmus / "native"), tmp_path / "drive.ssp", stop=1.0)
-    assert "step = 0.0 s must be above 0" in said(
+    assert "step = 0.0 s must be above 0" in command_output(
         command[0], tmp_path / "drive.ssp", *command[1:], "--step", "0", code=2
     )

@@ -26,8 +26,8 @@ RIGID |= {"shaft.b": 0.0, "shaft.c": STIFF, "shaft.d": 0.0, "shaft.twist": 0.0}
 def conveyor(native: Path, **start: Any) -> System:
     """The drive of the conveyor."""
     parts = {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}
-    given = {name.replace("__", "."): value for name, value in start.items()}
-    return System(parts, DRIVE, given)
+    named_start = {name.replace("__", "."): value for name, value in start.items()}
+    return System(parts, DRIVE, named_start)
 
 
 def two_masses(native: Path, **changed: Any) -> System:
@@ -39,9 +39,9 @@ def two_masses(native: Path, **changed: Any) -> System:
     return System(parts, wires, start)
 
 
-def fastest(found: Any) -> complex:
+def fastest(linear: Any) -> complex:
     """The eigenvalue of the fastest oscillation, its upper half."""
-    return complex(max(found.eigenvalues, key=lambda s: (round(abs(s), 6), s.imag)))
+    return complex(max(linear.eigenvalues, key=lambda s: (round(abs(s), 6), s.imag)))
 
 
 @pytest.mark.parametrize("name", ["A", "B"])
@@ -53,11 +53,11 @@ def test_conveyor_at_rest_in_the_middle_of_its_stroke(native: Path, name: str) -
     system = conveyor(native, **{key.replace(".", "__"): value for key, value in start.items()})
     shaft = [m.theta1 + m.m * m.r**2, m.d * m.r**2, m.c * m.r**2]
     exact = np.roots(np.polyadd(np.polymul(shaft, [m.T, 1.0]), [m.B, 0.0]))
-    found = linearize(system)
-    assert sorted(found.eigenvalues, key=np.imag) == pytest.approx(
+    linear = linearize(system)
+    assert sorted(linear.eigenvalues, key=np.imag) == pytest.approx(
         sorted(exact, key=np.imag), rel=1e-8
     )
-    assert found.rates == pytest.approx(dict.fromkeys(found.states, 0.0), abs=1e-12)
+    assert linear.rates == pytest.approx(dict.fromkeys(linear.states, 0.0), abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["A", "B"])
@@ -74,24 +74,24 @@ def test_resonance_22_where_a_constant_inertia_and_no_slope_of_the_spring_show_i
     start = {key: value for key, value in m.start(1.0).items() if "." in key}
     start |= {"motor.A": stall, "motor.tau": stall, "conveyor.w": 0.0, "conveyor.phi": math.pi / 4}
     system = conveyor(native, **{key.replace(".", "__"): value for key, value in start.items()})
-    found = linearize(system, inputs=["conveyor.tau"])
-    electromechanical = found.modes.iloc[-1]
+    linear = linearize(system, inputs=["conveyor.tau"])
+    electromechanical = linear.modes.iloc[-1]
     assert electromechanical["frequency [rad/s]"] == pytest.approx(2 * m.nu_res, rel=1e-8)
     assert electromechanical["damping ratio"] == pytest.approx(m.zeta, rel=1e-8)
     nu = np.linspace(5.0, 60.0, 12)
     exact = m.B / (m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J)
-    load = -found.frequency_response("conveyor.tau", "motor.tau", 2 * nu)
+    load = -linear.frequency_response("conveyor.tau", "motor.tau", 2 * nu)
     assert load == pytest.approx(exact, rel=1e-8)
-    lag = -np.angle(-found.frequency_response("conveyor.tau", "motor.tau", 2 * m.nu_res))
+    lag = -np.angle(-linear.frequency_response("conveyor.tau", "motor.tau", 2 * m.nu_res))
     assert math.degrees(lag) == pytest.approx(90.0, abs=1e-8)
     peak = minimize_scalar(
-        lambda w: -abs(found.frequency_response("conveyor.tau", "motor.tau", w)),
+        lambda w: -abs(linear.frequency_response("conveyor.tau", "motor.tau", w)),
         bounds=(m.nu_res, 3 * m.nu_res), method="bounded", options={"xatol": 1e-9},
     ).x  # fmt: skip
     assert peak == pytest.approx(2 * m.nu_res * math.sqrt(1 - 2 * m.zeta**2), rel=1e-7)
-    phase = found.plot("conveyor.tau", "motor.tau").axes[1].lines[0]
-    w, shown = phase.get_xdata(), phase.get_ydata()
-    read = np.interp(90.0, 180.0 * round(shown[0] / 180.0) - shown, w)
+    phase = linear.plot("conveyor.tau", "motor.tau").axes[1].lines[0]
+    w, plotted = phase.get_xdata(), phase.get_ydata()
+    read = np.interp(90.0, 180.0 * round(plotted[0] / 180.0) - plotted, w)
     assert read == pytest.approx(2 * m.nu_res, rel=1e-5)
 
 
@@ -100,8 +100,8 @@ def test_the_slope_of_an_induction_motor_is_that_of_the_theory(native: Path) -> 
     m, kloss = SETS["A"], {"motor.characteristic": 1}
     values = kloss | start_values(m, kloss, 40.0)
     start = {k: v for k, v in values.items() if k.startswith("motor.")} | {"motor.w": 40.0}
-    found = linearize(System({"motor": native / "DriveMotor.fmu"}, [], start))
-    assert -found.B[0, 0] * m.T == pytest.approx(linearised(m, kloss, 40.0).B, rel=1e-12)
+    linear = linearize(System({"motor": native / "DriveMotor.fmu"}, [], start))
+    assert -linear.B[0, 0] * m.T == pytest.approx(linearised(m, kloss, 40.0).B, rel=1e-12)
 
 
 def test_a_stiff_shaft_between_two_masses(native: Path) -> None:
@@ -135,13 +135,13 @@ def test_a_shaft_between_a_mass_and_the_conveyor(native: Path) -> None:
     ]
     start = {k: v for k, v in RIGID.items() if "two" not in k} | {"conveyor.w": 0.0}
     system = System({k: native / f"{v}.fmu" for k, v in parts.items()}, wires, start)
-    found = linearize(system)
+    linear = linearize(system)
     theta, d, k = m.theta1 + m.m * m.r**2, m.d * m.r**2, m.c * m.r**2
     shaft = np.polymul([J_1, 0.0, STIFF], [theta, d, STIFF + k])
     exact = np.roots(np.polysub(shaft, [STIFF**2]))
-    assert fastest(found) == pytest.approx(max(exact, key=lambda s: (abs(s), s.imag)), rel=1e-8)
+    assert fastest(linear) == pytest.approx(max(exact, key=lambda s: (abs(s), s.imag)), rel=1e-8)
     slow = min(exact, key=lambda s: (abs(s), -s.imag))
-    assert min(abs(found.eigenvalues - slow)) <= 1e-8 * abs(slow)
+    assert min(abs(linear.eigenvalues - slow)) <= 1e-8 * abs(slow)
 
 
 def test_a_lagging_motor_turns_an_inertia(native: Path) -> None:
@@ -149,23 +149,26 @@ def test_a_lagging_motor_turns_an_inertia(native: Path) -> None:
     B, T, J = 20.0, 0.05, 0.4
     parts = {"motor": native / "DriveMotor.fmu", "load": native / "Gearbox.fmu"}
     start = {"motor.B": B, "motor.T": T, "load.J": J, "load.eta": 1.0, "load.i": 1.0}
-    found = linearize(System(parts, ["motor.tau -> load.tau_a", "load.w_a -> motor.w"], start))
+    linear = linearize(System(parts, ["motor.tau -> load.tau_a", "load.w_a -> motor.w"], start))
     root = complex(-J, math.sqrt(4 * J * T * B - J**2)) / (2 * J * T)
-    assert fastest(found) == pytest.approx(root, rel=1e-8)
-    assert list(found.modes["frequency [rad/s]"]) == pytest.approx(
+    assert fastest(linear) == pytest.approx(root, rel=1e-8)
+    assert list(linear.modes["frequency [rad/s]"]) == pytest.approx(
         [0.0, math.sqrt(B / (J * T))], abs=1e-6
     )
-    assert (found.states, found.inputs) == (["motor.tau", "load.phi_a", "load.w_a"], ["load.tau_b"])
-    assert list(found.frame("B").columns) == ["load.tau_b [N.m]"]
-    assert list(found.frame("C").index)[:2] == ["motor.tau [N.m]", "motor.tau_static [N.m]"]
+    assert (linear.states, linear.inputs) == (
+        ["motor.tau", "load.phi_a", "load.w_a"],
+        ["load.tau_b"],
+    )
+    assert list(linear.frame("B").columns) == ["load.tau_b [N.m]"]
+    assert list(linear.frame("C").index)[:2] == ["motor.tau [N.m]", "motor.tau_static [N.m]"]
     w = np.array([0.0, 3.0, 30.0])
     speed = (T * 1j * w + 1) / (J * T * (1j * w) ** 2 + J * 1j * w + B)
-    got = found.frequency_response("load.tau_b", "load.w_a", w[1:])
+    got = linear.frequency_response("load.tau_b", "load.w_a", w[1:])
     assert got == pytest.approx(speed[1:], rel=1e-8)
-    stepped = found.step_response("load.tau_b", "load.w_a", [0.0, 1e-8, 10.0])
+    stepped = linear.step_response("load.tau_b", "load.w_a", [0.0, 1e-8, 10.0])
     assert stepped == pytest.approx([0.0, 1e-8 / J, 1 / B], rel=1e-6)
-    assert found.point["load.w_a"] == 100.0
-    assert "not at rest" in repr(found)
+    assert linear.point["load.w_a"] == 100.0
+    assert "not at rest" in repr(linear)
 
 
 def test_differences_stand_in_for_derivatives(native: Path, tmp_path: Path) -> None:
@@ -175,9 +178,9 @@ def test_differences_stand_in_for_derivatives(native: Path, tmp_path: Path) -> N
     system = conveyor(native, **start)
     without = described(('providesDirectionalDerivative="true"', ""))
     parts = {k: rewritten(v, tmp_path / v.name, without) for k, v in system.parts.items()}
-    found = linearize(System(parts, system.wires, system.start))
+    linear = linearize(System(parts, system.wires, system.start))
     for matrix in "ABCD":
-        a, b = getattr(found, matrix), getattr(exact, matrix)
+        a, b = getattr(linear, matrix), getattr(exact, matrix)
         assert a == pytest.approx(b, rel=1e-7, abs=1e-7 * np.abs(b).max(initial=1.0))
 
 
@@ -190,9 +193,9 @@ def looped(native: Path, factor: float) -> System:
 
 def test_feedthrough_is_closed_or_refused(native: Path) -> None:
     k, c, d = 0.1, 7.0, 5.0
-    found = linearize(looped(native, k))
+    linear = linearize(looped(native, k))
     inner = k * c / (1 - (k * d) ** 2) * np.array([[k * d, -1.0], [-1.0, k * d]])
-    assert pytest.approx(inner, rel=1e-12) == found.A
+    assert pytest.approx(inner, rel=1e-12) == linear.A
     with pytest.raises(SetupError, match=r"loop .*one.tau_a -> two.w_a, two.tau_a -> one.w_a"):
         linearize(looped(native, 0.2))
 
@@ -204,19 +207,19 @@ def test_what_cannot_be_linearised_is_refused(native: Path, fmus: Path) -> None:
         linearize(mixed)
     with pytest.raises(SetupError, match=r"conveyor.w \[rad/s\] is not a Real input"):
         linearize(system, inputs=["conveyor.w"])
-    found = linearize(system)
+    linear = linearize(system)
     with pytest.raises(SetupError, match=r"conveyor\.tau is not one of none"):
-        found.frequency_response("conveyor.tau", "motor.tau", 1.0)
+        linear.frequency_response("conveyor.tau", "motor.tau", 1.0)
 
 
 def test_the_picture_shows_gain_phase_and_step(native: Path, tmp_path: Path) -> None:
-    found = linearize(conveyor(native), inputs=["conveyor.tau"])
-    figure = found.plot("conveyor.tau", "motor.tau", tmp_path / "bode.png")
+    linear = linearize(conveyor(native), inputs=["conveyor.tau"])
+    figure = linear.plot("conveyor.tau", "motor.tau", tmp_path / "bode.png")
     gain = figure.axes[0].lines[0]
-    w, shown = gain.get_xdata(), gain.get_ydata()
-    exact = np.abs(found.frequency_response("conveyor.tau", "motor.tau", w))
-    assert shown == pytest.approx(exact)
+    w, plotted = gain.get_xdata(), gain.get_ydata()
+    exact = np.abs(linear.frequency_response("conveyor.tau", "motor.tau", w))
+    assert plotted == pytest.approx(exact)
     assert [axis.get_ylabel() for axis in figure.axes][1] == "phase / deg"
     t, y = (getattr(figure.axes[2].lines[0], f"get_{axis}data")() for axis in "xy")
-    assert y == pytest.approx(found.step_response("conveyor.tau", "motor.tau", t))
+    assert y == pytest.approx(linear.step_response("conveyor.tau", "motor.tau", t))
     assert (tmp_path / "bode.png").stat().st_size > 10_000

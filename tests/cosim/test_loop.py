@@ -29,7 +29,7 @@ def enumeration(text: str) -> list[str]:
 
 def structures(text: str) -> dict[str, list[tuple[str, Any]]]:
     """The fields of each structure by its name, pointers as addresses."""
-    found = {}
+    structures = {}
     for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL):
         fields: list[tuple[str, Any]] = []
         for declaration in filter(None, map(str.strip, body.split(";"))):
@@ -37,8 +37,8 @@ def structures(text: str) -> dict[str, list[tuple[str, Any]]]:
             for variable in variables.split(","):
                 pointer = variable.strip().startswith("*")
                 fields.append((variable.strip(" *"), ctypes.c_void_p if pointer else TYPES[kind]))
-        found[name] = fields
-    return found
+        structures[name] = fields
+    return structures
 
 
 def differences(text: str) -> list[str]:

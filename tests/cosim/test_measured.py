@@ -22,15 +22,15 @@ def geared(fmus: Path) -> System:
 
 def test_without_its_belt_the_measured_drive_is_that_of_the_fmus(fmus: Path) -> None:
     """They share no line of code; the coupling error of order 2 is all that is between them."""
-    off = []
+    error = []
     for step in (1e-3, 5e-4):
-        found = run(geared(fmus), stop=drive.STOP, step=step)
-        phi, w, torque, angle = drive.motion(found["time"], belt=0.0)
-        off.append([abs(w - found["conveyor.w"]).max(), abs(phi - found["conveyor.phi"]).max()])
-        off[-1].append(abs(torque / drive.RATIO - found["motor.tau"]).max())
+        result = run(geared(fmus), stop=drive.STOP, step=step)
+        phi, w, torque, angle = drive.motion(result["time"], belt=0.0)
+        error.append([abs(w - result["conveyor.w"]).max(), abs(phi - result["conveyor.phi"]).max()])
+        error[-1].append(abs(torque / drive.RATIO - result["motor.tau"]).max())
         assert angle == pytest.approx(drive.RATIO * phi, abs=1e-9)
-    assert np.divide(*off) == pytest.approx(4.0, abs=0.05)
-    assert off[1] == pytest.approx([6.0e-4, 4.8e-5, 4.1e-3], rel=0.1)
+    assert np.divide(*error) == pytest.approx(4.0, abs=0.05)
+    assert error[1] == pytest.approx([6.0e-4, 4.8e-5, 4.1e-3], rel=0.1)
 
 
 def test_the_record_is_what_a_logger_makes_of_the_motion() -> None:
@@ -38,8 +38,8 @@ def test_the_record_is_what_a_logger_makes_of_the_motion() -> None:
     rows = drive.record()
     assert drive.record().equals(rows) and not drive.record(2).equals(rows)
     t, speed, percent = rows.to_numpy().T
-    lost = np.flatnonzero(np.diff(t) > 1.5 * drive.SAMPLE)
-    assert np.allclose([*t[lost], *t[lost + 1]], [0.539, 1.499, 0.561, 1.601])
+    gaps = np.flatnonzero(np.diff(t) > 1.5 * drive.SAMPLE)
+    assert np.allclose([*t[gaps], *t[gaps + 1]], [0.539, 1.499, 0.561, 1.601])
     counts = speed / 60 * drive.SAMPLE * drive.COUNTS
     assert np.allclose(counts, counts.round(), atol=1e-4)
     clean = drive.motion(t)
@@ -49,5 +49,5 @@ def test_the_record_is_what_a_logger_makes_of_the_motion() -> None:
     noise = percent - 100 * clean[2] / drive.RATIO / drive.RATED
     assert noise.std() == pytest.approx(drive.NOISE, rel=0.1) and abs(noise.mean()) < 0.1
     ahead = speed / 60 * 2 * np.pi / drive.RATIO / clean[1] - 1
-    slips = abs(t - drive.SLIPS - drive.SLIPPING / 2) < 0.005
+    slips = abs(t - drive.SLIP_BEGIN - drive.SLIP_DURATION / 2) < 0.005
     assert ahead[slips].mean() == pytest.approx(drive.SLIP, rel=0.1)

@@ -27,20 +27,20 @@ from cosim.dense import DenseSolution
 from cosim.metrics import Harmonic, Integral, Largest, Last
 
 SEED = 20261122
-OTHERS = ("Kloss motor", "Brusselator", "drive", "quarter car", "DC motor", "dual mass")
+DRIVES = ("Kloss motor", "Brusselator", "drive", "quarter car", "DC motor", "dual mass")
 
 
 @pytest.mark.parametrize("part", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_stated_errors_hold_the_true_ones_of_random_systems(part: int, half: Path) -> None:
     """At least 19 of 20, none three times as large, and few figures without an error."""
-    drawn = list(cases(SEED, half))
-    assert len(drawn) == 16
-    found: list[Verdict] = []
-    for k, (name, case) in list(enumerate(drawn))[part::2]:
+    random_cases = list(cases(SEED, half))
+    assert len(random_cases) == 16
+    results: list[Verdict] = []
+    for k, (name, case) in list(enumerate(random_cases))[part::2]:
         algorithm = ("jacobi", "gauss-seidel", "strang")[k % 3]
-        found += judged(name, case, [algorithm], halvings=3)
-    stated = [v for v in found if v.error is not None]
-    assert len(stated) > 0.95 * len(found) > 500
+        results += judged(name, case, [algorithm], halvings=3)
+    stated = [v for v in results if v.error is not None]
+    assert len(stated) > 0.95 * len(results) > 500
     assert np.mean([v.ratio <= 1.0 for v in stated]) >= 0.95
     worst = max(stated, key=lambda v: v.ratio)
     assert worst.ratio <= 3.0, worst
@@ -48,9 +48,9 @@ def test_stated_errors_hold_the_true_ones_of_random_systems(part: int, half: Pat
     assert np.median([1.0 / v.ratio for v in between]) < 4.0
 
 
-def test_made_cases_keep_what_they_say_beforehand() -> None:
+def test_constructed_cases_keep_what_they_promise() -> None:
     """But for a stiff part whose first rows are coarser than what relaxes there: 3 of 70 errors are missed."""
-    verdicts = [(made, v) for made, v in judged_made(SEED, 1) if made.name != "stiff"]
+    verdicts = [(case, v) for case, v in judged_made(SEED, 1) if case.name != "stiff"]
     assert len(verdicts) == 11 * 14
     assert not list(complaints(verdicts))
 
@@ -72,16 +72,16 @@ def rows_only(figure: Callable[[Any, Any], float], values: Callable[[Any], Any])
     return got.figures["f"]
 
 
-@pytest.mark.parametrize("place", [0.503, 0.505, 0.5, 0.0031])
-def test_the_rows_share_holds_wherever_the_peak_lies(place: float) -> None:
+@pytest.mark.parametrize("peak_time", [0.503, 0.505, 0.5, 0.0031])
+def test_the_rows_share_holds_wherever_the_peak_lies(peak_time: float) -> None:
     def peak(t: Any) -> Any:
-        return 5.0 - 300.0 * (t - place) ** 2
+        return 5.0 - 300.0 * (t - peak_time) ** 2
 
     got = rows_only(lambda t, x: x.max(), peak)
     assert 5.0 - got.value <= got.error <= 0.05
     got = rows_only(lambda t, x: t[np.argmax(x)], peak)
-    assert abs(got.value - place) <= got.error <= 0.02
-    for figure, true in ((largest, 5.0), (time_of_largest, place)):
+    assert abs(got.value - peak_time) <= got.error <= 0.02
+    for figure, true in ((largest, 5.0), (time_of_largest, peak_time)):
         got = rows_only(figure, peak)
         assert got.value == pytest.approx(true, abs=1e-9)
 
@@ -101,7 +101,7 @@ def test_a_dip_between_the_first_two_rows_is_in_the_error() -> None:
         assert smooth.error < 4.0 * 3.1e-10  # three times the rounding of the largest value
 
 
-def test_a_function_that_counts_rows_is_refused_with_its_own_sentence() -> None:
+def test_a_function_that_counts_rows_is_refused_with_its_sentence() -> None:
     """A slice by row number means another time with fewer rows."""
 
     def decay(t: Any) -> Any:
@@ -111,7 +111,7 @@ def test_a_function_that_counts_rows_is_refused_with_its_own_sentence() -> None:
     assert (got.error is None and "fewer rows" in got.reason) or "zero-size" in got.reason
 
 
-def test_an_event_that_locks_to_rows_is_told_so() -> None:
+def test_an_event_that_locks_to_rows_is_reported() -> None:
     """The change of a discrete column is known to a row."""
     got = rows_only(lambda t, x: t[np.argmax(x > 0)], lambda t: np.where(t >= 0.4567, 1.0, 0.0))
     assert got.value - 0.4567 <= 0.01 <= got.error <= 0.02
@@ -126,7 +126,7 @@ def test_means_of_rows_are_not_means_over_time() -> None:
     assert rows_only(mean, lambda t: 1.0 + np.cos(2 * np.pi * t)).value == pytest.approx(1.0)
 
 
-def test_a_figure_that_cannot_be_told_is_refused_with_the_reason() -> None:
+def test_a_figure_that_cannot_be_determined_is_refused_with_the_reason() -> None:
     got = rows_only(lambda t, x: crossing(t, x, 2.0), lambda t: t)
     assert got.error is None
     assert math.isnan(got.value)
@@ -151,7 +151,7 @@ def test_figures_between_rows_are_those_of_the_curve() -> None:
     assert rms(t, np.sin(math.pi * t)) == pytest.approx(math.sqrt(0.5), rel=1e-6)
 
 
-def test_one_row_of_an_event_beside_a_row_does_not_make_a_peak_uncertain() -> None:
+def test_a_row_of_an_event_close_to_a_row_does_not_make_a_peak_uncertain() -> None:
     """Neither its value nor its error; a spline through two rows 1 us apart would ring."""
 
     def certified(events: tuple[float, ...]) -> Estimate:
@@ -163,9 +163,9 @@ def test_one_row_of_an_event_beside_a_row_does_not_make_a_peak_uncertain() -> No
 
         return certify(None, {"f": Largest("x")}, step=0.01, runner=runner).figures["f"]
 
-    alone, beside = certified(()), certified((0.22 + 1e-6,))
-    assert beside.value == pytest.approx(alone.value, abs=1e-9)
-    assert abs(beside.value - 1.0) <= beside.error <= 1.01 * alone.error
+    without_row, with_row = certified(()), certified((0.22 + 1e-6,))
+    assert with_row.value == pytest.approx(without_row.value, abs=1e-9)
+    assert abs(with_row.value - 1.0) <= with_row.error <= 1.01 * without_row.error
 
 
 def test_a_function_that_fails_on_other_rows_than_those_of_the_run_is_refused() -> None:
@@ -204,9 +204,9 @@ def test_a_jump_is_no_peak() -> None:
 def test_rows_that_repeat_a_time_are_left_out() -> None:
     t = np.linspace(0.0, 1.0, 21)
     x = np.sin(3.0 * t)
-    places = np.repeat(np.arange(21), 3)
+    indices = np.repeat(np.arange(21), 3)
     for figure in (largest, smallest, mean, rms, time_of_largest):
-        assert figure(t[places], x[places]) == figure(t, x)
+        assert figure(t[indices], x[indices]) == figure(t, x)
 
 
 @pytest.mark.parametrize("error", [3.21e-5, 0.0987, 1.0, 9.99, 12.3, 1234.5, 9.96e-3])
@@ -214,10 +214,10 @@ def test_rows_that_repeat_a_time_are_left_out() -> None:
 def test_text_keeps_the_true_value_within_what_it_shows(value: float, error: float) -> None:
     """Rounded up: neither the rounding of the value nor that of the error leaves anything out."""
     text = Estimate(value, error, 2.0).text("N")
-    shown, sign, off, unit = text.split()
+    rounded_value, sign, rounded_error, unit = text.split()
     assert (sign, unit) == ("+-", "N")
-    assert float(off) >= error
-    assert float(shown) - float(off) <= value - error + 1e-9
-    assert float(shown) + float(off) >= value + error - 1e-9
-    assert float(off) <= 1.2 * error
-    assert len(off.strip("0.").replace(".", "")) <= 2
+    assert float(rounded_error) >= error
+    assert float(rounded_value) - float(rounded_error) <= value - error + 1e-9
+    assert float(rounded_value) + float(rounded_error) >= value + error - 1e-9
+    assert float(rounded_error) <= 1.2 * error
+    assert len(rounded_error.strip("0.").replace(".", "")) <= 2

@@ -20,7 +20,7 @@ from cosim import (
     write_ssp,
 )
 from cosim.system import connect
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_cosim import halves
 from tests.cosim.test_ssp import everything, pair, ssd
 from tests.cosim.test_ssp import wired as ends
@@ -68,7 +68,7 @@ W = wired(("motor", "w"), ("conveyor", "w"))
 
 
 @pytest.fixture
-def place(fmus: Path, tmp_path: Path) -> Path:
+def structure_folder(fmus: Path, tmp_path: Path) -> Path:
     """A folder of FMUs for a system structure."""
     for path in (*(fmus / "native").glob("*.fmu"), fmus / "LinearSystem.fmu"):
         (tmp_path / path.name).symlink_to(path)
@@ -83,35 +83,39 @@ def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -
     write_osp(System(system.parts, system.wires, start), tmp_path, step=1e-3, start=0.5, stop=2.0)
     package = read_osp(tmp_path)
     assert (package.start, package.stop, package.step) == (0.5, 2.0, 1e-3)
-    written, given = connect(package.system), connect(System(system.parts, system.wires, start))
-    assert ends(written) == ends(given)
-    kept = {p.name: v for p, v in written.start if p.name in start}
-    assert {p.name: v for p, v in given.start} == kept
-    ours, theirs = (run(s, stop=0.1, step=1e-3) for s in (given.system, package.system))
+    written, original = connect(package.system), connect(System(system.parts, system.wires, start))
+    assert ends(written) == ends(original)
+    preserved = {p.name: v for p, v in written.start if p.name in start}
+    assert {p.name: v for p, v in original.start} == preserved
+    ours, theirs = (run(s, stop=0.1, step=1e-3) for s in (original.system, package.system))
     assert_array_equal(ours.data, theirs.data)
 
 
 @pytest.mark.parametrize("name", ["", FILE])
-def test_a_folder_and_its_file_run_with_their_own_step(name: str, place: Path, said: Said) -> None:
+def test_a_folder_and_its_file_run_with_the_step_that_they_state(
+    name: str, structure_folder: Path, command_output: CommandOutput
+) -> None:
     times = "<StartTime>0.5</StartTime><EndTime>0.7</EndTime><BaseStepSize>0.002</BaseStepSize>"
-    (place / FILE).write_text(osp(MOTOR + CONVEYOR, TAU + W, times=times))
-    assert "strang, steps of 0.002 s: 100 steps" in said(
-        "run", place / name, "--out", place / "out.csv"
+    (structure_folder / FILE).write_text(osp(MOTOR + CONVEYOR, TAU + W, times=times))
+    assert "strang, steps of 0.002 s: 100 steps" in command_output(
+        "run", structure_folder / name, "--out", structure_folder / "out.csv"
     )
-    assert "communication step: 0.002 s, given by the file" in said("check", place / name)
-    said = said("info", place / name)
-    assert "default experiment: 0.5 to 0.7 s\ncommunication step: 0.002 s\n" in said
+    assert "communication step: 0.002 s, given by the file" in command_output(
+        "check", structure_folder / name
+    )
+    command_output = command_output("info", structure_folder / name)
+    assert "default experiment: 0.5 to 0.7 s\ncommunication step: 0.002 s\n" in command_output
 
 
-def test_connections_functions_and_bonds(fmus: Path, place: Path) -> None:
+def test_connections_functions_and_bonds(fmus: Path, structure_folder: Path) -> None:
     """A function of two targets, a connection written from its end, a bond, an open input."""
     scale = '<LinearTransformation name="f" factor="0.5" offset="-1"/>'
     half = wired(("motor", "tau"), ("f", "in"), kind="Signal")
     half += "".join(wired(("f", "out"), (c, "tau"), kind="Signal") for c in ("conveyor", "other"))
     other = simulator("other", "CrankConveyor", "trough.m Real 150;rod.finite Boolean 1")
     elements = MOTOR + CONVEYOR + other + simulator("free", "LinearSystem", "u[2] Real 0.25")
-    (place / FILE).write_text(osp(elements, half + W, scale))
-    system = read_osp(place / FILE).system
+    (structure_folder / FILE).write_text(osp(elements, half + W, scale))
+    system = read_osp(structure_folder / FILE).system
     assert [*map(str, system.wires)] == [
         "motor.tau * 0.5 - 1.0 -> conveyor.tau",
         "motor.tau * 0.5 - 1.0 -> other.tau",
@@ -122,8 +126,8 @@ def test_connections_functions_and_bonds(fmus: Path, place: Path) -> None:
     assert [p.name for p, _ in connect(system).open] == [f"free.u[{i}]" for i in (1, 3, 4)]
     bonded = [wired(("motor", "tau"), ("conveyor", "tau"), bond="b")]
     bonded += [wired(("motor", "w"), ("conveyor", "w"), bond="b")]
-    (place / FILE).write_text(osp(MOTOR + CONVEYOR, "".join(bonded)))
-    system = read_osp(place).system
+    (structure_folder / FILE).write_text(osp(MOTOR + CONVEYOR, "".join(bonded)))
+    system = read_osp(structure_folder).system
     assert system.bonds == ["motor.tau * conveyor.w"]
     result = run(system, stop=0.02, step=1e-3)
     assert_array_equal(result.data, run(pair(fmus / "native"), stop=0.02, step=1e-3).data)
@@ -142,22 +146,22 @@ def grouped(*names: str) -> str:
     return f'<VariableGroupConnection powerBond="b">{ends}</VariableGroupConnection>'
 
 
-def test_groups_are_connected_variable_by_variable(place: Path) -> None:
+def test_groups_are_connected_variable_by_variable(structure_folder: Path) -> None:
     """In the order of their file, which stands beside the FMU."""
     for name in ("DriveMotor", "CrankConveyor"):
         text = GROUPS.format("http://opensimulationplatform.com/MSMI/OSPModelDescription")
-        (place / f"{name}_OspModelDescription.xml").write_text(text)
-    (place / FILE).write_text(osp(MOTOR + CONVEYOR, grouped("shaft", "shaft")))
-    system = read_osp(place).system
+        (structure_folder / f"{name}_OspModelDescription.xml").write_text(text)
+    (structure_folder / FILE).write_text(osp(MOTOR + CONVEYOR, grouped("shaft", "shaft")))
+    system = read_osp(structure_folder).system
     assert [*map(str, system.wires)] == ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
     assert system.bonds == ["motor.tau * conveyor.w"]
     for names, message in (
         (("shaft", "moment"), "groups of 2 and 1 variables, not two of the same size"),
         (("shaft", "axle"), "there is no 'conveyor.axle'"),
     ):
-        (place / FILE).write_text(osp(MOTOR + CONVEYOR, grouped(*names)))
+        (structure_folder / FILE).write_text(osp(MOTOR + CONVEYOR, grouped(*names)))
         with pytest.raises(SetupError, match=rf"line 1: VariableGroupConnection: {message}"):
-            read_osp(place)
+            read_osp(structure_folder)
 
 
 @pytest.mark.parametrize("factor", ["", " * 0.5"])
@@ -182,19 +186,19 @@ def test_bonds_are_written_and_read(
     assert read.system.bonds == ["line.motor.tau * line.conveyor.w"]
 
 
-def test_names_that_no_part_can_have_are_changed(place: Path) -> None:
+def test_names_that_no_part_can_have_are_changed(structure_folder: Path) -> None:
     motor = simulator("DP motor", "DriveMotor", "T Real 0.05")
     wires = wired(("DP motor", "tau"), ("conveyor", "tau"))
-    (place / FILE).write_text(osp(motor + CONVEYOR, wires))
-    system = read_osp(place).system
+    (structure_folder / FILE).write_text(osp(motor + CONVEYOR, wires))
+    system = read_osp(structure_folder).system
     assert [*map(str, system.wires)] == ["DP_motor.tau -> conveyor.tau"]
     assert system.start["DP_motor.T"] == 0.05
 
 
-def test_numbers_pass_wires_as_they_stand(place: Path) -> None:
+def test_numbers_pass_wires_as_they_stand(structure_folder: Path) -> None:
     """A torque as a speed: libcosim knows no units."""
-    (place / FILE).write_text(osp(MOTOR, wired(("motor", "tau"), ("motor", "w"))))
-    assert [*map(str, read_osp(place).system.wires)] == ["motor.tau => motor.w"]
+    (structure_folder / FILE).write_text(osp(MOTOR, wired(("motor", "tau"), ("motor", "w"))))
+    assert [*map(str, read_osp(structure_folder).system.wires)] == ["motor.tau => motor.w"]
 
 
 @pytest.mark.parametrize(
@@ -208,69 +212,85 @@ def test_numbers_pass_wires_as_they_stand(place: Path) -> None:
     ],
 )  # fmt: skip
 def test_steps_of_single_simulators_become_substeps(
-    step: str, substeps: dict[str, int], message: str, place: Path, caplog: pytest.LogCaptureFixture
+    step: str,
+    substeps: dict[str, int],
+    message: str,
+    structure_folder: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """None of them longer than its own step; aloud where the two differ."""
     motor = simulator("motor", "DriveMotor", more=f'stepSize="{step}"')
-    (place / FILE).write_text(osp(motor, times="<BaseStepSize>0.002</BaseStepSize>"))
+    (structure_folder / FILE).write_text(osp(motor, times="<BaseStepSize>0.002</BaseStepSize>"))
     with caplog.at_level(logging.WARNING, "cosim"):
-        package = read_osp(place)
+        package = read_osp(structure_folder)
     assert (package.step, package.substeps) == (0.002, substeps)
     assert caplog.messages == ([f"motor: {message}"] if message else [])
 
 
 def test_steps_without_a_base_step_are_ignored_aloud(
-    place: Path, caplog: pytest.LogCaptureFixture
+    structure_folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     motor = simulator("motor", "DriveMotor", more='stepSize="0.004"')
     ecco = "<EccoConfiguration><SafetyFactor>0.9</SafetyFactor></EccoConfiguration>"
     text = osp(motor, times="<Algorithm>ecco</Algorithm>")
     text = text.replace("</OspSystemStructure>", f"{ecco}</OspSystemStructure>")
-    (place / FILE).write_text(text)
+    (structure_folder / FILE).write_text(text)
     with caplog.at_level(logging.WARNING, "cosim"):
-        assert read_osp(place).substeps == {}
+        assert read_osp(structure_folder).substeps == {}
     assert "motor: stepSize 0.004 s is ignored: there is no BaseStepSize" in caplog.messages
     assert "algorithm ecco is ignored" in caplog.messages
 
 
-def test_the_shell_takes_the_substeps_of_a_file(place: Path, said: Said) -> None:
+def test_the_shell_takes_the_substeps_of_a_file(
+    structure_folder: Path, command_output: CommandOutput
+) -> None:
     """As if they were asked for; not for another step than the file's, and not over --substeps."""
     slow = simulator("motor", "DriveMotor", more='stepSize="0.0005"')
     back = wired(("motor", "tau"), ("conveyor", "tau")) + wired(("conveyor", "w"), ("motor", "w"))
     times = "<EndTime>0.1</EndTime><BaseStepSize>0.002</BaseStepSize>"
     rows = {}
     for name, part in (("own", slow), ("plain", MOTOR)):
-        (place / FILE).write_text(osp(part + CONVEYOR, back, times=times))
-        asked = {"own": (), "plain": ("--substeps", "motor=4")}[name]
-        said("run", place, "--out", place / f"{name}.csv", "--algorithm", "jacobi", *asked)
-        rows[name] = (place / f"{name}.csv").read_bytes()
+        (structure_folder / FILE).write_text(osp(part + CONVEYOR, back, times=times))
+        options = {"own": (), "plain": ("--substeps", "motor=4")}[name]
+        command_output(
+            "run",
+            structure_folder,
+            "--out",
+            structure_folder / f"{name}.csv",
+            "--algorithm",
+            "jacobi",
+            *options,
+        )
+        rows[name] = (structure_folder / f"{name}.csv").read_bytes()
         other = ("--algorithm", "jacobi", "--substeps", "motor=1")
-        said("run", place, "--out", place / f"{name}_1.csv", *other)
-        rows[f"{name}_1"] = (place / f"{name}_1.csv").read_bytes()
-        said("run", place, "--out", place / f"{name}_2.csv", "--step", "0.001")
-        rows[f"{name}_2"] = (place / f"{name}_2.csv").read_bytes()
+        command_output("run", structure_folder, "--out", structure_folder / f"{name}_1.csv", *other)
+        rows[f"{name}_1"] = (structure_folder / f"{name}_1.csv").read_bytes()
+        command_output(
+            "run", structure_folder, "--out", structure_folder / f"{name}_2.csv", "--step", "0.001"
+        )
+        rows[f"{name}_2"] = (structure_folder / f"{name}_2.csv").read_bytes()
     assert rows["own"] == rows["plain"]
     assert rows["own_1"] == rows["plain_1"]
     assert rows["own_2"] == rows["plain_2"]
     assert rows["own"] != rows["own_1"]
 
 
-def test_a_sum_is_as_many_wires_into_one_input(place: Path) -> None:
+def test_a_sum_is_as_many_wires_into_the_same_input(structure_folder: Path) -> None:
     """Through further functions: 2 (motor + half the other - 1) + 3 + motor."""
     functions = """<LinearTransformation name="half" factor="0.5" offset="-1"/>
     <Sum name="first" inputCount="2"/><LinearTransformation name="twice" factor="2" offset="3"/>
     <Sum name="last" inputCount="2"/>"""
-    ways = [("motor", "first", "in[0]"), ("other", "half", "in"), ("motor", "last", "in[1]")]
-    ways += [("conveyor", "last", "out"), ("", "first", "in[1]"), ("", "twice", "in")]
-    ends = [f'Variable simulator="{part}" name="tau"' for part, _, _ in ways]
+    routes = [("motor", "first", "in[0]"), ("other", "half", "in"), ("motor", "last", "in[1]")]
+    routes += [("conveyor", "last", "out"), ("", "first", "in[1]"), ("", "twice", "in")]
+    ends = [f'Variable simulator="{part}" name="tau"' for part, _, _ in routes]
     ends[4:] = [f'Signal function="{name}" name="out"' for name in ("half", "first", "twice")]
     connections = "".join(
         f'<SignalConnection><{end}/><Signal function="{f}" name="{signal}"/></SignalConnection>'
-        for end, (_, f, signal) in zip(ends, [*ways, ("", "last", "in[0]")])
+        for end, (_, f, signal) in zip(ends, [*routes, ("", "last", "in[0]")])
     )
     elements = MOTOR + CONVEYOR + simulator("other", "DriveMotor")
-    (place / FILE).write_text(osp(elements, connections, functions))
-    system = read_osp(place).system
+    (structure_folder / FILE).write_text(osp(elements, connections, functions))
+    system = read_osp(structure_folder).system
     assert [*map(str, system.wires)] == [
         "motor.tau * 3.0 + 3.0 => conveyor.tau",
         "other.tau - 2.0 +=> conveyor.tau",
@@ -281,13 +301,13 @@ def test_a_sum_is_as_many_wires_into_one_input(place: Path) -> None:
     ]
 
 
-def test_a_sum_of_vectors_is_a_sum_of_each_of_their_elements(place: Path) -> None:
+def test_a_sum_of_vectors_is_a_sum_of_each_of_their_elements(structure_folder: Path) -> None:
     space = "http://opensimulationplatform.com/MSMI/OSPModelDescription"
     three = "".join(f'<Variable ref="u[{i}]"/>' for i in (1, 2, 3))
     groups = "".join(
         f'<Generic name="u">{three}</Generic>'.replace("u", name) for name in ("u", "y", "z")
     )
-    (place / "LinearSystem_OspModelDescription.xml").write_text(
+    (structure_folder / "LinearSystem_OspModelDescription.xml").write_text(
         f'<OspModelDescription xmlns="{space}" version="1.0"><VariableGroups>{groups}'
         "</VariableGroups></OspModelDescription>"
     )
@@ -298,8 +318,8 @@ def test_a_sum_of_vectors_is_a_sum_of_each_of_their_elements(place: Path) -> Non
     )
     parts = "".join(simulator(name, "LinearSystem") for name in "abc")
     function = '<VectorSum name="f" inputCount="2" dimension="3"/>'
-    (place / FILE).write_text(osp(parts, connections, function))
-    assert [*map(str, read_osp(place).system.wires)] == [
+    (structure_folder / FILE).write_text(osp(parts, connections, function))
+    assert [*map(str, read_osp(structure_folder).system.wires)] == [
         f"{source}[{i}] {arrow} c.u[{i}]"
         for i in (1, 2, 3)
         for source, arrow in (("a.y", "=>"), ("b.z", "+=>"))
@@ -366,12 +386,12 @@ BAD: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_structures_are_refused(name: str, place: Path) -> None:
+def test_bad_structures_are_refused(name: str, structure_folder: Path) -> None:
     """In one line, with file and line of the element."""
     text, message = BAD[name]
-    (place / FILE).write_text(text if "Osp" in text or "html" in text else osp(text))
+    (structure_folder / FILE).write_text(text if "Osp" in text or "html" in text else osp(text))
     with pytest.raises(SetupError) as caught:
-        read_osp(place)
+        read_osp(structure_folder)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.published import CASES, WAYS, cost, system
+from benchmarks.published import ALGORITHMS, CASES, cost, system
 
 ORDER_6, HELD = "Gauss-Seidel, inputs of order 6", "Strang, inputs held"
 
@@ -18,8 +18,8 @@ def test_coupled_runs_cost_less_than_published(
     name: str, tolerance: float, error: float, steps: int, tmp_path: Path
 ) -> None:
     coupled = system(CASES[name], tmp_path)
-    found = cost(CASES[name], coupled, tolerance, **WAYS[ORDER_6])
-    assert found.error < error
-    assert found.do_steps < steps
-    held = cost(CASES[name], coupled, tolerance, **WAYS[HELD])
+    measured = cost(CASES[name], coupled, tolerance, **ALGORITHMS[ORDER_6])
+    assert measured.error < error
+    assert measured.do_steps < steps
+    held = cost(CASES[name], coupled, tolerance, **ALGORITHMS[HELD])
     assert held.error > error, "held inputs are as bad as theirs, so that the bound can fail"

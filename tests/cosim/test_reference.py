@@ -28,7 +28,7 @@ from cosim import (
 )
 from cosim.accuracy.coupled_ode import Model
 from scenarios.packing_line.questions import packing_line
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import conveyor, looped, two_masses
 from tests.oracle import joined, monolithic, part
 
@@ -46,9 +46,9 @@ def test_the_conveyor_is_integrated_as_from_its_equations(native: Path) -> None:
     start = {"conveyor.phi": 0.0, "conveyor.w": 40.0, "motor.tau": 8.0}
     exact = monolithic(start, 0.1, got["time"], rtol=1e-13)
     for name, values in zip(start, exact.y):
-        off = np.abs(got[name] - values).max()
-        assert off <= 1e-10 * np.abs(values).max(), name
-        assert off <= 1.5 * got.provenance["errors"][name] + 1e-11 * np.abs(values).max()
+        error = np.abs(got[name] - values).max()
+        assert error <= 1e-10 * np.abs(values).max(), name
+        assert error <= 1.5 * got.provenance["errors"][name] + 1e-11 * np.abs(values).max()
     assert got.provenance["events"] == []
     assert (got.units["motor.tau"], got.columns[0], len(got.data)) == ("N.m", "time", 1001)
 
@@ -59,8 +59,8 @@ def test_two_masses_swing_as_the_cosine(native: Path, method: str) -> None:
     tight = method == "DOP853"
     got = oracle(system, stop=0.05, method=method, tolerance=1e-12 if tight else 1e-8)
     w = math.sqrt(SOFT * (1 / J_1 + 1 / J_2))
-    off = np.abs(got["shaft.twist"] - 0.01 * np.cos(w * got["time"])).max()
-    assert off <= (1e-12 if tight else 1e-7)
+    error = np.abs(got["shaft.twist"] - 0.01 * np.cos(w * got["time"])).max()
+    assert error <= (1e-12 if tight else 1e-7)
 
 
 def test_a_motor_behind_gears_and_a_shaft_is_integrated_as_from_its_equations(native: Path) -> None:
@@ -71,20 +71,20 @@ def test_a_motor_behind_gears_and_a_shaft_is_integrated_as_from_its_equations(na
         "gear.w_b * -1 -> shaft.w_a", "shaft.tau_a * -1 -> gear.tau_b",
         "load.w_a -> shaft.w_b", "shaft.tau_b -> load.tau_a",
     ]  # fmt: skip
-    given: dict[str, dict[str, Any]] = {
+    parameters: dict[str, dict[str, Any]] = {
         "motor": {"A": 100.0, "B": 4.0, "T": 0.02, "tau": 0.0},
         "gear": {"J": 0.4, "i": 3.0, "eta": 0.8, "w_a": 2.0},
         "shaft": {"c": 900.0, "d": 2.0, "b": 0.0, "twist": 0.0},
         "load": {"J": 1.5, "i": 2.0, "eta": 0.9, "w_a": -1.0, "tau_b": -3.0},
     }
-    start = {f"{name}.{k}": v for name, values in given.items() for k, v in values.items()}
+    start = {f"{name}.{k}": v for name, values in parameters.items() for k, v in values.items()}
     got = oracle(System({k: native / f"{v}.fmu" for k, v in parts.items()}, wires, start), stop=0.2)
     models = {"motor": drive_motor, "gear": gearbox, "shaft": shaft_link, "load": gearbox}
-    whole = {name: part(models[name], **given[name]) for name in models}
+    models_with_values = {name: part(models[name], **parameters[name]) for name in models}
 
     def feed(x: dict[str, Any]) -> list[Any]:
         u = shaft_link.Inputs(w_a=-x["gear"].w_a / 3.0, w_b=x["load"].w_a)
-        torque = shaft_link.outputs(whole["shaft"].p, 0.0, x["shaft"], u)
+        torque = shaft_link.outputs(models_with_values["shaft"].p, 0.0, x["shaft"], u)
         return [
             drive_motor.Inputs(w=0.5 * x["gear"].w_a),
             gearbox.Inputs(tau_a=0.5 * x["motor"].tau, tau_b=-torque.tau_a),
@@ -92,11 +92,11 @@ def test_a_motor_behind_gears_and_a_shaft_is_integrated_as_from_its_equations(na
             gearbox.Inputs(tau_a=torque.tau_b, tau_b=-3.0),
         ]
 
-    exact = joined(whole, feed, got["time"])
+    exact = joined(models_with_values, feed, got["time"])
     for name, states in exact.items():
         for variable, values in zip(states._fields, states):
-            off = np.abs(got[f"{name}.{variable}"] - values).max()
-            assert off <= 1e-10 * np.abs(values).max(), (name, variable)
+            error = np.abs(got[f"{name}.{variable}"] - values).max()
+            assert error <= 1e-10 * np.abs(values).max(), (name, variable)
 
 
 def test_certified_errors_hold_the_true_ones(native: Path) -> None:
@@ -105,7 +105,7 @@ def test_certified_errors_hold_the_true_ones(native: Path) -> None:
     cases = [(conveyor(native), "motor.tau", 0.2, 1e-3), (damped, "shaft.tau_a", 0.05, 1e-4)]
     for system, name, stop, step in cases:
         for algorithm in ("strang", "gauss-seidel", "jacobi"):
-            found = true_errors(
+            estimates = true_errors(
                 system,
                 lambda r, name=name: {
                     "largest": largest(r["time"], r[name]),
@@ -114,7 +114,7 @@ def test_certified_errors_hold_the_true_ones(native: Path) -> None:
                 },
                 stop=stop, step=step, algorithm=algorithm,
             )  # fmt: skip
-            for what, figure in found.figures.items():
+            for what, figure in estimates.figures.items():
                 assert figure.certified.error is not None, (name, algorithm, what)
                 assert figure.error <= figure.certified.error, (name, algorithm, what)
                 assert figure.error > 1e-9 * abs(figure.true)
@@ -130,10 +130,12 @@ def test_a_coupled_drive_that_sticks_and_falls_back_is_inside_its_interval(nativ
         return {"last": float(r["iron.w"][-1]), "mean": mean(r["time"], r["iron.w"])}
 
     record = ["iron.w", "iron.direction"]
-    found = true_errors(System(parts, wires, start), figures, stop=0.8, step=1e-3, record=record)
-    assert set(found.result["iron.direction"]) == {-1.0, 1.0}
-    assert len(found.result.provenance["events"]) == 2
-    for name, figure in found.figures.items():
+    estimates = true_errors(
+        System(parts, wires, start), figures, stop=0.8, step=1e-3, record=record
+    )
+    assert set(estimates.result["iron.direction"]) == {-1.0, 1.0}
+    assert len(estimates.result.provenance["events"]) == 2
+    for name, figure in estimates.figures.items():
         assert figure.certified.error is not None, name
         assert 1e-9 < figure.error <= figure.certified.error, name
 
@@ -174,8 +176,8 @@ def test_events_are_those_of_co_simulation(native: Path, case: Any) -> None:
         assert t[k] in got.provenance["events"]
         for aside, row in ((-1e-9, k - 1), (1e-9, k)):
             end = float(t[k]) + aside
-            seen = run(system, stop=end, step=end, record=[f"m.{discrete}"])
-            assert seen[f"m.{discrete}"][-1] == column[row], (t[k], aside)
+            result = run(system, stop=end, step=end, record=[f"m.{discrete}"])
+            assert result[f"m.{discrete}"][-1] == column[row], (t[k], aside)
     fine = run(system, stop=stop, step=stop / 100)
     for output in fine.columns[1:]:
         scale = max(np.abs(fine[output]).max(), 1e-3)
@@ -199,18 +201,18 @@ def test_a_boolean_wire_acts_when_its_source_changes(native: Path) -> None:
 def test_inputs_over_time_act_at_each_instant(native: Path) -> None:
     """J w' = tau along a function, lines and a jump, and from a change of a time on."""
     start = {"g.J": 2.0, "g.eta": 1.0, "g.i": 1.0, "g.w_a": 0.0, "g.tau_b": 0.0}
-    alone = System({"g": native / "Gearbox.fmu"}, start=start)
-    wave = oracle(replace(alone, inputs={"g.tau_a": lambda t: math.sin(9 * t)}), stop=1.0)
+    gearbox = System({"g": native / "Gearbox.fmu"}, start=start)
+    wave = oracle(replace(gearbox, inputs={"g.tau_a": lambda t: math.sin(9 * t)}), stop=1.0)
     assert wave["g.w_a"] == pytest.approx((1 - np.cos(9 * wave["time"])) / 18, abs=1e-11)
     lines = Table([0.0, 0.25, 0.5, 0.5, 1.0], [0.0, 4.0, 4.0, -8.0, -8.0])
-    ramp = oracle(replace(alone, inputs={"g.tau_a": lines}), stop=1.0)
+    ramp = oracle(replace(gearbox, inputs={"g.tau_a": lines}), stop=1.0)
     t = ramp["time"]
     exact = np.where(
         t < 0.25, 4 * t**2, np.where(t < 0.5, 0.25 + 2 * (t - 0.25), 0.75 - 4 * (t - 0.5))
     )
     assert ramp["g.w_a"] == pytest.approx(exact, abs=1e-11)
-    late = replace(alone, start={**start, "g.tau_a": 0.0}, changes=["at 0.333 s g.tau_a = 6"])
-    changed = oracle(late, stop=1.0)
+    later = replace(gearbox, start={**start, "g.tau_a": 0.0}, changes=["at 0.333 s g.tau_a = 6"])
+    changed = oracle(later, stop=1.0)
     exact = 3 * np.maximum(changed["time"] - 0.333, 0.0)
     assert changed["g.w_a"] == pytest.approx(exact, abs=1e-11)
 
@@ -225,20 +227,20 @@ def test_an_algebraic_loop_is_solved_at_each_instant(native: Path, factor: float
     once, c = 5.0 * factor, 7.0
     inner = factor * c / (1 - once**2) * np.array([[once, -1.0], [-1.0, once]])
     rates, shapes = np.linalg.eigh(inner)
-    for t, one, two in zip(got["time"], got["one.twist"], got["two.twist"]):
+    for t, first, second in zip(got["time"], got["one.twist"], got["two.twist"]):
         exact = shapes @ (np.exp(rates * t) * (shapes.T @ [0.2, -0.1]))
-        assert [one, two] == pytest.approx(exact, abs=1e-8)
+        assert [first, second] == pytest.approx(exact, abs=1e-8)
 
 
 def test_a_linear_system_is_that_where_the_run_is(native: Path) -> None:
     system = conveyor(native)
-    there = oracle(system, stop=0.05, output_step=0.05)
-    found = linearize(system, at=0.05)
-    states = {name: float(there[name][-1]) for name in found.states}
-    assert {name: found.point[name] for name in states} == pytest.approx(states, rel=1e-12)
-    begun = linearize(replace(system, start={**system.start, **states}))
-    assert pytest.approx(begun.A, rel=1e-9, abs=1e-9) == found.A
-    assert found.time == 0.05
+    reference = oracle(system, stop=0.05, output_step=0.05)
+    linear = linearize(system, at=0.05)
+    states = {name: float(reference[name][-1]) for name in linear.states}
+    assert {name: linear.point[name] for name in states} == pytest.approx(states, rel=1e-12)
+    linear_at_start = linearize(replace(system, start={**system.start, **states}))
+    assert pytest.approx(linear_at_start.A, rel=1e-9, abs=1e-9) == linear.A
+    assert linear.time == 0.05
 
 
 def test_what_has_no_oracle_is_refused(native: Path, fmus: Path) -> None:
@@ -259,11 +261,13 @@ def test_what_has_no_oracle_is_refused(native: Path, fmus: Path) -> None:
         linearize(system, at=-1.0)
 
 
-def test_the_shell_states_true_errors(native: Path, tmp_path: Path, said: Said) -> None:
+def test_the_shell_states_true_errors(
+    native: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
     file, out = str(native / "IronDrive.fmu"), tmp_path / "exact.csv"
     options = ["--stop", "0.1", "--step", "0.01", "--record", "IronDrive.w", "--out", str(out)]
-    told = said("oracle", file, *options)
-    assert "IronDrive.w, largest" in told and "+-" in told
+    text = command_output("oracle", file, *options)
+    assert "IronDrive.w, largest" in text and "+-" in text
     assert out.with_suffix(".json").exists() and len(out.read_text().splitlines()) == 12
 
 
@@ -281,8 +285,8 @@ def test_a_nominal_value_of_0_is_taken_as_1(
             cells[:] = [0.0] * len(cells)
 
     monkeypatch.setattr(Model, "array", zero)
-    found = oracle(drive, stop=0.1, method=method, timeout=30.0)
-    assert found.data == pytest.approx(usual.data, rel=1e-9, abs=1e-9)
+    reference = oracle(drive, stop=0.1, method=method, timeout=30.0)
+    assert reference.data == pytest.approx(usual.data, rel=1e-9, abs=1e-9)
 
 
 def test_an_oracle_that_takes_too_long_ends(native: Path) -> None:

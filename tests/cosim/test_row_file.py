@@ -21,11 +21,11 @@ def test_all_rows_are_those_of_each_step_and_the_result_is_the_same_without_them
     """Also where the last step is shorter than the others."""
     step, stop = 1e-3, 0.05 + 2e-4
     settings = {"stop": stop, "step": step, "record": record}
-    alone = run(pair(native), output_step=every * step, **settings)
+    without_file = run(pair(native), output_step=every * step, **settings)
     path = tmp_path / "rows"
     result = run(pair(native), output_step=every * step, all_rows=path, **settings)
     dense = run(pair(native), output_step=step, **settings)
-    np.testing.assert_array_equal(result.data, alone.data)
+    np.testing.assert_array_equal(result.data, without_file.data)
     np.testing.assert_array_equal(read_row_file(path, len(result.columns)), dense.data)
 
 

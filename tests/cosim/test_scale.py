@@ -65,9 +65,9 @@ def started(system: System) -> None:
 
 @pytest.mark.parametrize("work", [checked, started])
 def test_twice_the_parts_cost_twice(work: Callable[[System], None], fmus: Path) -> None:
-    few, many = (ring(fmus / "native", count) for count in (20, 40))
-    work(many)
-    assert operations(lambda: work(many)) < LARGER * operations(lambda: work(few))
+    small, large = (ring(fmus / "native", count) for count in (20, 40))
+    work(large)
+    assert operations(lambda: work(large)) < LARGER * operations(lambda: work(small))
 
 
 def test_twice_the_variables_cost_twice(tmp_path: Path) -> None:
@@ -85,11 +85,11 @@ def test_twice_the_variables_cost_twice(tmp_path: Path) -> None:
         start |= {f"a.{kind}_in": 1 for kind in ("integer", "boolean", "enumeration")}
         return System({"a": fmu}, start=start | {"a.u": 0.0, "a.string_in": ""})
 
-    few, many = wide(1000), wide(2000)
-    assert operations(lambda: checked(many)) < LARGER * operations(lambda: checked(few))
+    small, large = wide(1000), wide(2000)
+    assert operations(lambda: checked(large)) < LARGER * operations(lambda: checked(small))
 
 
-def test_parts_step_after_what_they_hear(fmus: Path) -> None:
+def test_parts_step_after_what_they_receive(fmus: Path) -> None:
     """Parts in a ring step as declared, and parts in a chain that is declared from its end, not."""
     system = ring(fmus / "native", 3)
     assert stepping_order(connect(system), None) == list(system.parts)
@@ -107,7 +107,7 @@ def test_parts_step_after_what_they_hear(fmus: Path) -> None:
         ([[*range(1, 5000)], *([k + 1] for k in range(1, 4999)), [1]], [[0], [*range(1, 5000)]]),
     ],
 )
-def test_rings_are_found_in_graphs_of_any_depth(
+def test_rings_are_located_in_graphs_of_any_depth(
     leads: list[list[int]], rings: list[list[int]]
 ) -> None:
     assert sorted(sorted(ring) for ring in strongly_connected(leads)) == rings

@@ -42,13 +42,13 @@ def leftover(folder: Path) -> Path:
     return scratch
 
 
-def test_a_folder_goes_with_its_process_or_with_the_next_one(tmp_path: Path) -> None:
-    lives, own = begin(tmp_path)
+def test_a_folder_goes_with_its_process_or_with_the_next_process(tmp_path: Path) -> None:
+    lives, folder = begin(tmp_path)
     left = leftover(tmp_path)
-    assert own.is_dir(), "another one that lives keeps its folder"
+    assert folder.is_dir(), "another one that lives keeps its folder"
     ends, last = begin(tmp_path)
     assert not left.exists()
-    assert own.is_dir()
+    assert folder.is_dir()
     end(ends)
     end(lives)
     assert list(tmp_path.iterdir()) == []
@@ -72,15 +72,15 @@ def test_what_belongs_to_somebody_else_stays(tmp_path: Path) -> None:
     (shared / "cosim_second_link").symlink_to(original)
     opened = leftover(tmp_path / "second").rename(shared / "cosim_opened")
     opened.chmod(0o755)
-    moved = leftover(tmp_path / "third")
-    kept = {*shared.rglob("*")}
+    linked = leftover(tmp_path / "third")
+    contents = {*shared.rglob("*")}
 
     process, _ = begin(shared)
     end(process)
-    assert {*shared.rglob("*")} == kept
+    assert {*shared.rglob("*")} == contents
     assert original.is_dir()
 
-    of_this_user = moved.rename(shared / moved.name)
+    of_this_user = linked.rename(shared / linked.name)
     stranger = f"import os; os.geteuid = lambda: {STRANGER}; {WAIT}"
     process, folder = begin(shared, stranger)
     end(process)
@@ -88,4 +88,4 @@ def test_what_belongs_to_somebody_else_stays(tmp_path: Path) -> None:
     process, _ = begin(shared)
     end(process)
     assert not of_this_user.exists(), "the same folder goes when its own user comes by"
-    assert {*shared.rglob("*")} == kept
+    assert {*shared.rglob("*")} == contents

@@ -94,9 +94,9 @@ def bindings(*sets: str, mapped: str = "", attributes: str = "") -> str:
     if mapped:
         mapped = f"<ssd:ParameterMapping>{mapped}</ssd:ParameterMapping>"
     inner = "".join(
-        f"<ssd:ParameterBinding {attributes}><ssd:ParameterValues>{one}</ssd:ParameterValues>"
+        f"<ssd:ParameterBinding {attributes}><ssd:ParameterValues>{parameter_set}</ssd:ParameterValues>"
         f"{mapped}</ssd:ParameterBinding>"
-        for one in sets
+        for parameter_set in sets
     )
     return f"<ssd:ParameterBindings>{inner}</ssd:ParameterBindings>"
 
@@ -129,8 +129,8 @@ def resources(fmus: Path, echo: Path) -> Files:
 def read(resources: Files, tmp_path: Path) -> Read:
     """Read a package of this SSD and these other files, beside the FMUs."""
 
-    def read(structure: str, **others: str | bytes | Path) -> Package:
-        files = {"SystemStructure.ssd": structure, **resources, **others}
+    def read(structure: str, **added: str | bytes | Path) -> Package:
+        files = {"SystemStructure.ssd": structure, **resources, **added}
         return read_ssp(pack(tmp_path / "test.ssp", files), tmp_path / "unpacked")
 
     return read
@@ -229,7 +229,7 @@ def test_an_embedded_system_can_be_used_again_by_its_id(fmus: Path, read: Read) 
     assert_allclose(result["second.spring.y[1]"], 2 * result["first.spring.y[1]"], rtol=1e-14)
 
 
-def test_outer_connectors_that_stand_for_one_variable_as_it_is(read: Read) -> None:
+def test_outer_connectors_that_stand_for_a_single_variable_unchanged(read: Read) -> None:
     """Not those that lead to two, or that scale or convert."""
     ports = connectors(
         ("load", "input", ""), ("half", "input", ""), ("both", "parameter", ""), ("loose", "output", ""),
@@ -376,7 +376,9 @@ AS_IT_IS = ' suppressUnitConversion="true"'
         ("/>", AS_IT_IS + SCALED.format(0.1, 0), f"conveyor.w * {0.1 / OMEGA!r} -> motor.w"),
     ],
 )
-def test_units_on_the_way(fmus: Path, read: Read, inside: str, outside: str, wire: str) -> None:
+def test_units_along_a_chain_of_connectors(
+    fmus: Path, read: Read, inside: str, outside: str, wire: str
+) -> None:
     """The speed leaves its system in rpm: convert to the target's unit, then transform."""
     elements, connections, ports = RPM_INSIDE
     line = system_in("line", elements, ports, connections.format(inside))
@@ -480,8 +482,8 @@ def test_what_does_no_harm_is_a_warning(
     structure = structure.replace("<ssd:System ", '<ssd:System xmlns:x="urn:x" ', 1)
     with caplog.at_level(logging.WARNING, "cosim"):
         same(read(structure), pair(fmus))
-    said = [text.replace("SystemStructure.ssd, line", "at") for text in caplog.messages]
-    assert re.sub(r"at \d+", "at", "\n".join(said)).splitlines() == [
+    warnings = [text.replace("SystemStructure.ssd, line", "at") for text in caplog.messages]
+    assert re.sub(r"at \d+", "at", "\n".join(warnings)).splitlines() == [
         "at: connector characteristic has an Enumeration without a name; that of the FMU is taken",
         "at and in 1 more places: attribute delay of Component is not one of SSP and is ignored",
         "at and in 1 more places: attribute y of Component is not one of SSP and is ignored",
@@ -592,9 +594,9 @@ def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -
     assert list(package.system.parts) == list(system.parts)
     for path, name in package.system.parts.items():
         assert name.read_bytes() == Path(system.parts[path]).read_bytes()
-    written, given = connect(package.system), connect(system)
-    assert wired(written) == wired(given)
-    assert {p.name: v for p, v in written.start} == {p.name: v for p, v in given.start}
+    written, original = connect(package.system), connect(system)
+    assert wired(written) == wired(original)
+    assert {p.name: v for p, v in written.start} == {p.name: v for p, v in original.start}
     structure = tmp_path / "unpacked" / "SystemStructure.ssd"
     assert '<osp:FixedStepAlgorithm baseStepSize="0.001"' in structure.read_text()
     assert require_valid(structure) == 4
@@ -635,8 +637,8 @@ def test_model_exchange_is_run_by_co_simulation_where_the_fmu_has_it(
     structure = flat().replace("DriveMotor.fmu", 'Both.fmu" implementation="ModelExchange')
     native = fmus / "native"
     package = read(structure, **{"resources/Both.fmu": native / "DriveMotor.fmu"})
-    said = "the file asks for model exchange of motor: run steps by co-simulation"
-    assert said in caplog.messages
+    warning = "the file asks for model exchange of motor: run steps by co-simulation"
+    assert warning in caplog.messages
     expected = System(
         {"motor": native / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"},
         pair(fmus).wires,
@@ -644,9 +646,7 @@ def test_model_exchange_is_run_by_co_simulation_where_the_fmu_has_it(
     same(package, expected)
 
 
-def test_model_exchange_alone_is_read_for_the_oracle(
-    fmus: Path, read: Read, tmp_path: Path
-) -> None:
+def test_model_exchange_is_read_for_the_oracle(fmus: Path, read: Read, tmp_path: Path) -> None:
     """Without co-simulation in the FMU, run says what does accept it."""
     native = fmus / "native/DriveMotor.fmu"
     without = described((r"(?s)<CoSimulation.*?</CoSimulation>", ""))
@@ -666,10 +666,10 @@ NOTE = '<ssd:GraphicalElements><ssd:Note x1="0" y1="9" x2="4" y2="10" text="a dr
 LINES = '><ssd:ConnectionGeometry pointsX="{}" pointsY="{}"/></ssd:Connection>'
 
 
-def drawn() -> str:
+def structure_with_drawing() -> str:
     """The pair as a drawing."""
-    place = '<ssd:ConnectorGeometry x="{}" y="0.5"/></ssd:Connector>'
-    motor = MOTOR.replace('name="tau" kind="output"/>', 'name="tau" kind="output">' + place)
+    geometry = '<ssd:ConnectorGeometry x="{}" y="0.5"/></ssd:Connector>'
+    motor = MOTOR.replace('name="tau" kind="output"/>', 'name="tau" kind="output">' + geometry)
     motor = motor.format("1.0", BOX.format("Element", "-1.5", 0, 2, 3))
     conveyor = CONVEYOR.format(BOX.format("Element", 6, 0, 8, 3).replace("/>", ' rotation="90"/>'))
     tau = TAU.format("conveyor").replace("/>", LINES.format("3 4 5", "1 1 2"))
@@ -681,7 +681,7 @@ def drawn() -> str:
 
 def test_a_drawing_survives_reading_and_writing(read: Read, tmp_path: Path) -> None:
     """A connection that was written from its end is drawn from its output, too."""
-    package = read(drawn())
+    package = read(structure_with_drawing())
     drawing = package.geometry
     assert drawing is not None
     assert drawing.canvas == {"x1": "-2", "y1": "0", "x2": "10", "y2": "10"}
@@ -700,7 +700,7 @@ def test_a_drawing_survives_reading_and_writing(read: Read, tmp_path: Path) -> N
     assert read_ssp(tmp_path / "bare.ssp", tmp_path / "bare").geometry == Geometry()
 
 
-def test_a_nested_system_is_drawn_in_its_box(read: Read) -> None:
+def test_a_nested_system_is_placed_in_its_box(read: Read) -> None:
     """From a canvas of 10 by 10 into a box of 20 by 5; through its connectors nothing is drawn."""
     elements, connections, ports = INSIDE
     inside = elements.replace(
@@ -717,7 +717,7 @@ def test_a_nested_system_is_drawn_in_its_box(read: Read) -> None:
     assert drawing.connections == {}
 
 
-def test_fmus_of_one_name_do_not_overwrite_each_other(fmus: Path, tmp_path: Path) -> None:
+def test_fmus_of_the_same_name_do_not_overwrite_each_other(fmus: Path, tmp_path: Path) -> None:
     other = tmp_path / "other" / "LinearSystem.fmu"
     other.parent.mkdir()
     other.write_bytes((fmus / "CrankConveyor.fmu").read_bytes())
@@ -869,7 +869,7 @@ def test_wires_may_have_names_that_no_text_can_spell(
     assert_array_equal(run(package.system, **settings).data, run(plain, **settings).data)
 
 
-def test_dotted_names_mean_one_variable(fmus: Path, echo: Path, tmp_path: Path) -> None:
+def test_dotted_names_mean_a_single_variable(fmus: Path, echo: Path, tmp_path: Path) -> None:
     """motor, kloss.tau_b and motor.kloss, tau_b would be one name."""
     odd = rewritten(echo, tmp_path / "Odd.fmu", described(('name="y"', 'name="tau_b"')))
     parts = {"motor": fmus / "DriveMotor.fmu", "motor.kloss": odd}

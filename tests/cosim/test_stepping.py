@@ -81,9 +81,9 @@ def test_only_text_needs_python(text: bool, tmp_path: Path, request: pytest.Fixt
 
 def test_substeps_are_steps_with_held_inputs(fmus: Path) -> None:
     """The motor's step is exact: three instead of one change rounding only."""
-    one = from_rest(fmus, step=1e-3)
+    single = from_rest(fmus, step=1e-3)
     three = from_rest(fmus, step=1e-3, substeps={"motor": 3})
-    assert three["motor.tau"] == pytest.approx(one["motor.tau"], abs=1e-8)
+    assert three["motor.tau"] == pytest.approx(single["motor.tau"], abs=1e-8)
     assert three.provenance["do_steps"] == {"motor": 6000, "conveyor": 1000}
 
 
@@ -111,7 +111,7 @@ def test_an_absolute_tolerance_stands_in_the_unit_of_its_signal(fmus: Path) -> N
     assert torque_error(from_rest(fmus, step=tight)) * PEAK < 0.01
 
 
-def test_longest_step_is_kept(fmus: Path) -> None:
+def test_longest_step_is_respected(fmus: Path) -> None:
     times = from_rest(fmus, step=Adaptive(1.0, longest=2e-3))["time"]
     assert np.diff(times).max() <= 2e-3 * (1 + 1e-12)
     assert times[-1] == 1.0
@@ -120,15 +120,15 @@ def test_longest_step_is_kept(fmus: Path) -> None:
 def test_energy_control_holds_what_the_bond_creates(fmus: Path) -> None:
     """What the coupling makes follows the tolerance, without going back; at looser ones, with some
     tens of steps a revolution, the last bit of an FMU decides its sign."""
-    steps, made, tolerances = [], [], (1e-3, 1e-4)
+    steps, created, tolerances = [], [], (1e-3, 1e-4)
     for tolerance in tolerances:
         control = Adaptive(tolerance, control="energy")
         result = from_rest(fmus, step=control, algorithm="gauss-seidel")
         (bond,) = result.energy.values()
-        made.append(bond["residual"] / tolerance)
+        created.append(bond["residual"] / tolerance)
         steps.append(result.provenance["steps"] * tolerance)
         assert result.provenance["rejected"] == 0
-    assert made[1] == pytest.approx(made[0], rel=0.5)
+    assert created[1] == pytest.approx(created[0], rel=0.5)
     assert steps[1] == pytest.approx(steps[0], rel=0.05)
 
 
@@ -202,23 +202,23 @@ def test_interpolated_rows_are_of_fourth_order() -> None:
     assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([4.0] * 2, abs=0.1)
 
 
-def test_events_get_rows_of_their_own(fmus: Path) -> None:
+def test_events_get_separate_rows(fmus: Path) -> None:
     """The stages of the orientator, far faster than the rows asked for."""
     start = {"orientator.w": 6.0, "orientator.release": True}
     system = System({"orientator": fmus / "GravityOrientator.fmu"}, (), start)
     settings: dict[str, Any] = {"stop": 1.0, "step": 1e-3, "record": ["orientator.stage"]}
     every = run(system, **settings)
-    few = run(system, **settings, output_step=0.25)
+    result = run(system, **settings, output_step=0.25)
     stage = every["orientator.stage"]
     changes = every["time"][1:][np.diff(stage) != 0]
     assert len(changes) > 2
-    assert set(changes) <= set(few["time"])
-    assert len(few.data) <= 5 + len(changes)
-    seen = dict(zip(every["time"], stage))
-    assert [seen[t] for t in few["time"]] == few["orientator.stage"].tolist()
+    assert set(changes) <= set(result["time"])
+    assert len(result.data) <= 5 + len(changes)
+    stage_by_time = dict(zip(every["time"], stage))
+    assert [stage_by_time[t] for t in result["time"]] == result["orientator.stage"].tolist()
 
 
-def test_streamed_rows_are_not_kept_in_memory(fmus: Path, tmp_path: Path) -> None:
+def test_streamed_rows_do_not_stay_in_memory(fmus: Path, tmp_path: Path) -> None:
     recorder = Recorder(["x"], {}, tmp_path / "rows.csv")
     for n in range(50_000):
         recorder.add([n, n / 3])
@@ -290,8 +290,8 @@ def test_a_day_needs_no_more_memory_than_its_first_hours(fmus: Path, tmp_path: P
     )  # fmt: skip
     assert result.provenance["steps"] == 4_320_000
     assert_array_equal(result["time"], np.arange(1441) * 60.0)
-    early, late = used[len(used) // 10], used[-1]
-    assert (late - early) * 4096 < 1 << 20
+    early, final = used[len(used) // 10], used[-1]
+    assert (final - early) * 4096 < 1 << 20
     assert np.abs(result["conveyor.w"][1:] - NU).max() < 4.0
 
 
@@ -302,15 +302,17 @@ def test_adaptive_steps_reach_a_permille_with_a_fifth_of_the_steps(fmus: Path) -
     def fixed(n: int) -> Result:
         return run(pair(fmus / "native", START | REST), step=1 / n, **settings)
 
-    enough, few = 2048, 256
-    while enough - few > 8:
-        middle = (enough + few) // 2
-        few, enough = (few, middle) if torque_error(fixed(middle)) < 1e-3 else (middle, enough)
+    enough, lacking = 2048, 256
+    while enough - lacking > 8:
+        middle = (enough + lacking) // 2
+        lacking, enough = (
+            (lacking, middle) if torque_error(fixed(middle)) < 1e-3 else (middle, enough)
+        )
     adaptive = run(
         pair(fmus / "native", START | REST), step=Adaptive(1.0), input_order=6, **settings
     )
     assert torque_error(adaptive) < 1e-3
-    spent = [sum(r.provenance["do_steps"].values()) for r in (fixed(few), adaptive)]
+    spent = [sum(r.provenance["do_steps"].values()) for r in (fixed(lacking), adaptive)]
     assert spent[0] >= 5 * spent[1]
 
 

@@ -48,7 +48,7 @@ def test_two_flanges_are_a_drive(parts: dict[str, Path]) -> None:
         assert result.provenance["wires"] == [wire]
 
 
-def test_each_end_of_a_shaft_has_its_own(parts: dict[str, Path]) -> None:
+def test_each_end_of_a_shaft_has_a_terminal(parts: dict[str, Path]) -> None:
     ends = ("motor.flange -- gears.flange_a", "gears.flange_b -- link.flange_a",
             "link.flange_b -- conveyor.flange")  # fmt: skip
     system = joined(parts, *DRIVE, wires=ends)
@@ -56,8 +56,8 @@ def test_each_end_of_a_shaft_has_its_own(parts: dict[str, Path]) -> None:
         ("motor.tau", "gears.tau_a"), ("gears.w_a", "motor.w"), ("gears.w_b", "link.w_a"),
         ("link.tau_a", "gears.tau_b"), ("conveyor.w", "link.w_b"), ("link.tau_b", "conveyor.tau"),
     }  # fmt: skip
-    said = [line for line in info(connect(system)) if "terminal" in line]
-    assert said == [
+    lines = [line for line in info(connect(system)) if "terminal" in line]
+    assert lines == [
         "  terminal motor.flange: tau, w",
         "  terminal conveyor.flange: tau, w, phi",
         "  terminal gears.flange_a: tau, w, phi",

@@ -20,7 +20,7 @@ from cosim.cli.main import main
 from cosim.cli.system_file import single_fmu_system
 from cosim.engine.recorder import OutputGrid
 from tests.conftest import ROOT, described, rewritten
-from tests.cosim.conftest import Said
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack
 
 H = 0.1
@@ -31,7 +31,7 @@ def edited(path: Path, old: str, new: str) -> Path:
     return rewritten(path, path, described((re.escape(old), new)))
 
 
-def alone(path: Path, **start: float) -> System:
+def system_of(path: Path, **start: float) -> System:
     """The FMU by itself, with these start values."""
     system = single_fmu_system(path)
     return replace(system, start={**system.start, **{f"A.{k}": v for k, v in start.items()}})
@@ -39,14 +39,16 @@ def alone(path: Path, **start: float) -> System:
 
 def test_an_fmu_that_loses_its_start_values_gets_them_again(tmp_path: Path) -> None:
     """As those of 20-sim do when the experiment is set up."""
-    result = run(alone(pack(tmp_path / "A.fmu", forgets=True), a=-2.0, x0=3.0), stop=1.0, step=H)
+    result = run(
+        system_of(pack(tmp_path / "A.fmu", forgets=True), a=-2.0, x0=3.0), stop=1.0, step=H
+    )
     assert result["A.y"][-1] == pytest.approx(3.0 * np.exp(-2.0), rel=1e-12)
     assert result.provenance["parts"]["A"]["parameters"]["x0"] == 3.0
     assert not result.warnings
 
 
-def test_a_start_value_that_is_not_kept_is_a_warning(tmp_path: Path) -> None:
-    result = run(alone(pack(tmp_path / "A.fmu", overrules=True), x0=3.0), stop=1.0, step=H)
+def test_a_start_value_that_the_fmu_changes_is_a_warning(tmp_path: Path) -> None:
+    result = run(system_of(pack(tmp_path / "A.fmu", overrules=True), x0=3.0), stop=1.0, step=H)
     assert result.warnings == ["A: A.x0 = 3.0 was given, but the FMU starts with 1.0"]
 
 
@@ -59,7 +61,7 @@ def test_a_run_that_does_not_go_back_says_so(
     if not compiled:
         request.getfixturevalue("interpreted")
     fmu = pack(tmp_path / "A.fmu", commits=True, canGetAndSetFMUstate=saves)
-    result = run(alone(fmu), stop=1.0, step=H)
+    result = run(system_of(fmu), stop=1.0, step=H)
     assert result.provenance["loop"].startswith("compiled" if compiled else "Python")
     assert result["A.y"][-1] == pytest.approx(np.exp(-1.0), rel=1e-12)
 
@@ -71,11 +73,11 @@ def test_no_step_goes_beyond_the_stop_time_by_a_bit(
     step: float | Adaptive, stop: float, substeps: int, tmp_path: Path
 ) -> None:
     fmu = pack(tmp_path / "A.fmu", punctual=True)
-    result = run(alone(fmu), stop=stop, step=step, substeps={"A": substeps})
+    result = run(system_of(fmu), stop=stop, step=step, substeps={"A": substeps})
     assert result["time"][-1] == stop
 
 
-def test_an_fmu_may_log_from_a_thread_of_its_own(tmp_path: Path) -> None:
+def test_an_fmu_may_log_from_a_separate_thread(tmp_path: Path) -> None:
     """Its step waits for the thread, and the thread for Python, which must not be locked."""
     fmu = pack(tmp_path / "A.fmu", chats=True)
     program = (
@@ -94,26 +96,30 @@ def test_a_type_gives_its_bounds_and_its_nominal_value(tmp_path: Path) -> None:
     limits = '<SimpleType name="Amount"><Real min="0" max="7" unit="1"/></SimpleType><SimpleType '
     edited(fmu, "<SimpleType ", limits)
     edited(fmu, '<Real start="1.0"/>', '<Real start="1.0" declaredType="Amount"/>')
-    run(alone(fmu, x0=7.0), stop=1.0, step=H)
+    run(system_of(fmu, x0=7.0), stop=1.0, step=H)
     with pytest.raises(SetupError, match=r"A\.x0 \[1\] = 7\.5 must be at most 7\.0"):
-        run(alone(fmu, x0=7.5), stop=1.0, step=H)
+        run(system_of(fmu, x0=7.5), stop=1.0, step=H)
 
 
-def test_a_blemish_of_the_description_is_a_warning(tmp_path: Path, said: Said) -> None:
+def test_a_flaw_of_the_description_is_a_warning(
+    tmp_path: Path, command_output: CommandOutput
+) -> None:
     fmu = edited(pack(tmp_path / "A.fmu"), 'fmiVersion="2.0"', 'fmiVersion="2.0" colour="red"')
-    (warning,) = run(alone(fmu), stop=1.0, step=H).warnings
+    (warning,) = run(system_of(fmu), stop=1.0, step=H).warnings
     assert warning.startswith("A: modelDescription.xml is not valid: ") and "colour" in warning
-    assert "A: modelDescription.xml is not valid: " in said(
+    assert "A: modelDescription.xml is not valid: " in command_output(
         "check", fmu, "--stop", "1", "--step", "0.1"
     )
-    assert "colour" in said("run", fmu, "--stop", "1", "--step", "0.1", "--strict", code=2)
+    assert "colour" in command_output(
+        "run", fmu, "--stop", "1", "--step", "0.1", "--strict", code=2
+    )
 
 
 @pytest.mark.parametrize(
     ("file", "name"),
     [("0004_A", "part_0004_A"), ("model (1)", "model_1"), ("a.b", "a.b"), ("(2)", "part_2")],
 )
-def test_an_fmu_whose_file_is_no_name_gets_one(
+def test_an_fmu_whose_file_is_no_name_gets_a_name(
     file: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["info", str(pack(tmp_path / f"{file}.fmu"))]) == 0
@@ -132,15 +138,15 @@ def test_an_fmu_whose_file_is_no_name_gets_one(
     ],
 )
 def test_check_refuses_what_run_refuses(
-    options: list[str], message: str, tmp_path: Path, said: Said
+    options: list[str], message: str, tmp_path: Path, command_output: CommandOutput
 ) -> None:
-    told = [str(pack(tmp_path / "A.fmu")), "--stop", "1", "--step", "0.1", *options]
-    assert f"error: {message}" in said("check", *told, code=1)
-    assert message in said("run", *told, code=2)
+    arguments = [str(pack(tmp_path / "A.fmu")), "--stop", "1", "--step", "0.1", *options]
+    assert f"error: {message}" in command_output("check", *arguments, code=1)
+    assert message in command_output("run", *arguments, code=2)
 
 
-def test_steps_longer_than_the_run_are_one_step(tmp_path: Path) -> None:
-    result = run(alone(pack(tmp_path / "A.fmu")), stop=1.0, step=1e7)
+def test_steps_longer_than_the_run_are_a_single_step(tmp_path: Path) -> None:
+    result = run(system_of(pack(tmp_path / "A.fmu")), stop=1.0, step=1e7)
     assert result.provenance["steps"] == 1
     assert result["A.y"][-1] == pytest.approx(np.exp(-1.0), rel=1e-12)
 
@@ -150,7 +156,7 @@ def test_steps_that_rounding_swallows_are_refused(
     start: float, step: float, tmp_path: Path
 ) -> None:
     with pytest.raises(SetupError, match="too short: its times would differ only by rounding"):
-        run(alone(pack(tmp_path / "A.fmu")), start=start, stop=start + 1.0, step=step)
+        run(system_of(pack(tmp_path / "A.fmu")), start=start, stop=start + 1.0, step=step)
 
 
 def test_rows_before_an_event_know_nothing_of_what_comes_after() -> None:
@@ -168,7 +174,7 @@ def test_a_real_that_is_discrete_is_not_interpolated(tmp_path: Path) -> None:
         text = archive.read("modelDescription.xml").decode()
     line = next(x for x in text.split("<ScalarVariable ") if x.startswith('name="last_step"'))
     edited(fmu, line, line.replace("continuous", "discrete"))
-    result = run(alone(fmu), stop=1.0, step=H, output_step=H / 4, record=["A.last_step"])
+    result = run(system_of(fmu), stop=1.0, step=H, output_step=H / 4, record=["A.last_step"])
     assert set(np.round(result["A.last_step"], 12)) == {0.0, H}
 
 
@@ -194,16 +200,18 @@ def test_a_trial_that_gives_no_number_is_taken_shorter(
     assert result["A.y"][-1] == pytest.approx(slow + fast, rel=near)
 
 
-def test_a_run_without_files_shows_where_it_ends(tmp_path: Path, said: Said) -> None:
+def test_a_run_without_files_shows_where_it_ends(
+    tmp_path: Path, command_output: CommandOutput
+) -> None:
     fmu = pack(tmp_path / "A.fmu")
-    assert f"A.y   {math.exp(-1):.6g}" in said(
+    assert f"A.y   {math.exp(-1):.6g}" in command_output(
         "run", fmu, "--stop", "1", "--step", "0.1", "--record", "A.y"
     )
     result = run(single_fmu_system(fmu), stop=1.0, step=0.1, record=["A.y"])
     assert repr(result) == "Result(complete, 0 to 1 s: A.y [])"
-    shown = result._repr_html_()
+    page = result._repr_html_()
     for text in ("complete, 0 to 1 s", "data:image/png;base64,iV", f"<td>{math.exp(-1):.6g}</td>"):
-        assert text in shown
+        assert text in page
     result.provenance["warnings"].append("A: 3 < 4")
     assert "<p>A: 3 &lt; 4</p>" in result._repr_html_()
     empty = Result(result.columns, result.units, result.provenance, lambda: result.data[:0])
@@ -220,4 +228,4 @@ def test_the_version_is_the_project_s(capsys: pytest.CaptureFixture[str]) -> Non
 def test_an_fmu_without_outputs_says_that_nothing_is_recorded(tmp_path: Path) -> None:
     edit = described((r'causality="output"', 'causality="local"'), ("<Outputs>.*</Outputs>", ""))
     fmu = rewritten(pack(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit)
-    assert "no FMU has an output" in run(alone(fmu), stop=1.0, step=0.5).warnings[-1]
+    assert "no FMU has an output" in run(system_of(fmu), stop=1.0, step=0.5).warnings[-1]

@@ -41,8 +41,8 @@ def test_states_and_residuals_have_the_orders_of_their_algorithms(fmus: Path) ->
 def test_every_check_of_the_suite_passes(fmus: Path) -> None:
     rows = list(verification.verify(fmus / "LinearSystem.fmu"))
     assert [row for row in rows if not row.passed] == []
-    seen = {(row.system, ALL[row.scheme].algorithm) for row in rows if row.scheme in ALL}
-    assert seen >= set(product(BENCHMARKS, ALGORITHMS))
+    covered = {(row.system, ALL[row.scheme].algorithm) for row in rows if row.scheme in ALL}
+    assert covered >= set(product(BENCHMARKS, ALGORITHMS))
     assert {row.quantity for row in rows} == {
         "order of the states",
         "order of the residual",
@@ -65,11 +65,11 @@ def wrong_sign(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(cosim.engine.initialise, "_connect", connected)
 
 
-def whole_steps_for_halves(patch: pytest.MonkeyPatch) -> None:
+def full_steps_for_halves(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(cosim.engine.driver, "find_algorithm", lambda _: REGISTRY["gauss-seidel"])
 
 
-def late_by_a_step(patch: pytest.MonkeyPatch) -> None:
+def delayed_by_a_step(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(cosim.engine.driver, "find_algorithm", lambda _: REGISTRY["jacobi"])
 
 
@@ -94,15 +94,15 @@ class AtEnd(BondSide):
 
 MUTANTS: dict[Callable[[pytest.MonkeyPatch], None], tuple[bool, bool]] = {
     wrong_sign: (False, False),
-    whole_steps_for_halves: (False, False),
-    late_by_a_step: (False, False),
+    full_steps_for_halves: (False, False),
+    delayed_by_a_step: (False, False),
     ledger_of_the_wrong_sign: (True, False),
     ledger_at_the_end_only: (True, False),
 }
 
 
 @pytest.mark.parametrize("mutant", MUTANTS)
-def test_the_suite_tells_a_wrong_master(
+def test_the_suite_detects_a_wrong_master(
     fmus: Path, monkeypatch: pytest.MonkeyPatch, mutant: Callable[[pytest.MonkeyPatch], None]
 ) -> None:
     """Of states and ledger, those are called wrong that are."""
@@ -112,21 +112,21 @@ def test_the_suite_tells_a_wrong_master(
     assert tuple(row.match < checks.SAME for row in rows) == MUTANTS[mutant]
 
 
-def test_main_tells_whether_all_passed(
+def test_main_reports_whether_all_passed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fmus: Path
 ) -> None:
     good = Row("drive", "strang", 1e-14, "order of the states", 2.001, 2, True)
     for rows, verdict in [([good], True), ([good, good._replace(passed=False)], False)]:
         monkeypatch.setattr(verification, "verify", lambda fmu, rows=rows: iter(rows))
         assert verification.main(fmus / "LinearSystem.fmu") is verdict
-    shown = capsys.readouterr().out
-    assert "1 of 1 checks passed" in shown and "1 of 2 checks passed" in shown
-    assert "FAILED" in shown
+    output = capsys.readouterr().out
+    assert "1 of 1 checks passed" in output and "1 of 2 checks passed" in output
+    assert "FAILED" in output
 
 
-def test_a_row_fails_by_a_match_and_by_what_is_found() -> None:
-    def passes(matches: list[float], found: float) -> bool:
-        return checks.judge("s", "t", matches, "q", found, 1, 0.1).passed
+def test_a_row_fails_by_a_match_and_by_a_measured_value() -> None:
+    def passes(matches: list[float], measured: float) -> bool:
+        return checks.judge("s", "t", matches, "q", measured, 1, 0.1).passed
 
     assert passes([1e-11, 0.0], 1.05)
     assert not passes([1e-11, 1e-9], 1.05) and not passes([1e-11, math.nan], 1.05)
@@ -210,7 +210,7 @@ def test_strang_with_moving_inputs_uses_the_line_through_the_newest_two() -> Non
     assert got == pytest.approx(np.array(rows), rel=1e-12, abs=1e-12)
 
 
-def test_exact_solutions_of_the_whole() -> None:
+def test_exact_solutions_of_the_coupled_system() -> None:
     t = np.linspace(0.0, 1.0, 101)
     slow, fast = np.cos(2 * np.pi * t), np.cos(6 * np.pi * t)
     got = Ideal(BENCHMARKS["oscillator"].units).exact([0.01] * 100)
@@ -242,8 +242,8 @@ def test_errors_of_the_ideal_algorithms_are_the_published_ones(
     problem: str, stop: float, h: float, title: str, error: float
 ) -> None:
     ideal, sizes = Ideal(BENCHMARKS[problem].units), [h] * round(stop / h)
-    off = np.abs(ideal.states(ALL[title], sizes) - ideal.exact(sizes)).max()
-    assert off == pytest.approx(error, rel=2e-3)
+    largest = np.abs(ideal.states(ALL[title], sizes) - ideal.exact(sizes)).max()
+    assert largest == pytest.approx(error, rel=2e-3)
 
 
 def test_stability_limits_of_the_lagging_motor_are_the_closed_ones() -> None:
@@ -259,14 +259,14 @@ def test_stability_limits_of_the_lagging_motor_are_the_closed_ones() -> None:
 def test_the_ledger_of_gauss_seidel_telescopes(fmus: Path, problem: str) -> None:
     """The first part hears old values, the second new ones: h / 2 (p_0 q_0 - p_N q_N) is left."""
     benchmark, h = BENCHMARKS[problem], 1e-3
-    there, back = benchmark.bond
+    flow, effort = benchmark.bond
     ideal = Ideal(benchmark.units)
-    given, taken = ideal.energy(SCHEMES["gauss-seidel"], [h] * 15, benchmark.bond)
-    kept = ideal.run(SCHEMES["gauss-seidel"], [h] * 15)
+    supplied, taken = ideal.energy(SCHEMES["gauss-seidel"], [h] * 15, benchmark.bond)
+    values = ideal.run(SCHEMES["gauss-seidel"], [h] * 15)
     first = len(ideal.x0)
-    p, q = (kept[:, first + ideal.outputs.index(name)] for name in (there, back))
+    p, q = (values[:, first + ideal.outputs.index(name)] for name in (flow, effort))
     left = h / 2 * (p[0] * q[0] - p[-1] * q[-1])
-    assert given - taken == pytest.approx(left, rel=1e-10)
+    assert supplied - taken == pytest.approx(left, rel=1e-10)
     fmu = fmus / "LinearSystem.fmu"
     result = simulate(fmu, benchmark.units, SCHEMES["gauss-seidel"], 15 * h, h, benchmark.bond)
     assert next(iter(result.energy.values()))["residual"] == pytest.approx(left, rel=1e-10)
@@ -293,7 +293,9 @@ def loop(fmus: Path, units: dict[str, Unit]) -> System:
     return couple(units, fmus / "LinearSystem.fmu", input_hold=2)
 
 
-def test_direct_feedthrough_both_ways_is_refused_by_explicit_algorithms(fmus: Path) -> None:
+def test_direct_feedthrough_in_both_directions_is_refused_by_explicit_algorithms(
+    fmus: Path,
+) -> None:
     for algorithm in ("jacobi", "gauss-seidel", "strang"):
         with pytest.raises(SetupError) as caught:
             run(loop(fmus, LOOP), stop=1.0, step=0.01, algorithm=algorithm)
@@ -301,7 +303,7 @@ def test_direct_feedthrough_both_ways_is_refused_by_explicit_algorithms(fmus: Pa
         assert "iterated can" in str(caught.value)
 
 
-def test_direct_feedthrough_both_ways_is_solved_by_iteration(fmus: Path) -> None:
+def test_direct_feedthrough_in_both_directions_is_solved_by_iteration(fmus: Path) -> None:
     """Also at the start, where the inputs must agree with the outputs that they make."""
     errors, ideal = [], Ideal(LOOP)
     for count in (50, 100, 200):

@@ -99,7 +99,7 @@ def test_cvode_and_our_steps_agree(folder: str, case: Any, fmus: Path) -> None:
         assert events == pytest.approx(expected, rel=0.0, abs=1e-9)
 
 
-def test_the_experiments_contain_stick_reversal_lift_off_impacts_and_flight(fmus: Path) -> None:
+def test_the_experiments_contain_stick_reversal_separation_impacts_and_flight(fmus: Path) -> None:
     observed: dict[str, set[Any]] = {}
     for name, start, stop in EXPERIMENTS:
         if hasattr(MODELS[name], "event_indicators"):
@@ -354,7 +354,7 @@ def test_what_an_integrator_tries_is_discarded_where_it_has_no_value(fmus: Path)
     assert model.at([0.0, 40.0])[0] == 40.0
 
 
-def test_a_host_that_overlooks_an_event_is_told_of_it(fmus: Path) -> None:
+def test_a_host_that_overlooks_an_event_gets_a_message(fmus: Path) -> None:
     """The indicator is below zero only where the guard is; at zero it is not."""
     model = Model(fmus / "native" / "IronDrive.fmu", phi=0.9, w_cam=1.0).integrate()
     assert model.all("EventIndicators", model.nz)[0] > 0.0
@@ -370,7 +370,7 @@ def test_a_host_that_overlooks_an_event_is_told_of_it(fmus: Path) -> None:
     assert model.get("direction") == -1
 
 
-def test_what_changes_at_communication_points_alone_stays_co_simulation() -> None:
+def test_what_changes_only_at_communication_points_stays_co_simulation() -> None:
     clock = record(type("State", (), {"__annotations__": {"n": int}, "n": discrete(0, "Count")}))
     model: Any = SimpleNamespace(State=clock, sample=lambda p, t, x, before, now: x)
     assert (

@@ -232,7 +232,7 @@ def test_an_importer_sees_within_a_step_what_shorter_steps_reach(events: bool) -
     assert unit.outputs() == plain.outputs()
 
 
-def test_an_importer_may_end_a_step_where_it_looks() -> None:
+def test_an_importer_may_end_a_step_where_it_reads() -> None:
     def look(_: Any, time: float, *rest: Any) -> None:
         *_, allowed, wanted, until = rest
         assert allowed
@@ -283,7 +283,7 @@ def test_what_is_not_in_order_is_refused_with_the_reason() -> None:
     assert "not for scheduled execution" in MESSAGES[-1]
 
 
-def test_states_are_kept_and_jacobians_are_those_of_fmi_2(fmus: Path) -> None:
+def test_states_are_saved_and_jacobians_are_those_of_fmi_2(fmus: Path) -> None:
     unit = Unit3("IronDrive").start(phi=0.6, w_cam=2.0)
     unit.fmi.doStep(0.0, 0.01)
     state, outputs = unit.fmi.getFMUState(), unit.outputs()

@@ -140,7 +140,7 @@ def test_fmu_is_valid(model: Any, fmu: Path) -> None:
         (MOTOR, 'modelIdentifier="DriveMotor"', 'modelIdentifier="Drive"', "Drive.so is missing"),
     ],
 )
-def test_our_own_checks_find_what_no_public_checker_reports(
+def test_our_checks_find_what_no_public_checker_reports(
     fmu: str, old: str, new: str, problem: str, fmus: Path, tmp_path: Path
 ) -> None:
     spoilt = rewritten(fmus / fmu, tmp_path / fmu, described((old, new)))
@@ -165,7 +165,9 @@ def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmu: Path) -> None
 
 
 @each_fmu
-def test_every_real_has_a_unit_and_angles_are_shown_in_deg_and_rpm(model: Any, fmu: Path) -> None:
+def test_every_real_has_a_unit_and_angles_are_displayed_in_deg_and_rpm(
+    model: Any, fmu: Path
+) -> None:
     units = {u.get("name"): u for u in xml(fmu).findall("UnitDefinitions/Unit")}
     display_unit = {"rad": ["deg", 180 / math.pi], "rad/s": ["rpm", 30 / math.pi]}
     for variable, _, typed in variables(model, fmu):
@@ -227,7 +229,7 @@ def test_names_are_structured_and_the_guid_is_the_hash_of_the_source(model: Any,
     assert root.get("guid") == maker.collect(model).guid
 
 
-def test_project_and_fmus_have_one_version(fmus: Path) -> None:
+def test_project_and_fmus_have_the_same_version(fmus: Path) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["version"] == VERSION
     assert {xml(fmus / name).get("version") for name in PATHS} == {VERSION}
@@ -264,6 +266,7 @@ def test_outputs_feel_at_once_the_inputs_that_they_declare_and_no_other(model: A
     assert felt == promised
 
 
+@pytest.mark.slow
 def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> None:
     build(
         ROOT,
@@ -282,6 +285,7 @@ def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> No
         assert path.read_bytes() == (fmus / path.relative_to(tmp_path)).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_build_skips_what_is_up_to_date_and_makes_what_is_not(tree: Path) -> None:
     assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor")
     assert "DriveMotor.fmu is up to date" in build(tree, "DriveMotor")
@@ -296,7 +300,7 @@ def test_an_unknown_component_is_named_and_ends_with_code_2() -> None:
     assert "unknown component 'drive_mottor'; there are DC_motor, crank_conveyor" in message
 
 
-def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:
+def test_an_invalid_fmu_is_removed_and_ends_with_code_1(tree: Path) -> None:
     source = tree / "components" / "crank_conveyor" / "model.py"
     change(source, 'way up", nominal=1.0', 'way up", nominal=0.0')
     message = build(tree, "crank_conveyor", "drive_motor", "--flavour", "python", code=1)
@@ -304,7 +308,7 @@ def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:
     assert [file.name for file in (tree / "fmus").iterdir()] == [MOTOR]
 
 
-def test_what_the_compiler_refuses_is_said_and_not_kept(tree: Path) -> None:
+def test_what_the_compiler_refuses_is_reported_and_removed(tree: Path) -> None:
     runtime = tree / "fmukit" / "fmu" / "native" / "fmi2_context.c"
     change(runtime, "static void fail(", "static wrong fail(")
     message = build(tree, "drive_motor", "--flavour", "native", code=1)
@@ -325,7 +329,7 @@ def test_all_components_are_those_that_have_the_flavour(flavour: str) -> None:
     assert set(buildable("all")) == set(buildable("python")) == set(MACHINES)
 
 
-def test_two_versions_in_one_process_compute_their_own_numbers(fmus: Path, tree: Path) -> None:
+def test_two_versions_in_the_same_process_compute_different_numbers(fmus: Path, tree: Path) -> None:
     change(tree / "components" / "drive_motor" / "model.py", "real(8000.0,", "real(8199.8,")
     build(tree, "drive_motor")
     old, new = fmus / MOTOR, tree / "fmus" / MOTOR
@@ -366,7 +370,7 @@ def test_the_page_in_the_fmu_needs_no_network_and_is_complete(model: Any, fmu: P
 
 
 @each_fmu
-def test_the_page_in_the_fmu_is_the_one_of_the_documentation(model: Any, fmu: Path) -> None:
+def test_the_page_in_the_fmu_is_that_of_the_documentation(model: Any, fmu: Path) -> None:
     """Its headings, its numbers and its pictures, among them the default experiment."""
     name = component_name(model)
     page = html.fromstring(content(fmu, "documentation/index.html"))
@@ -416,7 +420,7 @@ def test_the_plot_of_the_default_experiment_shows_its_numbers(model: Any, fmus: 
 
 
 @each_model
-def test_the_fmu_runs_on_the_standard_library_alone(model: Any, fmus: Path, tmp_path: Path) -> None:
+def test_the_fmu_needs_only_the_standard_library(model: Any, fmus: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(path_of(model, fmus)) as archive:
         archive.extractall(tmp_path)
     for source in (tmp_path / "resources").rglob("*.py"):
@@ -453,7 +457,7 @@ def test_the_default_experiment_ends_as_the_shipped_reference_says(model: Any, f
 def test_the_manifest_names_the_reference_as_the_layered_standard_asks(
     model: Any, fmu: Path
 ) -> None:
-    """Root, fixed attributes and one related file, which is there and is a result."""
+    """Root, fixed attributes and two related files, which are there: a result, and the report on its errors."""
     folder, space = "extra/org.fmi-standard.fmi-ls-ref", "{http://fmi-standard.org/fmi-ls-manifest}"
     with zipfile.ZipFile(fmu) as archive:
         files = [n for n in archive.namelist() if n.startswith(folder)]
@@ -464,18 +468,71 @@ def test_the_manifest_names_the_reference_as_the_layered_standard_asks(
         f"{space}fmi-ls-version": "1.0.0-alpha.1",
         f"{space}fmi-ls-description": "Layered Standard providing information on related files included in an FMU.",
     }
-    (related,) = root
-    assert related.tag == "Related"
-    assert related.attrib.keys() == {"type", "source", "role", "description"}
-    assert (related.get("type"), related.get("role")) == ("text/csv", "result")
-    assert sorted(files) == [
-        f"{folder}/{related.get('source')}",
-        f"{folder}/fmi-ls-manifest.xml",
+    assert [(r.get("type"), r.get("role")) for r in root] == [
+        ("text/csv", "result"),
+        ("text/csv", "report"),
     ]
+    assert all(related.tag == "Related" for related in root)
+    assert all(r.attrib.keys() == {"type", "source", "role", "description"} for r in root)
+    sources = {f"{folder}/{related.get('source')}" for related in root}
+    assert sorted(files) == sorted({*sources, f"{folder}/fmi-ls-manifest.xml"})
+
+
+def shipped(fmu: Path, end: str) -> tuple[list[str], Any]:
+    """Heading and columns of a file of reference results."""
+    with zipfile.ZipFile(fmu) as archive:
+        (name,) = [n for n in archive.namelist() if n.endswith(end)]
+        header, *lines = archive.read(name).decode().splitlines()
+    return header.split(","), np.array([line.split(",") for line in lines], float).T
+
+
+@each_fmu
+def test_the_shipped_errors_belong_to_the_shipped_results(model: Any, fmu: Path) -> None:
+    """The same columns and times; each Real has an error, below the 1e-6 that the tolerance of the kit is made for."""
+    (names, results), (heading, errors) = shipped(fmu, "_ref.csv"), shipped(fmu, "_ref_error.csv")
+    assert heading == names
+    assert np.array_equal(errors[0], results[0])
+    for name, result, error in zip(names[1:], results[1:], errors[1:]):
+        assert (error >= 0.0).all(), name
+        if Interface(model).by_name[name].kind == "Real" and result.any():
+            assert error.min() > 0.0, name
+        assert error.max() <= 1e-6 * (np.ptp(result) or np.abs(result).max() or 1.0), name
+
+
+CONTINUOUS = [model for model in MODELS if not hasattr(model, "event_indicators")]
+
+
+@pytest.mark.parametrize("model", CONTINUOUS, ids=class_name)
+def test_the_shipped_errors_are_no_smaller_than_the_true_ones(model: Any, fmus: Path) -> None:
+    """The truth is SciPy's, at two tolerances whose difference is its own error."""
+    names, (time, *results) = shipped(path_of(model, fmus), "_ref.csv")
+    _, (_, *errors) = shipped(path_of(model, fmus), "_ref_error.csv")
+    p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
+
+    def slopes(t: float, y: Any) -> Any:
+        return model.derivatives(p, t, model.State(*y), u)
+
+    def solution(tolerance: float) -> Any:
+        options = {"rtol": tolerance, "atol": 1e-3 * tolerance, "max_step": model.EXPERIMENT.step}
+        y = solve_ivp(slopes, (0.0, time[-1]), list(x), "DOP853", time, **options).y
+        states = [model.State(*row) for row in y.T]
+        outputs = [model.outputs(p, t, state, u) for t, state in zip(time, states)]
+        return np.column_stack([np.array(states), np.array(outputs, float)]).T
+
+    loose, tight = solution(1e-11), solution(1e-13)
+    doubts = np.abs(tight - loose)
+    for name, result, error, truth, doubt in zip(
+        names[1:], results, errors, tight, doubts, strict=True
+    ):
+        difference = np.abs(result - truth)
+        allowed = error + doubt.max() + 1e-12 * np.abs(truth).max()
+        assert (difference <= allowed).all(), (name, difference.max(), error.max(), doubt.max())
 
 
 @pytest.mark.parametrize("hold", InputHold)
-def test_motor_steps_are_exact_for_every_course_of_the_speed(hold: InputHold, both: Path) -> None:
+def test_motor_steps_are_exact_for_every_trajectory_of_the_speed(
+    hold: InputHold, both: Path
+) -> None:
     A, B, T = 8000.0, 199.8, 0.0625
     unit = Unit(both / MOTOR).start(input_hold=hold, w=40.0, tau=8.0)
     rng = random.Random(1)

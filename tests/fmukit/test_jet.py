@@ -38,7 +38,7 @@ def test_jets_have_the_derivatives_of_a_formula(name: str) -> None:
         assert formula(inner, jet) == pytest.approx(wanted, rel=1e-12, abs=1e-12)
 
 
-def test_the_third_derivative_is_not_known() -> None:
+def test_the_third_derivative_is_refused() -> None:
     value, first, second = Jet(2.0, 3.0, 5.0).rate
     assert (value, first) == (3.0, 5.0) and math.isnan(second)
     assert jet.constant(2.0) * Jet(2.0, 3.0, 5.0) == (4.0, 6.0, 10.0)

@@ -53,7 +53,8 @@ NAMES = [
 
 class Writer:
     """A function at random: assignments, branches in branches, early ends, calls of others; its names
-    are those that the printers and the runtimes use."""
+    are those that the printers and the runtimes use.
+    """
 
     def __init__(self, rng: random.Random, name: str, callees: list[str], forks: int) -> None:
         self.rng, self.callees, self.forks = rng, callees, forks
@@ -189,7 +190,7 @@ def test_what_follows_a_branch_is_written_once() -> None:
     assert len(definition(traced_function).splitlines()) < 60
 
 
-def test_a_branch_that_fails_keeps_its_place_among_what_may_fail() -> None:
+def test_a_branch_that_fails_keeps_its_position_among_what_may_fail() -> None:
     def run(x: Any, y: Any) -> Any:
         a = 1.0 / x
         if y < 0.0:

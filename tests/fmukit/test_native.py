@@ -123,7 +123,7 @@ def test_a_module_is_built_again_to_the_same_bytes_and_only_when_it_is_out_of_da
     assert [path.name for path in tmp_path.rglob("*.*")] == [module.name]
 
 
-def test_builds_that_end_at_once_keep_a_whole_module(
+def test_builds_that_end_immediately_keep_a_complete_module(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     content = b"x" * 200_000
@@ -249,7 +249,7 @@ def test_descriptions_differ_only_in_what_native_ones_can_do(name: str, fmus: Pa
 
 
 @pytest.mark.parametrize("flavour", ["", "native"])
-def test_a_state_read_alone_before_the_start_is_what_the_others_make_of_it(
+def test_a_state_read_by_itself_before_the_start_follows_from_the_rest(
     flavour: str, fmus: Path
 ) -> None:
     observed = []
@@ -624,9 +624,9 @@ def test_an_importing_tool_can_compile_the_sources(fmus: Path, tmp_path: Path) -
         (lambda x: f"{x:.3f}", "the format '.3f'"),
     ],
 )
-def test_what_cannot_be_told_in_c_is_refused(run: Any, what: str) -> None:
+def test_what_cannot_be_expressed_in_c_is_refused(run: Any, what: str) -> None:
     with pytest.raises(TypeError, match=what), active(TraceContext()):
-        trace.function("f", lambda x: run(x), {"x": "number"})
+        trace.function("f", run, {"x": "number"})
 
 
 def sort_of(node: Node) -> str:

@@ -22,7 +22,7 @@ def computed(name: str, *operands: float) -> float:
 
 
 @pytest.mark.parametrize("column", [field.name for field in fields(Op)])
-def test_an_operation_without_one_of_its_columns_cannot_be_built(column: str) -> None:
+def test_an_operation_that_lacks_a_column_cannot_be_built(column: str) -> None:
     row = {field.name: getattr(OPS["sin"], field.name) for field in fields(Op)}
     assert Op(**row) == OPS["sin"]
     del row[column]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from components.drive_motor import model as drive_motor
-from fmukit.fmu.python.pythonfmu import Failure
+from fmukit.fmu.python.pythonfmu import CallError
 from fmukit.fmu.reference import by_equations
 from tests.hosts import safety
 
@@ -35,7 +35,7 @@ def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(both: Pat
 def test_a_failure_does_not_swallow_the_warnings_before_it() -> None:
     slave = by_equations(drive_motor)(instance_name="unit 7")
     slave.warn("wear at 90 %")
-    with pytest.raises(Failure) as failure:
+    with pytest.raises(CallError) as failure:
         slave.do_step(0.0, 0.1)
     assert repr(failure.value).startswith("unit 7: unit 7: wear at 90 %%; doStep is not allowed")
 
@@ -88,7 +88,7 @@ def test_foreign_threads_that_step_once_are_not_hoarded(fmus: Path) -> None:
     assert threads == 1
 
 
-def test_python_threads_take_turns_with_one_instance(fmus: Path) -> None:
+def test_python_threads_take_turns_with_the_same_instance(fmus: Path) -> None:
     value, threads = safety.on_python_threads(fmus / MOTOR)
     assert value == pytest.approx(torque(200 / 1024), rel=1e-12)
     assert threads == 1

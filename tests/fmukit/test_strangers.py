@@ -419,7 +419,7 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
          "not {'kg': 1, 'm': -1}: write Quantity("),
     ],
 )  # fmt: skip
-def test_first_mistakes_get_one_line_with_the_place_and_what_to_write(
+def test_first_mistakes_get_a_line_with_their_position_and_what_to_write(
     text: str,
     message: str,
     tmp_path: Path,

@@ -1,5 +1,6 @@
 """The site: it builds without a warning, every link leads somewhere, and everybody can use it, from a
-file and offline."""
+file and offline.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +25,10 @@ from tests.conftest import QUICK, ROOT, ask
 from tests.pictures import differ
 from tests.test_docs import SITE_COMMAND
 from tests.workbench.browser import Browser
-from tests.workbench.test_report import shown
+from tests.workbench.test_report import page_browser
 from workbench.export import PAGE, write
 
-__all__ = ["shown"]
+__all__ = ["page_browser"]
 pytestmark = pytest.mark.filterwarnings("ignore:'myst_parser")
 LARGEST = 3_000_000
 LOOKED_AT = ("machines.html", "docs/machines/shaft_link.html", "search.html")
@@ -46,11 +47,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def full_site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the command of the README makes when nothing is there yet."""
     folder = tmp_path_factory.mktemp("gallery")
-    _, _, words = SITE_COMMAND.partition(" python ")
-    command = [sys.executable, *words.split(), "--out", str(folder)]
+    _, _, arguments = SITE_COMMAND.partition(" python ")
+    command = [sys.executable, *arguments.split(), "--out", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True)
     return folder
 
@@ -79,12 +80,12 @@ def wrong(page: Path, site: Path) -> Iterator[str]:
     headings = [(int(x.tag[1]), x.text_content()) for x in tree.iter("h1", "h2", "h3", "h4", "h5")]
     if [level for level, _ in headings].count(1) != 1:
         yield f"not one h1: {headings}"
-    for (upper, _), (lower, words) in pairwise(headings):
+    for (upper, _), (lower, heading) in pairwise(headings):
         if lower > upper + 1:
-            yield f"{words!r} skips a level"
+            yield f"{heading!r} skips a level"
     for image in tree.iter("img"):
-        beside = "".join(image.xpath("ancestor::a//text()")).strip()
-        if not (image.get("alt") or (image.get("alt") == "" and beside)):
+        caption = "".join(image.xpath("ancestor::a//text()")).strip()
+        if not (image.get("alt") or (image.get("alt") == "" and caption)):
             yield f"no alternative text: {image.get('src')}"
     yield from (f"no title: {frame.get('src')}" for frame in tree.xpath("//iframe[not(@title)]"))
     for element, _, link, _ in tree.iterlinks():
@@ -107,67 +108,80 @@ def weight(page: Path) -> int:
 
 
 def problems(site: Path) -> dict[str, list[str]]:
-    found = {page: list(wrong(page, site)) for page in pages(site) if page.name != PAGE}
-    for page, said in found.items():
+    faults_by_page = {page: list(wrong(page, site)) for page in pages(site) if page.name != PAGE}
+    for page, faults in faults_by_page.items():
         if (heavy := weight(page)) > LARGEST:
-            said.append(f"loads {heavy} bytes")
-    return {str(page.relative_to(site)): said for page, said in found.items() if said}
+            faults.append(f"loads {heavy} bytes")
+    return {
+        str(page.relative_to(site)): faults for page, faults in faults_by_page.items() if faults
+    }
 
 
 def looked_at(browser: Browser, pages: Sequence[Path]) -> dict[str, list[str]]:
     """What a browser and axe, on light and dark screens and on a phone, find wrong with pages."""
-    axe, found = (files("axe_core_python") / "axe.min.js").read_text(encoding="utf-8"), {}
+    axe, messages_by_page = (
+        (files("axe_core_python") / "axe.min.js").read_text(encoding="utf-8"),
+        {},
+    )
     for page in pages:
-        said = found[str(page)] = []
+        messages = messages_by_page[str(page)] = []
         for scheme in ("dark", "light"):
             browser.open(page, 390 if scheme == "dark" else 1280)
             media = [{"name": "prefers-color-scheme", "value": scheme}]
             browser.call("Emulation.setEmulatedMedia", features=media)
             browser.value(f"{axe}; 0")
-            said += browser.value(AXE)
+            messages += browser.value(AXE)
             wide = browser.value("document.documentElement.scrollWidth - innerWidth")
-            said += [f"{wide} pixels too wide"] * (wide > 0)
-            said += map(str, browser.reported("Runtime.exceptionThrown"))
-            said += map(str, browser.reported("Log.entryAdded"))
-            asked = [x["request"]["url"] for x in browser.reported("Network.requestWillBeSent")]
-            said += [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
-    return {page: said for page, said in found.items() if said}
+            messages += [f"{wide} pixels too wide"] * (wide > 0)
+            messages += map(str, browser.reported("Runtime.exceptionThrown"))
+            messages += map(str, browser.reported("Log.entryAdded"))
+            requests = [x["request"]["url"] for x in browser.reported("Network.requestWillBeSent")]
+            messages += [url for url in requests if not url.startswith(("file:", "data:", "blob:"))]
+    return {page: messages for page, messages in messages_by_page.items() if messages}
 
 
-def test_pages_are_whole_and_every_link_leads_somewhere(site: Path) -> None:
+def test_pages_are_complete_and_every_link_leads_somewhere(site: Path) -> None:
     assert not problems(site)
-    there = {str(page.relative_to(site)) for page in pages(site)}
-    made = ("index", "questions", "questions/resonance", "questions/resonance/report", "commands")
-    assert {*LOOKED_AT, *(f"{name}.html" for name in made)} <= there
+    written = {str(page.relative_to(site)) for page in pages(site)}
+    expected = (
+        "index",
+        "questions",
+        "questions/resonance",
+        "questions/resonance/report",
+        "commands",
+    )
+    assert {*LOOKED_AT, *(f"{name}.html" for name in expected)} <= written
     guides = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
-    assert {str(guide.relative_to(ROOT).with_suffix(".html")) for guide in guides} <= there
+    assert {str(guide.relative_to(ROOT).with_suffix(".html")) for guide in guides} <= written
     text = (site / "reference" / "cosim.html").read_text(encoding="utf-8")
     assert 'id="cosim.run"' in text
     assert "Alias for field" not in text
 
 
 @pytest.mark.slow
-def test_pages_are_for_everybody_and_need_no_network(site: Path, shown: Browser) -> None:
-    assert not looked_at(shown, [site / name for name in LOOKED_AT])
+def test_pages_are_for_everybody_and_need_no_network(site: Path, page_browser: Browser) -> None:
+    assert not looked_at(page_browser, [site / name for name in LOOKED_AT])
 
 
 @pytest.mark.slow
-def test_the_live_model_on_the_first_page_fills_its_frame(site: Path, shown: Browser) -> None:
-    shown.open(site / "index.html", 1280)
+def test_the_live_model_on_the_first_page_fills_its_frame(
+    site: Path, page_browser: Browser
+) -> None:
+    page_browser.open(site / "index.html", 1280)
     frame = "document.querySelector('iframe.live')"
-    shown.until(f"parseFloat({frame}.style.height) > 800")
-    shown.open(site / "questions/resonance/report.html", 1280)
-    assert shown.value("document.documentElement.className") == ""
+    page_browser.until(f"parseFloat({frame}.style.height) > 800")
+    page_browser.open(site / "questions/resonance/report.html", 1280)
+    assert page_browser.value("document.documentElement.className") == ""
 
 
-def test_the_search_finds_a_page_from_a_file(site: Path, shown: Browser) -> None:
-    shown.open(site / "search.html", 1280)
-    shown.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=backlash")
+def test_the_search_finds_a_page_from_a_file(site: Path, page_browser: Browser) -> None:
+    page_browser.open(site / "search.html", 1280)
+    page_browser.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=backlash")
     links = "[...document.querySelectorAll('#search-results li a')]"
-    shown.until(f"{links}.some(link => link.href.includes('shaft_link'))")
+    page_browser.until(f"{links}.some(link => link.href.includes('shaft_link'))")
 
 
-def test_what_is_wrong_with_a_page_is_seen(tmp_path: Path) -> None:
+def test_what_is_wrong_with_a_page_is_detected(tmp_path: Path) -> None:
     (tmp_path / "other.html").write_text("<html><body><p id='here'></body></html>")
     page = tmp_path / "page.html"
     page.write_text(
@@ -175,19 +189,19 @@ def test_what_is_wrong_with_a_page_is_seen(tmp_path: Path) -> None:
         "<a href='other.html#gone'>x</a><a href='gone.html'>x</a><a href='../tmp'>x</a>"
         "<script src='https://far.org/x.js'></script><a href='https://far.org'>x</a></body></html>"
     )
-    said = "\n".join(wrong(page, tmp_path))
+    faults = "\n".join(wrong(page, tmp_path))
     for what in ("no /html[@lang]", "no //title", "no //meta", "not one h1", "'B' skips a level",
                  "no alternative text", "other.html#gone", "nowhere: gone.html", "nowhere: ../tmp",
                  "fetches https://far.org/x.js"):  # fmt: skip
-        assert what in said
-    assert len(said.splitlines()) == 10
+        assert what in faults
+    assert len(faults.splitlines()) == 10
 
 
 @pytest.mark.slow
-def test_so_is_the_whole_site_that_the_command_makes(whole: Path, shown: Browser) -> None:
-    site = whole / "site"
+def test_so_is_the_site_that_the_command_makes(full_site: Path, page_browser: Browser) -> None:
+    site = full_site / "site"
     assert not problems(site)
-    assert not looked_at(shown, [page for page in pages(site) if page.name != PAGE])
+    assert not looked_at(page_browser, [page for page in pages(site) if page.name != PAGE])
 
 
 def test_drawings_of_machines_are_those_of_their_mechanisms() -> None:
@@ -196,6 +210,6 @@ def test_drawings_of_machines_are_those_of_their_mechanisms() -> None:
 
 
 @pytest.mark.slow
-def test_pictures_of_the_guides_are_those_of_the_answers(whole: Path) -> None:
+def test_pictures_of_the_guides_are_those_of_the_answers(full_site: Path) -> None:
     for picture in (ROOT / "docs").glob("*.png"):
-        assert not differ(picture, whole / "answers" / picture.stem / picture.name)
+        assert not differ(picture, full_site / "answers" / picture.stem / picture.name)

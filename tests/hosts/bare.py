@@ -7,7 +7,7 @@ from pathlib import Path
 resources = Path(sys.argv[1])
 sys.path.insert(0, str(resources))
 stub = importlib.import_module((resources / "slavemodule.txt").read_text().strip())
-(slave_type,) = (thing for thing in vars(stub).values() if isinstance(thing, type))
+(slave_type,) = (member for member in vars(stub).values() if isinstance(member, type))
 slave = slave_type(instance_name="bare")
 slave.setup_experiment(0.0, None, None)
 slave.enter_initialization_mode()

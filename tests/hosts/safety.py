@@ -122,7 +122,7 @@ def misused(fmu: str, act: Callable[[Unit], Any]) -> list[Any]:
 def living(fmu: str) -> int:
     """How many instances of a Python FMU are in memory."""
     name = Path(fmu).stem
-    return sum(type(thing).__name__ == name for thing in gc.get_objects())
+    return sum(type(referenced).__name__ == name for referenced in gc.get_objects())
 
 
 @in_subprocess

@@ -56,7 +56,7 @@ CRANK = {
     "theta": "rotor.J", "r": "crank.r", "m": "trough.m", "alpha": "trough.d", "c": "spring.c",
     "phi0": "phi", "w0": "w",
 }  # fmt: skip
-MOVED = same("phi", "w", "x", "v")
+COMPARED_STATES = same("phi", "w", "x", "v")
 PARTS = {
     "LinearMotor": Part("DriveMotor", same("A", "B", "T") | {"tau0": "tau"}, same("tau")),
     "KlossMotor": Part(
@@ -71,17 +71,17 @@ PARTS = {
         same("K", "T_i", "T_t") | {"limit": "tau_max", "integral0": "tau_i"},
         {"integral": "tau_i", "wanted": "tau_free", "tau": "tau"},
     ),
-    "Conveyor": Part("CrankConveyor", CRANK, MOVED | {"force": "f_rod"}),
+    "Conveyor": Part("CrankConveyor", CRANK, COMPARED_STATES | {"force": "f_rod"}),
     "SliderCrank": Part(
-        "CrankConveyor", CRANK | {"l": "rod.l"}, MOVED | {"force": "f_rod"}, {"rod.finite": True}
+        "CrankConveyor", CRANK | {"l": "rod.l"}, COMPARED_STATES | {"force": "f_rod"}, {"rod.finite": True}
     ),
     "Yoke": Part(
-        "SlottedLink", CRANK | {"m_load": "load.m"}, MOVED | {"force": "f_pin", "load": "f_load"}
+        "SlottedLink", CRANK | {"m_load": "load.m"}, COMPARED_STATES | {"force": "f_pin", "load": "f_load"}
     ),
     "SwingingLink": Part(
         "SlottedLink",
         CRANK | {"m_load": "load.m", "l": "link.l"},
-        MOVED | {"normal": "f_pin", "load": "f_load"},
+        COMPARED_STATES | {"normal": "f_pin", "load": "f_load"},
         {"link.swings": True},
     ),
     "Exciter": Part(
@@ -91,7 +91,7 @@ PARTS = {
             "m": "mount.m", "c": "mount.c", "d": "mount.d",
             "phi0": "phi", "w0": "w", "x0": "x", "v0": "v",
         },
-        MOVED,
+        COMPARED_STATES,
     ),
     "Shaft": Part(
         "ShaftLink", same("c", "d") | {"twist0": "twist"}, same("twist", "tau_a", "tau_b"), {"b": 0.0}
@@ -216,6 +216,6 @@ def test_a_machine_moves_as_its_free_bodies_do(name: str, seed: int | None, nati
     )
     assert np.allclose(theirs.time, ours["time"], rtol=0.0, atol=1e-12)
     for modelica, column in columns.items():
-        off = float(np.abs(theirs[modelica] - ours[column]).max())
+        error = float(np.abs(theirs[modelica] - ours[column]).max())
         allowed = AGREEMENT * float(np.ptp(ours[column])) + ours.provenance["errors"][column]
-        assert off <= allowed, (column, off, allowed)
+        assert error <= allowed, (column, error, allowed)

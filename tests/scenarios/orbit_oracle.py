@@ -294,12 +294,12 @@ def collocated(drive: Drive, nu: float, v: Samples) -> Orbit:
 def converged(drive: Drive, nu: float, v: Samples) -> Orbit:
     """The orbit near v with as many nodes as it needs, doubled until the series has ended."""
     while len(v) <= MOST:
-        found = collocated(drive, nu, v)
-        if enough(found.v, len(v)):
-            if resampled(found.v, 4 * len(v)).min() <= -nu:
+        solution = collocated(drive, nu, v)
+        if enough(solution.v, len(v)):
+            if resampled(solution.v, 4 * len(v)).min() <= -nu:
                 break
-            return found
-        v = resampled(found.v, 2 * len(v) - 1)
+            return solution
+        v = resampled(solution.v, 2 * len(v) - 1)
     raise NoOrbitError(f"no orbit found at {nu!r} rad/s")
 
 
@@ -340,21 +340,24 @@ def branch(drive: Drive, lowest: float, highest: float) -> list[Orbit]:
     coarse = [orbit(drive, speeds[0])]
     for nu in speeds[1:]:
         coarse.append(orbit(drive, nu, coarse[-1]))
-    top = max(abs(one.w2) for one in coarse), max(abs(one.tau2) for one in coarse)
-    found = [coarse[0]]
+    top = max(abs(sample.w2) for sample in coarse), max(abs(sample.tau2) for sample in coarse)
+    orbits = [coarse[0]]
     for right in coarse[1:]:
-        found += between(found[-1], right, top)
-    for one in found:
-        if not one.stable:
-            raise NoOrbitError(f"the orbit at {one.nu!r} rad/s is unstable")
-    return found
+        orbits += between(orbits[-1], right, top)
+    for sample in orbits:
+        if not sample.stable:
+            raise NoOrbitError(f"the orbit at {sample.nu!r} rad/s is unstable")
+    return orbits
 
 
 def between(left: Orbit, right: Orbit, top: tuple[float, float]) -> list[Orbit]:
     """Orbits after left and up to right, halved until a cubic meets the one in the middle."""
     width = right.nu - left.nu
     middle = orbit(left.drive, left.nu + width / 2, left)
-    ends = [(one.w2, one.tau2, order2(one.v_nu), order2(one.M_nu)) for one in (left, right)]
+    ends = [
+        (sample.w2, sample.tau2, order2(sample.v_nu), order2(sample.M_nu))
+        for sample in (left, right)
+    ]
     for i, true in enumerate((middle.w2, middle.tau2)):
         cubic = (ends[0][i] + ends[1][i]) / 2 + width * (ends[0][i + 2] - ends[1][i + 2]) / 8
         if abs(cubic - true) > RIDGE * top[i] and width > 1e-6 * right.nu:
@@ -369,14 +372,14 @@ def features(drive: Drive, lowest: float, highest: float) -> dict[str, float | N
     w2_peak, the largest ripples unless those at an end are larger. Raises NoOrbitError.
     """
     orbits = branch(drive, lowest, highest)
-    lagging = roots(orbits, lambda one: one.gain.real)
+    lagging = roots(orbits, lambda sample: sample.gain.real)
     figures: dict[str, float | None] = {
-        "nu_90": next((one.nu for one in lagging if one.gain.imag > 0), None)
+        "nu_90": next((sample.nu for sample in lagging if sample.gain.imag > 0), None)
     }
     for name, curve in (("tau", "tau2"), ("w", "w2")):
-        ends = max(abs(getattr(one, curve)) for one in (orbits[0], orbits[-1]))
+        ends = max(abs(getattr(sample, curve)) for sample in (orbits[0], orbits[-1]))
         tops = roots(orbits, attrgetter(f"{curve}_slope"))
-        best = max(tops, key=lambda one: abs(getattr(one, curve)), default=orbits[0])
+        best = max(tops, key=lambda sample: abs(getattr(sample, curve)), default=orbits[0])
         height = abs(getattr(best, curve))
         inside = height > ends
         figures[f"nu_peak_{name}"] = best.nu if inside else None
@@ -386,7 +389,7 @@ def features(drive: Drive, lowest: float, highest: float) -> dict[str, float | N
 
 def roots(orbits: list[Orbit], value: Callable[[Orbit], float]) -> list[Orbit]:
     """The orbits where a value falls through zero."""
-    found = []
+    crossings = []
     for left, right in pairwise(orbits):
         if value(left) > 0 >= value(right):
             at = brentq(
@@ -395,8 +398,8 @@ def roots(orbits: list[Orbit], value: Callable[[Orbit], float]) -> list[Orbit]:
                 right.nu,
                 xtol=1e-12 * right.nu,
             )
-            found.append(orbit(left.drive, at, left))
-    return found
+            crossings.append(orbit(left.drive, at, left))
+    return crossings
 
 
 def edges(drive: Drive, lowest: float, highest: float, level: float) -> list[float]:
@@ -405,8 +408,8 @@ def edges(drive: Drive, lowest: float, highest: float, level: float) -> list[flo
     Raises NoOrbitError.
     """
     orbits = branch(drive, lowest, highest)
-    passed = [roots(orbits, lambda one, s=s: s * (abs(one.tau2) - level)) for s in (1, -1)]
-    return sorted(one.nu for found in passed for one in found)
+    passed = [roots(orbits, lambda sample, s=s: s * (abs(sample.tau2) - level)) for s in (1, -1)]
+    return sorted(sample.nu for crossings in passed for sample in crossings)
 
 
 def f_rod_peak(drive: Drive, speeds: Iterable[float]) -> float:
@@ -418,7 +421,7 @@ def f_rod_peak(drive: Drive, speeds: Iterable[float]) -> float:
     return max(peaks)
 
 
-def drawn(rng: np.random.Generator) -> Drive:
+def random_drive(rng: np.random.Generator) -> Drive:
     """A drive whose first-order ripple at resonance is at most 0.6 of the speed."""
 
     def spread(low: float, high: float) -> float:
@@ -427,9 +430,9 @@ def drawn(rng: np.random.Generator) -> Drive:
     while True:
         zeta, nu = spread(0.01, 0.7), spread(5.0, 150.0)
         ripple = rng.choice([spread(1e-4, 0.6), rng.uniform(0.02, 0.6)])
-        lost, kappa = ripple * spread(1e-3, 1.0), spread(0.2, 3.0) * rng.integers(2)
-        T = 1 / (4 * zeta * nu * (1 - lost))
-        drag = 4 * zeta * nu * lost
+        damping, kappa = ripple * spread(1e-3, 1.0), spread(0.2, 3.0) * rng.integers(2)
+        T = 1 / (4 * zeta * nu * (1 - damping))
+        drag = 4 * zeta * nu * damping
         gain = math.hypot(1, 2 * T * nu) / (2 * nu**2 * (1 + T * drag))
         stirred = math.sqrt(max(0.0, (ripple / gain) ** 2 - (drag * nu) ** 2)) / nu**2
         share = max(1e-5, stirred / max(abs(kappa**2 - 1), 0.01))

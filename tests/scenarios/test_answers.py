@@ -24,7 +24,7 @@ from scenarios.iron.questions import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
-from workbench.catalog import find, load_module, names
+from workbench.catalog import load_module, names
 from workbench.cli import main
 from workbench.export import content, finish, write
 from workbench.figure import Figure, rounded
@@ -65,11 +65,12 @@ EXACT = {
     "spring", "spring_formula", "spring_theory", "f_rod_formula", "formula", "joint",
     "landings",
 }  # fmt: skip
-SAID = {
+NUMBERS_IN_TEXT = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "iron_identify": [(120.0, "%")],
     "orientation_time": [(10.0, "%")],
     "orientator_limit": [(1.0, "%")],
+    "iron_kinematics": [(1.0, "%")],
     "run_up": [(10.0, "%")],
     "speed_step": [(90.0, "%")],
     "resonance": [(45.0, ""), (90.0, "degrees"), (135.0, "degrees")],
@@ -125,7 +126,10 @@ VARIABLES: dict[str, dict[str, str]] = {
     "speed_step": {"w_max": "load.w", "mean": "load.w", "mean_max": "load.w", "ripple": "load.w", "tau_max": "shaft.tau_b", "tau_min": "shaft.tau_b",
                    "i_max": "motor.i"},
 }  # fmt: skip
-WORDS = {
+VARIABLES["classical"] |= VARIABLES["resonance"]
+VARIABLES["iron_kinematics"] |= VARIABLES["iron_cycle"]
+
+UNIT_PATTERNS = {
     "V": r"(supply|theory)_(up|down)",
     "deg": r".*_angle|\w+_phase(_theory)?|lag|lag_\w+|phi",
     "Hz": r"gap|(\w+_)?frequency",
@@ -142,7 +146,7 @@ WORDS = {
     "N": r"f_rod_\w+|\w+_force_(min|max)",
     "W": r"(supply|motor|trough|least|most|rms|main)_\w+|mean_(conveyor|supply)|missing"
     r"|supply|motor|together",
-    "rad/s": r"(before|after)_(up|down)|nu\w*|w_n_\w+|w2_theory|(mean|angle|speed|limit|heavy|small|worst)_\w+"
+    "rad/s": r"(before|after)_(up|down)|avoid_(from|to)(_\d)?|nu\w*|w_n_\w+|w2_theory|(mean|angle|speed|limit|heavy|small|worst)_\w+"
     r"|\w+_(res|flux|kloss|limit|speed)|\w+_w_end_max",
 }
 """Units of figures and columns that no FMU has, by the first pattern that their names match."""
@@ -151,13 +155,13 @@ WORDS = {
 @cache
 def variables(name: str) -> dict[str, Any]:
     """Those of the FMUs of a question, as their XML describes them."""
-    fmus = fmus_of(load_module(find(PROJECT.home, name))).items()
+    fmus = fmus_of(load_module(PROJECT.locate(name))).items()
     read = {part: read_model_description(str(x), validate=False) for part, x in fmus}
     return {f"{part}.{v.name}": v for part, x in read.items() for v in x.modelVariables}
 
 
 @pytest.mark.parametrize("name", SAMPLED)
-def test_an_answer_is_given_by_value_without_a_word_or_a_file(
+def test_an_answer_is_returned_by_value_without_a_word_or_a_file(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -178,8 +182,8 @@ def numbers(value: Any) -> Iterator[float]:
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, list | tuple):
-        for one in value:
-            yield from numbers(one)
+        for item in value:
+            yield from numbers(item)
     elif isinstance(value, int | float) and not isinstance(value, bool):
         yield float(value)
 
@@ -214,11 +218,13 @@ def test_figures_and_columns_have_the_units_of_the_fmus(name: str) -> None:
         units |= set(table.units.items())
         errors = [key for key in table.units if key.endswith("_error")]
         assert all(table.units[x] == table.units[x.removesuffix("_error")] for x in errors)
-    own = {key: key for key, _ in units} | VARIABLES[name]
-    found = {key: variables(name)[x] for key, x in own.items() if x in variables(name)}
+    names = {key: key for key, _ in units} | VARIABLES[name]
+    variables_by_name = {
+        key: variables(name)[x] for key, x in names.items() if x in variables(name)
+    }
     compared = {
         key: v.unit or (v.declaredType.unit if v.declaredType else None) or ""
-        for key, v in found.items()
+        for key, v in variables_by_name.items()
     }
     assert len(compared) > 5
     assert set(VARIABLES[name]) <= {*compared} & {key for key, _ in units}
@@ -230,14 +236,16 @@ def test_figures_and_columns_have_the_units_of_the_fmus(name: str) -> None:
 
 def worded(name: str) -> str:
     """The unit that a name means; 1 if it tells none."""
-    return next((unit for unit, words in WORDS.items() if re.fullmatch(words, name)), "1")
+    return next(
+        (unit for unit, pattern in UNIT_PATTERNS.items() if re.fullmatch(pattern, name)), "1"
+    )
 
 
 def spoken(text: str) -> Iterator[tuple[str, str, str]]:
     """Every number of a text, its error or "", and the word behind it."""
     number = r"[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?"
-    for found in re.finditer(rf"(?<![\w.])({number})(?: ± ({number}))?(?: ?([%\w./]+))?", text):
-        yield found[1], found[2] or "", (found[3] or "").rstrip(".")
+    for match in re.finditer(rf"(?<![\w.])({number})(?: ± ({number}))?(?: ?([%\w./]+))?", text):
+        yield match[1], match[2] or "", (match[3] or "").rstrip(".")
 
 
 def reads(text: str, value: float) -> bool:
@@ -251,47 +259,60 @@ def reads(text: str, value: float) -> bool:
 def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     """With an error it is a figure, to the digit and in its unit, or the difference of two in %; else
     a figure, an option or a fact in the unit that stands behind it, or the ratio of two of them or their
-    difference, in %."""
+    difference, in %.
+    """
     answer = plain(name) if name != "resonance" else ask(name, speeds="34:46:7", steps_per_rev=128)
     figures = [figure for figure in answer.figures.values() if figure.error is not None]
     errors = [f for f in figures if f.error]
-    whole = {(*rounded(abs(f.value), f.error), f.unit) for f in errors}
-    whole |= {(*rounded(f.value, f.error), f.unit) for f in errors}
-    whole |= {(value, error, "degrees") for value, error, unit in whole if unit == "deg"}
-    given = [(x, option.unit) for option in answer.options.values() for x in numbers(option.value)]
-    given += [(x, unit) for x in numbers(dict(answer.facts)) for unit in ("rad/s", "N.m", "1")]
-    values = [*given, *((f.value, f.unit) for f in figures), *SAID.get(name, [])]
-    known = [*(Figure(x, unit, 0.0) for x, unit in given), *figures]
-    pairs = [(f, x) for f in figures for x in known if x.unit == f.unit and x.value and x is not f]
+    rounded_figures = {(*rounded(abs(f.value), f.error), f.unit) for f in errors}
+    rounded_figures |= {(*rounded(f.value, f.error), f.unit) for f in errors}
+    rounded_figures |= {
+        (value, error, "degrees") for value, error, unit in rounded_figures if unit == "deg"
+    }
+    options = [
+        (x, option.unit) for option in answer.options.values() for x in numbers(option.value)
+    ]
+    options += [(x, unit) for x in numbers(dict(answer.facts)) for unit in ("rad/s", "N.m", "1")]
+    values = [*options, *((f.value, f.unit) for f in figures), *NUMBERS_IN_TEXT.get(name, [])]
+    allowed = [*(Figure(x, unit, 0.0) for x, unit in options), *figures]
+    pairs = [
+        (f, x) for f in figures for x in allowed if x.unit == f.unit and x.value and x is not f
+    ]
     shares = [100 * f.value / x.value for f, x in pairs]
     offs = [(100 * (f.value / x.value - 1), 100 * (f.error + x.error) / x.value) for f, x in pairs]
-    whole |= {(*rounded(abs(off), abs(error)), "%") for off, error in offs if error}
+    rounded_figures |= {
+        (*rounded(abs(difference), abs(error)), "%") for difference, error in offs if error
+    }
     values += [(x, "%") for share in shares for x in (share, share - 100, abs(share - 100))]
-    values += [(share * x / 100, unit) for share, u in given if u == "%" for x, unit in given]
+    values += [(share * x / 100, unit) for share, u in options if u == "%" for x, unit in options]
     values += [(x * OTHER[unit][1], OTHER[unit][0]) for x, unit in values if unit in OTHER]
-    said = list(spoken(re.sub(r"(?<=formula )\(\d+\)", "", answer.verdict)))
-    for text, error, word in said:
+    spoken_numbers = list(spoken(re.sub(r"(?<=formula )\(\d+\)", "", answer.verdict)))
+    for text, error, word in spoken_numbers:
         if error:
-            units = {unit for value, off, unit in whole if (value, off) == (text, error)}
+            units = {
+                unit
+                for value, difference, unit in rounded_figures
+                if (value, difference) == (text, error)
+            }
             assert units & {word, "1", "1/min"}, f"{text} ± {error} {word}"
         else:
             same = [x for x, unit in values if unit in (word, "", "1", "1/min")]
             assert any(reads(text, x) for x in same), f"{text} {word}"
-    assert any(error for _, error, _ in said)
+    assert spoken_numbers
     assert len(answer.verdict) < 1000
 
 
-def test_warnings_of_fmus_are_told_once_after_the_answer(
+def test_warnings_of_fmus_are_reported_once_after_the_answer(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     answer = ask("iron_start", motor_A="8N.m", stop=0.6, start={"iron.on_invalid": 1})
     (warning,) = answer.warnings
     assert warning.startswith("iron: cam follower lifts off at phi = 3.05")
     finish(answer, tmp_path)
-    said, errors = capfd.readouterr()
+    output, errors = capfd.readouterr()
     assert errors == ""
-    assert said.splitlines()[-3] == f"Warning: {warning}"
-    assert said.startswith("The cam peaks at")
+    assert output.splitlines()[-3] == f"Warning: {warning}"
+    assert output.startswith("The cam peaks at")
     assert json.loads((tmp_path / "iron_start.json").read_text())["warnings"] == [warning]
     assert "cam follower lifts off" in (tmp_path / "report.html").read_text()
     assert plain("orientation_time").warnings == []
@@ -311,7 +332,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
     assert none.verdict == "With friction 0.5 and friction 0.6, every product of the sweep jams."
     assert none.show().charts == []
     stall = ask("iron_start", motor_A=0.12, stop=30.0, step=2e-3)
-    assert stall.verdict.startswith("The motor stalls: the cam has made 0.25918")
+    assert stall.verdict.startswith("The motor stalls: the cam has made 0.2592 turns")
     slow = ask("run_up", stop=0.1, start={"motor.kloss.tau_b": 1.0})
     assert "The induction motor does not complete a turn within 0.1 s." in slow.verdict
     slow = ask("run_up", stop=3.0, step=1e-3, start={"motor.kloss.tau_b": 1.0})
@@ -322,8 +343,8 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> None:
     part = CHANGED[name][0].split(".")[0]
-    own = PROJECT.load(name).fixed_starts
-    refused = [(f"{x}=1", f"start value {x}: this question sets it itself") for x in own]
+    fixed = PROJECT.load(name).fixed_starts
+    refused = [(f"{x}=1", f"start value {x}: this question sets it itself") for x in fixed]
     for wrong, message in (
         (f"{part}.nonsense=1", f"{part} has no variable 'nonsense'"),
         ("nobody.T=1", "there is no part 'nobody'"),
@@ -377,33 +398,44 @@ def test_python_asks_what_the_command_asks(
 ) -> None:
     """An answer is the text of the command and, in a notebook, the text and the picture."""
     mine = tmp_path / "mine"
-    asked = scenarios.ask("resonance", speeds=np.linspace(36, 44, 3), flavour="native", out=mine)
-    there = tmp_path / "there"
-    words = ["run", "resonance", "--speeds", "36:44:3", "--flavour", "native", "--out", str(there)]
-    assert main(words, PROJECT, "scenarios") == 0
+    answer = scenarios.ask("resonance", speeds=np.linspace(36, 44, 3), flavour="native", out=mine)
+    folder = tmp_path / "there"
+    arguments = [
+        "run",
+        "resonance",
+        "--speeds",
+        "36:44:3",
+        "--flavour",
+        "native",
+        "--out",
+        str(folder),
+    ]
+    assert main(arguments, PROJECT, "scenarios") == 0
     text, files = capsys.readouterr().out.rsplit("\n", 2)[:2]
-    assert repr(asked) == text
-    assert files.endswith(f"written to {there}")
-    assert sorted(x.name for x in mine.iterdir()) == sorted(x.name for x in there.iterdir())
-    assert (mine / "resonance.csv").read_bytes() == (there / "resonance.csv").read_bytes()
-    shown = asked._repr_html_()
-    assert (
-        ">On resonance: yes. The resonance is at" in shown and "data:image/png;base64,iV" in shown
-    )
-    assert "±" in shown and "<script" not in shown
+    assert repr(answer) == text
+    assert files.endswith(f"written to {folder}")
+    assert sorted(x.name for x in mine.iterdir()) == sorted(x.name for x in folder.iterdir())
+    assert (mine / "resonance.csv").read_bytes() == (folder / "resonance.csv").read_bytes()
+    page = answer._repr_html_()
+    assert ">On resonance: yes. The resonance is at" in page and "data:image/png;base64,iV" in page
+    assert "±" in page and "<script" not in page
 
 
 def test_python_gives_numbers_and_paths_of_its_libraries() -> None:
     turn = scenarios.ask("iron_cycle", flavour="native", samples=np.int64(720), speed=np.float32(3))
     assert turn.options["samples"].value == 720 and turn.options["speed"].value == 3.0
     assert len(turn.table) == 721
-    given: dict[str, Any] = {"flavour": "native", "data": Path("no record.csv"), "map": ["time=t"]}
+    options: dict[str, Any] = {
+        "flavour": "native",
+        "data": Path("no record.csv"),
+        "map": ["time=t"],
+    }
     with pytest.raises(SetupError, match="no record"):
-        scenarios.ask("identify", **given)
+        scenarios.ask("identify", **options)
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("options", "message"),
     [
         ({"sed": 1}, "run_up has no option 'sed': did you mean 'speed'?"),
         ({"set": "C"}, "set = 'C' must be one of A, B"),
@@ -414,26 +446,26 @@ def test_python_gives_numbers_and_paths_of_its_libraries() -> None:
         ({"stop": True}, "stop = True must be a number in s"),
     ],
 )
-def test_python_is_refused_what_the_command_is(given: dict[str, Any], message: str) -> None:
+def test_python_is_refused_what_the_command_is(options: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=re.escape(message)):
-        scenarios.ask("run_up", **{"flavour": "native"} | given)
+        scenarios.ask("run_up", **{"flavour": "native"} | options)
 
 
-def test_rows_are_kept_on_the_way_and_the_files_stand_at_the_end(tmp_path: Path) -> None:
+def test_rows_are_saved_meanwhile_and_the_files_stand_at_the_end(tmp_path: Path) -> None:
     answer = ask("orientation_time", tmp_path, **QUICK["orientation_time"])
     partial = tmp_path / "orientation_time.partial.csv"
-    kept = pd.read_csv(partial)
-    pd.testing.assert_frame_equal(kept, answer.tables["orientation_time.csv"].frame)
+    table = pd.read_csv(partial)
+    pd.testing.assert_frame_equal(table, answer.tables["orientation_time.csv"].frame)
     files = write(answer, tmp_path)
     assert not partial.exists()
     assert {path.name for path in tmp_path.iterdir()} == set(files)
-    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "orientation_time.csv"), kept)
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "orientation_time.csv"), table)
 
 
 def test_the_enumerations_are_those_of_the_fmu() -> None:
     for name, items in {"stage": orientator.STAGES, "reason": orientator.REASONS}.items():
-        found = variables("orientator_cycle")[f"orientator.{name}"].declaredType.items
-        assert tuple(item.name.replace("_", " ") for item in found) == items
+        declared_items = variables("orientator_cycle")[f"orientator.{name}"].declaredType.items
+        assert tuple(item.name.replace("_", " ") for item in declared_items) == items
 
 
 def test_the_torque_of_the_iron_counts_each_sample_of_a_turn_once() -> None:
@@ -442,7 +474,7 @@ def test_the_torque_of_the_iron_counts_each_sample_of_a_turn_once() -> None:
     machine = iron_orders.measure(drive)
     torque = machine.torque(5.0)
     wanted = 2j * np.fft.rfft(torque)[1:13] / len(torque)
-    found = harmonics(machine.phi, torque, iron_orders.ORDERS)
-    assert found == pytest.approx(wanted, rel=1e-6, abs=1e-6 * abs(wanted).max())
+    amplitudes = harmonics(machine.phi, torque, iron_orders.ORDERS)
+    assert amplitudes == pytest.approx(wanted, rel=1e-6, abs=1e-6 * abs(wanted).max())
     turn = iron.turn(drive, 5.0, iron_orders.PER_REV)
     assert torque == pytest.approx(turn["iron.tau_cam"][:-1], abs=1e-6)

@@ -20,17 +20,17 @@ from workbench.options import declared
 DRAWS = 200
 
 
-def drawn(rng: np.random.Generator, middle: float) -> Figure:
+def random_figure(rng: np.random.Generator, middle: float) -> Figure:
     """A figure on either side of a value, with an error that may reach it, or one that is not determined."""
     if rng.random() < 0.2:
         return Figure.undetermined("%", "there is no steady motion")
     return Figure(middle * rng.uniform(0.5, 1.5), "%", middle * rng.uniform(0.0, 0.2))
 
 
-def test_an_order_is_said_to_rise_where_it_does_within_its_error() -> None:
+def test_an_order_rises_in_the_verdict_where_it_does_within_its_error() -> None:
     rng, outcomes = np.random.default_rng(1), set()
     for _ in range(DRAWS):
-        adds = {f"{lag} ms": drawn(rng, iron_orders.IMPORTANT) for lag in iron_orders.LAGS}
+        adds = {f"{lag} ms": random_figure(rng, iron_orders.IMPORTANT) for lag in iron_orders.LAGS}
         stated = [x for x in adds.values() if x.error is not None]
         above = [lag for lag, x in adds.items() if x.error is not None and x.value - x.error > 10.0]
         below = [x for x in stated if x.value + x.error <= 10.0]
@@ -74,7 +74,7 @@ def _plane_of(machine: Machine) -> Any:
     return type("Data", (), {"plane": type("Plane", (), {"machine": machine})})
 
 
-def test_more_and_less_power_are_told_apart_and_neither_is_said_within_the_error() -> None:
+def test_more_and_less_power_are_distinguished_and_neither_is_stated_within_the_error() -> None:
     rng = np.random.default_rng(3)
     for _ in range(DRAWS):
         figure = Figure(rng.normal(0.0, 1.0), "W", rng.uniform(0.0, 1.0))
@@ -85,7 +85,7 @@ def test_more_and_less_power_are_told_apart_and_neither_is_said_within_the_error
 
 
 @pytest.mark.parametrize(("frictions", "jams"), [("0.2", False), ("0.5", True)])
-def test_a_chart_names_a_jam_where_one_is(frictions: str, jams: bool) -> None:
+def test_a_chart_names_a_jam_where_products_jam(frictions: str, jams: bool) -> None:
     answer = ask(
         "orientation_time", frictions=frictions, speeds="40rpm,75rpm" if jams else "20rpm,40rpm"
     )
@@ -95,7 +95,7 @@ def test_a_chart_names_a_jam_where_one_is(frictions: str, jams: bool) -> None:
     assert ("jam" in chart.title) == jams
 
 
-def test_friction_is_said_to_change_the_time_by_less_where_it_does() -> None:
+def test_friction_changes_the_time_by_less_in_the_verdict_where_it_does() -> None:
     """The sentence names the first speed of the sweep at which the times differ by the spread or more."""
     answer = ask("orientation_time", frictions="0.2,0.5", speeds="20rpm,40rpm,60rpm,65rpm")
     frame = answer.tables[orientation_time.TABLE].frame

@@ -34,9 +34,9 @@ def answer() -> Answer:
 
 @pytest.mark.parametrize("maker", ["conveyor", "iron"])
 def test_the_record_of_the_examples_is_what_its_script_makes(maker: str) -> None:
-    made = {"conveyor": measured_conveyor, "iron": measured_iron}[maker].record()
+    rows = {"conveyor": measured_conveyor, "iron": measured_iron}[maker].record()
     path = ROOT / f"examples/{maker}_record.csv"
-    assert path.read_text() == made.to_csv(index=False)
+    assert path.read_text() == rows.to_csv(index=False)
 
 
 def test_the_record_of_the_conveyor_has_counts_of_an_encoder_and_a_belt_that_creeps() -> None:
@@ -55,13 +55,13 @@ def test_the_record_of_the_conveyor_has_counts_of_an_encoder_and_a_belt_that_cre
 def test_the_truth_lies_within_the_errors(answer: Answer) -> None:
     f, nu = answer.figures, answer.facts["operating_speed"]
     assert abs(f["nu_res"].value - MACHINE.nu_res) < f["nu_res"].error < 0.01 * MACHINE.nu_res
-    away = 100 * (nu / MACHINE.nu_res - 1)
-    assert abs(f["away"].value - away) < f["away"].error
+    distance = 100 * (nu / MACHINE.nu_res - 1)
+    assert abs(f["away"].value - distance) < f["away"].error
     ripple = abs(MACHINE.torque_ripple(nu))
     assert abs(f["tau2"].value - ripple) < f["tau2"].error < 0.05 * ripple
     for name in ("motor.B", "motor.T", "conveyor.rotor.J", "conveyor.spring.c"):
-        found = f[name.replace(".", "_").lower()]
-        assert abs(found.value - TRUTH[name]) < 1.5 * found.error
+        figure = f[name.replace(".", "_").lower()]
+        assert abs(figure.value - TRUTH[name]) < 1.5 * figure.error
 
 
 def test_what_would_get_it_clear_does(answer: Answer) -> None:
@@ -79,7 +79,7 @@ def test_what_would_get_it_clear_does(answer: Answer) -> None:
     assert answer.verdict.count("These are limits, not targets.") == 1
 
 
-def test_a_change_is_known_better_than_the_value_it_leads_to(answer: Answer) -> None:
+def test_a_change_is_more_certain_than_the_value_it_leads_to(answer: Answer) -> None:
     """The factor of the true machine, sought here; what is not known of the fit moves both alike."""
     f, nu, most = answer.figures, answer.facts["operating_speed"], answer.facts["limit"]
     for name, field in (("rotor_j", "theta1"), ("motor_t", "T")):
@@ -98,7 +98,7 @@ def test_a_change_is_known_better_than_the_value_it_leads_to(answer: Answer) -> 
         assert f"raised by {change.text()}, to {clear.text()}" in answer.verdict
 
 
-def test_the_next_record_is_one_in_which_the_speed_changes(answer: Answer) -> None:
+def test_the_next_record_is_that_in_which_the_speed_changes(answer: Answer) -> None:
     rows = answer.tables["identify_next.csv"].frame
     assert rows["error"].is_monotonic_increasing
     assert list(rows["record"])[-1] == "the same again"
@@ -109,10 +109,10 @@ def test_the_next_record_is_one_in_which_the_speed_changes(answer: Answer) -> No
 def test_the_table_holds_measured_and_fitted_values(answer: Answer) -> None:
     rows = answer.tables["identify.csv"].frame
     assert len(rows) == 600
-    off = rows["conveyor.w_fitted"] - rows["conveyor.w"]
-    assert off.to_list() == pytest.approx(rows["conveyor.w_residual"].to_list())
+    error = rows["conveyor.w_fitted"] - rows["conveyor.w"]
+    assert error.to_list() == pytest.approx(rows["conveyor.w_residual"].to_list())
     grid = 60 / measured_conveyor.COUNTS / measured_conveyor.SAMPLE * math.pi / 30
-    assert 0.5 * grid / math.sqrt(12) < off.std() < 2.5 * grid / math.sqrt(12)
+    assert 0.5 * grid / math.sqrt(12) < error.std() < 2.5 * grid / math.sqrt(12)
 
 
 def test_a_record_of_another_machine_is_refused(tmp_path: Path) -> None:
@@ -143,14 +143,14 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("given", "message"), REFUSED, ids=[str(x) for x, _ in REFUSED])
-def test_bad_input_is_one_line(given: dict[str, Any], message: str) -> None:
+@pytest.mark.parametrize(("options", "message"), REFUSED, ids=[str(x) for x, _ in REFUSED])
+def test_bad_input_is_refused_in_a_line(options: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=re.escape(message)) as raised:
-        ask("identify", **{**QUICK["identify"], **given})
+        ask("identify", **{**QUICK["identify"], **options})
     assert "\n" not in str(raised.value)
 
 
-def test_what_is_known_is_read_in_shares_too() -> None:
+def test_priors_are_read_in_percent_too() -> None:
     assert prior("conveyor.trough.m = 200 ± 5") == ("conveyor.trough.m", (200.0, 5.0))
     assert prior("conveyor.spring.c=7.2e5+-2%") == ("conveyor.spring.c", (7.2e5, 14400.0))
 
@@ -158,5 +158,5 @@ def test_what_is_known_is_read_in_shares_too() -> None:
 @pytest.mark.slow
 def test_a_study_varies_the_record() -> None:
     page = "scenarios.conveyor.questions.identify"
-    told = row(page, fmus_of(identify), QUICK["identify"])
-    assert told["figures"]["nu_res"][0] == pytest.approx(MACHINE.nu_res, rel=0.01)
+    entry = row(page, fmus_of(identify), QUICK["identify"])
+    assert entry["figures"]["nu_res"][0] == pytest.approx(MACHINE.nu_res, rel=0.01)

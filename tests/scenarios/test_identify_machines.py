@@ -31,11 +31,11 @@ def products() -> Answer:
     )
 
 
-def test_further_records_bring_the_torque_where_the_record_is_without_it() -> None:
+def test_further_records_have_the_torque_where_the_record_is_without_it() -> None:
     starts = {"run-up": {"w": 0.0}, "other supply": {"motor.A": 3.0}}
     noise, torque = {"w": 0.1}, {"tau": 2.0}
-    found = planned_experiments(starts, "motor.A", 5.0, noise, torque)
-    assert found == {
+    experiments = planned_experiments(starts, "motor.A", 5.0, noise, torque)
+    assert experiments == {
         "run-up": Experiment({"w": 0.0}, noise, 5.0),
         "run-up, with the torque": Experiment({"w": 0.0}, noise | torque, 5.0),
         "other supply": Experiment({"motor.A": 3.0}, noise, 5.0, ("motor.A",)),
@@ -49,33 +49,33 @@ def test_further_records_bring_the_torque_where_the_record_is_without_it() -> No
 def test_the_iron_of_the_examples_moves_as_the_fmu_does() -> None:
     """They share no line of code; the coupling error of order 2 is all that is between them."""
     system = System(fmus_of(iron_identify), iron.WIRES, {**IRON, **measured_iron.STATES})
-    off = []
+    error = []
     for step in (2e-3, 1e-3):
-        found = run(system, stop=0.5, step=step)
-        mine = measured_iron.simulated(IRON, found["time"])
-        off.append([abs(mine[k] - found[x]).max() for k, x in enumerate(measured_iron.STATES)])
-    assert np.divide(*off) == pytest.approx(4.0, abs=0.2)
-    assert max(off[1]) < 3e-3
+        result = run(system, stop=0.5, step=step)
+        mine = measured_iron.simulated(IRON, result["time"])
+        error.append([abs(mine[k] - result[x]).max() for k, x in enumerate(measured_iron.STATES)])
+    assert np.divide(*error) == pytest.approx(4.0, abs=0.2)
+    assert max(error[1]) < 3e-3
 
 
 @pytest.mark.parametrize(("n", "mu"), [(0.0, 0.35), (40.0, 0.5)])
 def test_the_orientator_of_the_examples_takes_the_times_of_the_fmu(n: float, mu: float) -> None:
     """One with flight, one without; two bodies with constraints, and a formula for each stage."""
     start = {"orientator.chute.mu": mu, "orientator.w": n * math.pi / 30}
-    found = run(System(fmus_of(orientator_identify), start=start), stop=0.4, step=0.4)
-    times = [found[f"orientator.t_{x}"][-1] for x in measured_orientator.STAGES]
+    result = run(System(fmus_of(orientator_identify), start=start), stop=0.4, step=0.4)
+    times = [result[f"orientator.t_{x}"][-1] for x in measured_orientator.STAGES]
     assert measured_orientator.times(n, mu, 0.04) == pytest.approx(times, abs=2e-7)
 
 
 def test_the_rows_of_the_camera_are_those_times_with_its_noise() -> None:
-    few = measured_orientator.record(speeds=(20, 60)).to_numpy()
-    whole = np.loadtxt(ROOT / "examples/orientator_record.csv", delimiter=",", skiprows=1)
-    assert few[0] == pytest.approx(whole[0])
+    two_rows = measured_orientator.record(speeds=(20, 60)).to_numpy()
+    all_rows = np.loadtxt(ROOT / "examples/orientator_record.csv", delimiter=",", skiprows=1)
+    assert two_rows[0] == pytest.approx(all_rows[0])
     true = [1e3 * x for x in measured_orientator.times(60, *ORIENTATOR.values())]
-    assert np.abs(few[1][1:] - true).max() < 4 * measured_orientator.NOISE
+    assert np.abs(two_rows[1][1:] - true).max() < 4 * measured_orientator.NOISE
 
 
-def test_friction_and_fall_of_the_orientator_are_found(products: Answer) -> None:
+def test_friction_and_fall_of_the_orientator_are_identified(products: Answer) -> None:
     f = products.figures
     for name, key in zip(ORIENTATOR, (MU, "orientator_chute_h")):
         assert abs(f[key].value - ORIENTATOR[name]) < f[key].error < 0.05 * ORIENTATOR[name]
@@ -87,26 +87,26 @@ def test_friction_and_fall_of_the_orientator_are_found(products: Answer) -> None
     assert following["error"].iloc[-1] < f[MU].error
 
 
-def test_more_friction_makes_later_stages_longer_and_is_what_is_told(tmp_path: Path) -> None:
+def test_more_friction_makes_later_stages_longer_and_is_what_is_reported(tmp_path: Path) -> None:
     """With the times of another friction the answer follows it."""
     speeds = (30.0, 50.0)
     rows = measured_orientator.record(2, {"mu": 0.45, "H": 0.04}, speeds)
     rows.to_csv(tmp_path / "other.csv", index=False)
-    asked = {**QUICK["orientator_identify"], "data": str(tmp_path / "other.csv")}
-    found = ask("orientator_identify", **asked)
-    assert abs(found.figures[MU].value - 0.45) < found.figures[MU].error
+    options = {**QUICK["orientator_identify"], "data": str(tmp_path / "other.csv")}
+    answer = ask("orientator_identify", **options)
+    assert abs(answer.figures[MU].value - 0.45) < answer.figures[MU].error
     rows["turning [ms]"] *= 1.2
     rows.to_csv(tmp_path / "other.csv", index=False)
-    other = ask("orientator_identify", **asked)
+    other = ask("orientator_identify", **options)
     assert other.verdict.startswith("No friction explains these stage times:\nchi2 = ")
     assert "orientator.t_turning: off by" in other.verdict
     assert all(figure.error is None for figure in other.figures.values())
 
 
-def test_the_turn_of_the_iron_is_found_before_the_fit() -> None:
+def test_the_turn_of_the_iron_is_guessed_before_the_fit() -> None:
     """The guess is of default values, and of the phase of the last turn."""
-    given = {k: v for k, v in QUICK["iron_identify"].items() if k != "starts"}
-    o = iron_identify.Options(**given)
+    options = {k: v for k, v in QUICK["iron_identify"].items() if k != "starts"}
+    o = iron_identify.Options(**options)
     system = iron_identify.guess(o, fmus_of(iron_identify), o.columns("iron.w")["iron.w"])
     at = measured_iron.FIRST + measured_iron.SAMPLE / 2
     phi = measured_iron.simulated(IRON, np.array([0.0, at]))[0, -1]
@@ -132,16 +132,16 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "given", "message"), REFUSED)
-def test_bad_input_is_one_line(name: str, given: dict[str, Any], message: str) -> None:
+@pytest.mark.parametrize(("name", "options", "message"), REFUSED)
+def test_bad_input_is_refused_in_a_line(name: str, options: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=re.escape(message)) as raised:
-        ask(name, **{**QUICK[name], **given})
+        ask(name, **{**QUICK[name], **options})
     assert "\n" not in str(raised.value)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
-def test_intervals_hold_the_truth_of_machines_drawn_at_random(name: str) -> None:
+def test_intervals_hold_the_truth_of_random_machines(name: str) -> None:
     held = [x for seed in (1, 2, 3) for x in trial(name, seed).values() if isinstance(x, tuple)]
     assert len(held) >= 6
     assert np.mean([inside for inside, _ in held]) > 0.7
@@ -149,14 +149,16 @@ def test_intervals_hold_the_truth_of_machines_drawn_at_random(name: str) -> None
 
 
 @pytest.mark.slow
-def test_friction_mass_and_spring_of_the_iron_are_found_and_what_cannot_be_told_is_said() -> None:
+def test_friction_mass_and_spring_of_the_iron_are_identified_and_correlated_values_are_named() -> (
+    None
+):
     answer = ask("iron_identify", **QUICK["iron_identify"])
     f = answer.figures
     up, down = 1 + IRON["iron.friction.K_up"], 1 + IRON["iron.friction.K_down"]
     mu = (up - down) / (up + down)
     assert abs(f["mu"].value - mu) < f["mu"].error < 0.05 * mu
     for name in ("iron.iron.m", "iron.spring.c", "motor.T", "iron.friction.K_up"):
-        found = f[name.replace(".", "_").lower()]
-        assert abs(found.value - IRON[name]) < 1.5 * found.error
+        figure = f[name.replace(".", "_").lower()]
+        assert abs(figure.value - IRON[name]) < 1.5 * figure.error
     assert f["iron_friction_k_up"].error > 5 * f["mu"].error
     assert "cannot tell iron.friction.K_up and iron.friction.K_down apart" in answer.verdict

@@ -18,29 +18,29 @@ from scipy.optimize import minimize_scalar
 from components.iron_drive import model as iron
 from cosim import SetupError
 from fmukit.declare.record import declarations, start
-from scenarios.iron.questions import iron_kinematics
+from scenarios.iron import transfer as kinematics
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
 from tests.components.iron_oracle import by_material_points, tables
 from tests.conftest import QUICK, ask
 from tests.oracle import random_parameters
 
-GIVEN = {
+PARAMETERS = {
     name: attrgetter(name)
     for name, d in declarations(iron.Parameters)
     if d.kind == "Real" and name != "reducer.J"
 }
-FUNCTIONS = list(iron_kinematics.FUNCTIONS)[:6]
+FUNCTIONS = list(kinematics.FUNCTIONS)[:6]
 
 
-def largest(tell: Any, last: float) -> float:
+def largest(function: Any, last: float) -> float:
     """The largest absolute value of a function from 0 on, near the best of 16 places."""
-    places = np.linspace(0.0, last, 17)
-    best = max(places[1:-1], key=lambda x: abs(float(tell(x))))
-    ends = best - places[1], best + places[1]
-    found = minimize_scalar(
-        lambda x: -abs(float(tell(x))), bounds=ends, method="bounded", options={"xatol": 1e-6}
+    angles = np.linspace(0.0, last, 17)
+    best = max(angles[1:-1], key=lambda x: abs(float(function(x))))
+    ends = best - angles[1], best + angles[1]
+    optimum = minimize_scalar(
+        lambda x: -abs(float(function(x))), bounds=ends, method="bounded", options={"xatol": 1e-6}
     )
-    return float(-found.fun)
+    return float(-optimum.fun)
 
 
 SLOW = pytest.mark.slow
@@ -53,16 +53,16 @@ def test_iron_kinematics_and_its_shares_are_those_of_the_papers_formulas(dimensi
     """Largest on the return, which is a rise backwards; derivatives with 30 digits."""
     answer = ask("iron_kinematics", samples=360)
     shares = answer.tables["iron_kinematics_shares.csv"].frame
-    known = numbers(start(iron.Parameters))
-    last = known["cam.ret"]
-    values = {name: known[name] for name in DIMENSIONS} | {"cam.rise": last}
-    place = list(DIMENSIONS).index(dimension)
+    parameters = numbers(start(iron.Parameters))
+    last = parameters["cam.ret"]
+    values = {name: parameters[name] for name in DIMENSIONS} | {"cam.rise": last}
+    index = list(DIMENSIONS).index(dimension)
     for k, name in enumerate(FUNCTIONS):
 
         def value(phi: float, share: Any = 1, k: int = k) -> Any:
-            given = [mpmath.mpf(x) for x in values.values()]
-            given[place] *= share
-            return transfer(0)(mpmath.mpf(phi), *given)[k]
+            arguments = [mpmath.mpf(x) for x in values.values()]
+            arguments[index] *= share
+            return transfer(0)(mpmath.mpf(phi), *arguments)[k]
 
         def slope(phi: float, value: Any = value) -> float:
             with mpmath.workdps(30):
@@ -78,7 +78,7 @@ def test_iron_kinematics_and_its_shares_are_those_of_the_papers_formulas(dimensi
         assert abs(row["change"] - wanted) <= row["change_error"] + 1e-8
 
 
-def test_iron_kinematics_meets_every_reference_row() -> None:
+def test_iron_kinematics_agrees_with_every_reference_row() -> None:
     rows = ask("iron_kinematics", samples=360).tables["iron_kinematics.csv"].frame
     for degrees, wanted in tables().items():
         row = rows.iloc[round(degrees)]
@@ -95,15 +95,15 @@ def test_a_cam_without_a_rise_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(x, marks=SLOW) for x in range(2, 8))])
-def test_iron_cycle_tells_what_material_points_bear(seed: int) -> None:
+def test_iron_cycle_reports_what_material_points_bear(seed: int) -> None:
     """A drawn machine at a drawn speed: the extremes, where they are, the work of friction, and the
     speed at which a force vanishes first, from points of mass that know no equation of the FMU.
     """
     draw = random.Random(seed)
     p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
     speed = draw.uniform(2.0, 7.0)
-    given = {f"iron.{name}": getter(p) for name, getter in GIVEN.items()}
-    told = ask("iron_cycle", speed=speed, samples=720, start=given).figures
+    parameters = {f"iron.{name}": getter(p) for name, getter in PARAMETERS.items()}
+    estimates = ask("iron_cycle", speed=speed, samples=720, start=parameters).figures
     ends = list(accumulate((p.cam.rise, p.cam.top, p.cam.ret)))
 
     @cache
@@ -117,18 +117,18 @@ def test_iron_cycle_tells_what_material_points_bear(seed: int) -> None:
         """The angle [deg] and the value, near the best of some places, more of them in motion."""
         edges = [0.0, *ends, 2 * math.pi]
         parts = zip(pairwise(edges), (25, 3, 25, 3))
-        places = np.concatenate([np.linspace(a + 1e-9, b - 1e-9, n) for (a, b), n in parts])
-        top = int(np.argmax([sign * points(phi, speed)[force] for phi in places]))
-        after = bisect(edges, places[top])
-        found = minimize_scalar(
+        angles = np.concatenate([np.linspace(a + 1e-9, b - 1e-9, n) for (a, b), n in parts])
+        top = int(np.argmax([sign * points(phi, speed)[force] for phi in angles]))
+        after = bisect(edges, angles[top])
+        optimum = minimize_scalar(
             lambda phi: -sign * float(points(phi, speed)[force]),
             bounds=(
-                max(places[max(top - 1, 0)], edges[after - 1]),
-                min(places[min(top + 1, 55)], edges[after]),
+                max(angles[max(top - 1, 0)], edges[after - 1]),
+                min(angles[min(top + 1, 55)], edges[after]),
             ),
             method="bounded", options={"xatol": 1e-6},
         )  # fmt: skip
-        return math.degrees(found.x), -sign * found.fun
+        return math.degrees(optimum.x), -sign * optimum.fun
 
     for name, force, sign in (
         ("tau_cam_min", "tau_cam", -1),
@@ -136,26 +136,30 @@ def test_iron_cycle_tells_what_material_points_bear(seed: int) -> None:
         ("follower_force_min", "N", -1),
     ):
         angle, value = extreme(force, sign)
-        assert abs(told[name].value - value) <= told[name].error, name
-        if at := told.get(f"{name}_angle"):
+        assert abs(estimates[name].value - value) <= estimates[name].error, name
+        if at := estimates.get(f"{name}_angle"):
             assert abs(at.value - angle) <= at.error, name
     for name, force in (("follower", "N"), ("run", "T_span"), ("iron", "T_iron")):
-        limit, where = told[f"{name}_limit"], math.radians(told[f"{name}_limit_angle"].value)
+        limit, where = (
+            estimates[f"{name}_limit"],
+            math.radians(estimates[f"{name}_limit_angle"].value),
+        )
         still, moving = (float(points(where, w)[force]) for w in (0.0, 1.0))
         exact = math.sqrt(still / (still - moving))
         assert abs(limit.value - exact) <= limit.error, name
-        places = np.linspace(where - 0.02, where + 0.02, 9)
-        assert min(points(phi, exact)[force] for phi in places) == pytest.approx(0.0, abs=1e-9)
+        angles = np.linspace(where - 0.02, where + 0.02, 9)
+        assert min(points(phi, exact)[force] for phi in angles) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("v", [1e-3, pytest.param(2e-5, marks=SLOW)])
-def test_iron_bounce_tells_what_the_reference_integrates(v: float) -> None:
+def test_iron_bounce_reports_what_the_reference_integrates(v: float) -> None:
     """The last of three turns at 90 cycles/min; bounces that go on change no figure by more than its
-    error."""
+    error.
+    """
     answer, w = ask("iron_bounce", speeds="80rpm", samples=720), 3 * math.pi
     heavy = {"reducer.J": 1e4, "follower.lifts": True}
     reference = Reference(start(iron.Parameters, **heavy, **{"follower.v": v}), 0.0)
-    found = {name: figure for name, figure in answer.figures.items() if figure.error}
+    stated = {name: figure for name, figure in answer.figures.items() if figure.error}
     turn = 2 * math.pi / w
     two, three = (reference.run(0.0, w, n * turn) for n in (2, 3))
     landed = [x for x in three["landed"] if x[0] > 2 * turn]
@@ -166,8 +170,8 @@ def test_iron_bounce_tells_what_the_reference_integrates(v: float) -> None:
         ("impulse", hardest[2]),
         ("loss", three["E_landing"] - two["E_landing"]),
     ):
-        error = found[name].error or 0.0
-        assert abs(found[name].value - wanted) <= error + 1e-6 * wanted, name
+        error = stated[name].error or 0.0
+        assert abs(stated[name].value - wanted) <= error + 1e-6 * wanted, name
     assert answer.figures["landings"].value == 5
     e, c, mass = 0.3, 1e7, hardest[2] / (1.3 * hardest[1])
     assert e == start(iron.Parameters).follower.e
@@ -178,12 +182,12 @@ def test_iron_bounce_tells_what_the_reference_integrates(v: float) -> None:
 
 def test_the_widest_gap_of_iron_bounce_lies_between_rows() -> None:
     """At this speed a row is the widest with 720 rows and with twice as many."""
-    told, wanted = (
+    stated, wanted = (
         ask("iron_bounce", speeds="80rpm", speed="88.39190418499093rpm", samples=n).figures["gap"]
         for n in (720, 4320)
     )
-    assert told.error and wanted.error and told.error < 1e-6 * told.value
-    assert abs(told.value - wanted.value) <= told.error + wanted.error
+    assert stated.error and wanted.error and stated.error < 1e-6 * stated.value
+    assert abs(stated.value - wanted.value) <= stated.error + wanted.error
 
 
 def test_iron_bounce_says_where_nothing_bounces_and_where_no_turn_is_like_the_next() -> None:

@@ -36,7 +36,7 @@ def test_a_motor_that_turns_the_cam_backwards_does_not_stall() -> None:
     answer = ask("iron_start", motor_A=-4.0, step=2e-3)
     mean = answer.figures["w_cam_mean"]
     assert mean.value < -4.0
-    assert f"The cam turns backwards, at {mean.text()} in the second half" in answer.verdict
+    assert f"The cam turns backwards, at {mean.brief()} in the second half" in answer.verdict
     assert "stalls" not in answer.verdict
 
 

@@ -52,8 +52,8 @@ def speeds(name: str) -> list[float]:
 
 def exact(drive: Drive, nu: float) -> tuple[Any, Any]:
     """Amplitudes of the orders 1, 2, .. of speed and torque on the periodic orbit."""
-    found = orbit(drive, nu)
-    return tuple(2j * np.fft.rfft(x, norm="forward")[1:7] for x in (found.v, found.M))
+    solution = orbit(drive, nu)
+    return tuple(2j * np.fft.rfft(x, norm="forward")[1:7] for x in (solution.v, solution.M))
 
 
 def weakened(machine: Machine, share: float) -> Machine:
@@ -78,14 +78,14 @@ def test_quadrature_of_the_crank_gives_its_closed_coefficients(name: str) -> Non
     for position in (crank(machine.r), slotted_link(machine.r)):
         any_ = Mechanism.of(machine, position)
         for nu in speeds(name):
-            found = any_.ripples(nu)
+            ripples = any_.ripples(nu)
             for ours, closed in zip(
-                found,
+                ripples,
                 (machine.load_ripple(nu), machine.speed_ripple(nu), machine.torque_ripple(nu)),
             ):
                 assert ours[1] == pytest.approx(closed, rel=1e-11)
                 assert np.abs(np.delete(ours, 1)).max() < 1e-11 * abs(closed)
-            assert found.resonances[:4] == pytest.approx(2 * machine.nu_res / np.arange(1, 5))
+            assert ripples.resonances[:4] == pytest.approx(2 * machine.nu_res / np.arange(1, 5))
 
 
 def test_finite_rod_and_link_have_the_closed_series_of_their_position() -> None:
@@ -115,9 +115,11 @@ def test_equation_10_follows_with_its_minus_and_the_inertia_of_the_load() -> Non
     load = s * w + j * w * w.diff(phi) + eps * L * wave
     mechanism = theta * w * w.diff(phi) + theta.diff(phi) * w**2 / 2 + load - torque
     motor = T * w * torque.diff(phi) + torque - (s * nu + B * nu) + B * w
-    first = [sympy.expand(one.diff(eps).subs(eps, 0) / wave) for one in (mechanism, motor)]
+    first = [
+        sympy.expand(equation.diff(eps).subs(eps, 0) / wave) for equation in (mechanism, motor)
+    ]
     solved = sympy.solve(first, [v, M])
-    told = sympy.lambdify((k, nu, T, B, theta0, s, j, h, L), [solved[v], solved[M]])
+    evaluate = sympy.lambdify((k, nu, T, B, theta0, s, j, h, L), [solved[v], solved[M]])
     values = {"T": 0.05, "B": 150.0, "theta0": 0.5, "s": 0.3, "j": 0.2}
     size, swing = 0.01 - 0.02j, 3.0 + 5.0j
     for order in (1, 3):
@@ -127,10 +129,12 @@ def test_equation_10_follows_with_its_minus_and_the_inertia_of_the_load() -> Non
             values["theta0"] + (size * shape).imag,
             lambda w, a: values["s"] * w + values["j"] * a + (swing * shape).imag,  # noqa: B023
         )
-        found = any_.ripples(33.0)
-        wanted = told(order, 33.0, *values.values(), size, swing)
-        assert (found.speed[order - 1], found.torque[order - 1]) == pytest.approx(wanted, rel=1e-9)
-        printed = told(order, 33.0, *(values | {"j": 0.0}).values(), size, swing)
+        ripples = any_.ripples(33.0)
+        wanted = evaluate(order, 33.0, *values.values(), size, swing)
+        assert (ripples.speed[order - 1], ripples.torque[order - 1]) == pytest.approx(
+            wanted, rel=1e-9
+        )
+        printed = evaluate(order, 33.0, *(values | {"j": 0.0}).values(), size, swing)
         assert abs(printed[0] / wanted[0] - 1) > 0.05
 
 
@@ -139,32 +143,32 @@ def test_ripples_of_a_link_are_those_of_exact_orbits_to_the_order_that_theory_ne
     name: str,
 ) -> None:
     """The error of every amplitude is of the second order of the swing, over the speeds of the set."""
-    whole = SETS[name]
+    machine_set = SETS[name]
     for nu in speeds(name)[::6]:
         errors = []
         for share in (0.25, 0.125, 0.0625):
-            machine = weakened(whole, share)
+            machine = weakened(machine_set, share)
             ripples = Mechanism.of(machine, slotted_link(machine.r, LINK)).ripples(nu)
-            found = exact(drive(machine, Link, l=LINK), nu)
-            pairs = zip((ripples.speed, ripples.torque), found)
+            orbit = exact(drive(machine, Link, l=LINK), nu)
+            pairs = zip((ripples.speed, ripples.torque), orbit)
             errors.append([np.abs(ours[:4] - true[:4]).max() for ours, true in pairs])
         first, second, third = np.array(errors)
         assert np.log2(second / third) == pytest.approx([2.0, 2.0], abs=0.25)
-        largest = np.abs(np.array(found)[:, :4]).max(axis=1)
+        largest = np.abs(np.array(orbit)[:, :4]).max(axis=1)
         assert (third < 0.01 * largest).all()
 
 
 def test_load_that_depends_on_the_acceleration_is_inertia() -> None:
     """Mass of the trough or of its load: the same ripples but for what (10) leaves out."""
-    whole, nu = SETS["A"], 36.0
-    position = slotted_link(whole.r, LINK)
-    one = Mechanism.of(whole, position).ripples(nu)
-    parted = Mechanism.of(replace(whole, m=120.0), position, 80.0)
+    full_machine, nu = SETS["A"], 36.0
+    position = slotted_link(full_machine.r, LINK)
+    ripples = Mechanism.of(full_machine, position).ripples(nu)
+    parted = Mechanism.of(replace(full_machine, m=120.0), position, 80.0)
     shared = parted.ripples(nu)
-    for ours, theirs in zip(shared, one):
+    for ours, theirs in zip(shared, ripples):
         assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-12)
     still = replace(parted, load=lambda w, a: parted.load(w, 0.0)).ripples(nu)
-    assert abs(still.torque[1] / one.torque[1] - 1) > 0.01
+    assert abs(still.torque[1] / ripples.torque[1] - 1) > 0.01
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -188,9 +192,9 @@ def test_coupled_link_has_the_ripple_of_exact_orbits_and_that_of_theory(
         near = {"conveyor.w": nu, "motor.tau": mean}
         turns = periodic_orbit(system, near, "conveyor.phi", nu, 512, ["conveyor.f_pin"])
         phi, torque = (turns.result[key][turns.window()] for key in ("conveyor.phi", "motor.tau"))
-        found, theory = harmonics(phi, torque, 12)[:4], link.ripples(nu).torque[:4]
+        simulated, theory = harmonics(phi, torque, 12)[:4], link.ripples(nu).torque[:4]
         true = exact(drive(machine, Link, l=LINK), nu)[1][:4]
         largest = np.abs(true).max()
-        assert np.abs(found - true).max() < 5e-4 * largest
-        assert np.abs(found - theory).max() < 0.035 * largest
-        assert np.abs(found[[0, 2]]).max() > 0.05 * largest
+        assert np.abs(simulated - true).max() < 5e-4 * largest
+        assert np.abs(simulated - theory).max() < 0.035 * largest
+        assert np.abs(simulated[[0, 2]]).max() > 0.05 * largest

@@ -25,7 +25,7 @@ from cosim import SetupError
 from fmukit.declare.record import declarations, start
 from scenarios.chain.questions import speed_step
 from scenarios.conveyor.first_order import SETS
-from tests.components.iron_oracle import OneSystem
+from tests.components.iron_oracle import CoupledDrive
 from tests.components.orientator_oracle import Jam, passage
 from tests.components.test_iron_drive import quantities
 from tests.conftest import ask
@@ -52,45 +52,55 @@ def extremes(t: Any, x: Any) -> Iterator[tuple[float, float]]:
 
 def of_iron(p: Any) -> dict[str, float]:
     """The start values of the iron drive with these parameters."""
-    known = [name for name, d in declarations(iron.Parameters) if d.kind == "Real"]
-    return {f"iron.{name}": attrgetter(name)(p) for name in known}
+    names = [name for name, d in declarations(iron.Parameters) if d.kind == "Real"]
+    return {f"iron.{name}": attrgetter(name)(p) for name in names}
 
 
-def agree(told: Mapping[str, Figure], wanted: Mapping[str, float]) -> None:
+def agree(stated: Mapping[str, Figure], wanted: Mapping[str, float]) -> None:
     """At least 19 of 20 within their error, and none off by twice as much."""
-    off = {}
+    outside = {}
     for name, value in wanted.items():
-        error, away = told[name].error, abs(told[name].value - value)
+        error, difference = stated[name].error, abs(stated[name].value - value)
         assert error is not None, name
-        off[name] = away / error if error else math.inf if away else 0.0
-    assert max(off.values()) <= 2.0, off
-    assert sum(x > 1.0 for x in off.values()) <= len(off) / 20, off
+        outside[name] = difference / error if error else math.inf if difference else 0.0
+    assert max(outside.values()) <= 2.0, outside
+    assert sum(x > 1.0 for x in outside.values()) <= len(outside) / 20, outside
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_run_up_tells_what_one_system_does(seed: int) -> None:
+def test_run_up_agrees_with_the_coupled_system(seed: int) -> None:
     """When it passes the resonance, largest values and those of the end, with both motors."""
     draw = random.Random(seed)
     name, speed, stop = draw.choice("AB"), draw.uniform(30.0, 80.0), draw.choice([0.5, 1.0])
-    given = {
+    values_of_parts = {
         key: getattr(SETS[name], SCALED[key]) * math.exp(draw.gauss(0.0, 0.4))
         for key in draw.sample(list(SCALED), k=3)
     }
     step = draw.choice([2e-4, 5e-4, 1e-3])
-    told = ask("run_up", set=name, speed=speed, stop=stop, step=step, start=given).figures
+    estimates = ask(
+        "run_up", set=name, speed=speed, stop=stop, step=step, start=values_of_parts
+    ).figures
     t, wanted = np.linspace(0.0, stop, round(stop / 1e-4) + 1), {}
     for word, characteristic in (("linear", 0), ("kloss", 1)):
         rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": characteristic}
-        values = {"conveyor.phi": 0.0} | SETS[name].follow(given).start(speed) | rest | given
+        values = (
+            {"conveyor.phi": 0.0}
+            | SETS[name].follow(values_of_parts).start(speed)
+            | rest
+            | values_of_parts
+        )
         rows = monolithic(values, stop, t, max_step=2e-3, rtol=1e-11).y[:3]
-        own = split(values)[1]
-        p = start(conveyor.Parameters, **{x: own[x] for x in own if x not in ("phi", "w")})
+        values_of_drive = split(values)[1]
+        p = start(
+            conveyor.Parameters,
+            **{x: values_of_drive[x] for x in values_of_drive if x not in ("phi", "w")},
+        )
         force = [
             conveyor.outputs(p, 0.0, conveyor.State(*x), conveyor.Inputs(tau)).f_rod
             for *x, tau in rows.T
         ]
-        above = CubicSpline(t, rows[1]).solve(told["nu_res"].value, extrapolate=False)
-        if rows[1][-1] > told["nu_res"].value:
+        above = CubicSpline(t, rows[1]).solve(estimates["nu_res"].value, extrapolate=False)
+        if rows[1][-1] > estimates["nu_res"].value:
             wanted[f"{word}_passing"] = above[-1]
         end = t >= 0.8 * stop - 1e-9
         for key, x in (("w", rows[1]), ("tau", rows[2]), ("f_rod", np.array(force))):
@@ -98,11 +108,11 @@ def test_run_up_tells_what_one_system_does(seed: int) -> None:
             if key != "f_rod":
                 (low, _), (high, _) = extremes(t[end], x[end])
                 wanted |= {f"{word}_{key}_end_min": low, f"{word}_{key}_end_max": high}
-    agree(told, wanted)
+    agree(estimates, wanted)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_iron_start_tells_what_one_system_does(seed: int) -> None:
+def test_iron_start_agrees_with_the_coupled_system(seed: int) -> None:
     """Speed, torque, angle and energies of a motor too weak to have the follower lift off."""
     draw = random.Random(seed)
     p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
@@ -113,12 +123,12 @@ def test_iron_start_tells_what_one_system_does(seed: int) -> None:
     }
     stop, step = 0.3, draw.choice([2e-4, 5e-4, 1e-3])
     mine = {f"motor_{name}": value for name, value in line.items()}
-    told = ask("iron_start", stop=stop, step=step, start=of_iron(p), **mine).figures
-    one, t = OneSystem(p, line), np.linspace(0.0, stop, 1501)
-    rows = [one.x, *(one.to(x) for x in t[1:])]
+    estimates = ask("iron_start", stop=stop, step=step, start=of_iron(p), **mine).figures
+    drive, t = CoupledDrive(p, line), np.linspace(0.0, stop, 1501)
+    rows = [drive.x, *(drive.to(x) for x in t[1:])]
     phi, w, tau = (np.array([getattr(x, name) for x in rows]) for name in ("phi", "w_cam", "tau"))
     (_, (fastest, when)), (_, (most, _)) = extremes(t, w), extremes(t, tau)
-    agree(told, {
+    agree(estimates, {
         "w_cam_max": fastest, "w_cam_max_time": when, "tau_max": most,
         "turns": (phi[-1] - phi[0]) / (2 * math.pi),
         "w_cam_mean": (phi[-1] - CubicSpline(t, phi)(stop / 2)) / (stop / 2),
@@ -127,22 +137,24 @@ def test_iron_start_tells_what_one_system_does(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_speed_step_tells_what_one_system_does(seed: int) -> None:
+def test_speed_step_agrees_with_the_coupled_system(seed: int) -> None:
     """Five parts with play in the shaft and a limit of the torque, largest values and their times."""
     draw = random.Random(seed)
     speed, ratio = draw.uniform(10.0, 40.0), draw.uniform(3.0, 8.0)
-    own, given = speed_step.MACHINE, {}
-    known = {
+    machine, changes = speed_step.MACHINE, {}
+    values_of_defaults = {
         f"{word}.{name}": d.start
         for word, model in CHAIN.items()
         for name, d in declarations(model.Parameters)
         if d.kind == "Real" and d.start and name not in ("i", "eta")
     }
-    for name in draw.sample(list(known), k=3):
-        given[name] = own.get(name, known[name]) * math.exp(draw.gauss(0.0, 0.3))
+    for name in draw.sample(list(values_of_defaults), k=3):
+        changes[name] = machine.get(name, values_of_defaults[name]) * math.exp(draw.gauss(0.0, 0.3))
     step = draw.choice([2e-4, 5e-4])
-    told = ask("speed_step", speed=speed, ratio=ratio, stop=0.3, step=step, start=given).figures
-    values = own | {"controller.w_ref": ratio * speed, "gear.i": ratio} | given
+    estimates = ask(
+        "speed_step", speed=speed, ratio=ratio, stop=0.3, step=step, start=changes
+    ).figures
+    values = machine | {"controller.w_ref": ratio * speed, "gear.i": ratio} | changes
     parts = {
         word: part(
             model, **{x.partition(".")[2]: values[x] for x in values if x.startswith(f"{word}.")}
@@ -155,11 +167,17 @@ def test_speed_step_tells_what_one_system_does(seed: int) -> None:
 
     def feed(x: dict[str, Any]) -> list[Any]:
         w = x["gear"].w_a
-        asked, ends = controller.Inputs(ratio * speed, w), link.Inputs(w / ratio, x["load"].w)
-        v = 2.5 * controller.outputs(parts["controller"].p, 0.0, x["controller"], asked).tau
+        controller_inputs, ends = (
+            controller.Inputs(ratio * speed, w),
+            link.Inputs(w / ratio, x["load"].w),
+        )
+        v = (
+            2.5
+            * controller.outputs(parts["controller"].p, 0.0, x["controller"], controller_inputs).tau
+        )
         shaft, i = torques(x["shaft"].twist, *ends), x["motor"].i
         gear = gearbox.Inputs(parts["motor"].p.k * i, shaft.tau_a)
-        return [asked, motor.Inputs(v, w), gear, ends, load.Inputs(shaft.tau_b)]
+        return [controller_inputs, motor.Inputs(v, w), gear, ends, load.Inputs(shaft.tau_b)]
 
     t = np.linspace(0.0, 0.3, 6001)
     x = joined(parts, feed, t, rtol=1e-10, atol=1e-11, max_step=1e-3)
@@ -167,37 +185,39 @@ def test_speed_step_tells_what_one_system_does(seed: int) -> None:
     (least, _), (most, when) = extremes(t, np.array([torques(*row).tau_b for row in twisted]))
     wanted = {"tau_max": most, "tau_max_time": when, "i_max": max(extremes(t, x["motor"].i))[0]}
     wanted["w_max"] = max(extremes(t, x["load"].w))[0]
-    if told["tau_min"].error:
+    if estimates["tau_min"].error:
         wanted["tau_min"] = least
     passed = CubicSpline(t, x["load"].w).solve(0.9 * speed, extrapolate=False)
-    if told["near_time"].error is not None:
+    if estimates["near_time"].error is not None:
         wanted["near_time"] = passed[passed > 1e-6][0]
-    agree(told, wanted)
+    agree(estimates, wanted)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1, 9))
-def test_iron_orders_tell_what_one_system_does(seed: int) -> None:
+def test_iron_orders_agree_with_the_coupled_system(seed: int) -> None:
     """What a lag of 12 ms adds to an order and its gain, in a steady turn; the mean inertia."""
     draw = random.Random(seed)
     p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
     nu, B, T = draw.uniform(2.5, 6.0), draw.uniform(0.018, 0.038), 0.012
-    told = ask("iron_orders", speeds=[nu], start=of_iron(p) | {"motor.B": B}).figures
+    estimates = ask("iron_orders", speeds=[nu], start=of_iron(p) | {"motor.B": B}).figures
     angles = np.linspace(0.0, 2 * math.pi, 1440, endpoint=False)
-    alone = [quantities(p, phi, nu) for phi in angles]
-    torque = np.array([x["tau_cam"] for x in alone])
+    static = [quantities(p, phi, nu) for phi in angles]
+    torque = np.array([x["tau_cam"] for x in static])
     mean = torque.mean() / p.reducer.i_g
-    one = OneSystem(p, {"A": B * p.reducer.i_g * nu + mean, "B": B, "T": T}, w_cam=nu, tau=mean)
-    begun = [one.until(2 * math.pi * turn) for turn in (1, 2, 3, 4)]
-    assert begun[-1].tau == pytest.approx(begun[-2].tau, rel=1e-7)
-    t = np.linspace(one.t, one.t + 1.02 * 2 * math.pi / nu, 1500)
-    rows = [begun[-1], *(one.to(x) for x in t[1:])]
+    drive = CoupledDrive(
+        p, {"A": B * p.reducer.i_g * nu + mean, "B": B, "T": T}, w_cam=nu, tau=mean
+    )
+    states = [drive.until(2 * math.pi * turn) for turn in (1, 2, 3, 4)]
+    assert states[-1].tau == pytest.approx(states[-2].tau, rel=1e-7)
+    t = np.linspace(drive.t, drive.t + 1.02 * 2 * math.pi / nu, 1500)
+    rows = [states[-1], *(drive.to(x) for x in t[1:])]
     at = CubicSpline([x.phi for x in rows], [p.reducer.i_g * x.tau for x in rows])
-    with_lag = at(begun[-1].phi + angles)
+    with_lag = at(states[-1].phi + angles)
     more, less = (np.abs(harmonics(angles, x, 12)) for x in (with_lag, torque))
     worst = int(np.argmax(more - less))
-    agree(told, {
-        "theta": float(np.mean([x["J"] for x in alone])),
+    agree(estimates, {
+        "theta": float(np.mean([x["J"] for x in static])),
         "gain_12ms": more[worst] / less[worst],
         "added_12ms": 100 * (more - less)[worst] / np.abs(torque).max(),
     })  # fmt: skip
@@ -207,29 +227,30 @@ def test_iron_orders_tell_what_one_system_does(seed: int) -> None:
 def test_a_passage_of_the_orientator_is_that_of_another_solution(seed: int) -> None:
     """Of machines with other dimensions at other speeds, some of which jam."""
     rng, oriented = np.random.default_rng(seed), 0
-    known = {n: d.start for n, d in declarations(orientator.Parameters) if d.kind == "Real"}
-    varied = [name for name in known if name[:3] != "neg" and name != "g"]
+    defaults = {n: d.start for n, d in declarations(orientator.Parameters) if d.kind == "Real"}
+    varied = [name for name in defaults if name[:3] != "neg" and name != "g"]
     while oriented < 12:
         chosen = rng.choice(varied, 4, replace=False)
-        start = {f"orientator.{x}": known[x] * math.exp(rng.normal(0.0, 0.2)) for x in chosen}
+        start = {f"orientator.{x}": defaults[x] * math.exp(rng.normal(0.0, 0.2)) for x in chosen}
         speed = rng.uniform(0.0, 12.0)
         try:
-            told = ask("orientator_cycle", speed=speed, start=start).figures
+            estimates = ask("orientator_cycle", speed=speed, start=start).figures
         except SetupError:
             continue
         try:
-            own = known | {x.partition(".")[2]: v for x, v in start.items()}
-            wanted = passage(own, lambda _, w=speed: w)
+            parameters = defaults | {x.partition(".")[2]: v for x, v in start.items()}
+            wanted = passage(parameters, lambda _, w=speed: w)
         except Jam:
-            assert told["oriented"].value == 0.0
+            assert estimates["oriented"].value == 0.0
             continue
         oriented += 1
-        agree(told, wanted)
+        agree(estimates, wanted)
 
 
 def powers(t: Any, x: Mapping[str, Any], ends: Any) -> tuple[tuple[float, ...], Any]:
     """Mean, rms, least and largest of the power of a shaft between two of its angles, whole turns
-    apart, and amplitudes of its orders."""
+    apart, and amplitudes of its orders.
+    """
     turns = round(np.ptp(ends) / TURN)
     at = [CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends]
     mean = float(np.diff(CubicSpline(t, x["work"])(at))[0] / np.ptp(at))
@@ -244,7 +265,7 @@ def powers(t: Any, x: Mapping[str, Any], ends: Any) -> tuple[tuple[float, ...], 
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=SLOW) for n in range(2, 9))])
-def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
+def test_the_packing_line_agrees_with_the_coupled_system(seed: int) -> None:
     """Its pace, the time of a product while the rotor's speed varies, powers, ripple and orders."""
     draw = random.Random(seed)
     p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
@@ -253,49 +274,54 @@ def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
     for name in draw.sample([x for x in cup if x[:3] != "neg" and x != "g"], k=4):
         cup[name] *= math.exp(draw.gauss(0.0, 0.1))
     chosen, nu, stop = draw.choice("AB"), draw.uniform(30.0, 80.0), 22.4 / pace
-    shaken = {
+    follower = {
         key: getattr(SETS[chosen], SCALED[key]) * math.exp(draw.gauss(0.0, 0.2))
         for key in draw.sample(list(SCALED), k=3)
     }
     start = of_iron(p) | {f"orientator.{x}": cup[x] for x in cup}
-    start |= {x.replace("motor.", "conveyor_motor."): shaken[x] for x in shaken}
-    asked = {"gear": gear, "iron_speed": pace, "set": chosen, "speed": nu, "start": start}
-    told = ask("packing_line", stop=stop, step=5e-4, **asked).figures
+    start |= {x.replace("motor.", "conveyor_motor."): follower[x] for x in follower}
+    options = {"gear": gear, "iron_speed": pace, "set": chosen, "speed": nu, "start": start}
+    estimates = ask("packing_line", stop=stop, step=5e-4, **options).figures
 
     t = np.linspace(0.0, stop, round(stop / 1e-3) + 1)
-    one = OneSystem(p, {"A": 0.025 * i_g * pace, "B": 0.025, "T": 0.012})
-    rows = [one.x, *(one.to(x) for x in t[1:])]
+    iron_drive = CoupledDrive(p, {"A": 0.025 * i_g * pace, "B": 0.025, "T": 0.012})
+    rows = [iron_drive.x, *(iron_drive.to(x) for x in t[1:])]
     x = {name: np.array([getattr(row, name) for row in rows]) for name in ("phi", "w_cam")}
     x["P"] = i_g * x["w_cam"] * np.array([row.tau for row in rows])
     x["work"] = np.array([row.E_in for row in rows])
     ends = p.cam.rise + TURN * np.array([1, 2, 3])
-    begun, last, ended = (CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends)
-    cycle, speed = (ended - begun) / 2, CubicSpline(t, gear * x["w_cam"])
+    release_time, last, ended = (
+        CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends
+    )
+    cycle, speed = (ended - release_time) / 2, CubicSpline(t, gear * x["w_cam"])
     iron_ends, cam = powers(t, x, ends[[0, 2]])
 
-    t, own = np.linspace(0.0, stop, 4 * len(t) - 3), SETS[chosen].follow(shaken).start(nu) | shaken
-    own |= {"motor.tau": 0.0, "conveyor.phi": 0.0, "conveyor.w": 0.0}
-    phi, w, tau, work, _ = monolithic(own, stop, t, max_step=2e-3, rtol=1e-11).y
-    turns = np.ceil(CubicSpline(t, phi)([begun, ended]) / TURN) - [0, 1]
+    t, positions = (
+        np.linspace(0.0, stop, 4 * len(t) - 3),
+        SETS[chosen].follow(follower).start(nu) | follower,
+    )
+    positions |= {"motor.tau": 0.0, "conveyor.phi": 0.0, "conveyor.w": 0.0}
+    phi, w, tau, work, _ = monolithic(positions, stop, t, max_step=2e-3, rtol=1e-11).y
+    turns = np.ceil(CubicSpline(t, phi)([release_time, ended]) / TURN) - [0, 1]
     crank_ends, crank = powers(t, {"phi": phi, "P": tau * w, "work": work}, TURN * turns)
     rate = np.ptp(turns) / np.ptp([CubicSpline(t, phi).solve(TURN * n)[0] for n in turns])
     tones = {
         "iron": [(k / cycle, size) for k, size in enumerate(cam[1:], 1)],
         "conveyor": [(k * rate, size) for k, size in enumerate(crank[1:5], 1)],
     }
-    found = {"iron": iron_ends, "conveyor": crank_ends}
-    found["supply"] = tuple(a + b for a, b in zip(*found.values()))
+    spectra = {"iron": iron_ends, "conveyor": crank_ends}
+    spectra["supply"] = tuple(a + b for a, b in zip(*spectra.values()))
     wanted = {
         f"{word}_{drive}": value
-        for drive, values in found.items()
+        for drive, values in spectra.items()
         for word, value in zip(("mean", "rms", "least", "most"), values)
     }
     wanted["rms_supply"] = math.hypot(iron_ends[1], crank_ends[1])
     strong = {}
-    for drive, known in tones.items():
-        frequency, most = max(known, key=lambda x: x[1])
+    for drive, amplitudes in tones.items():
+        frequency, most = max(amplitudes, key=lambda x: x[1])
         wanted |= {f"main_{drive}": most, f"main_{drive}_frequency": frequency}
-        strong[drive] = [x for x in known if x[1] > 0.1 * most]
+        strong[drive] = [x for x in amplitudes if x[1] > 0.1 * most]
     (f, a), (g, b) = min(product(*strong.values()), key=lambda pair: abs(pair[0][0] - pair[1][0]))
     wanted |= {"cycle": cycle, "cam": TURN / cycle, "gap": abs(f - g), "beat": 60 * abs(f - g)}
     wanted |= {"together": a + b, "work": wanted["mean_supply"] * cycle}
@@ -305,5 +331,5 @@ def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
         wanted |= {"orientation": lasts, "spare": cycle - lasts}
     except Jam:
         wanted |= {"products": 0.0, "lost": 60 / cycle}
-        assert told["orientation"].reason.startswith("the orientator jams: ")
-    agree(told, wanted)
+        assert estimates["orientation"].reason.startswith("the orientator jams: ")
+    agree(estimates, wanted)

@@ -19,17 +19,17 @@ from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import (
     Drive,
     NoOrbitError,
-    drawn,
     edges,
     f_rod_peak,
     orbit,
     question,
+    random_drive,
 )
 from tests.scenarios.orbit_oracle import (
     features as exact_features,
 )
 from workbench import Context
-from workbench.figure import Figure, percent
+from workbench.figure import Figure
 from workbench.periodic import NoOrbitError as NoPeriodicOrbitError
 from workbench.periodic import at_angles, periodic_orbit, return_map
 
@@ -39,12 +39,12 @@ SLOW = pytest.mark.slow
 TWELVE = [[3, k] if k % 6 == 1 else pytest.param([3, k], marks=SLOW) for k in range(12)]
 
 
-def asked(
+def answer_for(
     drive: Drive, first: float, last: float, number: int, limit: float = 50.0
 ) -> dict[str, Figure]:
     """The figures of the scenario for a drive, a sweep and a limit of the torque ripple [N.m]."""
-    given = {"speeds": f"{first}:{last}:{number}", "start": drive.start, "speed": first}
-    return dict(ask("resonance", **given, limit=100.0, rated_torque=limit).figures)
+    options = {"speeds": f"{first}:{last}:{number}", "start": drive.start, "speed": first}
+    return dict(ask("resonance", **options, limit=100.0, rated_torque=limit).figures)
 
 
 def held(figure: Figure, truth: float | None) -> float:
@@ -59,10 +59,10 @@ def held(figure: Figure, truth: float | None) -> float:
 
 
 @pytest.mark.parametrize("seed", TWELVE, ids=str)
-def test_stated_errors_hold_on_drives_drawn_at_random(seed: list[int]) -> None:
+def test_stated_errors_hold_on_random_drives(seed: list[int]) -> None:
     rng = np.random.default_rng(seed)
     while True:
-        drive = drawn(rng)
+        drive = random_drive(rng)
         sweep = question(rng, drive)
         try:
             truth = exact_features(drive, *sweep[:2])
@@ -71,24 +71,24 @@ def test_stated_errors_hold_on_drives_drawn_at_random(seed: list[int]) -> None:
         break
     truth["f_rod_peak"] = f_rod_peak(drive, np.linspace(*sweep))
     limit = 0.6 * (truth["tau2_peak"] or 50.0)
-    told = asked(drive, *sweep, limit)
-    ratios = {name: held(told[name], truth[name]) for name in FIGURES}
-    ends = sorted(figure for name, figure in told.items() if name.startswith("avoid"))
+    stated = answer_for(drive, *sweep, limit)
+    ratios = {name: held(stated[name], truth[name]) for name in FIGURES}
+    ends = sorted(figure for name, figure in stated.items() if name.startswith("avoid"))
     for figure, exact in zip(ends, edges(drive, *sweep[:2], limit), strict=True):
         assert held(figure, exact) <= 1.0 and figure.error < 1e-4 * exact
     assert max(x for x in ratios.values() if not math.isnan(x)) <= 1.0, ratios
     existing = [name for name in FIGURES if truth[name] is not None]
     assert sum(math.isnan(ratios[name]) for name in existing) <= 1, ratios
-    widths = [told[n].error / abs(truth[n]) for n in existing if told[n].error is not None]
+    widths = [stated[n].error / abs(truth[n]) for n in existing if stated[n].error is not None]
     assert np.median(widths) < 1e-3
 
 
-def test_a_sharp_resonance_between_the_points_of_the_sweep_is_found() -> None:
+def test_a_sharp_resonance_between_the_points_of_the_sweep_is_located() -> None:
     drive = Drive(B=4230, T=0.247, J=1.86, m=15.4, r=0.0316, c=0.0, d=16.8)
-    told = asked(drive, 29, 72, 11)
+    stated = answer_for(drive, 29, 72, 11)
     for name, exact in exact_features(drive, 29.0, 72.0).items():
-        assert held(told[name], exact) <= 1.0
-        assert told[name].error < 1e-3 * exact
+        assert held(stated[name], exact) <= 1.0
+        assert stated[name].error < 1e-3 * exact
 
 
 PUSH_AND_PULL = Drive(B=40720.0, T=0.04009, J=15.55, r=0.04312, m=164.5, d=200300.0, c=1.47e7,
@@ -105,8 +105,8 @@ def test_of_two_nearly_equal_peaks_of_the_rod_force_each_converges_by_itself(
     drive: Drive, speed: float, steps: int
 ) -> None:
     """One is the larger with long steps, the other with short ones."""
-    told = ask("resonance", speeds=[speed], speed=speed, steps_per_rev=steps, start=drive.start)
-    figure = told.figures["f_rod_peak"]
+    answer = ask("resonance", speeds=[speed], speed=speed, steps_per_rev=steps, start=drive.start)
+    figure = answer.figures["f_rod_peak"]
     assert held(figure, f_rod_peak(drive, [speed])) <= 1.0
     assert figure.error is not None and figure.error < 1e-4 * figure.value
 
@@ -124,54 +124,58 @@ SIDES = {"from": "from", "above": "from", "to": "to", "below": "to"}
         (Drive(d=400.0), "20:90:15", 5.0, ["below {}", "and above {}"]),
     ],
 )
-def test_the_verdict_tells_the_speeds_to_avoid_with_their_errors(
+def test_the_verdict_reports_the_speeds_to_avoid_with_their_errors(
     drive: Drive, speeds: str, limit: float, names: list[str]
 ) -> None:
     """Where exact orbits have the limit; beside little damping the spring carries the load at 60."""
-    told = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
-    ripple, rated = told.figures["tau2_operating"], told.facts["rated_torque"]
-    assert f"{ripple.brief()}, {percent(ripple.value / rated)} of the rated torque" in told.verdict
+    answer = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
+    ripple = answer.figures["tau2_operating"].brief()
+    assert f"At the operating speed it is {ripple}; the limit is {limit:g} N.m." in answer.verdict
     first, last, _ = map(float, speeds.split(":"))
     exact = edges(drive, first, last, limit)
-    found = [name for name in told.figures if name.startswith("avoid")]
-    assert [x.split("_")[1] for x in found] == [SIDES[x.split()[-2]] for x in names]
-    ends = [told.figures[name] for name in found]
+    avoided = [name for name in answer.figures if name.startswith("avoid")]
+    assert [x.split("_")[1] for x in avoided] == [SIDES[x.split()[-2]] for x in names]
+    ends = [answer.figures[name] for name in avoided]
     for end, true in zip(ends, exact, strict=True):
         assert held(end, true) <= 1.0 and end.error is not None and end.error < 1e-4 * true
-    words = " ".join(words.format(end.brief()) for words, end in zip(names, ends, strict=True))
-    assert (
-        f"Avoid speeds {words}, where the torque ripple is above the limit.\n"
-        in f"{told.verdict}\n"
+    sentences = " ".join(
+        sentences.format(end.brief()) for sentences, end in zip(names, ends, strict=True)
     )
-    chart = told.show().charts[0]
+    assert (
+        f"Avoid speeds {sentences}, where the torque ripple is above the limit.\n"
+        in f"{answer.verdict}\n"
+    )
+    chart = answer.show().charts[0]
     spans = [x for span in chart.spans for x in span[:2] if x not in (first, last)]
     assert spans == [end.value for end in ends]
 
 
-def test_speeds_to_avoid_whose_error_is_not_known_are_about_right() -> None:
-    told = ask("resonance", speeds="20:66:9", steps_per_rev=64)
+def test_speeds_to_avoid_without_an_error_are_about_right() -> None:
+    answer = ask("resonance", speeds="20:66:9", steps_per_rev=64)
     assert (
         "With 64 steps per revolution the torque ripple is above the limit from about 26 rad/s to about 45 "
         "rad/s. How far that is from the truth is not determined: the run with four times the step is unstable, so "
         "that no error can be estimated."
-    ) in told.verdict
-    assert {told.figures[name].error for name in ("avoid_from", "avoid_to")} == {None}
-    assert "the coupling error is not known; take more steps per revolution." in told.verdict
+    ) in answer.verdict
+    assert {answer.figures[name].error for name in ("avoid_from", "avoid_to")} == {None}
+    assert "the coupling error is not known; take more steps per revolution." in answer.verdict
 
 
 @pytest.mark.parametrize(("nu", "where"), [(40.0, "above"), (60.0, "below")])
-def test_a_sweep_of_one_speed_is_above_the_limit_or_below(nu: float, where: str) -> None:
-    told = ask("resonance", speeds=[nu])
-    assert told.figures["nu_90"].reason == "fewer than two speeds reached a steady state"
-    words = {"above": "is above the limit", "below": "stays below the limit"}[where]
-    assert f"The torque ripple {words} at every speed of the sweep." in told.verdict
+def test_a_sweep_of_a_single_speed_is_above_the_limit_or_below(nu: float, where: str) -> None:
+    answer = ask("resonance", speeds=[nu])
+    assert answer.figures["nu_90"].reason == "fewer than two speeds reached a steady state"
+    phrases = {"above": "is above the limit", "below": "stays below the limit"}[where]
+    assert f"The torque ripple {phrases} at every speed of the sweep." in answer.verdict
 
 
 @pytest.mark.parametrize(("speed", "side"), [(60.0, "below"), (20.0, "above")])
-def test_the_verdict_tells_how_far_the_resonance_is_from_the_speed(speed: float, side: str) -> None:
-    told = ask("resonance", set="B", speeds="18:44:9", speed=speed)
-    share = told.figures["nu_90"].value / speed - 1.0
-    assert f"({100 * abs(share):.1f} %) {side} the operating speed" in told.verdict
+def test_the_verdict_reports_how_far_the_resonance_is_from_the_speed(
+    speed: float, side: str
+) -> None:
+    answer = ask("resonance", set="B", speeds="18:44:9", speed=speed)
+    share = answer.figures["nu_90"].value / speed - 1.0
+    assert f"({100 * abs(share):.1f} %) {side} the operating speed" in answer.verdict
     assert abs(share) == pytest.approx(0.5, abs=2e-3)
 
 
@@ -180,7 +184,7 @@ def drive_case(nu: float, **start: Any) -> orbits.OrbitTask:
     return orbits.OrbitRunner(Context(FMUS), changes, "strang", 512).task(SETS["A"], nu)
 
 
-def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -> None:
+def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_reported() -> None:
     for nu in (24.0, 40.0, 57.0):
         point = orbits.simulate(drive_case(nu))
         exact = orbit(Drive(), nu)
@@ -189,20 +193,20 @@ def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -
         assert point.torque_error < 1e-7 * abs(point.torque)
 
 
-def test_runs_are_over_before_their_orbits_are_told_and_none_is_made_twice() -> None:
-    told = []
+def test_runs_are_over_before_their_orbits_are_reported_and_none_is_built_twice() -> None:
+    calls = []
 
     class Watched(Context):
         def each(self, function: Any, cases: Any, title: str, probes: bool = False) -> Any:
             yield from super().each(function, cases, title, probes)
-            told.append((title, len(cases)))
+            calls.append((title, len(cases)))
 
     runner = orbits.OrbitRunner(Watched(FMUS), {}, "strang", 64)
     slow, fast = (orbits.OperatingPoint(SETS["A"], nu) for nu in (30.0, 50.0))
     first = next(runner.orbits([slow, slow], "first"))
-    assert told == [("first", 1)]
+    assert calls == [("first", 1)]
     assert list(runner.orbits([fast, slow], "second"))[1] is first
-    assert told[1:] == [("second", 1)]
+    assert calls[1:] == [("second", 1)]
 
 
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
@@ -214,15 +218,17 @@ def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None
 def test_a_motor_that_stalls_has_no_orbit() -> None:
     stalled = orbits.simulate(drive_case(5.0, motor__B=1.0, motor__A=5.0))
     assert stalled.problem and math.isnan(stalled.mean)
-    told = ask("resonance", speeds="3,4,5", start=["motor.B=1"], speed=3.0)
-    assert all(told.figures[name].error is None for name in FIGURES)
-    zeta = told.figures["zeta"].value
+    answer = ask("resonance", speeds="3,4,5", start=["motor.B=1"], speed=3.0)
+    assert all(answer.figures[name].error is None for name in FIGURES)
+    zeta = answer.figures["zeta"].value
     assert zeta > math.sqrt(0.5)
-    assert told.verdict.startswith(
+    assert answer.verdict.startswith(
         f"On resonance: no. The drive has no resonance: by formula its damping ratio is {zeta:.4g}"
     )
-    assert "Torque ripple above its limit: not determined, because no steady orbit" in told.verdict
-    assert [warning[:27] for warning in told.warnings] == [
+    assert (
+        "Torque ripple above its limit: not determined, because no steady orbit" in answer.verdict
+    )
+    assert [warning[:27] for warning in answer.warnings] == [
         f"No steady orbit at {nu} rad/s:" for nu in (3, 4, 5)
     ]
 
@@ -256,7 +262,7 @@ def test_values_between_rows_lie_on_the_polynomial_through_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "words"),
+    ("start", "reason"),
     [
         (["conveyor.trough.d=1", "motor.T=0.0278"], "the load ripple is almost zero there"),
         (
@@ -265,11 +271,11 @@ def test_values_between_rows_lie_on_the_polynomial_through_them() -> None:
         ),
     ],
 )
-def test_a_lag_that_means_nothing_or_is_not_there_is_refused(start: list[str], words: str) -> None:
+def test_a_lag_that_means_nothing_or_is_missing_is_refused(start: list[str], reason: str) -> None:
     """Without damping the load falls to nothing at sqrt(c/m), where it turns by 180 degrees."""
-    told = ask("resonance", speeds="50:70:11", speed=60.0, start=start)
-    assert told.figures["nu_90"].error is None
-    assert "lags by 90 degrees is not determined: " in told.verdict and words in told.verdict
+    answer = ask("resonance", speeds="50:70:11", speed=60.0, start=start)
+    assert answer.figures["nu_90"].error is None
+    assert "lags by 90 degrees is not determined: " in answer.verdict and reason in answer.verdict
 
 
 def test_an_induction_motor_is_linearised_at_its_working_point() -> None:
@@ -293,16 +299,16 @@ def test_an_induction_motor_is_linearised_at_its_working_point() -> None:
 def test_the_resonance_of_an_induction_motor_lies_near_that_of_its_line() -> None:
     """With a light trough the ripple is small, and the characteristic is its tangent."""
     light = ["conveyor.trough.m=2", "conveyor.spring.c=7200", "conveyor.trough.d=40"]
-    told = ask(
+    estimates = ask(
         "resonance", set="B", speeds="20:45:9", start=[*light, "motor.characteristic=kloss"]
     ).figures
-    assert told["nu_90"].error is not None
-    assert told["nu_90"].value == pytest.approx(told["nu_res"].value, rel=1e-3)
+    assert estimates["nu_90"].error is not None
+    assert estimates["nu_90"].value == pytest.approx(estimates["nu_res"].value, rel=1e-3)
 
 
 def test_rows_carry_errors_that_hold(tmp_path: Path) -> None:
-    told = ask("resonance", speeds="34:46:4", out=tmp_path)
-    for row in told.tables["resonance.csv"].frame.itertuples():
+    answer = ask("resonance", speeds="34:46:4", out=tmp_path)
+    for row in answer.tables["resonance.csv"].frame.itertuples():
         exact = orbit(Drive(), row.nu)
         for value, error, true in (
             (row.tau2, row.tau2_error, abs(exact.tau2)),

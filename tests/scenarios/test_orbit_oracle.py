@@ -89,12 +89,12 @@ def test_twice_the_nodes_change_nothing(drive):
 @pytest.mark.parametrize("quantity", ["w2", "tau2"])
 def test_orbits_of_small_ripple_are_those_of_first_order_theory(quantity):
     formula = {"w2": Machine.speed_ripple, "tau2": Machine.torque_ripple}[quantity]
-    off = []
+    error = []
     for share in (1 / 8, 1 / 16, 1 / 32):
         machine = replace(SETS["A"], m=200.0 * share, c=720e3 * share, d=4000.0 * share)
         exact = getattr(orbit(Drive.of(machine.start(38.0)), 38.0), quantity)
-        off.append(abs(exact / formula(machine, 38.0) - 1))
-    assert [np.log2(a / b) for a, b in pairwise(off)] == pytest.approx([2.0, 2.0], abs=0.05)
+        error.append(abs(exact / formula(machine, 38.0) - 1))
+    assert [np.log2(a / b) for a, b in pairwise(error)] == pytest.approx([2.0, 2.0], abs=0.05)
 
 
 def test_deviations_grow_by_the_multipliers():
@@ -105,9 +105,9 @@ def test_deviations_grow_by_the_multipliers():
         state = {"conveyor.w": w + dw, "motor.tau": tau + dtau}
         _, speeds, torques = in_time(PARAMETRIC, exact.nu, 1, **state)
         change.append((speeds[-1], torques[-1]))
-    kept, *moved = np.array(change)
-    assert kept == pytest.approx([w, tau], rel=1e-9)
-    matrix = (moved - kept).T / [1e-5, 1e-3]
+    initial, *after_turns = np.array(change)
+    assert initial == pytest.approx([w, tau], rel=1e-9)
+    matrix = (after_turns - initial).T / [1e-5, 1e-3]
     assert sorted(np.linalg.eigvals(matrix).real) == pytest.approx(
         sorted(exact.multipliers.real), rel=1e-4
     )
@@ -123,7 +123,7 @@ def test_a_small_ripple_dies_out_as_the_damping_ratio_says():
     assert abs(orbit(drive, 50.0).multipliers) == pytest.approx([expected] * 2, rel=1e-3)
 
 
-def test_a_known_narrow_ridge_is_found():
+def test_a_narrow_ridge_is_located():
     assert features(NARROW, 29.0, 72.0) == {
         "nu_90": pytest.approx(47.87854, abs=6e-6),
         "nu_peak_tau": pytest.approx(47.89995, abs=6e-6),
@@ -144,13 +144,13 @@ def test_a_known_narrow_ridge_is_found():
 )
 def test_features_stand_where_the_orbits_have_them(drive, lowest, highest):
     """The slope over five orbits, which knows no derivative by the speed, is zero."""
-    found = features(drive, lowest, highest)
-    assert orbit(drive, found["nu_90"]).lag == pytest.approx(90.0, abs=1e-7)
+    located = features(drive, lowest, highest)
+    assert orbit(drive, located["nu_90"]).lag == pytest.approx(90.0, abs=1e-7)
     step = 0.02 * drive.zeta * drive.nu_res
-    for place, height in (("nu_peak_tau", "tau2"), ("nu_peak_w", "w2")):
-        around = [orbit(drive, found[place] + k * step) for k in range(-2, 3)]
-        a, b, top, d, e = (abs(getattr(one, height)) for one in around)
-        assert found[f"{height}_peak"] == pytest.approx(top, rel=1e-10)
+    for name, height in (("nu_peak_tau", "tau2"), ("nu_peak_w", "w2")):
+        around = [orbit(drive, located[name] + k * step) for k in range(-2, 3)]
+        a, b, top, d, e = (abs(getattr(sample, height)) for sample in around)
+        assert located[f"{height}_peak"] == pytest.approx(top, rel=1e-10)
         assert top > max(b, d)
         assert abs(a - 8 * b + 8 * d - e) / 12 < 1e-4 * (2 * top - b - d)
 

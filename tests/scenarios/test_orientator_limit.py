@@ -13,10 +13,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cosim import System
+from scenarios.orientator import formula_comparison, neglected
 from scenarios.orientator import machine as orientator
 from scenarios.orientator.limit_formula import DOWN, UP, Machine, rpm
 from scenarios.orientator.products import fastest, run_product, simulate
-from scenarios.orientator.questions import orientator_limit, orientator_neglect
+from scenarios.orientator.questions import orientation_time
 from tests.conftest import ask, fmus_of
 
 LIMITS = {0.1: 126.38634, 0.2: 100.23145, 0.3: 84.54107, 0.35: 77.75026, 0.4: 71.75820,
@@ -27,10 +28,10 @@ WITHIN = 2.03
 
 def system(mu: float, **start: Any) -> System:
     """The orientator's native FMU at a friction."""
-    return orientator.system(fmus_of(orientator_limit), 0.0, mu, start)
+    return orientator.system(fmus_of(orientation_time), 0.0, mu, start)
 
 
-def off(machine: Machine, limit: float) -> float:
+def relative_difference(machine: Machine, limit: float) -> float:
     """How far the formula is from a limit [%]."""
     return 100 * (rpm(machine.limit()[0]) / limit - 1)
 
@@ -38,7 +39,7 @@ def off(machine: Machine, limit: float) -> float:
 def test_the_formula_is_within_two_percent_of_the_reference_limits() -> None:
     for mu, limit in LIMITS.items():
         machine = Machine.of(system(mu))
-        assert abs(off(machine, limit)) < WITHIN
+        assert abs(relative_difference(machine, limit)) < WITHIN
         assert machine.limit()[1] == (6 if mu <= 0.25 else 7)
         assert rpm(machine.sticks) > rpm(machine.lies_down) > limit
 
@@ -62,7 +63,7 @@ class Outwards(Machine):
 @pytest.mark.parametrize("wrong", [Upside, Outwards])
 def test_a_wrong_sign_or_a_term_that_is_missing_leaves_the_limits(wrong: Any) -> None:
     machine = wrong(**vars(Machine.of(system(0.35))))
-    assert not abs(off(machine, LIMITS[0.35])) < 5.0
+    assert not abs(relative_difference(machine, LIMITS[0.35])) < 5.0
 
 
 @pytest.mark.parametrize("mu", JOINT)
@@ -82,7 +83,8 @@ def test_friction_holds_the_cup_in_the_chute_where_the_bound_has_it() -> None:
 
 def jacobi(m: Machine, W: float) -> tuple[float, float, float] | None:
     """Angles of catcher and cup and the square of the cup's speed at its release, from the equation
-    of motion over phi2 and the energy at the hook contact; None where the catcher comes back first."""
+    of motion over phi2 and the energy at the hook contact; None where the catcher comes back first.
+    """
     slope, a, b, share = m.laid
     phi1, phi2, _ = m.pose
     k = m.hook(phi1, phi2)
@@ -114,10 +116,10 @@ def jacobi(m: Machine, W: float) -> tuple[float, float, float] | None:
     for end in ends:
         end.terminal = True  # type: ignore[attr-defined]
     began = [phi1, slope, 2 * share * (a + W * b) / mass]
-    told = solve_ivp(rates, (phi2, DOWN), began, events=ends, rtol=1e-9, atol=1e-10)
-    if not len(told.t_events[0]):
+    solution = solve_ivp(rates, (phi2, DOWN), began, events=ends, rtol=1e-9, atol=1e-10)
+    if not len(solution.t_events[0]):
         return None
-    return float(told.y[0, -1]), float(told.t[-1]), float(told.y[2, -1])
+    return float(solution.y[0, -1]), float(solution.t[-1]), float(solution.y[2, -1])
 
 
 @pytest.mark.parametrize("mu", [0.2, 0.5])
@@ -152,10 +154,10 @@ def test_the_release_is_that_of_the_simulation() -> None:
     ids=["one friction", "all"],
 )
 def test_the_formula_holds_for_three_cups(frictions: Any) -> None:
-    cups = [system(0.35, **cup) for cup, _ in orientator_limit.CUPS.values()]
+    cups = [system(0.35, **cup) for cup, _ in formula_comparison.CUPS.values()]
     assert len(cups) == 3
     for cup, mu in itertools.product(cups, frictions):
-        *_, limit, error, formula, joint = orientator_limit.limits((cup, mu))
+        *_, limit, error, formula, joint = formula_comparison.limits((cup, mu))
         assert abs(100 * (formula / limit - 1)) < WITHIN + 100 * error / limit
         assert joint > limit + error
         assert 0.0 < error < 0.01
@@ -172,8 +174,8 @@ def test_a_smaller_chute_raises_the_limit_as_the_centrifugal_force_says() -> Non
 
 def test_an_extreme_is_as_uncertain_as_what_may_lie_beyond_it() -> None:
     values, errors = pd.Series([1.0, 0.99, math.nan]), pd.Series([0.001, 0.05, 0.2])
-    assert orientator_limit.extreme(values, errors, "x").error == pytest.approx(0.04)
-    assert orientator_limit.extreme(values, errors / 100, "x").error == pytest.approx(1e-5)
+    assert formula_comparison.extreme(values, errors, "x").error == pytest.approx(0.04)
+    assert formula_comparison.extreme(values, errors / 100, "x").error == pytest.approx(1e-5)
 
 
 def test_effects_have_the_sense_of_their_cause() -> None:
@@ -192,14 +194,14 @@ def test_effects_have_the_sense_of_their_cause() -> None:
 
 def test_what_neglected_friction_makes_lies_within_its_error_of_what_hardly_creeps() -> None:
     """Where it would stick the FMU creeps, which acts on times and limits in proportion."""
-    rough = system(0.35, **{"orientator.neglected.mu_catcher": 0.35})
-    hardly = replace(rough, start=rough.start | {orientator_neglect.CREEP: 1e-3 / 64})
-    told, limit = (
-        orientator_neglect.takes(0.35, (rough, 60.0)),
-        orientator_neglect.ending(0.35, rough),
+    creeping = system(0.35, **{"orientator.neglected.mu_catcher": 0.35})
+    hardly = replace(creeping, start=creeping.start | {neglected.CREEP: 1e-3 / 64})
+    stated, limit = (
+        neglected.takes(0.35, (creeping, 60.0)),
+        neglected.ending(0.35, creeping),
     )
     # the factor of safety is 3 where the observed order is not within a tenth of the expected one
-    assert abs(told.value - simulate(hardly, 0.35, 60.0)[4]) <= told.error < 4e-4
+    assert abs(stated.value - simulate(hardly, 0.35, 60.0)[4]) <= stated.error < 4e-4
     exact = fastest(hardly, np.arange(76.0, 79.0).tolist(), 0.35)
     assert abs(limit.value - exact.value) <= limit.error + exact.error < 0.1
 
@@ -208,11 +210,11 @@ def test_what_is_neglected_has_the_same_bits_in_both_flavours() -> None:
     names = {"mu_side": 0.35, "mu_catcher": 0.35, "rim": 5e-4, "anchored": True}
     start = {f"orientator.neglected.{name}": value for name, value in names.items()}
     native, python = (
-        orientator.system(fmus_of(orientator_neglect, flavour), 0.0, 0.35, start)
+        orientator.system(fmus_of(orientation_time, flavour), 0.0, 0.35, start)
         for flavour in ("native", "python")
     )
-    one, other = (run_product(x, 0.35, 40.0, 5e-3) for x in (native, python))
-    assert one.data.tobytes() == other.data.tobytes()
+    first, second = (run_product(x, 0.35, 40.0, 5e-3) for x in (native, python))
+    assert first.data.tobytes() == second.data.tobytes()
     plain = run_product(replace(native, start=system(0.35).start), 0.35, 40.0, 5e-3)
     assert plain["orientator.orientation_time"][-1] == pytest.approx(0.2638050034, abs=1e-9)
-    assert one["orientator.orientation_time"][-1] == pytest.approx(0.254603, abs=2e-5)
+    assert first["orientator.orientation_time"][-1] == pytest.approx(0.254603, abs=2e-5)

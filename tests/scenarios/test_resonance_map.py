@@ -31,7 +31,7 @@ from scenarios.conveyor.parameter_plane import (
     shares,
 )
 from scenarios.conveyor.questions import resonance_map
-from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c, until
+from tests.conftest import ROOT, ask, fmus_of, restore_ctrl_c, until
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Context
 from workbench.export import finish
@@ -53,8 +53,8 @@ def plane(x: str, y: str, speed: float = 60.0) -> Plane:
 @pytest.fixture(scope="module")
 def mapped() -> Points:
     """Speed and motor.T, with the reference machine in the middle row."""
-    there = plane("speed=24:64:11", "motor.T=0.05:0.075:3")
-    return there, resonance_map.swept(there, RUNNER, None)
+    map_plane = plane("speed=24:64:11", "motor.T=0.05:0.075:3")
+    return map_plane, resonance_map.swept(map_plane, RUNNER, None)
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +64,8 @@ def ridges(mapped: Points) -> pd.DataFrame:
 
 def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> None:
     """Within the coupling error that the map states."""
-    there, points = mapped
-    error = coupling_error(there, RUNNER)
+    map_plane, points = mapped
+    error = coupling_error(map_plane, RUNNER)
     assert error < 2e-3
     for nu, ripple in MONOLITHIC.items():
         at = points["ripple"][11 + SPEEDS.index(nu)]
@@ -73,8 +73,8 @@ def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> 
 
 
 def test_gain_is_theorys_closest_far_from_resonance(mapped: Points) -> None:
-    there, points = mapped
-    points_ = there.points()
+    map_plane, points = mapped
+    points_ = map_plane.points()
     damped = [m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J for m, nu, _ in points_]
     gain, theory = points["gain"].to_numpy(), A.B / np.abs(damped)
     assert gain == pytest.approx(theory, rel=4e-3)
@@ -97,17 +97,21 @@ def test_ridges_lie_where_theory_and_exact_orbits_have_them(ridges: pd.DataFrame
 
 
 def test_ridges_do_not_depend_on_the_points_of_the_map(ridges: pd.DataFrame) -> None:
-    there = plane("speed=21:66:5", "motor.T=0.0625:0.075:2")
-    coarse = resonance_map.ridges(there, RUNNER)
+    map_plane = plane("speed=21:66:5", "motor.T=0.0625:0.075:2")
+    coarse = resonance_map.ridges(map_plane, RUNNER)
     for name in ("lag_90", "peak"):
         assert coarse[name][0] == pytest.approx(ridges[name][1], rel=1e-5)
 
 
 def test_torque_of_the_wrong_sign_has_no_phase_ridge(mapped: Points) -> None:
-    there, _ = mapped
-    orbits = RUNNER.orbits(there.points(), "map")
-    known = [(x, orbit._replace(torque=-orbit.torque)) for x, orbit in zip(SPEEDS, orbits)]
-    ((figure, _),) = locate([(there.line(0.05), LAG, known)], STEP_MULTIPLES, "rad/s", RUNNER)
+    map_plane, _ = mapped
+    orbits = RUNNER.orbits(map_plane.points(), "map")
+    reversed_orbits = [
+        (x, orbit._replace(torque=-orbit.torque)) for x, orbit in zip(SPEEDS, orbits)
+    ]
+    ((figure, _),) = locate(
+        [(map_plane.line(0.05), LAG, reversed_orbits)], STEP_MULTIPLES, "rad/s", RUNNER
+    )
     assert figure.reason == NOT_IN_RANGE
 
 
@@ -130,56 +134,58 @@ def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
 def test_any_two_parameters_have_a_ridge_where_formula_22_has_it(
     x: str, y: str, speed: float
 ) -> None:
-    there = plane(x, y, speed)
-    found = resonance_map.ridges(there, RUNNER)
-    assert found["formula"].notna().all()
-    assert found["lag_90"].to_list() == pytest.approx(found["formula"].to_list(), rel=1.5e-3)
-    for row in found.itertuples():
-        machine, nu = there.at(row.lag_90, there.y.along.values[row.Index])
+    map_plane = plane(x, y, speed)
+    ridges = resonance_map.ridges(map_plane, RUNNER)
+    assert ridges["formula"].notna().all()
+    assert ridges["lag_90"].to_list() == pytest.approx(ridges["formula"].to_list(), rel=1.5e-3)
+    for row in ridges.itertuples():
+        machine, nu = map_plane.at(row.lag_90, map_plane.y.along.values[row.Index])
         assert machine.nu_res == pytest.approx(nu, rel=6e-4)
 
 
-def test_points_without_a_steady_orbit_are_told_and_left_out(
+def test_points_without_a_steady_orbit_are_reported_and_left_out(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     """A motor too weak to turn the crank over its spring stands still at every slow speed."""
-    there = plane("speed=4:60:4", "motor.T=0.05:0.06:2")._replace(machine=replace(A, B=2.0))
-    points = resonance_map.swept(there, RUNNER, None)
+    map_plane = plane("speed=4:60:4", "motor.T=0.05:0.06:2")._replace(machine=replace(A, B=2.0))
+    points = resonance_map.swept(map_plane, RUNNER, None)
     assert points["ripple"].isna().any() and not points["ripple"].isna().all()
     assert "No steady orbit at motor.T = 0.05 s, speed of 4 rad/s" in caplog.text
-    assert math.isnan(resonance_map.ridges(there, RUNNER)["lag_90"][0])
+    assert math.isnan(resonance_map.ridges(map_plane, RUNNER)["lag_90"][0])
 
 
-def test_a_tolerance_is_given_in_percent() -> None:
+def test_a_tolerance_is_in_percent() -> None:
     read = shares(FMUS, "tolerance", ["motor.T=5"], {"motor.T": 0.1, "motor.B": 0.02})
     assert read == {"motor.T": 0.05, "motor.B": 0.02}
 
 
 def test_parts_lie_evenly_within_their_tolerance(mapped: Points) -> None:
-    drawn = machines(mapped, {"motor.T": 0.1, "motor.B": 0.05}).factors
+    factors = machines(mapped, {"motor.T": 0.1, "motor.B": 0.05}).factors
     for name, share in (("motor.T", 0.1), ("motor.B", 0.05)):
-        assert len(drawn[name]) == 1024
-        assert np.abs(drawn[name] - 1.0).max() < share
-        assert drawn[name].mean() == pytest.approx(1.0, abs=1e-4)
-        assert drawn[name].std() == pytest.approx(share / math.sqrt(3), rel=1e-3)
-    assert abs(np.corrcoef(drawn["motor.T"], drawn["motor.B"])[0, 1]) < 0.01
+        assert len(factors[name]) == 1024
+        assert np.abs(factors[name] - 1.0).max() < share
+        assert factors[name].mean() == pytest.approx(1.0, abs=1e-4)
+        assert factors[name].std() == pytest.approx(share / math.sqrt(3), rel=1e-3)
+    assert abs(np.corrcoef(factors["motor.T"], factors["motor.B"])[0, 1]) < 0.01
 
 
 def machines(mapped: Points, tolerances: Any = resonance_map.TOLERANCES) -> Built:
     """Machines like those of the map."""
-    there, points = mapped
+    map_plane, points = mapped
     ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(3, -1)
-    return Built.within(there, ratio, tolerances, 1024)
+    return Built.within(map_plane, ratio, tolerances, 1024)
 
 
 def built(mapped: Points, x: Any, share: Any = 1.0, row: int = 1) -> Any:
     """Machines of a row at a speed or at several, with so many times the usual tolerances."""
     usual = resonance_map.TOLERANCES.items()
-    spread = share if isinstance(share, dict) else {name: share * one for name, one in usual}
+    spread = (
+        share if isinstance(share, dict) else {name: share * tolerance for name, tolerance in usual}
+    )
     return machines(mapped, spread).sample(row, np.atleast_1d(x))
 
 
-def test_probability_is_one_on_the_ridge_and_zero_far_away(mapped: Points) -> None:
+def test_probability_is_1_on_the_ridge_and_0_far_from_it(mapped: Points) -> None:
     assert built(mapped, 40.0).probability(LIMIT) == 1.0
     assert built(mapped, 64.0).probability(LIMIT) == 0.0
 
@@ -196,15 +202,17 @@ def test_probability_rises_with_the_tolerance_outside_the_zone_and_falls_inside(
     assert inside[0] == 1.0 and inside == sorted(inside, reverse=True) and inside[-1] < 0.99
 
 
-def test_probability_of_one_toleranced_part_is_the_share_of_its_tolerance(mapped: Points) -> None:
+def test_probability_of_a_single_toleranced_part_is_the_share_of_its_tolerance(
+    mapped: Points,
+) -> None:
     nominal = built(mapped, 44.0, {"motor.T": 0.0}).expected[0] / abs(A.torque_ripple(44.0))
 
     def above(factor: float) -> float:
         return float(abs(replace(A, T=A.T * factor).torque_ripple(44.0)) * nominal - LIMIT)
 
     assert above(0.9) > 0.0 > above(1.1)
-    found = built(mapped, 44.0, {"motor.T": 0.1}).probability(LIMIT)
-    assert found == pytest.approx((float(brentq(above, 0.9, 1.1)) - 0.9) / 0.2, abs=1e-3)
+    probability = built(mapped, 44.0, {"motor.T": 0.1}).probability(LIMIT)
+    assert probability == pytest.approx((float(brentq(above, 0.9, 1.1)) - 0.9) / 0.2, abs=1e-3)
 
 
 def test_probability_in_the_range_is_that_of_the_worst_speed(mapped: Points) -> None:
@@ -255,11 +263,11 @@ def test_edge_is_where_the_outcome_is_open() -> None:
 
 
 def small(folder: Path | None, **settings: Any) -> Any:
-    given = {
+    options = {
         "x": "speed=30:62:9", "y": "motor.T=0.03:0.12:3:log", "range": "45:60",
         "samples": 256, "checks": 2, "check_runs": 8, "steps_per_rev": 128,
     }  # fmt: skip
-    return ask("resonance_map", folder, **(given | settings))
+    return ask("resonance_map", folder, **(options | settings))
 
 
 def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
@@ -297,34 +305,34 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
     figures = facts["figures"]
     assert figures["gain_max"]["value"] == pytest.approx(rows["gain"].max())
     assert 0.0 < figures["gain_max"]["error"] < 0.01 * rows["gain"].max()
-    beside = 100 * (lines["peak"] / lines["formula"] - 1).dropna()
-    assert figures["peak_off_formula_max"]["value"] == pytest.approx(abs(beside).max())
-    assert figures["peak_off_formula_rms"]["value"] == pytest.approx((beside**2).mean() ** 0.5)
+    deviation = 100 * (lines["peak"] / lines["formula"] - 1).dropna()
+    assert figures["peak_off_formula_max"]["value"] == pytest.approx(abs(deviation).max())
+    assert figures["peak_off_formula_rms"]["value"] == pytest.approx((deviation**2).mean() ** 0.5)
     assert not (tmp_path / "resonance_map.partial.csv").exists()
 
 
 def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
     settings = {"x": "motor.T=0.03:0.12:5:log", "y": "motor.B=150:250:2", "range": None}
-    found = small(tmp_path, **settings, speed=40.0, checks=0, start=["conveyor.rod.finite=true"])
-    assert found.options["speed"].value == 40.0 and found.facts["range"] is None
-    assert "At 40 rad/s the torque ripple is above 50 N.m" in found.verdict
-    assert found.figures["misjudged"].reason == "no machine is co-simulated"
-    assert found.parameters["conveyor.rod.finite"].value
-    panels = [panel.quantity for panel in found.show().charts[2].panels]
+    answer = small(tmp_path, **settings, speed=40.0, checks=0, start=["conveyor.rod.finite=true"])
+    assert answer.options["speed"].value == 40.0 and answer.facts["range"] is None
+    assert "At 40 rad/s the torque ripple is above 50 N.m" in answer.verdict
+    assert answer.figures["misjudged"].reason == "no machine is co-simulated"
+    assert answer.parameters["conveyor.rod.finite"].value
+    panels = [panel.quantity for panel in answer.show().charts[2].panels]
     assert panels == ["motor.T"]
 
 
 def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
-    found = small(tmp_path, y="motor.T=0.05:0.06:2", checks=1, start=["conveyor.rotor.J=0.99"])
-    assert found.facts["checks"][0]["off_max"] < 5e-3
-    (probability, ripple, ridges) = found.show().charts[2].panels
+    answer = small(tmp_path, y="motor.T=0.05:0.06:2", checks=1, start=["conveyor.rotor.J=0.99"])
+    assert answer.facts["checks"][0]["off_max"] < 5e-3
+    (probability, ripple, ridges) = answer.show().charts[2].panels
     names = ["formula (22)", "90 deg lag", "largest torque ripple"]
     assert [curve.name for curve in ridges.curves] == names
     assert ripple.levels[0].at == 50.0 and probability.unit == "%"
-    kept = pd.read_csv(tmp_path / "resonance_map.partial.csv")
-    told = found.tables["resonance_map.csv"].frame
-    assert kept.equals(told.drop(columns="probability")) and len(told) == 18
-    lines = found.tables["resonance_map_rows.csv"].frame
+    table = pd.read_csv(tmp_path / "resonance_map.partial.csv")
+    points = answer.tables["resonance_map.csv"].frame
+    assert table.equals(points.drop(columns="probability")) and len(points) == 18
+    lines = answer.tables["resonance_map_rows.csv"].frame
     assert lines["formula"][0] == pytest.approx(replace(A, theta1=0.99, T=0.05).nu_res, rel=1e-6)
     assert lines["lag_90"][0] == pytest.approx(lines["formula"][0], rel=2e-3)
 
@@ -384,27 +392,27 @@ def test_ctrl_c_keeps_the_rows(tmp_path: Path) -> None:
         cwd=ROOT,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        preexec_fn=restore_ctrl_c,  # noqa: PLW1509
     )
-    kept = tmp_path / "resonance_map.partial.csv"
-    until(lambda: kept.exists() and len(kept.read_text().splitlines()) > 3)
+    partial = tmp_path / "resonance_map.partial.csv"
+    until(lambda: partial.exists() and len(partial.read_text().splitlines()) > 3)
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors.decode()
     assert "Traceback" not in errors.decode()
-    rows = pd.read_csv(kept)
+    rows = pd.read_csv(partial)
     assert 3 <= len(rows) < 2400 and rows.notna().all(axis=None)
-    assert f"{len(rows)} of 2400 points in {kept}" in errors.decode()
+    assert f"{len(rows)} of 2400 points in {partial}" in errors.decode()
     assert rows.iloc[0, :2].to_list() == [15.0, 0.015]
     assert not (tmp_path / "resonance_map.csv").exists()
 
 
 @pytest.mark.slow
-def test_the_map_of_the_defaults_tells_the_figures_of_the_documentation() -> None:
-    told = ask("resonance_map")
-    rows = told.tables["resonance_map.csv"].frame
+def test_the_map_of_the_defaults_reports_the_figures_of_the_documentation() -> None:
+    answer = ask("resonance_map")
+    rows = answer.tables["resonance_map.csv"].frame
     assert len(rows) == 2400 and (rows["settling"] < 1e-6).all()
-    lines = told.tables["resonance_map_rows.csv"].frame
+    lines = answer.tables["resonance_map_rows.csv"].frame
     assert (lines["lag_90"].notna().sum(), lines["peak"].notna().sum()) == (39, 35)
     for name, value, near, error in (
         ("lag_90_off_formula_max", 0.075, 0.003, 0.002),
@@ -415,9 +423,9 @@ def test_the_map_of_the_defaults_tells_the_figures_of_the_documentation() -> Non
         ("ratio_min", 0.969, 0.001, 0.002),
         ("misjudged", 0.13, 0.3, 0.5),
     ):
-        figure = told.figures[name]
+        figure = answer.figures[name]
         assert figure.value == pytest.approx(value, abs=near) and 0.0 < figure.error < error
-    checks = told.facts["checks"]
+    checks = answer.facts["checks"]
     outside = [c for c in checks if not c["interval"][0] <= c["probability"] <= c["interval"][1]]
     assert len(checks) == 12 and len(outside) <= 1
     beyond = lines["motor.T"][lines["probability_in_range"] <= 0.01]

@@ -101,7 +101,8 @@ class Browser:
 
     def headings(self) -> dict[str, tuple[int, float]]:
         """The sheet of paper, from 0, of every heading by its words without spaces, and how far it is
-        above the lower edge [pt]."""
+        above the lower edge [pt].
+        """
         pdf = self.pdf()
         sheets = re.findall(rb"\n(\d+) 0 obj\n<</Type /Page\n", pdf)
         entry = rb"/Title \(([^\n]+)\)\n/Dest \[(\d+) 0 R /XYZ \S+ (\S+) 0\]"

@@ -51,10 +51,10 @@ class Firefox:
         self._count += 1
         text = json.dumps([0, self._count, method, parameters]).encode()
         self._socket.sendall(b"%d:%s" % (len(text), text))
-        _, _, error, found = self._next()
+        _, _, error, result = self._next()
         if error:
             raise RuntimeError(f"{method}: {error['message']}")
-        return found
+        return result
 
     def open(self, path: Path) -> None:
         """Open a page that says when it is ready."""

@@ -82,9 +82,9 @@ def cluster() -> Iterator[Any]:
     """Two workers with nannies, one thread each, on this machine; Dask gives up at the first loss."""
     with (
         dask.config.set(PATIENT),
-        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **QUIET) as made,
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **QUIET) as local_cluster,
     ):
-        yield made
+        yield local_cluster
 
 
 def written(folder: Path, text: str) -> Path:
@@ -120,8 +120,8 @@ def at_gate(folder: Path, count: int) -> None:
 
 def kill_worker(cluster: Any, which: int) -> None:
     """Kill a worker as the kernel does when memory is short."""
-    alive = [nanny.process.pid for nanny in cluster.workers.values() if nanny.process.pid]
-    os.kill(alive[which % len(alive)], signal.SIGKILL)
+    worker_pids = [nanny.process.pid for nanny in cluster.workers.values() if nanny.process.pid]
+    os.kill(worker_pids[which % len(worker_pids)], signal.SIGKILL)
 
 
 def rows(out: Path) -> set[int]:
@@ -131,7 +131,7 @@ def rows(out: Path) -> set[int]:
 
 
 @pytest.mark.slow
-def test_lost_workers_and_a_killed_client_change_no_byte(cluster: Any, tmp_path: Path) -> None:
+def test_killed_workers_and_a_killed_client_change_no_byte(cluster: Any, tmp_path: Path) -> None:
     path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
     address = cluster.scheduler_address
     command = ["study", path, "--out", out, "--scheduler", address]
@@ -139,8 +139,8 @@ def test_lost_workers_and_a_killed_client_change_no_byte(cluster: Any, tmp_path:
     at_gate(tmp_path, 2)
     client.kill()
     client.wait()
-    kept = rows(out)
-    assert len(kept) < 64
+    partial = rows(out)
+    assert len(partial) < 64
     for which in range(2):
         kill_worker(cluster, which)
 
@@ -151,10 +151,10 @@ def test_lost_workers_and_a_killed_client_change_no_byte(cluster: Any, tmp_path:
         open_gate(tmp_path)
 
     with ThreadPoolExecutor() as threads:
-        lost = threads.submit(lose_another)
+        loser = threads.submit(lose_another)
         outcome = study.run(study.load(path, PROJECT), out=out, scheduler=address)
-        lost.result()
-    assert f"64 runs, {64 - len(kept)} of them now" in outcome.verdict
+        loser.result()
+    assert f"64 runs, {64 - len(partial)} of them now" in outcome.verdict
     assert set(outcome.table["status"]) == {"ok"}
     study.run(study.load(path, PROJECT), out=tmp_path / "serial", jobs=1)
     for name in ("table.csv", "table.parquet", "sensitivity.csv"):
@@ -173,7 +173,7 @@ def test_a_run_that_ends_its_process_costs_no_worker(cluster: Any, tmp_path: Pat
     assert [nanny.process.pid for nanny in cluster.workers.values()] == before
 
 
-def test_a_cluster_that_is_not_there_is_named(
+def test_a_cluster_that_is_not_present_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("workbench.runs.cluster.CONNECT", 1.0)
@@ -185,7 +185,8 @@ def test_a_cluster_that_is_not_there_is_named(
 @pytest.fixture(autouse=True)
 def collected() -> Iterator[None]:
     """What Dask leaves behind logs its traceback when it is collected, and CPython before 3.11.8 fails
-    if that happens while it parses."""
+    if that happens while it parses.
+    """
     yield
     gc.collect()
 
@@ -197,8 +198,8 @@ def elsewhere(tmp_path: Path) -> Iterator[tuple[str, Path, Callable[[], None]]]:
     for package in ("cosim", "scenarios", "workbench"):
         leave = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / package, home / package, ignore=leave)
-    with LocalCluster(n_workers=0, **QUIET) as made:
-        command = [sys.executable, "-m", "dask", "worker", made.scheduler_address]
+    with LocalCluster(n_workers=0, **QUIET) as remote_cluster:
+        command = [sys.executable, "-m", "dask", "worker", remote_cluster.scheduler_address]
         command += ["--nthreads", "1", "--no-dashboard", "--local-directory", tmp_path / "scratch"]
         silent = subprocess.DEVNULL
         worker = subprocess.Popen(
@@ -215,7 +216,7 @@ def elsewhere(tmp_path: Path) -> Iterator[tuple[str, Path, Callable[[], None]]]:
                 os.killpg(worker.pid, signal.SIGKILL)
             worker.wait(LONG)
 
-        yield made.scheduler_address, home, vanish
+        yield remote_cluster.scheduler_address, home, vanish
         vanish()
 
 
@@ -227,18 +228,18 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
 ) -> None:
     address, home, _ = elsewhere
     path = written(tmp_path, CUP)
-    there = study.run(study.load(path, PROJECT), out=tmp_path / "there", scheduler=address)
-    here = study.run(study.load(path, PROJECT), out=tmp_path / "here", jobs=1)
-    assert set(there.table["status"]) == {"ok"}
+    result = study.run(study.load(path, PROJECT), out=tmp_path / "there", scheduler=address)
+    local = study.run(study.load(path, PROJECT), out=tmp_path / "here", jobs=1)
+    assert set(result.table["status"]) == {"ok"}
     tables = [tmp_path / folder / "table.csv" for folder in ("there", "here")]
     assert tables[0].read_bytes() == tables[1].read_bytes()
-    for _, row in here.table.iterrows():
+    for _, row in local.table.iterrows():
         start = {"orientator.chute.mu": row["orientator.chute.mu"]}
         figures = ask("orientator_cycle", speed=row["speed"], start=start).figures
         assert row["orientation_time"] == pytest.approx(
             figures["orientation_time"].value, rel=1e-15, nan_ok=True
         )
-    assert here.table["orientation_time"].nunique() == 4
+    assert local.table["orientation_time"].nunique() == 4
     assert not (home / "fmus").exists()
 
     def refused(message: str) -> None:
@@ -260,11 +261,11 @@ def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
     monkeypatch.setattr("workbench.runs.cluster.GRACE", 2.0)
     address, _, vanish = elsewhere
     path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
-    kept, add = [], Journal.__setitem__
-    monkeypatch.setattr(Journal, "__setitem__", lambda *row: kept.append(add(*row)))
+    stored, add = [], Journal.__setitem__
+    monkeypatch.setattr(Journal, "__setitem__", lambda *row: stored.append(add(*row)))
 
     def vanish_with_a_row() -> None:
-        until(lambda: kept or pass_gate(tmp_path))
+        until(lambda: stored or pass_gate(tmp_path))
         vanish()
 
     with ThreadPoolExecutor() as threads:
@@ -274,24 +275,24 @@ def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
         ):
             study.run(study.load(path, PROJECT), out=out, scheduler=address)
         vanished.result()
-    asked = len((tmp_path / "ledger").read_text().split())
-    assert 0 < len(kept) == len(rows(out)) <= asked < 64
+    requests = len((tmp_path / "ledger").read_text().split())
+    assert 0 < len(stored) == len(rows(out)) <= requests < 64
 
 
 @pytest.mark.slow
-def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
+def test_a_sweep_on_a_cluster_gives_the_local_result(
     elsewhere: tuple[str, Path, Callable[[], None]], tmp_path: Path
 ) -> None:
     """A question of the project, and one of one's own, on workers that have neither file nor FMU."""
     address, home, _ = elsewhere
     mine = tmp_path / "mine.py"
     mine.write_text(FIXED_STARTS.format(ROOT / "fmus" / "native" / "DriveMotor.fmu"))
-    for question, words in (
+    for question, arguments in (
         ("orientation_time", "--speeds 40rpm,80rpm --frictions 0.35 --flavour native"),
         (str(mine), ""),
     ):
         for out, more in (("there", ["--scheduler", address]), ("here", ["--jobs", "1"])):
-            command = ["run", question, *words.split(), "--out", str(tmp_path / out), *more]
+            command = ["run", question, *arguments.split(), "--out", str(tmp_path / out), *more]
             assert main(command, PROJECT, "x") == 0
         tables = [next((tmp_path / out).glob("*.csv")) for out in ("there", "here")]
         assert tables[0].read_bytes() == tables[1].read_bytes() != b""

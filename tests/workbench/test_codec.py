@@ -25,7 +25,7 @@ RECORDS = Records(frozenset({"workbench", __name__}))
 class Point(NamedTuple):
     nu: float
     torque: complex
-    course: tuple[float, ...] = ()
+    waveform: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_its_type(value: Any) 
         dumps([value], RECORDS)
 
 
-def test_a_record_is_written_and_read_only_where_its_package_is_known() -> None:
+def test_a_record_is_written_and_read_only_where_its_package_is_imported() -> None:
     text = dumps(Point(1.0, 2.0), RECORDS)
     with pytest.raises(TypeError, match=r"value of type .*Point"):
         dumps(Point(1.0, 2.0), Records(frozenset({"workbench"})))

@@ -32,7 +32,7 @@ def test_a_largest_value_at_an_end_is_that_row(end: float) -> None:
     assert measure.largest(t, 3.0 - (t - end) ** 2)[::2] == (3.0, (end, end * 1e-12))
 
 
-def test_crossings_are_found_up_and_down_with_their_errors() -> None:
+def test_crossings_are_located_up_and_down_with_their_errors() -> None:
     t = np.linspace(0.0, 2 * math.pi, 60)
     for which, exact in zip((0, 1, -1), np.pi / 6 * np.array([1, 5, 5])):
         crossing = measure.crossing(t, np.sin(t), 0.5, which)
@@ -61,17 +61,21 @@ def test_a_level_that_is_only_just_reached_or_missed_gives_no_time(level: float)
     """x = 3 - cos(t) - t / 100 turns at 3.9686, 1.9371, 3.9058: what comes before the time sought decides."""
     t = np.linspace(0.0, 12.0, 400)
     x = 3.0 - np.cos(t) - t / 100.0
-    told = [measure.crossing(t, x, level, which).figure("s", "when") for which in (0, 1, -1, -2)]
-    assert {figure.reason for figure in told} == {"the level is only just reached, or just missed"}
-    late = t > 4.0
+    crossings = [
+        measure.crossing(t, x, level, which).figure("s", "when") for which in (0, 1, -1, -2)
+    ]
+    assert {figure.reason for figure in crossings} == {
+        "the level is only just reached, or just missed"
+    }
+    final = t > 4.0
     assert (
-        measure.crossing(t[late], x[late], level).figure("s", "when").reason.startswith("it does")
+        measure.crossing(t[final], x[final], level).figure("s", "when").reason.startswith("it does")
     )
     for low in (2.5, 3.5):
         assert measure.crossing(t, x, low).figure("s", "when").error
 
 
-def test_only_turns_on_the_way_to_a_time_make_it_doubtful() -> None:
+def test_only_turns_before_a_time_make_it_doubtful() -> None:
     """t sin(t) turns at 1.820 and at 7.917: a level there is passed twice, and twice or not again."""
     t = np.linspace(0.1, 12.0, 800)
     x = t * np.sin(t)
@@ -83,9 +87,9 @@ def test_only_turns_on_the_way_to_a_time_make_it_doubtful() -> None:
 
 def test_an_integral_states_what_its_rows_leave_open() -> None:
     t = np.linspace(0.0, 3.0, 31)
-    found = measure.integral(t, np.exp(-t) * np.sin(7 * t))
+    integral = measure.integral(t, np.exp(-t) * np.sin(7 * t))
     exact = (7 - math.exp(-3) * (math.sin(21) + 7 * math.cos(21))) / 50
-    assert 0.0 < abs(found.value - exact) < found.error < 1e-2
+    assert 0.0 < abs(integral.value - exact) < integral.error < 1e-2
 
 
 def test_revolutions_near_a_speed_add_up_over_all_visits() -> None:
@@ -122,6 +126,7 @@ def test_values_in_no_order_have_twice_their_spread_and_only_a_count_is_exact() 
     assert bound_coupling_error([1.1, 1.5, 1.0], 2.0) == 1.0
     assert bound_coupling_error([1.3, 1.1, 1.0], 2.0) == pytest.approx(0.6)
     assert bound_coupling_error([3.0, 3.0, 3.0], 2.0) == 0.0
+    assert bound_coupling_error([1.1, 1.4, math.nan], 2.0) == pytest.approx(3.0 * 0.3 / 3.0)
     assert bound_coupling_error([0.3, 0.3, 0.3], 2.0) == pytest.approx(3e-11)
     assert extrapolate([1.0, 1.2, 1.1], 2.0).error is None
     assert extrapolate([1.0], 2.0).error is None
@@ -129,13 +134,15 @@ def test_values_in_no_order_have_twice_their_spread_and_only_a_count_is_exact() 
     assert limit.value == 1.0 and limit.error == pytest.approx(8e-6)
 
 
-def course(steps: float = 1.0, late: Sequence[str] = ()) -> Result:
+def result_of_steps(steps: float = 1.0, first_order: Sequence[str] = ()) -> Result:
     """Columns x and y, which are off by 0.1 steps**2."""
     t = np.linspace(0.0, 1.0, 11)
-    off = 0.1 * steps**2 * np.ones_like(t)
-    made = {"convergence_order": 2, "first_order": late}
+    error = 0.1 * steps**2 * np.ones_like(t)
+    report = {"convergence_order": 2, "first_order": first_order}
     units = {"time": "s", "x": "N", "y": "N"}
-    return Result(list(units), units, made, lambda: np.column_stack([t, 5.0 + off, 5.0 + off]))
+    return Result(
+        list(units), units, report, lambda: np.column_stack([t, 5.0 + error, 5.0 + error])
+    )
 
 
 def ends(r: Result) -> dict[str, Figure]:
@@ -143,25 +150,25 @@ def ends(r: Result) -> dict[str, Figure]:
 
 
 def with_errors(
-    late: Sequence[str] = (), figures: Callable[[Result], dict[str, Figure]] = ends
+    first_order: Sequence[str] = (), figures: Callable[[Result], dict[str, Figure]] = ends
 ) -> dict[str, Figure]:
     """The figures of columns that are off by 0.1, 0.4 and 1.6."""
-    results = [course(steps, late) for steps in (1.0, 2.0, 4.0)]
+    results = [result_of_steps(steps, first_order) for steps in (1.0, 2.0, 4.0)]
     return with_coupling_errors(figures, results, [figures(r) for r in results])
 
 
-def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
+def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_a_refusal() -> None:
     error = with_errors()["x"].error
     assert error == pytest.approx(0.02 + 1.25 * 0.1)
-    results = [course(steps) for steps in (1.0, 2.0, 4.0)]
-    made = [ends(r) for r in results]
+    results = [result_of_steps(steps) for steps in (1.0, 2.0, 4.0)]
+    figures_of_runs = [ends(r) for r in results]
     refused = {"x": Figure.undetermined("N", "it never was", "force")}
-    assert with_coupling_errors(ends, results, [refused, *made[1:]]) == refused
-    assert with_coupling_errors(ends, results, [*made[:2], refused])["x"].error is None
+    assert with_coupling_errors(ends, results, [refused, *figures_of_runs[1:]]) == refused
+    assert with_coupling_errors(ends, results, [*figures_of_runs[:2], refused])["x"].error is None
 
 
 @pytest.mark.parametrize(
-    ("said", "left"),
+    ("sentence", "left"),
     [
         ("It takes {t}. The force rises to {f}.\nMore.", "It takes 2.00 ± 0.10 s.\nMore.\nNothing more can be determined: it stuck."),
         ("The force is not determined (it stuck).", "The force is not determined (it stuck)."),
@@ -174,13 +181,13 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
         ("Take 0.5 m. A. B", "Take 0.5 m. A. B"),
     ],
 )  # fmt: skip
-def test_no_sentence_has_a_hole(said: str, left: str) -> None:
+def test_no_sentence_has_a_hole(sentence: str, left: str) -> None:
     """Where a refused figure stands in another place than after "is" or "are"."""
     figures = {"t": Figure(2.0, "s", 0.1)}
     figures |= {
         x: Figure.undetermined("N", why) for x, why in {"f": "it stuck", "g": "it broke"}.items()
     }
-    text = said.format(**{name: figure.text() for name, figure in figures.items()})
+    text = sentence.format(**{name: figure.text() for name, figure in figures.items()})
     assert drop_undetermined(text, figures) == left
 
 
@@ -190,10 +197,10 @@ def test_figures_of_outputs_of_order_1_have_the_errors_of_order_1() -> None:
     def only_y(r: Result) -> dict[str, Figure]:
         return {"y": Figure(r["y"][-1], "N", 0.02, "force")}
 
-    error = with_errors(late=["y"], figures=only_y)["y"].error
+    error = with_errors(first_order=["y"], figures=only_y)["y"].error
     assert error == pytest.approx(0.02 + bound_coupling_error([5.1, 5.4, 6.6], 1.0))
     assert error > with_errors(figures=only_y)["y"].error + 0.5
-    assert with_errors(late=["y"])["x"] == with_errors()["x"]
+    assert with_errors(first_order=["y"])["x"] == with_errors()["x"]
 
 
 LIGHT = {
@@ -206,67 +213,67 @@ def test_stated_errors_hold_the_true_ones() -> None:
     """Against steps eight times shorter; the rod force, which the held torque moves at once, falls
     with order 1 and the rest with order 2.
     """
-    found = ask("run_up", stop=0.3, step=4e-4).figures
+    estimates = ask("run_up", stop=0.3, step=4e-4).figures
     exact = ask("run_up", stop=0.3, step=5e-5).figures
     for name in ("passing", "w_max", "tau_max", "f_rod_max", "revolutions_near"):
-        stated, value = found[f"linear_{name}"].error, found[f"linear_{name}"].value
+        stated, value = estimates[f"linear_{name}"].error, estimates[f"linear_{name}"].value
         assert stated is not None
         error = abs(value - exact[f"linear_{name}"].value)
         assert error <= stated < 40 * error, name
-    ratio = found["linear_f_rod_max"].error / exact["linear_f_rod_max"].error
+    ratio = estimates["linear_f_rod_max"].error / exact["linear_f_rod_max"].error
     assert ratio == pytest.approx(8.0, rel=0.4)
-    rough, fine = (
+    coarse, fine = (
         ask("run_up", speed=36.1, stop=0.68, step=h, start=LIGHT).figures["linear_f_rod_max"]
         for h in (9e-4, 6e-5)
     )
-    assert abs(rough.value - fine.value) <= rough.error + fine.error
+    assert abs(coarse.value - fine.value) <= coarse.error + fine.error
 
 
 def test_the_start_and_the_turn_of_the_iron_state_their_errors() -> None:
     """A turn of 180 rows against one of 1440; the start against steps four times shorter."""
-    rough, fine = (ask("iron_cycle", samples=n).figures for n in (180, 1440))
+    coarse, fine = (ask("iron_cycle", samples=n).figures for n in (180, 1440))
     for name in ("tau_cam_min", "tau_cam_max", "stroke", "work", "follower_force_min"):
-        off = abs(rough[name].value - fine[name].value)
-        assert off < rough[name].error + fine[name].error, name
-        assert rough[name].error < 0.02 * abs(fine[name].value), name
-    rough, fine = (ask("iron_start", stop=0.1, step=h).figures for h in (5e-4, 1.25e-4))
+        difference = abs(coarse[name].value - fine[name].value)
+        assert difference < coarse[name].error + fine[name].error, name
+        assert coarse[name].error < 0.02 * abs(fine[name].value), name
+    coarse, fine = (ask("iron_start", stop=0.1, step=h).figures for h in (5e-4, 1.25e-4))
     for name in ("w_cam_max", "w_cam_max_time", "tau_max", "tau_max_time", "energy_in"):
-        error = rough[name].error
-        assert abs(rough[name].value - fine[name].value) < 1.1 * error < 2e-3 * fine[name].value
+        error = coarse[name].error
+        assert abs(coarse[name].value - fine[name].value) < 1.1 * error < 2e-3 * fine[name].value
 
 
 def test_the_gain_of_an_order_states_its_error() -> None:
-    found = ask("iron_orders", speeds="5").figures
+    estimates = ask("iron_orders", speeds="5").figures
     for lag in ("80ms", "200ms"):
         for name in ("gain", "added"):
-            figure = found[f"{name}_{lag}"]
+            figure = estimates[f"{name}_{lag}"]
             assert figure.error is not None and 0.0 < figure.error < 1e-3 * figure.value
 
 
 def test_the_cost_of_a_jam_and_its_error_follow_the_cycle() -> None:
-    found = ask("packing_line", step=1e-3).figures
-    cycle, products = found["cycle"], found["products"]
+    estimates = ask("packing_line", step=1e-3).figures
+    cycle, products = estimates["cycle"], estimates["products"]
     assert products.value == pytest.approx(60 / cycle.value, rel=1e-12)
     share = products.error / products.value
     assert share == pytest.approx(cycle.error / cycle.value, rel=0.2)
 
 
-def test_rows_of_a_result_are_thinned_as_a_whole() -> None:
+def test_rows_of_a_result_are_thinned_together() -> None:
     t = np.linspace(0.0, 1.0, 21)
     r = Result(["time", "a.x"], {"time": "s", "a.x": "m"}, {}, lambda: np.column_stack([t, t**2]))
 
-    def tell(r: Result) -> dict[str, Figure]:
+    def figures_of(r: Result) -> dict[str, Figure]:
         area = float(np.trapezoid(r["a.x"], r["time"]))
         return {"sum": Figure(area, "m.s", 0.0), "none": Figure.undetermined("m", "why")}
 
-    found = measure.with_row_errors(tell, r)
-    assert found["sum"].value == pytest.approx(1 / 3, abs=1e-3)
-    assert abs(found["sum"].value - 1 / 3) < found["sum"].error
-    assert found["none"].reason == "why"
+    figures = measure.with_row_errors(figures_of, r)
+    assert figures["sum"].value == pytest.approx(1 / 3, abs=1e-3)
+    assert abs(figures["sum"].value - 1 / 3) < figures["sum"].error
+    assert figures["none"].reason == "why"
 
 
 @pytest.mark.parametrize("jump", [1.0, 1.0003])
-def test_a_largest_value_beside_a_jump_is_not_that_of_a_spline(jump: float) -> None:
+def test_a_largest_value_next_to_a_jump_is_not_that_of_a_spline(jump: float) -> None:
     t = np.linspace(0.0, 2.0, 2001)
     peak = measure.largest(t, np.where(t <= jump, 93.0 - (t - 1.2) ** 2, 80.0))
     assert abs(peak.value - (93.0 - (jump - 1.2) ** 2)) <= peak.error < 1e-3
@@ -276,10 +283,10 @@ def test_a_largest_value_beside_a_jump_is_not_that_of_a_spline(jump: float) -> N
 def test_figures_after_the_runs_have_diverged_are_refused() -> None:
     """Trajectories that do not come closer with shorter steps, after they begin alike."""
     t = np.linspace(0.0, 10.0, 401)
-    late = np.where(t > 5.0, 1.0, 0.0)
+    past_divergence = np.where(t > 5.0, 1.0, 0.0)
 
     def diverged(phase: float) -> Result:
-        rows = np.column_stack([t, np.sin(t + phase * late)])
+        rows = np.column_stack([t, np.sin(t + phase * past_divergence)])
         return Result(["time", "x"], {}, {"convergence_order": 1}, lambda: rows)
 
     results = [diverged(phase) for phase in (5.5, 3.0, 1.0)]

@@ -10,7 +10,7 @@ from workbench.figure import Figure, concise
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "words"),
+    ("value", "error", "sentence"),
     [
         (40.0022, 0.0002, "40.00 N"),
         (40.0022, 0.00499, "40.00 N"),
@@ -26,11 +26,11 @@ from workbench.figure import Figure, concise
         (720000.0, 0.0, "720000 N"),
     ],
 )
-def test_a_sentence_has_four_digits_or_the_error(value: float, error: float, words: str) -> None:
-    assert Figure(value, "N", error).brief() == words
-    if "±" not in words and error:
-        unit = 10.0 ** (math.floor(math.log10(abs(float(words.split()[0])))) - 3)
-        assert abs(float(words.split()[0]) - value) + error < unit
+def test_a_sentence_has_four_digits_or_the_error(value: float, error: float, sentence: str) -> None:
+    assert Figure(value, "N", error).brief() == sentence
+    if "±" not in sentence and error:
+        unit = 10.0 ** (math.floor(math.log10(abs(float(sentence.split()[0])))) - 3)
+        assert abs(float(sentence.split()[0]) - value) + error < unit
 
 
 def test_a_refused_figure_says_why_in_a_sentence() -> None:
@@ -38,7 +38,7 @@ def test_a_refused_figure_says_why_in_a_sentence() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "words"),
+    ("value", "error", "sentence"),
     [
         (0.00552, 0.00016, "0.006 %"),
         (11.1062, 0.003, "11.1 %"),
@@ -47,6 +47,6 @@ def test_a_refused_figure_says_why_in_a_sentence() -> None:
     ],
 )
 def test_a_difference_has_the_digits_that_are_certain(
-    value: float, error: float, words: str
+    value: float, error: float, sentence: str
 ) -> None:
-    assert concise(Figure(value, "%", error), 3) == words
+    assert concise(Figure(value, "%", error), 3) == sentence

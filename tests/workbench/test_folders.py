@@ -62,7 +62,7 @@ def question(tmp_path: Path) -> Path:
     return path
 
 
-def words(question: Path, kind: str, scale: float, out: Path, *more: str) -> list[str]:
+def arguments_of(question: Path, kind: str, scale: float, out: Path, *more: str) -> list[str]:
     return ["run", str(question), "--flavour", "native", "--kind", kind, "--scale", f"{scale}",
             "--out", str(out), *more]  # fmt: skip
 
@@ -70,7 +70,12 @@ def words(question: Path, kind: str, scale: float, out: Path, *more: str) -> lis
 def at_the_gate(question: Path, kind: str, out: Path, gate: Path) -> subprocess.Popen[str]:
     """A run that has its figures and waits before it writes its last files."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "scenarios", *words(question, kind, 1.0, out, "--gate", str(gate))],
+        [
+            sys.executable,
+            "-m",
+            "scenarios",
+            *arguments_of(question, kind, 1.0, out, "--gate", str(gate)),
+        ],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -84,12 +89,12 @@ def at_the_gate(question: Path, kind: str, out: Path, gate: Path) -> subprocess.
 def test_a_second_run_into_a_folder_is_refused_until_the_last_file_is_written(
     kind: str, question: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out, alone, gate = tmp_path / "out", tmp_path / "alone", tmp_path / "gate"
-    assert main(words(question, kind, 1.0, alone), PROJECT, "scenarios") == 0
+    out, undisturbed, gate = tmp_path / "out", tmp_path / "alone", tmp_path / "gate"
+    assert main(arguments_of(question, kind, 1.0, undisturbed), PROJECT, "scenarios") == 0
     first = at_the_gate(question, kind, out, gate)
     capsys.readouterr()
     try:
-        assert main(words(question, kind, 2.0, out), PROJECT, "scenarios") == 2
+        assert main(arguments_of(question, kind, 2.0, out), PROJECT, "scenarios") == 2
         assert capsys.readouterr().err == (
             f"error: {out}: another process is using this folder; wait until it ends, or choose "
             "another folder with --out\n"
@@ -103,11 +108,11 @@ def test_a_second_run_into_a_folder_is_refused_until_the_last_file_is_written(
             pass
     finally:
         gate.touch()
-        said = first.communicate(timeout=100)[0]
-    assert first.returncode == 0, said
-    assert (out / "rows.csv").read_bytes() == (alone / "rows.csv").read_bytes()
+        output = first.communicate(timeout=100)[0]
+    assert first.returncode == 0, output
+    assert (out / "rows.csv").read_bytes() == (undisturbed / "rows.csv").read_bytes()
     assert json.loads((out / "rows_of_mine.json").read_text())["options"]["scale"]["value"] == 1.0
-    assert {path.name for path in out.iterdir()} == {path.name for path in alone.iterdir()}
+    assert {path.name for path in out.iterdir()} == {path.name for path in undisturbed.iterdir()}
 
 
 def test_a_killed_run_leaves_its_folder_to_the_next(question: Path, tmp_path: Path) -> None:
@@ -115,7 +120,7 @@ def test_a_killed_run_leaves_its_folder_to_the_next(question: Path, tmp_path: Pa
     first = at_the_gate(question, "kept", out, tmp_path / "gate")
     os.kill(first.pid, signal.SIGKILL)
     first.communicate()
-    assert main(words(question, "kept", 2.0, out), PROJECT, "scenarios") == 0
+    assert main(arguments_of(question, "kept", 2.0, out), PROJECT, "scenarios") == 0
     rows = (out / "rows.csv").read_text().split()
     assert rows == ["x", *(f"{2.0 * k}" for k in range(ROWS))]
     assert not [path.name for path in out.iterdir() if path.name.startswith(".")]
@@ -134,7 +139,7 @@ def test_a_folder_that_nothing_was_written_to_is_not_left(tmp_path: Path) -> Non
         reservation(tmp_path / "file").__enter__()
 
 
-def test_a_table_has_no_rows_of_the_run_whose_file_is_in_its_way(tmp_path: Path) -> None:
+def test_a_table_has_no_rows_of_the_run_whose_file_blocks_it(tmp_path: Path) -> None:
     """Another program has NAME.partial.csv open; a link there leads to somebody's file."""
     precious = tmp_path / "precious"
     precious.write_text("mine\n")

@@ -171,7 +171,7 @@ def test_a_journal_with_other_tables_views_or_triggers_is_refused(tmp_path: Path
             pass
 
 
-def test_what_cannot_be_kept_is_said_once_and_the_sweep_is_done(
+def test_what_cannot_be_stored_is_reported_once_and_the_sweep_is_done(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sweep = Sweep(tmp_path, SWEEP.replace("return ANSWERS[k]", "return {k}"))
@@ -245,12 +245,12 @@ def test_damaged_rows_of_a_study_are_done_again(
     assert again == [float(key) for key in range(1, len(kinds) + 1)]
     assert f"{len(kinds) + 1} runs, {len(kinds)} of them now" in answer.verdict
     assert (out / "table.csv").read_bytes() == table
-    said = f"{out / journal.NAME}: {len(kinds)} rows are damaged; they are done again\n"
-    assert said in capsys.readouterr().err
+    message = f"{out / journal.NAME}: {len(kinds)} rows are damaged; they are done again\n"
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("keys", "said"),
+    ("keys", "message"),
     [
         ([4], "the row of run 4 is damaged; it is"),
         ([0, 3, 5], "the rows of runs 0, 3 and 5 are damaged; they are"),
@@ -258,7 +258,7 @@ def test_damaged_rows_of_a_study_are_done_again(
     ],
 )
 def test_damaged_rows_are_named(
-    keys: Sequence[int], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    keys: Sequence[int], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with journal.open_journal(tmp_path, {}) as rows:
         for key in range(20):
@@ -269,7 +269,7 @@ def test_damaged_rows_are_named(
         assert {key: rows[key].answer for key in range(20) if key in rows} == {
             key: key / 3 for key in range(20) if key not in keys
         }
-    assert capsys.readouterr().err == f"{tmp_path / journal.NAME}: {said} done again\n"
+    assert capsys.readouterr().err == f"{tmp_path / journal.NAME}: {message} done again\n"
     with journal.open_journal(tmp_path, {}) as rows:
         assert len(rows) == 20 - len(keys)
     assert capsys.readouterr().err == ""

@@ -21,20 +21,20 @@ import pytest
 import cosim
 from cosim.system import connect
 from scenarios.__main__ import PROJECT
+from scenarios.conveyor.live_ripple import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
 from scenarios.conveyor.orbits import simulate
-from scenarios.conveyor.questions.resonance import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
 from scenarios.fmu_files import FMUS
 from tests.conftest import ask
 from tests.workbench.browser import Browser
 from tests.workbench.firefox import Firefox, firefox
-from tests.workbench.test_report import one, shown
+from tests.workbench.test_report import first_element, page_browser
 from workbench.answer import Answer
 from workbench.catalog import load_module, names
 from workbench.live.build import WORKER, script
 from workbench.options import add_arguments, parse_options
 from workbench.page import html
 
-__all__ = ["shown"]
+__all__ = ["page_browser"]
 LIVE: dict[str, Mapping[str, Any]] = {
     "iron_bounce": {"speeds": "80rpm,100rpm"},
     "iron_cycle": {},
@@ -50,7 +50,7 @@ TRIED = [
     name if name in ("iron_cycle", "resonance") else pytest.param(name, marks=pytest.mark.slow)
     for name in LIVE
 ]
-MOVED = [
+MOVES = [
     ("iron_bounce", {"speed": 11.0, "iron.follower.e": 0.6}),
     ("iron_cycle", {"speed": 3.0, "iron.spring.c": 900.0, "iron.friction.K_up": 0.2}),
     ("iron_cycle", {"speed": 9.0, "iron.iron.m": 2.0}),
@@ -82,10 +82,10 @@ ROUNDING = 1e-9
 
 
 @cache
-def page(name: str, folder: Path, **given: Any) -> tuple[Answer, Path]:
+def page(name: str, folder: Path, **options: Any) -> tuple[Answer, Path]:
     """An answer and its page."""
     file = folder / f"{name}.html"
-    answer = ask(name, **given)
+    answer = ask(name, **options)
     html.report(answer, file)
     return answer, file
 
@@ -95,36 +95,36 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("live")
 
 
-def opened(shown: Browser, name: str, folder: Path, width: int = 1000) -> Answer:
+def opened(page_browser: Browser, name: str, folder: Path, width: int = 1000) -> Answer:
     """The page of a question whose first live answer is there."""
     answer, file = page(name, folder, **LIVE[name])
-    shown.open(file, width)
-    answered(shown)
+    page_browser.open(file, width)
+    answered(page_browser)
     return answer
 
 
-def answered(shown: Browser | Firefox, number: int = 1) -> None:
-    shown.until(f"{PART}.dataset.answered === '{number}' && {PART}.ariaBusy === 'false'")
+def answered(page_browser: Browser | Firefox, number: int = 1) -> None:
+    page_browser.until(f"{PART}.dataset.answered === '{number}' && {PART}.ariaBusy === 'false'")
 
 
-def move(shown: Browser, values: Mapping[str, float]) -> None:
-    words = "&".join(f"{name}={value!r}" for name, value in values.items())
-    shown.value(f"location.hash = '#live:{quote(words)}'")
+def move(page_browser: Browser, values: Mapping[str, float]) -> None:
+    address = "&".join(f"{name}={value!r}" for name, value in values.items())
+    page_browser.value(f"location.hash = '#live:{quote(address)}'")
 
 
-def numbers(shown: Browser | Firefox) -> dict[str, list[Any]]:
+def numbers(page_browser: Browser | Firefox) -> dict[str, list[Any]]:
     """By name: the live number and its step difference as texts, and as values."""
-    found: dict[str, list[Any]] = shown.value(
+    page_numbers: dict[str, list[Any]] = page_browser.value(
         f"""Object.fromEntries([...{PART}.querySelectorAll('tr[data-number]')].map(row => [row.dataset.number,
         [...row.querySelectorAll('td')].slice(0, 2).flatMap(x => [x.textContent, x.dataset.value])]))"""
     )
-    return found
+    return page_numbers
 
 
-def agrees(shown: Browser | Firefox, answer: Answer) -> None:
+def agrees(page_browser: Browser | Firefox, answer: Answer) -> None:
     """A live number is the figure within its step difference and the figure's error."""
     compared = 0
-    for name, (text, value, difference_text, difference) in numbers(shown).items():
+    for name, (text, value, difference_text, difference) in numbers(page_browser).items():
         figure = answer.figures.get(name)
         assert "±" not in text + difference_text
         if figure is None or math.isnan(float(value)):
@@ -135,50 +135,58 @@ def agrees(shown: Browser | Firefox, answer: Answer) -> None:
             assert abs(float(value) - figure.value) <= slack + figure.error, (name, value, figure)
             compared += 1
     assert compared
-    alarms = shown.value(f"{PART}.querySelector('.live-alarm').textContent")
+    alarms = page_browser.value(f"{PART}.querySelector('.live-alarm').textContent")
     assert bool(alarms) == any(": " in warning for warning in answer.warnings), alarms
 
 
-def quiet(shown: Browser, file: Path) -> None:
+def quiet(page_browser: Browser, file: Path) -> None:
     """No error, no warning, no request but for the page itself."""
     for method in ("Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICalled"):
-        assert shown.reported(method) == []
-    asked = [event["request"]["url"] for event in shown.reported("Network.requestWillBeSent")]
-    assert [x for x in asked if not x.startswith(("data:", "blob:"))] == [file.resolve().as_uri()]
+        assert page_browser.reported(method) == []
+    requests = [
+        event["request"]["url"] for event in page_browser.reported("Network.requestWillBeSent")
+    ]
+    assert [x for x in requests if not x.startswith(("data:", "blob:"))] == [
+        file.resolve().as_uri()
+    ]
 
 
-def moved(shown: Browser, name: str, values: Mapping[str, float], number: int = 2) -> None:
+def check_move(
+    page_browser: Browser, name: str, values: Mapping[str, float], number: int = 2
+) -> None:
     """Move sliders of a page and compare with Python, asked by the command that the page gives."""
-    move(shown, values)
-    answered(shown, number)
-    words = shlex.split(shown.value(f"{PART}.querySelector('code').textContent"))
+    move(page_browser, values)
+    answered(page_browser, number)
+    arguments = shlex.split(page_browser.value(f"{PART}.querySelector('code').textContent"))
     kind, parser = load_module(names(PROJECT.home)[name]).Options, ArgumentParser()
     add_arguments(parser, kind)
-    begin = words.index(name) + 1 + 2 * ("--flavour" in words)
-    asked = {k: x for k, x in vars(parser.parse_args(words[begin:])).items() if x is not None}
+    begin = arguments.index(name) + 1 + 2 * ("--flavour" in arguments)
+    options = {k: x for k, x in vars(parser.parse_args(arguments[begin:])).items() if x is not None}
     starts = {key: value for key, value in values.items() if "." in key}
-    given = {**LIVE[name], **{key: x for key, x in values.items() if key not in starts}}
-    assert parse_options(kind, asked, name) == parse_options(kind, {**given, "start": starts}, name)
-    agrees(shown, ask(name, **asked))
+    expected_options = {**LIVE[name], **{key: x for key, x in values.items() if key not in starts}}
+    assert parse_options(kind, options, name) == parse_options(
+        kind, {**expected_options, "start": starts}, name
+    )
+    agrees(page_browser, ask(name, **options))
 
 
 @pytest.mark.parametrize("name", TRIED)
 def test_live_numbers_are_the_figures_and_follow_the_sliders(
-    name: str, shown: Browser, folder: Path
+    name: str, page_browser: Browser, folder: Path
 ) -> None:
-    answer = opened(shown, name, folder, 390)
-    agrees(shown, answer)
-    assert shown.value("document.documentElement.scrollWidth") == 390
-    assert shown.value(f"{PART}.querySelectorAll('.live-chart .trace').length") > 0
+    answer = opened(page_browser, name, folder, 390)
+    agrees(page_browser, answer)
+    assert page_browser.value("document.documentElement.scrollWidth") == 390
+    assert page_browser.value(f"{PART}.querySelectorAll('.live-chart .trace').length") > 0
     lines = f"[...{PART}.querySelectorAll('.live-motion polyline')].map(x => x.getAttribute('points')).join()"
-    before = shown.value(lines)
+    before = page_browser.value(lines)
     assert "NaN" not in before and len(before) > 100
-    shown.until(f"{lines} !== {json.dumps(before)}")
-    moved(shown, name, next(values for question, values in MOVED if question == name))
+    page_browser.until(f"{lines} !== {json.dumps(before)}")
+    check_move(page_browser, name, next(values for question, values in MOVES if question == name))
     _, file = page(name, folder, **LIVE[name])
-    quiet(shown, file)
+    quiet(page_browser, file)
     assert file.stat().st_size < LARGEST_PAGE
-    scripts = shown.value(
+    scripts = page_browser.value(
         "[...document.querySelectorAll('body script:not([type])')].map(x => x.textContent.length)"
     )
     assert answer.live is not None
@@ -186,27 +194,27 @@ def test_live_numbers_are_the_figures_and_follow_the_sliders(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "values"), MOVED)
-def test_moved_machines_have_the_figures_of_python(
-    name: str, values: Mapping[str, float], shown: Browser, folder: Path
+@pytest.mark.parametrize(("name", "values"), MOVES)
+def test_changed_machines_have_the_figures_of_python(
+    name: str, values: Mapping[str, float], page_browser: Browser, folder: Path
 ) -> None:
-    opened(shown, name, folder)
-    moved(shown, name, values)
+    opened(page_browser, name, folder)
+    check_move(page_browser, name, values)
 
 
-def test_an_induction_motor_has_its_own_formulas(shown: Browser, tmp_path: Path) -> None:
+def test_an_induction_motor_has_separate_formulas(page_browser: Browser, tmp_path: Path) -> None:
     answer, file = ask("resonance", **KLOSS), tmp_path / "page.html"
     html.report(answer, file)
-    shown.open(file, 1000)
-    answered(shown)
-    agrees(shown, answer)
-    assert "nu_res" not in numbers(shown)
+    page_browser.open(file, 1000)
+    answered(page_browser)
+    agrees(page_browser, answer)
+    assert "nu_res" not in numbers(page_browser)
 
 
-def test_the_sweep_runs_through_the_rows_of_the_answer(shown: Browser, folder: Path) -> None:
+def test_the_sweep_runs_through_the_rows_of_the_answer(page_browser: Browser, folder: Path) -> None:
     """Those of the orbits with as many steps per revolution, to the share to which revolutions repeat."""
-    answer = opened(shown, "resonance", folder)
-    traces = shown.value(
+    answer = opened(page_browser, "resonance", folder)
+    traces = page_browser.value(
         f"{PART}.querySelector('.live-chart').data.filter(x => x.name === 'co-simulation').map(x => [x.x, x.y])"
     )
     data, speeds = answer.data, traces[0][0]
@@ -220,91 +228,94 @@ def test_the_sweep_runs_through_the_rows_of_the_answer(shown: Browser, folder: P
     for (x, y), values in zip(traces, expected, strict=True):
         assert x == pytest.approx(speeds)
         assert y[::TRIED_POINTS] == pytest.approx(values, rel=10 * SWEEP_ORBIT.tolerance)
-    theory = shown.value(
+    theory = page_browser.value(
         f"{PART}.querySelector('.live-chart').data.filter(x => x.name === 'first-order theory')[0].x.length"
     )
     assert theory > 100
 
 
-def typed(shown: Browser, number: int, text: str) -> tuple[str, str]:
+def typed(page_browser: Browser, number: int, text: str) -> tuple[str, str]:
     """What stands below a box and whether it is invalid, after a text was typed into it."""
     box = f"{PART}.querySelector('#typed{number}')"
-    shown.value(f"{box}.value = {json.dumps(text)}")
-    shown.value(f"['input', 'change'].map(x => {box}.dispatchEvent(new Event(x)))")
+    page_browser.value(f"{box}.value = {json.dumps(text)}")
+    page_browser.value(f"['input', 'change'].map(x => {box}.dispatchEvent(new Event(x)))")
     wrong = f"document.getElementById({box}.getAttribute('aria-describedby'))"
-    return shown.value(f"[{wrong}.textContent, {box}.getAttribute('aria-invalid')]")
+    return page_browser.value(f"[{wrong}.textContent, {box}.getAttribute('aria-invalid')]")
 
 
 def test_boxes_keys_and_links_move_the_machine_and_what_it_does_is_spoken(
-    shown: Browser, folder: Path
+    page_browser: Browser, folder: Path
 ) -> None:
-    answer = opened(shown, "orientator_cycle", folder)
+    answer = opened(page_browser, "orientator_cycle", folder)
     note = "getComputedStyle(document.querySelector('.of-original')).display"
-    assert shown.value(note) == "none"
-    assert typed(shown, 0, "99") == ["must be at most 12 rad/s", "true"]
-    assert typed(shown, 0, "0.1") == ["must be at least 0.5 rad/s", "true"]
-    assert typed(shown, 1, "rough") == ["must be a number", "true"]
-    agrees(shown, answer)
-    assert shown.value("location.hash") == ""
-    assert typed(shown, 0, "5") == ["", "false"]
-    answered(shown, 2)
-    assert shown.value("location.hash") == "#live:speed=5"
-    assert shown.value(note) == "block"
-    shown.value(f"{one('.live-reset')}.click()")
-    answered(shown, 3)
-    agrees(shown, answer)
-    assert shown.value("location.hash") == ""
-    shown.value(f"{PART}.querySelector('[type=range]').focus()")
+    assert page_browser.value(note) == "none"
+    assert typed(page_browser, 0, "99") == ["must be at most 12 rad/s", "true"]
+    assert typed(page_browser, 0, "0.1") == ["must be at least 0.5 rad/s", "true"]
+    assert typed(page_browser, 1, "rough") == ["must be a number", "true"]
+    agrees(page_browser, answer)
+    assert page_browser.value("location.hash") == ""
+    assert typed(page_browser, 0, "5") == ["", "false"]
+    answered(page_browser, 2)
+    assert page_browser.value("location.hash") == "#live:speed=5"
+    assert page_browser.value(note) == "block"
+    page_browser.value(f"{first_element('.live-reset')}.click()")
+    answered(page_browser, 3)
+    agrees(page_browser, answer)
+    assert page_browser.value("location.hash") == ""
+    page_browser.value(f"{PART}.querySelector('[type=range]').focus()")
     for kind in ("keyDown", "keyUp"):
-        shown.call("Input.dispatchKeyEvent", type=kind, key="End", windowsVirtualKeyCode=35)
-    answered(shown, 4)
-    assert shown.value("location.hash") == "#live:speed=12"
-    spoken = shown.value(f"{PART}.querySelector('[role=status]').textContent")
+        page_browser.call("Input.dispatchKeyEvent", type=kind, key="End", windowsVirtualKeyCode=35)
+    answered(page_browser, 4)
+    assert page_browser.value("location.hash") == "#live:speed=12"
+    spoken = page_browser.value(f"{PART}.querySelector('[role=status]').textContent")
     assert "1 if the product is oriented" in spoken
-    tree = shown.call("Accessibility.getFullAXTree")["nodes"]
+    tree = page_browser.call("Accessibility.getFullAXTree")["nodes"]
     called = {(x["role"]["value"], x["name"]["value"]) for x in tree if x.get("name")}
     assert {("slider", "Speed of the rotor, slider"), ("textbox", "Speed of the rotor")} <= called
-    move(shown, {"speed": 99.0, "cup.x": 1.0})
-    answered(shown, 5)
-    alarm = shown.value(f"{PART}.querySelector('.live-alarm').textContent")
+    move(page_browser, {"speed": 99.0, "cup.x": 1.0})
+    answered(page_browser, 5)
+    alarm = page_browser.value(f"{PART}.querySelector('.live-alarm').textContent")
     assert alarm == "The link sets cup.x, which this page does not have."
-    assert shown.value(f"{PART}.querySelector('.wrong').textContent") == "must be at most 12 rad/s"
-    for words in ("speed=%E0%A4%A", "speed=5=6", "speed"):
-        shown.value(f"{PART}.querySelector('.wrong').textContent = ''")
-        shown.value(f"location.hash = '#live:{words}'")
-        shown.until(f"{PART}.querySelector('.wrong').textContent === 'must be a number'")
+    assert (
+        page_browser.value(f"{PART}.querySelector('.wrong').textContent")
+        == "must be at most 12 rad/s"
+    )
+    for fragment in ("speed=%E0%A4%A", "speed=5=6", "speed"):
+        page_browser.value(f"{PART}.querySelector('.wrong').textContent = ''")
+        page_browser.value(f"location.hash = '#live:{fragment}'")
+        page_browser.until(f"{PART}.querySelector('.wrong').textContent === 'must be a number'")
 
 
 def test_an_address_opens_the_page_with_its_values_and_the_original_curves_in_grey(
-    shown: Browser, folder: Path
+    page_browser: Browser, folder: Path
 ) -> None:
     _, file = page("iron_cycle", folder, **LIVE["iron_cycle"])
     linked = folder / "iron_cycle.html"
     assert linked == file
-    shown.open(file, 1000)
-    answered(shown)
-    shown.value("(location.hash = '#live:speed=8', 0)")
-    answered(shown, 2)
-    command = shown.value(f"{PART}.querySelector('code').textContent")
-    shown.events.clear()
-    shown.call("Page.reload")
-    shown.until("document.documentElement?.dataset.ready === 'yes'")
-    answered(shown, 2)
-    assert shown.value(f"{PART}.querySelector('code').textContent") == command
+    page_browser.open(file, 1000)
+    answered(page_browser)
+    page_browser.value("(location.hash = '#live:speed=8', 0)")
+    answered(page_browser, 2)
+    command = page_browser.value(f"{PART}.querySelector('code').textContent")
+    page_browser.events.clear()
+    page_browser.call("Page.reload")
+    page_browser.until("document.documentElement?.dataset.ready === 'yes'")
+    answered(page_browser, 2)
+    assert page_browser.value(f"{PART}.querySelector('code').textContent") == command
     assert "--speed 8" in command
     greys = (
         f"{PART}.querySelector('.live-chart').data.filter(x => x.legendgroup === 'original').length"
     )
-    assert shown.value(greys) == 7
-    quiet(shown, file)
+    assert page_browser.value(greys) == 7
+    quiet(page_browser, file)
 
 
-def test_only_the_newest_of_many_moves_is_answered(shown: Browser, folder: Path) -> None:
-    opened(shown, "resonance", folder)
+def test_only_the_newest_of_many_moves_is_answered(page_browser: Browser, folder: Path) -> None:
+    opened(page_browser, "resonance", folder)
     for speed in (30.0, 31.0, 32.0):
-        move(shown, {"speed": speed})
-        shown.value("new Promise((resolve) => setTimeout(resolve, 30))")
-    moved(shown, "resonance", {"speed": 36.0}, 5)
+        move(page_browser, {"speed": speed})
+        page_browser.value("new Promise((resolve) => setTimeout(resolve, 30))")
+    check_move(page_browser, "resonance", {"speed": 36.0}, 5)
 
 
 @pytest.fixture(scope="module")
@@ -326,72 +337,74 @@ def test_firefox_has_the_same_numbers(name: str, fox: Firefox, folder: Path) -> 
     agrees(fox, answer)
 
 
-def test_a_run_that_breaks_off_is_said_above_the_last_answer(
-    shown: Browser, tmp_path: Path
+def test_a_run_that_fails_is_reported_above_the_last_answer(
+    page_browser: Browser, tmp_path: Path
 ) -> None:
     answer = ask("iron_cycle", start=["iron.on_invalid=stop"], samples=180)
     html.report(answer, tmp_path / "page.html")
-    shown.open(tmp_path / "page.html", 1000)
-    answered(shown)
-    agrees(shown, answer)
-    before = numbers(shown)
-    move(shown, {"speed": 9.0})
-    answered(shown, 2)
-    assert numbers(shown) == before
-    alarm = shown.value(f"{PART}.querySelector('.live-alarm').textContent")
+    page_browser.open(tmp_path / "page.html", 1000)
+    answered(page_browser)
+    agrees(page_browser, answer)
+    before = numbers(page_browser)
+    move(page_browser, {"speed": 9.0})
+    answered(page_browser, 2)
+    assert numbers(page_browser) == before
+    alarm = page_browser.value(f"{PART}.querySelector('.live-alarm').textContent")
     match = re.fullmatch("No answer with these values: (.+). Below is the last answer.", alarm)
     assert match is not None, alarm
     assert "iron: doStep(t = " in match[1] and "cam follower lifts off at phi = " in match[1]
 
 
-def test_nothing_is_shown_twice_and_the_sliders_stay_beside_the_curves(
-    shown: Browser, folder: Path
+def test_nothing_is_displayed_twice_and_the_sliders_stay_next_to_the_curves(
+    page_browser: Browser, folder: Path
 ) -> None:
-    opened(shown, "iron_cycle", folder, 1400)
+    opened(page_browser, "iron_cycle", folder, 1400)
     folded = "[...document.querySelectorAll('details.original')].map(x => x.open)"
-    assert shown.value(folded) == [False, False]
-    assert shown.value("document.querySelectorAll('.verdict').length") == 1
+    assert page_browser.value(folded) == [False, False]
+    assert page_browser.value("document.querySelectorAll('.verdict').length") == 1
     sliders, chart = (
         f"{PART}.querySelector('{x}').getBoundingClientRect()" for x in (".sliders", ".live-chart")
     )
-    assert shown.value(f"{sliders}.right <= {chart}.left")
-    shown.value(f"scrollTo(0, {chart}.top + scrollY)")
-    assert shown.value(f"{sliders}.top >= 0 && {sliders}.bottom <= innerHeight")
-    shown.value("document.querySelector('details.original').open = true")
-    shown.until("document.querySelector('details.original .chart .main-svg')?.clientWidth > 500")
+    assert page_browser.value(f"{sliders}.right <= {chart}.left")
+    page_browser.value(f"scrollTo(0, {chart}.top + scrollY)")
+    assert page_browser.value(f"{sliders}.top >= 0 && {sliders}.bottom <= innerHeight")
+    page_browser.value("document.querySelector('details.original').open = true")
+    page_browser.until(
+        "document.querySelector('details.original .chart .main-svg')?.clientWidth > 500"
+    )
 
 
-def test_paper_has_what_the_screen_has(shown: Browser, folder: Path) -> None:
-    opened(shown, "iron_cycle", folder)
-    move(shown, {"speed": 8.0})
-    answered(shown, 2)
-    shown.call("Emulation.setEmulatedMedia", media="print")
-    shown.value("dispatchEvent(new Event('beforeprint'))")
+def test_paper_has_what_the_screen_has(page_browser: Browser, folder: Path) -> None:
+    opened(page_browser, "iron_cycle", folder)
+    move(page_browser, {"speed": 8.0})
+    answered(page_browser, 2)
+    page_browser.call("Emulation.setEmulatedMedia", media="print")
+    page_browser.value("dispatchEvent(new Event('beforeprint'))")
     for selector, visible in (
         (".live-chart", True), (".live-motion svg", True), (".beside", True), (".of-original", True),
         (".live [type=text]", True), (".live [type=range]", False), (".live-reset", False),
         ("details.original", False),
     ):  # fmt: skip
         display = f"document.querySelector('{selector}').checkVisibility()"
-        assert shown.value(display) == visible, selector
-    shown.until(
+        assert page_browser.value(display) == visible, selector
+    page_browser.until(
         f"{PART}.querySelector('.live-chart .main-svg').getBoundingClientRect().width <= 700"
     )
-    shown.value("dispatchEvent(new Event('afterprint'))")
+    page_browser.value("dispatchEvent(new Event('afterprint'))")
 
 
-def test_without_webassembly_the_page_is_still(shown: Browser, folder: Path) -> None:
+def test_without_webassembly_the_page_is_still(page_browser: Browser, folder: Path) -> None:
     _, file = page("orientator_cycle", folder)
-    shown.open(file, 1000)
+    page_browser.open(file, 1000)
     display = f"getComputedStyle({PART}).display"
-    shown.until(f"{display} === 'block'")
-    shown.call("Page.addScriptToEvaluateOnNewDocument", source="delete window.WebAssembly")
-    shown.events.clear()
-    shown.call("Page.reload")
-    shown.until("document.documentElement?.dataset.ready === 'yes' && !window.WebAssembly")
-    assert shown.value(display) == "none"
-    assert shown.value("document.querySelector('details.original').open")
-    quiet(shown, file)
+    page_browser.until(f"{display} === 'block'")
+    page_browser.call("Page.addScriptToEvaluateOnNewDocument", source="delete window.WebAssembly")
+    page_browser.events.clear()
+    page_browser.call("Page.reload")
+    page_browser.until("document.documentElement?.dataset.ready === 'yes' && !window.WebAssembly")
+    assert page_browser.value(display) == "none"
+    assert page_browser.value("document.querySelector('details.original').open")
+    quiet(page_browser, file)
 
 
 @pytest.mark.parametrize(
@@ -401,7 +414,9 @@ def test_without_webassembly_the_page_is_still(shown: Browser, folder: Path) -> 
         for path in sorted(FMUS.glob("native/*.fmu"))
     ],
 )
-def test_a_module_computes_what_its_fmu_does(name: str, shown: Browser, tmp_path: Path) -> None:
+def test_a_module_computes_what_its_fmu_does(
+    name: str, page_browser: Browser, tmp_path: Path
+) -> None:
     """All outputs over steps of the default experiment; sin, cos and their like may round otherwise."""
     system = cosim.System({"m": FMUS / "native" / f"{name}.fmu"})
     description = connect(system).descriptions["m"]
@@ -412,9 +427,9 @@ def test_a_module_computes_what_its_fmu_does(name: str, shown: Browser, tmp_path
     letters = base64.b64encode((FMUS / "wasm" / f"{name}.wasm").read_bytes()).decode()
     columns, empty = json.dumps(result.columns[1:]), tmp_path / "empty.html"
     empty.write_text("<!doctype html><html data-ready='yes'>")
-    shown.open(empty, 1000)
-    shown.value(f"window.letters = '{letters}', 0")
-    imports, values, once, again = shown.value(f"""(() => {{ {engine}
+    page_browser.open(empty, 1000)
+    page_browser.value(f"window.letters = '{letters}', 0")
+    imports, values, once, again = page_browser.value(f"""(() => {{ {engine}
         const bytes = Uint8Array.from(atob(letters), x => x.charCodeAt(0));
         const module = new WebAssembly.Module(bytes), system = new Network({{ m: module }}, [], ["m"]);
         system.start({{}});
@@ -438,14 +453,14 @@ def test_a_module_computes_what_its_fmu_does(name: str, shown: Browser, tmp_path
 
 @pytest.mark.parametrize("algorithm", ["strang", "gauss-seidel", "jacobi"])
 def test_the_coupling_loop_gives_the_rows_of_the_master(
-    algorithm: str, shown: Browser, folder: Path
+    algorithm: str, page_browser: Browser, folder: Path
 ) -> None:
     """Motor and conveyor over a start from rest, all columns of all rows."""
     answer, _ = page("run_up", folder, stop=0.05, algorithm=algorithm)
     assert answer.live is not None
     worker = answer.live.worker.replace("\nonmessage =", "\nconst handle =")
     modules = {k: base64.b64encode(x).decode() for k, x in answer.live.modules.items()}
-    rows = shown.value(f"""(() => {{ {worker}
+    rows = page_browser.value(f"""(() => {{ {worker}
         const bytes = (text) => Uint8Array.from(atob(text), x => x.charCodeAt(0));
         const compiled = Object.entries({json.dumps(modules)}).map(([k, x]) => [k, new WebAssembly.Module(bytes(x))]);
         model = new Model({json.dumps(answer.live.data)}, Object.fromEntries(compiled));

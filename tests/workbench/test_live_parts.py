@@ -254,16 +254,18 @@ def test_a_drawing_is_a_table_of_coefficients_or_is_refused(javascript: Evaluate
     assert ((slide[:, 0] - zero) / scale).real == pytest.approx(x, abs=1e-6)
     coordinates = [[c.column, list(c.turns)] for c in motion.coordinates]
     source = (FOLDER / "motion.js").read_text()
-    moved = javascript(f"""{source} const table = {json.dumps(table)};
+    poses = javascript(f"""{source} const table = {json.dumps(table)};
         const features = featured({json.dumps(coordinates)}, [2.0, 0.7]);
         return table.shapes.map((shape) => points(shape, features, [5, 7]));""")
-    for shape, (k, own) in zip(moved, enumerate((ground, tip, slide))):
-        assert [complex(*xy) for xy in shape] == pytest.approx(list(own[-1] + 5 + 7j)), k
-    with pytest.raises(drawing.NonlinearDrawing, match=r"the points of 'slide' are not linear"):
+    for shape, (k, position) in zip(poses, enumerate((ground, tip, slide))):
+        assert [complex(*xy) for xy in shape] == pytest.approx(list(position[-1] + 5 + 7j)), k
+    with pytest.raises(
+        drawing.NonlinearDrawingError, match=r"the points of 'slide' are not linear"
+    ):
         drawing.table(arm(0.2), 1)
 
 
-def test_a_machine_that_cannot_be_drawn_live_costs_a_warning_and_not_the_answer() -> None:
+def test_a_machine_that_has_no_live_drawing_costs_a_warning_and_not_the_answer() -> None:
     answer = ask("run_up", stop=0.1, start={"conveyor.crank.r": 0.1})
     assert answer.live is not None and answer.live.data["motion"] is None
     (warning,) = [text for text in answer.warnings if text.startswith("LIVE: ")]
@@ -280,12 +282,12 @@ QUICKLY: dict[str, dict[str, Any]] = {
 }
 
 
-def declared_live(name: str, **moved: Any) -> Live:
+def declared_live(name: str, **start: Any) -> Live:
     """What a question declares, for short options."""
-    page, given = load_module(names(PROJECT.home)[name]), QUICKLY.get(name, {}) | {"start": moved}
-    answer = ask(name, **given)
+    page, options = load_module(names(PROJECT.home)[name]), QUICKLY.get(name, {}) | {"start": start}
+    answer = ask(name, **options)
     declaration = page.LIVE
-    o = parse_options(page.Options, given, name)
+    o = parse_options(page.Options, options, name)
     live = declaration(o, answer.figures, answer.data) if callable(declaration) else declaration
     assert isinstance(live, Live)
     return live
@@ -294,11 +296,11 @@ def declared_live(name: str, **moved: Any) -> Live:
 @pytest.mark.parametrize("name", [
     pytest.param(x, marks=[pytest.mark.slow] if x == "sommerfeld" else []) for x in LIVE_QUESTIONS
 ])  # fmt: skip
-def test_no_slider_changes_what_a_drawing_is_made_of(name: str) -> None:
+def test_no_slider_changes_the_elements_of_a_drawing(name: str) -> None:
     """At the same coordinates, the same lines."""
     plain = declared_live(name)
-    moved = {x.name: x.low + 0.3 * (x.high - x.low) for x in plain.sliders if "." in x.name}
-    motions = [plain.motion, declared_live(name, **moved).motion]
+    start = {x.name: x.low + 0.3 * (x.high - x.low) for x in plain.sliders if "." in x.name}
+    motions = [plain.motion, declared_live(name, **start).motion]
     assert motions[0] and motions[1]
     rng = np.random.default_rng(1)
     columns = {x.column: rng.uniform(x.low, x.high, 9) for x in motions[0].coordinates}
@@ -338,7 +340,7 @@ def with_number(value: Any, **more: Any) -> list[Number]:
     return [Number("orientation_time", value, **more)]
 
 
-def test_a_declaration_that_does_not_fit_is_one_clear_line() -> None:
+def test_a_declaration_that_does_not_fit_is_a_clear_line() -> None:
     part = built(PLAIN)
     assert part.data["columns"] == ["orientator.phi1"]
     assert built(lambda o, f, r: None) is None
@@ -377,7 +379,7 @@ def test_a_declaration_that_does_not_fit_is_one_clear_line() -> None:
     assert "LIVE: start of a run: " in refused(runs=[LiveRun(start={"x.y": 1.0})])
 
 
-def test_a_sweep_of_one_speed_costs_the_live_sweep_and_not_the_answer() -> None:
+def test_a_sweep_of_a_single_speed_costs_the_live_sweep_and_not_the_answer() -> None:
     answer = ask("resonance", speeds="40", steps_per_rev=64)
     assert answer.live is not None and answer.live.data["sweep"] is None
 

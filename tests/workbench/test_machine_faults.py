@@ -83,7 +83,7 @@ def done(home: Path) -> list[float]:
 
 
 @pytest.mark.parametrize(
-    ("fault", "said"),
+    ("fault", "message"),
     [
         ("disk", "Motor.fmu cannot be unpacked: [Errno 28] No space left on device"),
         ("files", "Too many open files"),
@@ -93,14 +93,14 @@ def done(home: Path) -> list[float]:
     ],
 )
 def test_a_fault_of_the_machine_ends_a_study_and_the_same_command_goes_on(
-    fault: str, said: str, home: Path
+    fault: str, message: str, home: Path
 ) -> None:
     (home / "fault").write_text(fault)
     with pytest.raises(SimulationError) as ended:
         study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
     text = str(ended.value)
     assert text.startswith("some: run 2: ")
-    assert said in text
+    assert message in text
     assert text.endswith(
         "; this is a fault of the machine, so the run does not count; once it is mended, the same "
         "command continues"
@@ -110,40 +110,40 @@ def test_a_fault_of_the_machine_ends_a_study_and_the_same_command_goes_on(
     assert done(home)[:3] == [0.0, 1.0, 2.0]
     assert not (home / "out" / "table.csv").exists()
     (home / "fault").unlink()
-    found = study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
+    result = study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
     assert done(home) == [2.0, 3.0]
-    assert list(found.table["y"]) == [0.0, 3.0, 6.0, 9.0]
+    assert list(result.table["y"]) == [0.0, 3.0, 6.0, 9.0]
 
 
 def test_a_file_that_a_question_misses_for_itself_costs_its_row(home: Path) -> None:
     (home / "fault").write_text("own")
-    found = study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
-    assert list(found.table["status"]) == ["ok", "ok", "failed", "ok"]
+    result = study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
+    assert list(result.table["status"]) == ["ok", "ok", "failed", "ok"]
 
 
 def test_a_study_whose_folder_moves_ends_and_goes_on_where_it_is(home: Path) -> None:
     (home / "fault").write_text("gate")
-    out, moved = home / "out", home / "moved"
+    out, destination = home / "out", home / "moved"
     process = subprocess.Popen(
         [sys.executable, "-m", "scenarios", "study", str(home / "some.toml"), "--out", str(out),
          "--jobs", "1"],
         cwd=ROOT, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     until(lambda: process.poll() is not None or (home / "reached").exists())
-    out.rename(moved)
+    out.rename(destination)
     (home / "fault").unlink()
     errors = process.communicate(timeout=100)[1]
     assert process.returncode == 1
-    (motor,) = moved.glob("inputs/*/Motor.fmu")
+    (motor,) = destination.glob("inputs/*/Motor.fmu")
     assert errors == (
-        f"error: some: run 2: {out / motor.relative_to(moved)} is gone; what was computed is in the "
+        f"error: some: run 2: {out / motor.relative_to(destination)} is gone; what was computed is in the "
         "study's journal, and the same command continues once the file is back\n"
     )
     assert not out.exists()
     assert done(home)[:3] == [0.0, 1.0, 2.0]
-    found = study.run(study.load(home / "some.toml", PROJECT), out=moved, jobs=1)
+    result = study.run(study.load(home / "some.toml", PROJECT), out=destination, jobs=1)
     assert done(home) == [2.0, 3.0]
-    assert set(found.table["status"]) == {"ok"}
+    assert set(result.table["status"]) == {"ok"}
 
 
 def changed(fmu: Path) -> None:
@@ -197,7 +197,7 @@ def descriptors() -> list[int]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_without_a_process_the_error_is_one_line_and_nothing_is_left(tmp_path: Path) -> None:
+def test_without_a_process_the_error_is_a_line_and_nothing_is_left(tmp_path: Path) -> None:
     """A worker that cannot be started has nothing to end."""
     from tests.hosts import light
     from workbench.runs.transport import Call, pickled_call

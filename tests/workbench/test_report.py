@@ -30,6 +30,7 @@ from scenarios.conveyor import motion as conveyor
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
 from scenarios.conveyor.questions import resonance
+from scenarios.conveyor.ripple_limit import RippleLimit
 from scenarios.iron import motion as iron_mechanism
 from tests.conftest import SAMPLED, ask, fmus_of, plain
 from tests.workbench.browser import Browser, browser
@@ -53,7 +54,7 @@ from workbench.charts.model import (
     Span,
 )
 from workbench.charts.motion import Motion, Shape
-from workbench.charts.style import LETTERS_BY_SCREEN, STYLE, Screen
+from workbench.charts.style import COLORS, LETTERS_BY_SCREEN, STYLE, Screen
 from workbench.export import write
 from workbench.figure import Figure
 from workbench.page import html
@@ -61,7 +62,7 @@ from workbench.study import charts as study_charts
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 QUESTIONS = names(PROJECT.home)
-SEEN = ("resonance",)
+QUICK_QUESTIONS = ("resonance",)
 OPTIONS = {
     "resonance": {"speeds": "36,38,40,42,44", "steps_per_rev": 66, "algorithm": "gauss-seidel"}
 }
@@ -71,7 +72,7 @@ Values = dict[tuple[str, str], Any]
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def page_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     """A browser for all pages."""
     program = next((path for name in PROGRAMS if (path := shutil.which(name))), None)
     if program is None:
@@ -91,9 +92,9 @@ def answered(name: str) -> tuple[Answer, Show]:
     return replace(answer, show=lambda: show), show
 
 
-def named(drawn: Any, screen: str = "wide") -> dict[str, Any]:
+def named(plotted: Any, screen: str = "wide") -> dict[str, Any]:
     """What a picture says of each y axis, by its label."""
-    axes = {key: axis for key, axis in drawn[screen].items() if key.startswith("yaxis")}
+    axes = {key: axis for key, axis in plotted[screen].items() if key.startswith("yaxis")}
     return {
         axis["title"]["text"].replace("<br>", " "): axis | {"key": key}
         for key, axis in axes.items()
@@ -102,13 +103,13 @@ def named(drawn: Any, screen: str = "wide") -> dict[str, Any]:
 
 def curves(picture: Chart | Field) -> Values:
     """The values of plotly's traces by label of their panel and name; the last of those of a name."""
-    drawn = plotly.figure(picture)
-    labels = {axis["key"].replace("axis", ""): label for label, axis in named(drawn).items()}
+    plotted = plotly.figure(picture)
+    labels = {axis["key"].replace("axis", ""): label for label, axis in named(plotted).items()}
     return {
         (labels[trace["yaxis"]], trace["name"]): np.array(
             trace.get("customdata", trace["y"]), float
         )
-        for trace in drawn["data"]
+        for trace in plotted["data"]
         if trace.get("hoverinfo") != "skip" or trace.get("showlegend")
     }
 
@@ -138,16 +139,16 @@ def sample_chart() -> Chart:
 
 
 def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
-    chart, drawn = sample_chart(), plotly.figure(sample_chart())
-    seen, axes, data = curves(chart), named(drawn), drawn["data"]
+    chart, plotted = sample_chart(), plotly.figure(sample_chart())
+    curve_data, axes, data = curves(chart), named(plotted), plotted["data"]
     for panel in (panel for panel in chart.panels if isinstance(panel, Panel)):
         for curve in panel.curves:
             label = panel.quantity if panel.flag else panel.label
-            assert_allclose(seen[label, curve.name], curve.y, rtol=1e-6)
+            assert_allclose(curve_data[label, curve.name], curve.y, rtol=1e-6)
     assert axes["force [N]"]["range"] == pytest.approx([0.0, 11.55])
     assert axes["energy [J]"]["range"] == pytest.approx([0.0, 31.5])
     assert axes["torque [N.m]"]["range"][1] > 2.5
-    assert_allclose(seen["torque [N.m]", "rated"], 2.5)
+    assert_allclose(curve_data["torque [N.m]", "rated"], 2.5)
     assert (axes["done"]["tickvals"], axes["done"]["ticktext"]) == ([0.0, 1.0], ["no", "yes"])
     traces: dict[str, Any] = {}
     for trace in data:
@@ -158,15 +159,15 @@ def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
     assert (low["y"][-1], high["y"][-1], high["fill"]) == (9.0, 11.0, "tonexty")
     assert [trace["y"][-1] for trace in traces["stored"]] == [10.0, 30.0]
     assert_allclose(
-        drawn["wide"]["xaxis2"]["range"], [x * 30 / math.pi for x in x_axis(chart).ends]
+        plotted["wide"]["xaxis2"]["range"], [x * 30 / math.pi for x in x_axis(chart).ends]
     )
 
 
-def test_marks_spans_and_lanes_have_their_words_and_legends_only_what_is_outside() -> None:
-    drawn = plotly.figure(sample_chart())
-    wide, data = drawn["wide"], drawn["data"]
-    words = {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
-    assert words == {"peak", "crossing", "avoid", "falling"}
+def test_marks_spans_and_lanes_have_their_text_and_legends_only_what_is_outside() -> None:
+    plotted = plotly.figure(sample_chart())
+    wide, data = plotted["wide"], plotted["data"]
+    texts = {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
+    assert texts == {"peak", "crossing", "avoid", "falling"}
     legend = [trace["name"] for trace in data if trace.get("showlegend")]
     assert "turning" in legend and "falling" not in legend and "force" not in legend
     shapes = {(s["yref"], s["x0"], s["x1"]) for s in wide["shapes"]}
@@ -232,10 +233,10 @@ def test_labels_above_a_picture_neither_meet_nor_pile_up(screen: Screen) -> None
             assert layout.labels.lines == {"wide": 3, "paper": 3, "narrow": 6}[screen]
 
 
-def test_points_without_a_value_are_told_and_jumps_are_broken_with_an_arrow() -> None:
+def test_points_without_a_value_are_reported_and_jumps_are_broken_with_an_arrow() -> None:
     x, nan = [1.0, 2.0, 3.0, 4.0], math.nan
     curves = [Curve("up", x, [1.0, 2.0, 8.0, nan], "red", "linked", breaks=[2]),
-              Curve("down", x, [1.0, 2.0, 5.0, 6.0], "blue", "linked")]  # fmt: skip
+              Curve("down", x, [1.0, 2.0, 8.0, 6.0], "blue", "linked")]  # fmt: skip
     panel = Panel("speed", "rad/s", curves, arrows=[Arrow(2.5, 2.0, 12.0)])
     (placed,) = layout_of(Chart("", "x", [panel])).rows
     up, down, missing = placed.row.elements
@@ -263,15 +264,17 @@ def test_a_picture_of_nothing_but_undetermined_points_says_so() -> None:
 def test_long_labels_break_and_rows_shrink_to_the_paper() -> None:
     long = "largest torque that the motor of the crank conveyor gives"
     flat = [Panel(long, "N.m", [Curve("a", [0.0, 1.0], [0.0, 1.0], "red")]) for _ in range(5)]
-    drawn = plotly.figure(Chart("", "x", [*flat, Lanes({"lane": [Span(0.0, 1.0, "all")]})]), 600.0)
-    assert drawn["paper"]["height"] == pytest.approx(600.0)
-    assert drawn["wide"]["height"] > 900.0
+    plotted = plotly.figure(
+        Chart("", "x", [*flat, Lanes({"lane": [Span(0.0, 1.0, "all")]})]), 600.0
+    )
+    assert plotted["paper"]["height"] == pytest.approx(600.0)
+    assert plotted["wide"]["height"] > 900.0
     for screen in LETTERS_BY_SCREEN:
-        axis, height = drawn[screen]["yaxis1"], drawn[screen]["height"] - STYLE.below_px
+        axis, height = plotted[screen]["yaxis1"], plotted[screen]["height"] - STYLE.below_px
         room = (axis["domain"][1] - axis["domain"][0]) * height
         assert max(map(len, axis["title"]["text"].split("<br>"))) <= max(10, room / 7.5)
     lanes = [(y["domain"][1] - y["domain"][0]) * (d["height"] - STYLE.below_px)
-             for d in (drawn["paper"], drawn["wide"]) for y in [d["yaxis6"]]]  # fmt: skip
+             for d in (plotted["paper"], plotted["wide"]) for y in [d["yaxis6"]]]  # fmt: skip
     assert lanes == pytest.approx([30.0, 30.0])
 
 
@@ -284,7 +287,7 @@ def test_a_colour_and_a_look_that_do_not_exist_are_named() -> None:
     assert pictures.NamedLook.of("red", "speed") == ("speed", "red", "line")
 
 
-def test_a_logarithmic_axis_tells_its_numbers() -> None:
+def test_a_logarithmic_axis_reports_its_numbers() -> None:
     assert decades(0.01, 10.0) == [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]
     assert decades(0.015, 0.16) == [0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15]
 
@@ -303,8 +306,8 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     bar = plotly.figure(field)["wide"]["coloraxis"]["colorbar"]
     assert (bar["tickvals"][0], bar["ticktext"][0], bar["ticktext"][-1]) == (-2.0, "0.01", "100")
     assert [set(trace["x"]) - {None} for trace in (rim, line)] == [{0.5}, {0.5}]
-    drawn = mpl.render([field], "")
-    axes, colors = drawn.subfigs[0].axes
+    rendered = mpl.render([field], "")
+    axes, colors = rendered.subfigs[0].axes
     assert axes.collections[0].get_clim() == (-2.0, 2.0)
     assert axes.get_yscale() == "log"
     assert [text.get_text() for text in colors.get_yticklabels()] == bar["ticktext"]
@@ -315,7 +318,7 @@ CLAIMS = {
     "lag behind the load: co-simulation = lag",
     "resonance_map rows": "largest torque ripple: nominal machine = ripple_in_range",
     "mean_values": "mean torque: with ripple, co-simulation = torque",
-    "classical": "torque ripple: co-simulation = tau2; speed ripple: co-simulation = w2; "
+    "classical classical": "torque ripple: co-simulation = tau2; speed ripple: co-simulation = w2; "
     "largest rod force: co-simulation = f_rod_peak; "
     "error, spring and inertia: speed ripple = whole_speed",
     "induction_motor": "speed of 90 deg lag: full characteristic = nu_kloss; "
@@ -380,18 +383,18 @@ def test_theory_runs_through_the_points_of_the_resonance() -> None:
     assert isinstance(ripple, Chart)
     for panel in ripple.panels:
         assert isinstance(panel, Panel)
-        theory, seen = (next(c for c in panel.curves if c.name.startswith(x)) for x in ("f", "c"))
-        near = pytest.approx(np.asarray(seen.y), rel=0.05, abs=6.0 * (panel.unit == "deg"))
-        assert np.interp(seen.x, theory.x, theory.y) == near
+        theory, points = (next(c for c in panel.curves if c.name.startswith(x)) for x in ("f", "c"))
+        near = pytest.approx(np.asarray(points.y), rel=0.05, abs=6.0 * (panel.unit == "deg"))
+        assert np.interp(points.x, theory.x, theory.y) == near
 
 
 def test_the_resonance_answers_its_question_in_the_title() -> None:
     machine, nu = SETS["A"], np.linspace(20.0, 60.0, 41)
     rest = {f"{name}_error": 0.5 for name in ("tau2", "w2", "lag")} | {"w2": 1.0, "lag": 90.0}
-    told = [{"nu": x, "tau2": abs(machine.torque_ripple(x)), **rest} for x in nu.tolist()]
-    rows = {row["nu"]: {name: (x, "") for name, x in row.items()} for row in told}
+    theory_rows = [{"nu": x, "tau2": abs(machine.torque_ripple(x)), **rest} for x in nu.tolist()]
+    rows = {row["nu"]: {name: (x, "") for name, x in row.items()} for row in theory_rows}
     line: Any = SimpleNamespace(at=lambda nu: (machine, nu), first=20.0, last=60.0)
-    measured: Any = SimpleNamespace(line=line, speeds=(*nu,), frame=pd.DataFrame(told))
+    measured: Any = SimpleNamespace(line=line, speeds=(*nu,), frame=pd.DataFrame(theory_rows))
     band: Any = [
         SimpleNamespace(is_upward=is_upward, speed=at, figure=Figure(at, "rad/s", 0.1))
         for is_upward, at in ((True, 27.0), (False, 45.0))
@@ -405,20 +408,30 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
     }
     charts = []
     for speed, lag in ((40.0, 90.0), (57.0, 160.0)):
-        o, known = resonance.Options(), figures | {"lag_operating": Figure(lag, "deg", 0.1)}
-        known |= {"tau2_operating": Figure(rows[speed]["tau2"][0], "N.m", 0.1)}
-        operating: Any = SimpleNamespace(rows=[row for row in told if row["nu"] == speed])
-        sweep = resonance.ResonanceData(measured, speed, operating, band, False)
-        charts.append(resonance.ripple(o, known, sweep, resonance.headline(o, known, sweep)))
-    on, off = charts
+        o, figures_with_lag = (
+            resonance.Options(),
+            figures | {"lag_operating": Figure(lag, "deg", 0.1)},
+        )
+        figures_with_lag |= {"tau2_operating": Figure(rows[speed]["tau2"][0], "N.m", 0.1)}
+        operating: Any = SimpleNamespace(rows=[row for row in theory_rows if row["nu"] == speed])
+        limit = RippleLimit(o.ripple_limit, measured, band)
+        sweep = resonance.ResonanceData(measured, speed, operating, limit)
+        charts.append(
+            resonance.ripple(
+                o, figures_with_lag, sweep, resonance.headline(o, figures_with_lag, sweep)
+            )
+        )
+    at_resonance, clear_of_resonance = charts
     answers = ("at 40 rad/s: yes. Torque ripple above 50 N.m: yes",
                "at 57 rad/s: no. Torque ripple above 50 N.m: no")  # fmt: skip
-    assert (on.title, off.title) == tuple(f"On resonance {text}" for text in answers)
-    assert list(on.spans) == [Span(27.0, 45.0, "avoid", "red")]
-    assert [mark.text for mark in on.marks] == [
+    assert (at_resonance.title, clear_of_resonance.title) == tuple(
+        f"On resonance {text}" for text in answers
+    )
+    assert list(at_resonance.spans) == [Span(27.0, 45.0, "avoid", "red")]
+    assert [mark.text for mark in at_resonance.marks] == [
         "formula 40.00 rad/s", "90 deg lag 40.0034 ± 0.0012 rad/s", "operating speed 40 rad/s",
     ]  # fmt: skip
-    torque = on.panels[0]
+    torque = at_resonance.panels[0]
     assert isinstance(torque, Panel)
     assert [level.at for level in torque.levels] == [100.0, 50.0]
     error = torque.curves[1].error
@@ -441,7 +454,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
     y = np.sin(x)
     y[1234] = 7.5
     panels = [
-        Panel("force", "N", [Curve("theory", x[::500], np.sin(x[::500]), "grey", "theory"),
+        Panel("force", "N", [Curve("theory", x[::500], np.sin(x[::500]), "black", "theory"),
                              Curve("seen", x, y, "red")]),
         Panel("way", "m", [Curve("way", x, x**2, "blue")], [Mark(50.0, "half")]),
     ]  # fmt: skip
@@ -452,7 +465,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "formula": Figure(1.25, "1", 0.0),
         "lost": Figure.undetermined("m", "the runs contradict each other"),
     }
-    made_up = Answer(
+    invented = Answer(
         scenario="sample",
         question="Is <this> & that told?",
         verdict="Yes: 2.00 ± 0.01 N.\nNo.",
@@ -467,7 +480,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
         warnings=["a: the chain is <slack>"],
         show=lambda: Show([chart], [arm(61)]),
     )  # fmt: skip
-    assert write(made_up, folder) == ["sample.csv", "sample.json", "sample.png", "report.html"]
+    assert write(invented, folder) == ["sample.csv", "sample.json", "sample.png", "report.html"]
     assert (folder / "sample.png").read_bytes().startswith(b"\x89PNG")
     return folder
 
@@ -477,20 +490,20 @@ def parsed(file: Path) -> Any:
     return lxml_html.fromstring(file.read_text(encoding="utf-8"))
 
 
-def lines(tree: Any, place: str) -> list[list[str]]:
+def lines(tree: Any, path: str) -> list[list[str]]:
     """The text of a table, row by row."""
-    return [[cell.text_content() for cell in row] for row in tree.xpath(place)]
+    return [[cell.text_content() for cell in row] for row in tree.xpath(path)]
 
 
 @pytest.mark.parametrize("name", SAMPLED)
-def test_the_page_of_every_question_holds_all_that_was_found(name: str, tmp_path: Path) -> None:
+def test_the_page_of_every_question_holds_the_full_answer(name: str, tmp_path: Path) -> None:
     answer, show = answered(name)
     html.report(answer, tmp_path / "report.html")
     tree = parsed(tmp_path / "report.html")
     assert (tmp_path / "report.html").stat().st_size < 8e6
     assert tree.xpath("string(//h1)") == answer.question
-    said = [p.text_content() for p in tree.xpath("//section[@class='verdict']//p")]
-    assert said == [line for line in answer.verdict.splitlines() if line]
+    verdict_lines = [p.text_content() for p in tree.xpath("//section[@class='verdict']//p")]
+    assert verdict_lines == [line for line in answer.verdict.splitlines() if line]
     rows = lines(tree, FIGURES)
     assert [(row[0], row[3]) for row in rows] == [(n, f.unit) for n, f in answer.figures.items()]
     for (_, value, error, *_), figure in zip(rows, answer.figures.values()):
@@ -507,10 +520,10 @@ def test_the_page_of_every_question_holds_all_that_was_found(name: str, tmp_path
     titles = [h.text_content() for h in tree.xpath("//figure/h3")]
     assert titles == [x.title for x in (*show.charts, *show.more, *show.motions)]
     assert all(cell.get("scope") for cell in tree.xpath("//th"))
-    assert all(place.get("aria-label") for place in tree.xpath("//*[@class='chart']"))
+    assert all(element.get("aria-label") for element in tree.xpath("//*[@class='chart']"))
 
 
-def test_the_page_tells_errors_warnings_and_what_is_dangerous_as_text(sample: Path) -> None:
+def test_the_page_reports_errors_warnings_and_what_is_dangerous_as_text(sample: Path) -> None:
     tree = parsed(sample / "report.html")
     assert lines(tree, FIGURES) == [
         ["told", "2.000", "±\N{NO-BREAK SPACE}0.010", "N", "a force"],
@@ -533,7 +546,7 @@ COVERED = """[...document.querySelectorAll('.chart')].flatMap(chart => {
     if (plots.length !== rows) return ['no plots'];
     return legends.filter(a => plots.some(b => a.top < b.bottom - 1 && b.top < a.bottom - 1));
 })"""
-DRAWN = (
+PLOTTED = (
     "[...document.querySelectorAll('.chart')].map(c => c.querySelectorAll('.trace, .hm').length)"
 )
 FITS = """[...document.querySelectorAll('.chart')].every(
@@ -544,62 +557,77 @@ TIMES = "[...document.querySelectorAll('.motion svg')].map(s => s.getCurrentTime
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[] if name in SEEN else [pytest.mark.slow]) for name in QUESTIONS],
+    [
+        pytest.param(name, marks=[] if name in QUICK_QUESTIONS else [pytest.mark.slow])
+        for name in QUESTIONS
+    ],
 )
 def test_the_page_of_every_question_shows_without_network_or_error(
-    name: str, shown: Browser, tmp_path: Path
+    name: str, page_browser: Browser, tmp_path: Path
 ) -> None:
     file = tmp_path / "report.html"
     answer, show = answered(name)
     html.report(answer, file)
-    shown.open(file, 390)
-    assert shown.value("document.documentElement.scrollWidth") == 390
-    assert shown.reported("Runtime.exceptionThrown") == shown.reported("Log.entryAdded") == []
-    asked = [event["request"]["url"] for event in shown.reported("Network.requestWillBeSent")]
-    assert [x for x in asked if not x.startswith(("data:", "blob:"))] == [file.resolve().as_uri()]
+    page_browser.open(file, 390)
+    assert page_browser.value("document.documentElement.scrollWidth") == 390
+    assert (
+        page_browser.reported("Runtime.exceptionThrown")
+        == page_browser.reported("Log.entryAdded")
+        == []
+    )
+    requests = [
+        event["request"]["url"] for event in page_browser.reported("Network.requestWillBeSent")
+    ]
+    assert [x for x in requests if not x.startswith(("data:", "blob:"))] == [
+        file.resolve().as_uri()
+    ]
     if answer.live is not None:
-        shown.until(f"{one('#live-part')}.dataset.answered === '1'")
-    shown.value("document.querySelectorAll('details.original').forEach(x => { x.open = true; })")
-    drawn, times = shown.value(DRAWN), shown.value(TIMES)
-    assert len(drawn) == len(show.charts) + len(show.more) and all(drawn)
+        page_browser.until(f"{first_element('#live-part')}.dataset.answered === '1'")
+    page_browser.value(
+        "document.querySelectorAll('details.original').forEach(x => { x.open = true; })"
+    )
+    plotted, times = page_browser.value(PLOTTED), page_browser.value(TIMES)
+    assert len(plotted) == len(show.charts) + len(show.more) and all(plotted)
     assert len(times) == len(show.motions) > 0
-    shown.until(f"{TIMES}.every((now, k) => now > {times}[k])")
-    assert shown.value(COVERED) == []
-    shown.resize(1000)
-    shown.until(FITS)
-    assert shown.value(COVERED) == []
-    prints_well(shown, answer, [*show.charts, *show.more])
+    page_browser.until(f"{TIMES}.every((now, k) => now > {times}[k])")
+    assert page_browser.value(COVERED) == []
+    page_browser.resize(1000)
+    page_browser.until(FITS)
+    assert page_browser.value(COVERED) == []
+    prints_well(page_browser, answer, [*show.charts, *show.more])
 
 
-def prints_well(shown: Browser, answer: Answer, charts: Sequence[Chart | Field]) -> None:
+def prints_well(page_browser: Browser, answer: Answer, charts: Sequence[Chart | Field]) -> None:
     """Answer and first chart are on the first sheet, no chart reaches into the margin of its sheet,
     and the layout of the screen comes back."""
-    headings = shown.headings()
+    headings = page_browser.headings()
     for k, chart in enumerate(charts):
         sheet, y = headings["".join(chart.title.split())]
         most = html.LATER_PICTURE_PX if k else html.first_picture_px(answer)
         height = layout_of(chart, "paper", most).height_px
         assert y - 0.75 * height > MARGIN
         assert k or sheet == 0 or answer.live is not None
-    shown.until(FITS)
+    page_browser.until(FITS)
 
 
 @pytest.fixture
-def opened(shown: Browser, sample: Path) -> Browser:
+def opened(page_browser: Browser, sample: Path) -> Browser:
     """A browser with the page of the sample."""
-    shown.open(sample / "report.html", 1000)
-    return shown
+    page_browser.open(sample / "report.html", 1000)
+    return page_browser
 
 
 def test_parameters_of_a_page_have_six_digits_in_lists_too() -> None:
     answer, _ = answered("orientation_time")
-    given = replace(answer, options={"speeds": Parameter((1.2217304763960306, 2.0), "rad/s", "")})
-    told = html._parameters(given)
-    assert told[0] == ("speeds", "1.22173, 2", "rad/s", "")
+    with_lists = replace(
+        answer, options={"speeds": Parameter((1.2217304763960306, 2.0), "rad/s", "")}
+    )
+    rows = html._parameters(with_lists)
+    assert rows[0] == ("speeds", "1.22173, 2", "rad/s", "")
     assert not [value for _, value, *_ in html._parameters(answer) if len(value) > 200]
 
 
-def one(selector: str) -> str:
+def first_element(selector: str) -> str:
     """An element of the page in its own words."""
     return f"document.querySelector('{selector}')"
 
@@ -614,22 +642,24 @@ HOLES = """<base href="https://elsewhere.example/">
 """
 
 
-def test_a_page_runs_its_own_scripts_and_no_other(
-    shown: Browser, sample: Path, tmp_path: Path
+def test_a_page_runs_its_scripts_and_no_other(
+    page_browser: Browser, sample: Path, tmp_path: Path
 ) -> None:
     """Even if a text of an answer were written into it unchanged."""
     page, file = (sample / "report.html").read_text(encoding="utf-8"), tmp_path / "report.html"
     file.write_text(page.replace("<main>", f"<main>{HOLES}", 1), encoding="utf-8")
-    shown.open(file, 1000)
-    assert shown.value("document.querySelectorAll('.chart .trace').length") > 0
-    shown.value(f"{one('#leap')}.click()")
-    shown.value(f"{one('#sent')}.requestSubmit()")
-    shown.value("new Promise(resolve => setTimeout(resolve, 300))")
-    assert shown.value("document.title") == "Is <this> & that told?"
+    page_browser.open(file, 1000)
+    assert page_browser.value("document.querySelectorAll('.chart .trace').length") > 0
+    page_browser.value(f"{first_element('#leap')}.click()")
+    page_browser.value(f"{first_element('#sent')}.requestSubmit()")
+    page_browser.value("new Promise(resolve => setTimeout(resolve, 300))")
+    assert page_browser.value("document.title") == "Is <this> & that told?"
     assert (
-        shown.value("document.baseURI") == shown.value("location.href") == file.resolve().as_uri()
+        page_browser.value("document.baseURI")
+        == page_browser.value("location.href")
+        == file.resolve().as_uri()
     )
-    refused = [event["entry"]["text"] for event in shown.reported("Log.entryAdded")]
+    refused = [event["entry"]["text"] for event in page_browser.reported("Log.entryAdded")]
     for kind, times in (("base-uri", 1), ("script-src", 5)):
         assert (
             sum(f'directive: "{kind}' in text or f"directive '{kind}" in text for text in refused)
@@ -656,13 +686,13 @@ def test_the_policy_of_a_page_names_the_scripts_of_its_template(
     text = "<script secret>a</script><script>b</script><script own-0>c</script><i secret>"
     once = html.secured(text, "secret", [])
     assert once.startswith("<script>a</script><script>b</script><script own-0>c</script>")
-    (found,) = re.findall(r"script-src ([^;]*);", once)
-    assert found == f"'sha256-{base64.b64encode(hashlib.sha256(b'a').digest()).decode()}'"
+    (allowed_scripts,) = re.findall(r"script-src ([^;]*);", once)
+    assert allowed_scripts == f"'sha256-{base64.b64encode(hashlib.sha256(b'a').digest()).decode()}'"
 
 
 def test_the_mouse_shows_values_and_the_second_unit_follows_the_zoom(opened: Browser) -> None:
     x, y = opened.value(
-        f"""(() => {{ const chart = {one(".chart")}, full = chart._fullLayout;
+        f"""(() => {{ const chart = {first_element(".chart")}, full = chart._fullLayout;
         chart.scrollIntoView();
         const box = chart.getBoundingClientRect();
         return [box.left + full._size.l + full.xaxis.d2p(4), box.top + full._size.t + 90]; }})()"""
@@ -670,25 +700,29 @@ def test_the_mouse_shows_values_and_the_second_unit_follows_the_zoom(opened: Bro
     for shift in (-3, 0):
         opened.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + shift, y=y)
     opened.until("document.querySelectorAll('.hoverlayer text').length > 0")
-    words = opened.value(f"{one('.hoverlayer')}.textContent").replace("−", "-").rstrip()
-    assert f"{np.sin(4.0):.4f}"[:5] in words
-    assert "way" in words and words.endswith(" m")
-    opened.value(f"Plotly.relayout({one('.chart')}, {{'xaxis.range': [2, 3]}}).then(() => 1)")
-    opened.until(f"{one('.chart')}._fullLayout.xaxis2.range.join() === '2000,3000'")
+    hover_text = (
+        opened.value(f"{first_element('.hoverlayer')}.textContent").replace("−", "-").rstrip()
+    )
+    assert f"{np.sin(4.0):.4f}"[:5] in hover_text
+    assert "way" in hover_text and hover_text.endswith(" m")
+    opened.value(
+        f"Plotly.relayout({first_element('.chart')}, {{'xaxis.range': [2, 3]}}).then(() => 1)"
+    )
+    opened.until(f"{first_element('.chart')}._fullLayout.xaxis2.range.join() === '2000,3000'")
 
 
 def test_the_download_is_the_csv_to_the_byte(opened: Browser, sample: Path, tmp_path: Path) -> None:
     opened.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
-    opened.until(f"{one('a[download]')}.href.startsWith('blob:')")
-    opened.value(f"{one('a[download]')}.click()")
+    opened.until(f"{first_element('a[download]')}.href.startsWith('blob:')")
+    opened.value(f"{first_element('a[download]')}.click()")
     opened.until((tmp_path / "sample.csv").exists)
     assert (tmp_path / "sample.csv").read_bytes() == (sample / "sample.csv").read_bytes()
 
 
 def test_motion_follows_slider_and_button(opened: Browser) -> None:
     """A quarter of a turn after a quarter of the time; the picture is 1000 wide for two arms."""
-    tip = f"(p => [p.x, p.y])({one('.motion polyline')}.animatedPoints.getItem(1))"
-    button, slider = one(".motion button"), one(".motion input")
+    tip = f"(p => [p.x, p.y])({first_element('.motion polyline')}.animatedPoints.getItem(1))"
+    button, slider = first_element(".motion button"), first_element(".motion input")
     assert opened.value(f"{button}.textContent") == "Pause"
     opened.value(f"{button}.click()")
     assert opened.value(f"{button}.textContent") == "Play"
@@ -698,8 +732,8 @@ def test_motion_follows_slider_and_button(opened: Browser) -> None:
     opened.value(f"{slider}.value = {2 * np.pi / 10 / 4}")
     opened.value(f"{slider}.dispatchEvent(new Event('input'))")
     assert opened.value(tip) == pytest.approx([528.0, 28.0], abs=0.2)
-    assert opened.value(f"{one('.motion .caption')}.textContent") == "at 15"
-    assert opened.value(f"{one('.motion text')}.textContent") == "<arm>"
+    assert opened.value(f"{first_element('.motion .caption')}.textContent") == "at 15"
+    assert opened.value(f"{first_element('.motion text')}.textContent") == "<arm>"
     opened.value(f"{button}.click()")
     opened.until(f"{tip}[0] < 500")
 
@@ -708,12 +742,16 @@ def test_paper_gets_everything_but_the_controls(opened: Browser) -> None:
     opened.call("Emulation.setEmulatedMedia", media="print")
     opened.value("dispatchEvent(new Event('beforeprint'))")
     controls = [".controls", "nav", ".hint", "[aria-labelledby=data]"]
-    for place in (*controls, ".chart", ".motion svg", ".figures", ".verdict", ".warnings"):
-        shown = opened.value(f"getComputedStyle({one(place)}).display !== 'none'")
-        assert shown == (place not in controls)
-    opened.until(f"{one('.chart svg')}.getBoundingClientRect().width === 680")
-    opened.value(f"{one('details')}.open = false")
-    assert opened.value(f"{one('details td')}.checkVisibility({{contentVisibilityAuto: true}})")
+    for selector in (*controls, ".chart", ".motion svg", ".figures", ".verdict", ".warnings"):
+        is_displayed = opened.value(
+            f"getComputedStyle({first_element(selector)}).display !== 'none'"
+        )
+        assert is_displayed == (selector not in controls)
+    opened.until(f"{first_element('.chart svg')}.getBoundingClientRect().width === 680")
+    opened.value(f"{first_element('details')}.open = false")
+    assert opened.value(
+        f"{first_element('details td')}.checkVisibility({{contentVisibilityAuto: true}})"
+    )
     breaks = (
         "[...document.querySelectorAll('.figures tbody tr')].map(x => getComputedStyle(x).break{})"
     )
@@ -726,16 +764,24 @@ def test_the_page_is_dark_where_the_screen_is(opened: Browser) -> None:
     features = [{"name": "prefers-color-scheme", "value": "dark"}]
     opened.call("Emulation.setEmulatedMedia", features=features)
     assert opened.value(back) == "rgb(18, 23, 28)"
-    assert opened.value(f"getComputedStyle({one('.ytick text')}).fill") == "rgb(227, 232, 237)"
+    assert (
+        opened.value(f"getComputedStyle({first_element('.ytick text')}).fill")
+        == "rgb(227, 232, 237)"
+    )
+    strokes = "[...document.querySelectorAll('.js-line')].map(x => getComputedStyle(x).stroke)"
+    assert set(opened.value(strokes)) == {
+        "rgb(227, 232, 237)",
+        *(f"rgb{tuple(bytes.fromhex(COLORS[name][1:]))}" for name in ("red", "blue", "grey")),
+    }
 
 
 def test_thinning_keeps_ends_and_peaks() -> None:
     y = np.random.default_rng(1).normal(size=100_000)
     y[[777, 54_321]] = 99.0, -99.0
-    kept = plotly.thinned(y)
-    assert len(kept) <= STYLE.max_points
-    assert {777, 54_321, 0, 99_999} <= set(kept)
-    assert (np.diff(kept) > 0).all()
+    indices = plotly.thinned(y)
+    assert len(indices) <= STYLE.max_points
+    assert {777, 54_321, 0, 99_999} <= set(indices)
+    assert (np.diff(indices) > 0).all()
     assert y[:10][plotly.thinned(y[:10])].tolist() == y[:10].tolist()
 
 
@@ -744,11 +790,11 @@ def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
 ) -> None:
     x = np.random.default_rng(1).normal(size=4000)
     table = Table(pd.DataFrame({"x": x}), {"x": "1"})
-    whole, note = html.limited(table)
+    limited, note = html.limited(table)
     assert note == "4000 rows"
-    monkeypatch.setattr(html, "MAX_TABLE_LETTERS", len(whole) // 3)
+    monkeypatch.setattr(html, "MAX_TABLE_LETTERS", len(limited) // 3)
     packed, note = html.limited(table)
-    assert len(packed) < len(whole) // 3
+    assert len(packed) < len(limited) // 3
     assert note == "one row in 4 of 4000; the complete file is next to this page"
     rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(packed))))
     assert_allclose(rows["x"], x[::4])
@@ -789,7 +835,7 @@ def lengths(points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("wrap", [0, 1])
-def test_the_drawn_iron_drive_keeps_its_lengths_and_its_contact(wrap: int) -> None:
+def test_the_drawing_of_the_iron_drive_keeps_its_lengths_and_its_contact(wrap: int) -> None:
     answer = ask("iron_cycle", samples=180, start=[f"iron.wrap={wrap}"])
     (motion,) = answer.show().motions
     shapes = {shape.name: shape.points for shape in motion.shapes}
@@ -810,7 +856,7 @@ def test_the_drawn_iron_drive_keeps_its_lengths_and_its_contact(wrap: int) -> No
     assert lift.max() == pytest.approx(answer.figures["stroke"].value, rel=1e-3)
 
 
-def test_the_drawn_crank_moves_the_drawn_trough() -> None:
+def test_the_crank_of_the_drawing_moves_the_trough_of_the_drawing() -> None:
     (motion,) = ask("run_up", stop=0.2, start=["conveyor.rod.finite=1"]).show().motions
     shapes = {shape.name: shape.points for shape in motion.shapes[: len(motion.shapes) // 2]}
     crank = lengths(shapes["crank"])
@@ -821,7 +867,7 @@ def test_the_drawn_crank_moves_the_drawn_trough() -> None:
     assert_allclose(shapes["spring"][:, 0, 0], shapes["trough"][:, 2, 0])
 
 
-def test_the_drawn_cup_is_rigid_and_turns_over_in_front_of_the_wall() -> None:
+def test_the_cup_of_the_drawing_is_rigid_and_turns_over_in_front_of_the_wall() -> None:
     (motion,) = ask("orientator_cycle").show().motions
     shapes = {shape.name: shape.points for shape in motion.shapes}
     assert_allclose(np.ptp(lengths(shapes["cup"]), axis=0), 0.0, atol=1e-12)

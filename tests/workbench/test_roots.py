@@ -32,7 +32,7 @@ def search(
 def resonances() -> list[tuple[Callable[[float], complex], float, float]]:
     """Inverse responses 1 - x^2 + 2 i zeta x with factors whose series fall slowly or fast, and their peaks."""
     rng = np.random.default_rng(3)
-    made: list[tuple[Callable[[float], complex], float, float]] = []
+    responses: list[tuple[Callable[[float], complex], float, float]] = []
     for _ in range(100):
         zeta, pole, size = (
             10 ** rng.uniform(-2, -0.5),
@@ -50,8 +50,8 @@ def resonances() -> list[tuple[Callable[[float], complex], float, float]]:
             method="bounded",
             options={"xatol": 1e-12},
         )
-        made.append((smooth, 1.0 + zeta * float(peak.x), zeta))
-    return made
+        responses.append((smooth, 1.0 + zeta * float(peak.x), zeta))
+    return responses
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])
@@ -62,10 +62,10 @@ def test_a_peak_lies_within_its_error_wherever_the_nodes_are(noise: float) -> No
     for smooth, peak, zeta in resonances():
         for shift in (0.0, *rng.uniform(-0.5, 0.5, 3)):
             half_width = 0.25 * zeta
-            place, height = search(smooth, peak + shift * half_width, half_width, noise)
-            assert abs(place.x - peak) < place.error
+            position, height = search(smooth, peak + shift * half_width, half_width, noise)
+            assert abs(position.x - peak) < position.error
             assert abs(height.x - 1.0 / abs(smooth(peak))) < height.error
-            wide.append(place.error / zeta)
+            wide.append(position.error / zeta)
     assert np.median(wide) < 2e-5 + 100.0 * noise
 
 
@@ -83,8 +83,8 @@ def test_what_a_series_leaves_out_is_bounded_by_the_fall_of_its_coefficients() -
 
 def test_a_peak_far_from_the_nodes_is_approached() -> None:
     smooth, peak, zeta = resonances()[0]
-    place, _ = search(smooth, peak + 1.2 * zeta, 0.25 * zeta)
-    assert abs(place.x - peak) < place.error < 1e-3 * zeta
+    position, _ = search(smooth, peak + 1.2 * zeta, 0.25 * zeta)
+    assert abs(position.x - peak) < position.error < 1e-3 * zeta
 
 
 def test_errors_of_values_are_weighted_as_the_values_are() -> None:

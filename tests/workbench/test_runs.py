@@ -16,7 +16,7 @@ import pytest
 
 from cosim import SetupError, SimulationError
 from cosim.cli.options import exit_code
-from tests.conftest import ROOT, hear_ctrl_c, until
+from tests.conftest import ROOT, restore_ctrl_c, until
 from tests.hosts import light, plane
 from workbench import Context
 from workbench.catalog import load_module
@@ -32,9 +32,9 @@ LONG = 100.0
 
 @pytest.fixture
 def worker() -> Iterator[Worker]:
-    made = Worker()
-    yield made
-    made.close()
+    new_worker = Worker()
+    yield new_worker
+    new_worker.close()
 
 
 def call(function: Any, task: Any) -> Call:
@@ -45,7 +45,7 @@ def lines(ledger: Path) -> list[str]:
     return ledger.read_text().split() if ledger.exists() else []
 
 
-def test_every_end_of_a_call_is_told_and_the_next_call_is_done(
+def test_every_end_of_a_call_is_reported_and_the_next_call_is_done(
     worker: Worker, tmp_path: Path
 ) -> None:
     for mood, status, message, trace in (
@@ -131,7 +131,7 @@ def solve(o, context):
 """
 
 
-def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(tmp_path: Path) -> None:
+def test_a_sweep_of_a_question_in_a_separate_file_runs_in_processes(tmp_path: Path) -> None:
     """Though its name is that of another module, and its cases and answers are of its own types."""
     path = tmp_path / "tabnanny.py"
     path.write_text(MINE)
@@ -141,7 +141,7 @@ def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(tmp_path: 
     assert list(context.each(page.double, points, "double")) == [(2.0,), (6.0,)]
 
 
-def test_a_question_of_ones_own_that_was_changed_takes_no_rows_of_the_one_before(
+def test_a_users_question_that_was_changed_takes_no_rows_of_its_predecessor(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "mine.py"
@@ -155,7 +155,7 @@ def test_a_question_of_ones_own_that_was_changed_takes_no_rows_of_the_one_before
     assert dropped.endswith("runs: question has changed; they are dropped")
 
 
-def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(
+def test_a_task_that_crashes_ends_its_sweep_with_a_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def sweep(x: float) -> int:
@@ -163,8 +163,8 @@ def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(
         return exit_code(lambda: len(list(LocalRunner(2).map(plane.height, tasks, "heights"))))
 
     assert sweep(7.5) == 1
-    said = "error: heights, 2 of 2 ((7.5, '/dev/null')): the run ended its process: SIGSEGV\n"
-    assert capsys.readouterr().err == said
+    message = "error: heights, 2 of 2 ((7.5, '/dev/null')): the run ended its process: SIGSEGV\n"
+    assert capsys.readouterr().err == message
     assert sweep(6.5) == 2
     assert capsys.readouterr().err == "error: this point is refused\n"
 
@@ -177,8 +177,8 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     tasks = [(float(x), str(ledger)) for x in (1, 2, 3, 4, 5, 5)]
 
     def sweep(who: dict[str, Any], stop: float) -> None:
-        with journal.open_journal(tmp_path, who, passing=True) as kept:
-            for height in LocalRunner(jobs).map(plane.height, tasks, "heights", kept):
+        with journal.open_journal(tmp_path, who, passing=True) as rows:
+            for height in LocalRunner(jobs).map(plane.height, tasks, "heights", rows):
                 if height == stop:
                     raise KeyboardInterrupt
 
@@ -221,7 +221,7 @@ def test_signals_end_a_sweep_and_its_children(number: int, tmp_path: Path) -> No
         env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        preexec_fn=restore_ctrl_c,  # noqa: PLW1509
     )
     until(lambda: len(lines(ledger)) == 3)
     os.killpg(process.pid, number)
@@ -244,7 +244,7 @@ with journal.open_journal(Path(sys.argv[1]), {"x": 1}) as kept:
 """
 
 
-def test_a_killed_session_keeps_every_row_and_shuts_out_a_second_one(tmp_path: Path) -> None:
+def test_a_killed_session_keeps_every_row_and_shuts_out_a_second_session(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", KEEP, tmp_path],
         cwd=ROOT,
@@ -261,8 +261,8 @@ def test_a_killed_session_keeps_every_row_and_shuts_out_a_second_one(tmp_path: P
 
 
 def opened(folder: Path, who: dict[str, Any]) -> dict[Any, Any]:
-    with journal.open_journal(folder, who) as kept:
-        return {n: kept[n].answer for n in range(len(kept))}
+    with journal.open_journal(folder, who) as rows:
+        return {n: rows[n].answer for n in range(len(rows))}
 
 
 def changed(content: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
@@ -290,22 +290,22 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
     for name, other in changed(who):
         with pytest.raises(SetupError) as refusal:
             opened(tmp_path, other)
-        said = str(refusal.value)
-        assert said.startswith(f"{tmp_path} contains the rows of other runs: {name} "), said
-        assert not fingerprint.DIGEST.search(said.replace(str(tmp_path), ""))
+        message = str(refusal.value)
+        assert message.startswith(f"{tmp_path} contains the rows of other runs: {name} "), message
+        assert not fingerprint.DIGEST.search(message.replace(str(tmp_path), ""))
     assert opened(tmp_path, who) == {}
 
 
 def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = fingerprint.code("cosim", "workbench", "scenarios")
+    present = fingerprint.code("cosim", "workbench", "scenarios")
     assert {
         "cosim/engine/loop.c",
         "workbench/runs/worker.py",
         "scenarios/orientator/machine.py",
-    } <= {*here}
-    assert not [name for name in here if "/report/" in name or name.endswith("show.py")]
+    } <= {*present}
+    assert not [name for name in present if "/report/" in name or name.endswith("show.py")]
     for name in ("some/__init__.py", "some/b.c", "some/d/e.py", "some/d/show.py"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
@@ -333,9 +333,7 @@ def test_a_damaged_journal_is_named(tmp_path: Path) -> None:
         opened(tmp_path, {})
 
 
-def test_no_process_for_runs_is_one_sentence(
-    worker: Worker, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_process_for_runs_is_a_sentence(worker: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("workbench.runs.worker._main", sys.exit)
     with pytest.raises(SetupError, match="no process for runs can be started: "):
         worker.do(call(plane.be, ("good", "/dev/null")), None)
@@ -353,9 +351,9 @@ def test_a_damaged_file_among_the_inputs_is_written_anew(tmp_path: Path) -> None
     """Runs would be refused for it, for ever."""
     (tmp_path / "A.fmu").write_bytes(b"an FMU")
     cargo = Bundle.of([tmp_path / "A.fmu"])
-    place = cargo.unpacked(tmp_path / "inputs")
-    for spoil in (lambda file: file.write_bytes(b"an"), lambda file: file.unlink()):
-        spoil(place / "A.fmu")
-        assert cargo.unpacked(tmp_path / "inputs") == place
-        assert (place / "A.fmu").read_bytes() == b"an FMU"
+    unpacked_folder = cargo.unpacked(tmp_path / "inputs")
+    for damage in (lambda file: file.write_bytes(b"an"), lambda file: file.unlink()):
+        damage(unpacked_folder / "A.fmu")
+        assert cargo.unpacked(tmp_path / "inputs") == unpacked_folder
+        assert (unpacked_folder / "A.fmu").read_bytes() == b"an FMU"
     assert [path.name for path in (tmp_path / "inputs").iterdir()] == [cargo.name]

@@ -28,9 +28,9 @@ from fmpy.model_description import read_model_description
 import scenarios
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
-from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
+from tests.conftest import ROOT, fmus_of, restore_ctrl_c, until
 from workbench import run, study
-from workbench.catalog import find, load_module
+from workbench.catalog import load_module
 from workbench.cli import main
 from workbench.question import NO_PROJECT
 from workbench.runs import fingerprint
@@ -92,9 +92,9 @@ def test_a_grid_is_every_combination_in_order(write: Write) -> None:
     assert plan.runs() == [(x, y) for x in (0.0, 0.25, 0.5, 0.75, 1.0) for y in (10.0, 20.0)]
     log = study.load(write(GRID.replace("= 0.0, to = 1.0", "= 1.0, to = 16.0, spacing = 'log'")))
     assert [x for x, _ in log.runs()[::2]] == pytest.approx([1.0, 2.0, 4.0, 8.0, 16.0], rel=1e-12)
-    whole = study.load(write("scenario = 'plane.py'\n[grid]\ntimes = {from=1, to=3, number=3}"))
-    assert whole.runs() == [(1,), (2,), (3,)]
-    assert all(type(times) is int for (times,) in whole.runs())
+    question = study.load(write("scenario = 'plane.py'\n[grid]\ntimes = {from=1, to=3, number=3}"))
+    assert question.runs() == [(1,), (2,), (3,)]
+    assert all(type(times) is int for (times,) in question.runs())
 
 
 def test_samples_have_the_distributions_that_the_file_names(write: Write) -> None:
@@ -228,7 +228,7 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
             "the plane is steep, 0.3333333333333333 rad",
         ),
     ]
-    for words in (
+    for arguments in (
         "6 runs, 6 of them now",
         "2 ok, 1 crashed, 1 refused, 1 timeout, 1 failed.",
         "Run 0: crashed: the run ended its process: SIGSEGV\n",
@@ -236,12 +236,12 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
         "\n2 runs (first: run 1): root not determined: x < 0\n",
         "No run has root.",
     ):
-        assert words in outcome.verdict
+        assert arguments in outcome.verdict
     assert "last words" in rows(out)[0]["trace"]
     assert "ZeroDivisionError" in rows(out)[4]["trace"]
 
 
-def test_what_many_runs_say_alike_is_said_once_with_a_sensible_number_of_digits(
+def test_what_many_runs_report_is_written_once_with_a_sensible_number_of_digits(
     write: Write, tmp_path: Path
 ) -> None:
     text = "scenario = 'plane.py'\n[fixed]\nmood = 'warn'\n[grid]\nx = [-3.5, -2, -1, 2.0]"
@@ -271,7 +271,7 @@ def test_start_values_may_be_names_and_numbers(tmp_path: Path) -> None:
         ("2", "conveyor.rod.finite = 2 must be true or false"),
     ],
 )
-def test_a_start_value_that_the_fmu_refuses_is_told_before_the_first_run(
+def test_a_start_value_that_the_fmu_refuses_is_reported_before_the_first_run(
     value: str, message: str, tmp_path: Path
 ) -> None:
     path, out = tmp_path / "some.toml", tmp_path / "out"
@@ -289,13 +289,13 @@ def test_a_study_without_any_answer_says_so_by_its_exit_code(
     assert "Run 0: refused: this point is refused" in capsys.readouterr().out
 
 
-def test_the_table_tells_inputs_figures_errors_and_units(
+def test_the_table_reports_inputs_figures_errors_and_units(
     write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
     path = write(GRID.replace("from = 0.0", "from = -1.0"))
     assert main(["study", str(path), "--out", str(out)], NO_PROJECT, "x") == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     rows = table(out)
     assert list(rows[0]) == [
         "run", "x", "y", "height", "height_error", "answer.y", "answer.y_error", "root", "root_error",
@@ -320,11 +320,13 @@ def test_the_table_tells_inputs_figures_errors_and_units(
         pd.read_csv(out / "table.csv").assign(warnings="").fillna({"message": ""})
     )
     assert (out / "study.toml").read_text() == path.read_text()
-    assert said.startswith(
+    assert output.startswith(
         "height lies between 7.0 and 23.0 m in all 10 runs, with a mean of 15.0 m"
     )
-    assert "\nroot lies between 0.00 and 1.00 m1/2 in the 6 of 10 runs that have it, with a" in said
-    assert ".\n  high is 1 in 4 runs and 0 in 6\n10 runs, 10 of them now in " in said
+    assert (
+        "\nroot lies between 0.00 and 1.00 m1/2 in the 6 of 10 runs that have it, with a" in output
+    )
+    assert ".\n  high is 1 in 4 runs and 0 in 6\n10 runs, 10 of them now in " in output
     assert (out / "overview.png").stat().st_size > 10_000
     again = study.run(study.load(path), out=out)
     assert "10 runs, 0 of them now" in again.verdict
@@ -351,7 +353,7 @@ def at_work(path: Path, out: Path, *options: object) -> subprocess.Popen[bytes]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        preexec_fn=restore_ctrl_c,  # noqa: PLW1509
     )
     ledger = path.parent / "ledger"
     until(lambda: process.poll() or (ledger.exists() and ledger.read_text().count("\n") == 8))
@@ -397,7 +399,7 @@ def test_an_ended_study_goes_on_with_the_missing_runs(
 def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) -> None:
     out = tmp_path / "out"
     study.run(study.load(write(GRID)), out=out, jobs=1)
-    kept = rows(out)
+    stored = rows(out)
 
     def refused(text: str, message: str) -> None:
         with pytest.raises(SetupError, match=re.escape(message)):
@@ -413,7 +415,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     with pytest.raises(SetupError, match="runs: question has changed; choose another folder"):
         study.run(study.load(tmp_path / "some.toml"), out=out)
     page.write_text(before)
-    assert rows(out) == kept
+    assert rows(out) == stored
     commented = study.load(write(f"# a remark\nfigures = ['height']\n{GRID}"))
     assert "0 of them now" in study.run(commented, out=out).verdict
     refused(f"figures = ['width']\n{GRID}", "no run has 'width', only height, y, root, high")
@@ -437,7 +439,7 @@ seed = 1
 """
 
 
-def test_whatever_changes_makes_another_study_but_for_what_is_shown(
+def test_whatever_changes_makes_another_study_but_for_what_is_displayed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def who(text: str = CUP, flavour: str = "python") -> dict[str, Any]:
@@ -448,7 +450,7 @@ def test_whatever_changes_makes_another_study_but_for_what_is_shown(
     before = who()
     guid = read_model_description(str(ROOT / "fmus" / "GravityOrientator.fmu"), validate=False).guid
     assert before["fmus"] == {"orientator": guid}
-    numbers = [found.span() for found in re.finditer(r"\d+\.?\d*|lhs", CUP)]
+    numbers = [match.span() for match in re.finditer(r"\d+\.?\d*|lhs", CUP)]
     assert len(numbers) == 11
     for first, last in numbers:
         old = CUP[first:last]
@@ -485,12 +487,12 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
 
     def answers() -> list[dict[str, Any]]:
         return [
-            run.row(find(PROJECT.home, name), fmus_of(page(name), "python"), o)
+            run.row(PROJECT.locate(name), fmus_of(page(name), "python"), o)
             for name, o in cases.items()
         ]
 
     def page(name: str) -> ModuleType:
-        return load_module(find(PROJECT.home, name))
+        return load_module(PROJECT.locate(name))
 
     before = answers()
     broken = 0
@@ -570,27 +572,27 @@ def test_the_studies_of_the_project_and_of_the_page_are_sound(tmp_path: Path) ->
     assert plan.varied[:3] == ["set", "motor.T", "conveyor.rotor.J"]
 
 
-def told(sampling: Sampling, x: Any, y: Any) -> list[sensitivity.Index]:
+def indices_of(sampling: Sampling, x: Any, y: Any) -> list[sensitivity.Index]:
     """The indices of a figure, which it must have."""
-    found = sensitivity.indices(sampling, "abc"[: x.shape[1]], x, "f", y)
-    assert not isinstance(found, str)
-    return found
+    indices = sensitivity.indices(sampling, "abc"[: x.shape[1]], x, "f", y)
+    assert not isinstance(indices, str)
+    return indices
 
 
 @pytest.mark.parametrize(
     ("method", "number", "by", "kinds"),
     [("lhs", 128, "linear", 1), ("sobol", 128, "linear", 1), ("saltelli", 512, "saltelli", 2)],
 )
-def test_indices_tell_the_shares_of_a_linear_figure(
+def test_indices_report_the_shares_of_a_linear_figure(
     method: str, number: int, by: str, kinds: int
 ) -> None:
     slopes = np.array([4.0, 2.0, 0.0])
     shares = slopes**2 / (slopes**2).sum()
     sampling = Sampling(method, number, 7)
     x = sampling.cube(3)
-    found = told(sampling, x, x @ slopes)
-    assert [index.method for index in found] == [by] * 3 * kinds
-    for index, share in zip(found, [*shares] * kinds):
+    indices = indices_of(sampling, x, x @ slopes)
+    assert [index.method for index in indices] == [by] * 3 * kinds
+    for index, share in zip(indices, [*shares] * kinds):
         assert index.r2 == pytest.approx(1.0, abs=1e-12)
         assert index.value == pytest.approx(share, abs=0.06)
         assert abs(index.value - share) <= 1.5 * index.confidence + 1e-12
@@ -601,7 +603,7 @@ def test_the_interval_of_a_bent_figure_holds_what_a_line_leaves_over() -> None:
     """The variance of exp(2 u) is all due to u, whatever a line through it explains."""
     sampling = Sampling("lhs", 1024, 7)
     x = sampling.cube(2)
-    bent, idle = told(sampling, x, np.exp(2.0 * x[:, 0]))
+    bent, idle = indices_of(sampling, x, np.exp(2.0 * x[:, 0]))
     line = 3.0 / ((np.exp(4.0) - 1.0) / 4.0 - ((np.exp(2.0) - 1.0) / 2.0) ** 2)
     assert bent.method == "linear"
     assert (bent.value, bent.r2) == pytest.approx((line, line), abs=2e-3)
@@ -618,13 +620,13 @@ def test_shares_and_totals_of_a_figure_that_is_not_monotonic_are_the_exact_ones(
     sampling = Sampling(method, 1024, 7)
     u = np.pi * (2.0 * sampling.cube(3) - 1.0)
     y = np.sin(u[:, 0]) + 7.0 * np.sin(u[:, 1]) ** 2 + 0.1 * u[:, 2] ** 4 * np.sin(u[:, 0])
-    found = told(sampling, u, y)
-    assert {index.method for index in found} == {by}
-    assert {index.kind for index in found} == ({"S1", "ST"} if by == method else {"S1"})
-    for index in found:
+    indices = indices_of(sampling, u, y)
+    assert {index.method for index in indices} == {by}
+    assert {index.kind for index in indices} == ({"S1", "ST"} if by == method else {"S1"})
+    for index in indices:
         share = exact[index.kind]["abc".index(index.input)]
         assert index.value == pytest.approx(share, abs=0.05) and index.value >= 0.0
-    assert found[2].confidence > 0.01
+    assert indices[2].confidence > 0.01
 
 
 def test_the_verdict_names_the_input_that_a_figure_depends_on_most(
@@ -643,17 +645,17 @@ def test_the_verdict_names_the_input_that_a_figure_depends_on_most(
     assert set(_causes(vague).values()) == {"; no input stands out"}
 
 
-def test_indices_leave_out_what_failed_and_say_when_there_are_none() -> None:
+def test_indices_leave_out_what_failed_and_say_when_none_remain() -> None:
     sampling = Sampling("saltelli", 64, 7)
     x = sampling.cube(2)
     y = x @ [3.0, 1.0]
     y[[0, 5, 6]] = np.nan
-    found = told(sampling, x, y)
-    assert {index.runs for index in found} == {4 * 62}
-    assert found[0].value == pytest.approx(0.9, abs=0.1)
-    few = np.where(np.arange(4 * 64) < 4 * 50, np.nan, y)
+    indices = indices_of(sampling, x, y)
+    assert {index.runs for index in indices} == {4 * 62}
+    assert indices[0].value == pytest.approx(0.9, abs=0.1)
+    mostly_failed = np.where(np.arange(4 * 64) < 4 * 50, np.nan, y)
     for method, number, y, why in (
-        ("saltelli", 64, few, "14 complete samples are too few; at least 16"),
+        ("saltelli", 64, mostly_failed, "14 complete samples are too few; at least 16"),
         ("lhs", 128, np.full(128, 3.0), "it does not vary"),
         (
             "lhs",
@@ -663,5 +665,5 @@ def test_indices_leave_out_what_failed_and_say_when_there_are_none() -> None:
         ),
     ):
         sampling = Sampling(method, number, 7)
-        said = sensitivity.indices(sampling, "ab", sampling.cube(2), "f", y)
-        assert isinstance(said, str) and said.startswith(why)
+        message = sensitivity.indices(sampling, "ab", sampling.cube(2), "f", y)
+        assert isinstance(message, str) and message.startswith(why)

@@ -79,7 +79,7 @@ Path("changes.json").write_text(json.dumps(changes))
 """
 
 
-@pytest.mark.parametrize("kind", ["plot", "bare"])
+@pytest.mark.parametrize("kind", [pytest.param("plot", marks=pytest.mark.slow), "bare"])
 def test_nothing_global_is_changed(kind: str, tmp_path: Path) -> None:
     """Backend, style and figures of matplotlib, loggers, handlers of signals, NumPy, warnings."""
     done = subprocess.run(
@@ -95,19 +95,19 @@ def test_nothing_global_is_changed(kind: str, tmp_path: Path) -> None:
 def test_a_handler_of_the_program_around_python_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     """Python says None of it, and cannot install it again."""
     foreign = {signal.SIGTERM}
-    installed, known = [], signal.getsignal
-    before = known(signal.SIGTERM)
-    monkeypatch.setattr(signal, "getsignal", lambda n: None if n in foreign else known(n))
+    installed, get_handler = [], signal.getsignal
+    before = get_handler(signal.SIGTERM)
+    monkeypatch.setattr(signal, "getsignal", lambda n: None if n in foreign else get_handler(n))
 
     def install(number: int, handler: object) -> object:
         installed.append((number, handler))
-        return known(number)
+        return get_handler(number)
 
     monkeypatch.setattr(signal, "signal", install)
     with handle_stop_signals(lambda *_: None):
         pass
-    heard_of = {n for n in STOPS if known(n) not in (signal.SIG_IGN, None)}
-    assert {n for n, _ in installed} == heard_of - foreign
-    assert signal.SIGTERM in heard_of
+    handled = {n for n in STOPS if get_handler(n) not in (signal.SIG_IGN, None)}
+    assert {n for n, _ in installed} == handled - foreign
+    assert signal.SIGTERM in handled
     assert None not in [handler for _, handler in installed]
-    assert known(signal.SIGTERM) == before
+    assert get_handler(signal.SIGTERM) == before

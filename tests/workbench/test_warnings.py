@@ -25,16 +25,16 @@ LIFTS = {"iron.tau": 0.0, "iron.w_cam": 20.0, "iron.on_invalid": "warn"}
 COARSE: dict[str, Any] = {"algorithm": "jacobi", "step": 2e-3, "stop": 0.5}
 
 
-def test_energy_that_the_coupling_made_is_warned_of(fmus: Path) -> None:
+def test_energy_that_the_coupling_created_is_warned_of(fmus: Path) -> None:
     system = drive(fmus / "native")
     (warning,) = run(replace(system, start={}), **COARSE).warnings
-    made = run(replace(system, start={}), **COARSE).energy["motor.tau * conveyor.w"]
-    assert made["taken"] > made["given"] > 0.0
-    share = (made["taken"] - made["given"]) / made["taken"]
+    balance = run(replace(system, start={}), **COARSE).energy["motor.tau * conveyor.w"]
+    assert balance["taken"] > balance["given"] > 0.0
+    share = (balance["taken"] - balance["given"]) / balance["taken"]
     assert share > 0.05
     assert warning == (
         f"bond motor.tau * conveyor.w: the coupling made or took "
-        f"{made['taken'] - made['given']:.3g} J, {share:.0%} of the {made['taken']:.3g} J carried: "
+        f"{balance['taken'] - balance['given']:.3g} J, {share:.0%} of the {balance['taken']:.3g} J carried: "
         "take smaller steps, or another algorithm; see diagnose"
     )
     for algorithm, step in (("jacobi", 2e-4), ("gauss-seidel", 2e-3), ("strang", 2e-3)):
@@ -43,7 +43,7 @@ def test_energy_that_the_coupling_made_is_warned_of(fmus: Path) -> None:
 
 
 @pytest.mark.parametrize(("algorithm", "warned"), [("jacobi", 1), ("gauss-seidel", 0)])
-def test_a_bond_that_carries_to_and_fro_is_judged_by_what_goes_there(
+def test_a_bond_that_carries_to_and_fro_is_judged_by_its_gross_energy(
     algorithm: str, warned: int, fmus: Path
 ) -> None:
     """A spring and a mass keep their energy: over whole periods the bond carries nothing net."""
@@ -75,14 +75,14 @@ def test_a_result_says_each_warning_once_with_the_name_of_its_part_once(
     assert [record.getMessage() for record in caplog.records] == result.warnings
 
 
-def test_every_way_to_run_carries_the_warnings(fmus: Path, tmp_path: Path) -> None:
+def test_every_kind_of_run_carries_the_warnings(fmus: Path, tmp_path: Path) -> None:
     system = replace(drive(fmus / "native"), start={})
-    told = run(system, **COARSE).warnings
-    assert len(told) == 1
-    assert run_isolated(system, csv=tmp_path / "a.csv", **COARSE).warnings == told
-    assert json.loads((tmp_path / "a.json").read_text())["warnings"] == told
+    warnings = run(system, **COARSE).warnings
+    assert len(warnings) == 1
+    assert run_isolated(system, csv=tmp_path / "a.csv", **COARSE).warnings == warnings
+    assert json.loads((tmp_path / "a.json").read_text())["warnings"] == warnings
     certified = certify(system, lambda r: {"end": r["motor.tau"][-1]}, **COARSE | {"step": 8e-3})
-    assert certified.result.warnings == told
+    assert certified.result.warnings == warnings
 
 
 def test_a_run_that_fails_and_a_process_that_dies_keep_their_warnings(tmp_path: Path) -> None:
@@ -113,9 +113,9 @@ def test_the_command_line_warns_once_and_last(
     step = "8e-3" if more else "2e-3"
     arguments = ["run", str(tmp_path / "drive.ssp"), "--algorithm", "jacobi", "--step", step, *more]
     assert main(arguments) == 0
-    said, warned = capfd.readouterr()
-    assert "warning" not in said
-    assert re.search(r" J taken, \+[0-9.e+]+ J made by the coupling", said)
+    output, warned = capfd.readouterr()
+    assert "warning" not in output
+    assert re.search(r" J taken, \+[0-9.e+]+ J made by the coupling", output)
     (line,) = warned.splitlines()
     assert line.startswith("warning: bond motor.tau * conveyor.w: the coupling made or took ")
 

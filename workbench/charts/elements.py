@@ -25,8 +25,10 @@ from .style import (
 
 #: Name of what is drawn where there is no value.
 UNDETERMINED = "not determined"
-#: Fewest of two curves' points whose distances are not compared, as nobody sees single points; chosen.
-MANY_POINTS = 400
+#: Points of a curve above which they are small, as nobody sees single ones; chosen.
+MANY_POINTS = 200
+#: Share of its points above which a curve is covered; chosen: a crossing of two curves covers nothing.
+MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -234,35 +236,40 @@ def contour(field: Field, at: float, values: Samples | None) -> Samples:
 
 def covered_px(curves: Sequence[Curve]) -> list[float]:
     """Return by how much the points of each curve are larger, so that those drawn later do not hide them."""
-    pointed = [curve for curve in curves if curve.look in ("points", "linked")]
-    everything = [np.empty(0), *(np.asarray(curve.y, float) for curve in pointed)]
-    values = np.concatenate(everything)
-    values = values[np.isfinite(values)]
-    height = float(np.ptp(values)) if len(values) else 0.0
-    extra = []
-    for k, curve in enumerate(curves):
-        later = [each for each in curves[k + 1 :] if each in pointed] if curve in pointed else []
-        hidden = sum(_covers(each, curve, height or 1.0) for each in later)
-        extra.append(STYLE.covered_marker_px * hidden)
+    pointed = [curve.look in ("points", "linked") for curve in curves]
+    values = [np.asarray(c.y, float) for c, has_points in zip(curves, pointed) if has_points]
+    finite = np.concatenate([np.empty(0), *values])
+    finite = finite[np.isfinite(finite)]
+    height = float(np.ptp(finite)) if len(finite) else 0.0
+    extra = [0.0] * len(curves)
+    for k in reversed(range(len(curves))):
+        above = [
+            extra[later]
+            for later in range(k + 1, len(curves))
+            if pointed[k] and pointed[later] and _covers(curves[later], curves[k], height or 1.0)
+        ]
+        extra[k] = max(above, default=-STYLE.covered_marker_px) + STYLE.covered_marker_px
     return extra
 
 
 def _covers(upper: Curve, lower: Curve, height: float) -> bool:
-    """Whether a point of one curve lies on one of another."""
-    ups, downs = (
+    """Whether a curve lies on the larger part of the points of another."""
+    above, below = (
         np.stack([curve.positions, np.asarray(curve.y, float)]) for curve in (upper, lower)
     )
-    if max(ups.shape[1], downs.shape[1]) > MANY_POINTS or not min(ups.shape[1], downs.shape[1]):
+    if max(above.shape[1], below.shape[1]) > MANY_POINTS or not min(above.shape[1], below.shape[1]):
         return False
-    length = float(np.ptp(np.concatenate([ups[0], downs[0]]))) or 1.0
+    length = float(np.ptp(np.concatenate([above[0], below[0]]))) or 1.0
     scale = np.array([length, height])[:, None, None] * STYLE.covered_share
-    return bool((np.abs(ups[:, :, None] - downs[:, None, :]) < scale).all(axis=0).any())
+    is_close = (np.abs(above[:, :, None] - below[:, None, :]) < scale).all(axis=0)
+    return bool(is_close.any(axis=0).mean() > MOSTLY)
 
 
 def _curve(curve: Curve, extra_px: float, hover: str) -> list[Element]:
     """Draw a line or points over their errors."""
     x, y = curve.positions, np.asarray(curve.y, float)
     has_points = curve.look in ("points", "linked")
+    size = STYLE.marker_px if len(x) <= MANY_POINTS else STYLE.many_markers_px
     if curve.look == "linked":
         x, y = broken(x, y, curve.breaks)
     line = Line(
@@ -271,7 +278,7 @@ def _curve(curve: Curve, extra_px: float, hover: str) -> list[Element]:
         "dash" if curve.look == "theory" else "solid",
         curve.look == "step",
         MARKERS[curve.color],
-        STYLE.marker_px + extra_px if has_points else 0.0,
+        size + extra_px if has_points else 0.0,
         hover=hover,
     )  # fmt: skip
     if has_points or curve.error is None:

@@ -80,12 +80,12 @@ class Curve(NamedTuple):
 
     @property
     def positions(self) -> Samples:
-        """x as numbers: texts are at 0, 1, 2 and so on."""
+        """Positions x as numbers: texts are at 0, 1, 2 and so on."""
         return np.asarray(np.arange(len(self.x)) if self.names else self.x, float)
 
     @property
     def bounds(self) -> Samples:
-        """y less its error, which is 0 where there is none, and plus it, of shape (2, len(y))."""
+        """Values less their error, which is 0 where there is none, and plus it; of shape (2, len(y))."""
         error = np.nan_to_num(np.asarray(0.0 if self.error is None else self.error, float))
         below, above = np.broadcast_to(error, (2, len(self.y)))
         y = np.asarray(self.y, float)

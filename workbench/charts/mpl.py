@@ -160,8 +160,11 @@ def _legend(
 
 def _label(axes: Axes, label: Label, coordinates: tuple[str, str]) -> None:
     """Write a label above the first row."""
-    beside = {"left": 2.0, "right": -2.0, "center": 0.0}[label.anchor]
-    shift = beside, 3.0 + _pt(STYLE.text_line_px * label.line)
+    sideways = (
+        {"left": 1, "center": 0, "right": -1}[label.anchor] if coordinates[0] == "data" else 0
+    )
+    up = STYLE.label_shift_px + STYLE.text_line_px * label.line
+    shift = _pt(STYLE.label_shift_px * sideways), _pt(up)
     axes.annotate(
         label.text, (label.at, 1.0), shift, ha=label.anchor, va="bottom",
         fontsize=STYLE.image_label_pt, xycoords=coordinates, textcoords="offset points",

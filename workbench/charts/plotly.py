@@ -34,6 +34,8 @@ GRID: PlotlyDict = {
 }
 #: What neither the legend nor the mouse shows.
 SILENT: PlotlyDict = {"hoverinfo": "skip", "showlegend": False}
+#: Where a label is from its line, by the end of it that is there.
+SIDES = {"left": 1, "center": 0, "right": -1}
 #: The symbols of plotly for shapes of points that have another name there.
 SYMBOLS = {"cross": "x"}
 
@@ -264,6 +266,7 @@ def _labels(layout: Layout) -> Iterable[PlotlyDict]:
             "text": label.text, "showarrow": False, "font": {"size": STYLE.label_text_px},
             "yref": "y domain", "y": 1, "xref": xref, "x": at, "xanchor": label.anchor,
             "yanchor": "bottom", "yshift": STYLE.text_line_px * label.line,
+            "xshift": STYLE.label_shift_px * SIDES[label.anchor] if xref == "x" else 0,
         }  # fmt: skip
 
 

@@ -83,6 +83,8 @@ class Style:
     plane_span_edge_px: float = 2.5
     #: size of a point; chosen: three times a curve's width
     marker_px: float = 5.0
+    #: size of one of many points; chosen: a cloud of them stays a cloud of points
+    many_markers_px: float = 3.0
     #: size of a point over a plane, and of its rim; chosen
     plane_marker_px: float = 7.0
     #: what the rim of a point over a plane adds to its size; chosen
@@ -134,6 +136,8 @@ class Style:
     key_gap_letters: int = 3
     #: free letters beside a label; chosen: labels do not touch
     label_gap_letters: int = 2
+    #: how far a label is from its line and from the picture below it; chosen: half a letter
+    label_shift_px: float = 4.0
     #: width of a letter of a rotated label; measured in chromium with 12 px letters
     rotated_letter_px: float = 7.7
     #: size of the letters of a page's axes; chosen: that of captions on the page

@@ -111,7 +111,8 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
 
 def placed_shapes(motion: Motion) -> tuple[Samples, float, list[tuple[Shape, Samples]]]:
     """Width and height of the drawing, its units in a metre, and every shape with its points there,
-    of shape (frames or 1, n, 2)."""
+    of shape (frames or 1, n, 2).
+    """
     (low, high), scale = motion.bounds, scale_of(motion)
     corner, ways = np.array([low[0], high[1]]), np.array([scale, -scale])
     placed = [(shape, (shape.points - corner) * ways + EDGE) for shape in motion.shapes]

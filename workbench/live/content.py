@@ -359,7 +359,7 @@ class Content:
             self.record(coordinate.column, where)
         try:
             table = drawing.table(motion, len(live.runs))
-        except drawing.NonlinearDrawing as problem:
+        except drawing.NonlinearDrawingError as problem:
             logging.getLogger("cosim").warning(str(problem))
             return None
         captions = [

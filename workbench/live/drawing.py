@@ -31,7 +31,7 @@ SAMPLES = 4
 SEED = 1
 
 
-class NonlinearDrawing(ValueError):
+class NonlinearDrawingError(ValueError):
     """The points of a drawing do not depend linearly on its features."""
 
 
@@ -47,7 +47,7 @@ def table(motion: LiveMotion, runs: int) -> dict[str, Any]:
 
     Raises
     ------
-    NonlinearDrawing
+    NonlinearDrawingError
         If a point does not depend linearly on the features.
     """
     coordinates = motion.coordinates
@@ -68,7 +68,7 @@ def table(motion: LiveMotion, runs: int) -> dict[str, Any]:
             error = float(np.abs(features[checked] @ fit - points[checked]).max())
             if error > LARGEST_ERROR:
                 names = ", ".join(x.column for x in coordinates)
-                raise NonlinearDrawing(
+                raise NonlinearDrawingError(
                     f"LIVE: the motion {motion.title!r} is left out: the points of {shape.name!r} are not "
                     f"linear in lengths and turned angles of {names}, they are off by {error:.2g} of 1000"
                 )

@@ -24,6 +24,8 @@ from ..figure import ERROR_SCOPE, Figure
 from .script import compact
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
     from ..answer import Answer, Table
 
 #: Most letters that the tables of a page take together; chosen: a tenth of what plotly takes.
@@ -63,6 +65,7 @@ def report(answer: Answer, path: Path) -> None:
     folder = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["compact"] = compact
+    environment.filters["code"] = code
     page = environment.get_template("page.html")
     mark = f"own-{secrets.token_hex(16)}"
     text = page.render(
@@ -83,6 +86,13 @@ def report(answer: Answer, path: Path) -> None:
     )
     more = " 'wasm-unsafe-eval'; worker-src blob:" if live else ""
     path.write_text(secured(text, mark, [_plotly()], more), encoding="utf-8")
+
+
+def code(text: str) -> Markup:
+    """Return a text as HTML, in which what stands between backticks is code."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(text))))
 
 
 def secured(text: str, mark: str, inserted: Sequence[bytes], more: str = "") -> str:

@@ -21,7 +21,7 @@ from cosim import SetupError
 
 from .fingerprint import differences, facts
 from .journal import Key
-from .runner import NO_SETUP, Outcomes, RunFailed, Runner, Setup
+from .runner import NO_SETUP, Outcomes, RunFailedError, Runner, Setup
 from .transport import Bundle, Call, pickled_call
 from .worker import MAX_DEATHS, Outcome, Worker
 
@@ -223,7 +223,7 @@ def _last_contact(client: Any, scheduler: str, previous: float) -> float:
             return time.monotonic()
     if time.monotonic() < previous + GRACE:
         return previous
-    raise RunFailed(
+    raise RunFailedError(
         f"the scheduler at {scheduler} has had no workers for {GRACE:g} s; what was computed is kept, "
         "and the same command continues"
     )

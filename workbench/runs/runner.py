@@ -28,7 +28,7 @@ Answer = TypeVar("Answer")
 Outcomes = Generator[tuple[Key, Outcome]]
 
 
-class RunFailed(SimulationError):
+class RunFailedError(SimulationError):
     """A task that did not come to its end."""
 
     def __init__(self, message: str) -> None:
@@ -182,12 +182,12 @@ def _check_machine(files: Sequence[Path], title: str, key: Key, outcome: Outcome
         return
     for path in files:
         if not path.exists():
-            raise RunFailed(
+            raise RunFailedError(
                 f"{title}: run {key}: {path} is gone; what was computed is in the study's journal, "
                 "and the same command continues once the file is back"
             )
     if outcome.status == MACHINE:
-        raise RunFailed(
+        raise RunFailedError(
             f"{title}: run {key}: {outcome.message}; this is a fault of the machine, so the run "
             "does not count; once it is mended, the same command continues"
         )
@@ -201,7 +201,7 @@ def _failure(number: str, task: object, outcome: Outcome) -> Exception:
     if isinstance(task, tuple) and (fields := vars(type(task)).get("_fields")):  # a named tuple
         name = ", ".join(f"{key} = {reprlib.repr(x)}" for key, x in zip(fields, task))
     trace = f"\n{outcome.trace}" if outcome.status == "failed" and outcome.trace else ""
-    return RunFailed(f"{number} ({name}): {outcome.message}{trace}")
+    return RunFailedError(f"{number} ({name}): {outcome.message}{trace}")
 
 
 def _progress() -> Progress:

@@ -91,6 +91,10 @@ class Worker:
             wait_for_step([self])
         return outcome
 
+    def handles(self) -> tuple[Any, int]:
+        """What to wait for: the pipe has a message, or the child has ended."""
+        return self._pipe, self._process.sentinel
+
     def step(self) -> Outcome | None:
         """What became of the call, None while it is under way; does not block.
 
@@ -197,7 +201,7 @@ class Worker:
 def wait_for_step(workers: Sequence[Worker]) -> None:
     """Block until one of these workers can do a step."""
     left = [seconds for worker in workers if (seconds := worker.left()) is not None]
-    handles = [x for worker in workers for x in (worker._pipe, worker._process.sentinel)]
+    handles = [handle for worker in workers for handle in worker.handles()]
     wait(handles, min(left, default=None))
 
 

@@ -19,10 +19,8 @@ from scipy.stats import qmc
 from cosim import SetupError
 from cosim.units import QUANTITY
 
-from .. import catalog
 from ..options import KINDS, Option, declared, quoted, unknown_option
 from ..question import NO_PROJECT, Project, Question
-from ..question import load as load_question
 
 Value = float | int | str | bool
 Samples = NDArray[np.float64]
@@ -122,7 +120,8 @@ class Study:
 
     def cases(self) -> list[dict[str, Value]]:
         """What each run is given: options of the question and start values, which have a dot."""
-        return [{**self.fixed, **dict(zip(self.varied, run))} for run in self.runs()]
+        known = {**self.question.preset, **self.fixed}
+        return [{**known, **dict(zip(self.varied, run))} for run in self.runs()]
 
 
 def load(path: Path, project: Project = NO_PROJECT) -> Study:
@@ -148,7 +147,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if not isinstance(scenario, str):
         raise SetupError(f"scenario = {quoted(scenario)} must be the name of a question")
     try:
-        locator = catalog.find(project.home, scenario, path.parent)
+        project.locate(scenario, path.parent)
     except SetupError as error:
         raise SetupError(f"scenario = {error}") from None
     tables = {key: content.get(key, {}) for key in KEYS[3:]}
@@ -158,7 +157,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if not isinstance(figures, list) or not all(isinstance(name, str) for name in figures):
         raise SetupError(f"figures = {quoted(figures)} must be a list of names")
     _once("figures", figures)
-    question = load_question(locator)
+    question = project.load(scenario, path.parent)
     readers: dict[str, Callable[[Option, Any, str], Any]] = {
         "fixed": lambda option, given, key: option.read(given, key),
         "grid": _values,

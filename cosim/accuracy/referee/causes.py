@@ -56,8 +56,11 @@ class Cause:
 
 
 def root_mean_square(values: Array) -> float:
-    """The root mean square, infinite where a value is none."""
-    return math.sqrt(float(np.mean(np.square(values)))) if np.isfinite(values).all() else math.inf
+    """The root mean square, infinite where a value is none or its square overflows."""
+    if not np.isfinite(values).all():
+        return math.inf
+    with np.errstate(over="ignore"):
+        return math.sqrt(float(np.mean(np.square(values))))
 
 
 def reduction(signal: SignalJudgement, reproduced: Array) -> float:

@@ -18,12 +18,29 @@ from .subject import Subject
 
 
 def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 60.0) -> Crosscheck:
-    """Check what a co-simulation FMU of FMI 2.0 or 3.0 promises; one verdict for each of CHECKS.
+    """Check what a co-simulation FMU of FMI 2.0 or 3.0 promises.
 
-    Steps are of `step` [s], by default the one that the FMU prefers, or a hundredth of its default
-    experiment. A check fails if it takes longer than `timeout` [s] or ends the process. Raises
-    SetupError for a file that is not such an FMU, or not for this platform. As always with child
-    processes, a script needs `if __name__ == "__main__"`.
+    The checks run in a child process, so that a script needs `if __name__ == "__main__"`.
+
+    Parameters
+    ----------
+    fmu : path
+        The FMU.
+    step : float, optional
+        The communication step [s], by default the one that the FMU prefers, or a hundredth of its default
+        experiment.
+    timeout : float
+        A check fails if it takes longer [s], or if it ends the process.
+
+    Returns
+    -------
+    Crosscheck
+        A verdict for each of `CHECKS`.
+
+    Raises
+    ------
+    SetupError
+        For a file that is not such an FMU, or not for this platform.
     """
     path = Path(fmu).absolute()
     for name, number in (("step", step), ("timeout", timeout)):

@@ -118,7 +118,7 @@ class Crosscheck:
         )  # fmt: skip
 
     def write(self, path: Path | str) -> None:
-        """Write a .txt, JUnit's .xml, a page .html or a badge .svg; raises SetupError for another suffix."""
+        """Write `path`, a .txt, JUnit's .xml, a page .html or a badge .svg; raise SetupError for another suffix."""
         path = Path(path)
         path.write_text(writer(path)(self), encoding="utf-8")
 

@@ -50,8 +50,11 @@ def step_sizes(s: Subject) -> str:
 
 
 def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
-    """By Real output, in units of its range and summed over three points: the difference between one step
-    of 4 h and two of 2 h, then between one of 2 h and two of h; and how far the one step moves it.
+    """Compare one step with two of half its length, by Real output.
+
+    The differences are in units of the output's range and summed over three points: that between one
+    step of 4 h and two of 2 h, then that between one of 2 h and two of h. Beside them stands how far
+    the one step moves the output.
     """
     differences, changes = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
     for n in (1, s.steps // 3, 2 * s.steps // 3):

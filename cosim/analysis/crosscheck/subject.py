@@ -101,8 +101,10 @@ class Subject:
             part.close()
 
     def in_process(self, work: Callable[[], Answer]) -> Answer:
-        """What `work` returns, which makes an instance. If the FMU allows one instance per process, it is
-        done in a process of its own, where the system can copy processes.
+        """What `work` returns, which makes an instance.
+
+        If the FMU allows one instance per process, the work is done in a process of its own, where the
+        system can copy processes.
         """
         return forked(work) if self.once and hasattr(os, "fork") else work()
 

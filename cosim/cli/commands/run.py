@@ -84,10 +84,10 @@ def _run_and_write(
                     result, estimates = certify(file.system, runner=runner, **arguments)
                 else:
                     result = runner(file.system, **arguments)
-        except (SimulationError, Interrupted) as broken_off:
-            print_warnings(broken_off.result)
+        except (SimulationError, Interrupted) as incomplete:
+            print_warnings(incomplete.result)
             if path_at_end is not None:
-                write_result(broken_off.result, partial_file(path_at_end), options.part)
+                write_result(incomplete.result, partial_file(path_at_end), options.part)
             raise
         if path_at_end is not None:
             write_result(result, path_at_end, options.part)

@@ -36,30 +36,39 @@ SCHEMAS = {
 NAMELESS = ""
 FOREIGN = "SCHEMAV_CVC_COMPLEX_TYPE_3_2_1"
 log = logging.getLogger("cosim")
+#: Largest XML file [bytes]. Chosen: far above real packages, and its tree still fits into memory.
 LONGEST_XML = 32 * 2**20
-ELEMENT, LINK = 50, 5
-MOST_THINGS = 1_000_000
+#: Items that an element counts as. Chosen: what it takes in memory, over that of a connector.
+ELEMENT = 50
+#: Items that a connection and a value count as. Chosen: likewise.
+LINK = 5
+#: Most items of a package. Chosen: read in seconds, and far above real packages.
+MOST_ITEMS = 1_000_000
+#: Bytes that any package may take on the disk. Chosen: a few large FMUs.
+MOST_BYTES = 2**30
+#: Bytes that it may take for each byte of the packed file. Chosen: binaries and tables shrink by less.
+MOST_EXPANSION = 100
 
 
-class Room:
-    """What a package may take, so that a hostile one ends soon: bytes on the disk, and things.
+class Budget:
+    """What a package may take, so that a hostile one ends soon: bytes on the disk, and items.
 
-    A thing is a connector or a variable; an element counts as 50, a connection and a value as 5.
+    An item is a connector or a variable; an element counts as 50, a connection and a value as 5.
     """
 
     def __init__(self, size: int) -> None:
-        self.bytes, self.things = 2**30 + 100 * size, MOST_THINGS
+        self.bytes, self.items = MOST_BYTES + MOST_EXPANSION * size, MOST_ITEMS
 
-    def take(self, where: str, things: int, size: int = 0) -> None:
+    def take(self, where: str, items: int, size: int = 0) -> None:
         """Raise SetupError, which begins with `where`, when there is no room left."""
-        self.things, self.bytes = self.things - things, self.bytes - size
+        self.items, self.bytes = self.items - items, self.bytes - size
         if self.bytes < 0:
             raise SetupError(f"{where}: unpacked, it would be far larger than it is packed")
-        if self.things < 0:
+        if self.items < 0:
             raise SetupError(f"{where}: the system has too many elements, connections and values")
 
 
-def unpack(archive: Path, folder: Path, room: Room) -> None:
+def unpack(archive: Path, folder: Path, budget: Budget) -> None:
     """Unpack a zip file; raises SetupError if it is none, broken, too large or leaves the folder."""
     try:
         with zipfile.ZipFile(archive) as file:
@@ -70,7 +79,7 @@ def unpack(archive: Path, folder: Path, room: Room) -> None:
                     raise SetupError(
                         f"{archive.name}: {name!r} points outside the folder of the package"
                     )
-                room.take(f"{archive.name}: {name}", 1, entry.file_size)
+                budget.take(f"{archive.name}: {name}", 1, entry.file_size)
             file.extractall(folder)
     except FileNotFoundError:
         raise SetupError(f"there is no file {archive}") from None
@@ -85,7 +94,7 @@ def locate(uri: str, base: Path, root: Path) -> Path:
     try:
         parts = urlsplit(uri)
         path = (base / unquote(parts.path)).resolve()
-        there = path.is_file()
+        exists = path.is_file()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", error)
         raise SetupError(f"source {uri[:60]!r} is not a file name: {reason}") from None
@@ -93,7 +102,7 @@ def locate(uri: str, base: Path, root: Path) -> Path:
         raise SetupError(f"source {uri!r} is not supported, only files inside the package")
     if not path.is_relative_to(root.resolve()):
         raise SetupError(f"source {uri!r} points outside the folder of the package")
-    if not there:
+    if not exists:
         raise SetupError(f"there is no file {uri!r}")
     return path
 

@@ -45,16 +45,16 @@ class Frame(NamedTuple):
     x: tuple[float, float] = (1.0, 0.0)
     y: tuple[float, float] = (1.0, 0.0)
 
-    def moved(self, attributes: Attributes) -> dict[str, str]:
+    def to_outermost(self, attributes: Attributes) -> dict[str, str]:
         """Attributes with their coordinates on the outermost canvas; as they stand if it is that one."""
         if self == Frame():
             return dict(attributes)
         return {
-            name: self._moved(text, self.x if "x" in name.lower() else self.y)
+            name: self._transformed(text, self.x if "x" in name.lower() else self.y)
             for name, text in attributes.items()
         }
 
-    def _moved(self, text: str, axis: tuple[float, float]) -> str:
+    def _transformed(self, text: str, axis: tuple[float, float]) -> str:
         return " ".join(repr(axis[0] * float(number) + axis[1]) for number in text.split())
 
     def inner(self, canvas: Attributes, box: Attributes) -> Frame:
@@ -69,8 +69,10 @@ class Frame(NamedTuple):
 
 
 def geometry(plan: Plan) -> Geometry:
-    """The drawing of a plan. A nested system is drawn in its box, unless that or its canvas is missing,
-    flat or rotated; what passes the connectors of a system is not drawn.
+    """The drawing of a plan.
+
+    A nested system is drawn in its box, unless that or its canvas is missing, flat or rotated. What
+    passes the connectors of a system is not drawn.
     """
     outermost = plan.canvases[""]
     drawing = Geometry(
@@ -92,7 +94,7 @@ def _draw(plan: Plan, path: str, frame: Frame, drawing: Geometry) -> None:
     system = plan.canvases[path]
     for element in children(system, "ssd:Elements", "*"):
         inner = plan.elements[path][element.get("name")]
-        corners = frame.moved(_first(element, "ssd:ElementGeometry", BOX))
+        corners = frame.to_outermost(_first(element, "ssd:ElementGeometry", BOX))
         icon = _first(element, "ssd:ElementGeometry", ICON)
         if inner in plan.fmus and corners:
             drawing.elements[inner] = corners | icon
@@ -110,7 +112,9 @@ def _draw(plan: Plan, path: str, frame: Frame, drawing: Geometry) -> None:
 def _draw_connections(plan: Plan, path: str, frame: Frame, drawing: Geometry) -> None:
     """Add the wires of a system to the drawing, each from its output."""
     for connection in children(plan.canvases[path], "ssd:Connections", "ssd:Connection"):
-        points = frame.moved(_first(connection, "ssd:ConnectionGeometry", ("pointsX", "pointsY")))
+        points = frame.to_outermost(
+            _first(connection, "ssd:ConnectionGeometry", ("pointsX", "pointsY"))
+        )
         ends = [_end(plan, path, connection, end) for end in ("start", "end")]
         if not points or not all(end in plan.variables for end in ends):
             continue

@@ -35,14 +35,14 @@ class Parameter(NamedTuple):
         scaled = (self.step.factor, self.step.offset) != (1.0, 0.0)
         fitting = self.type == kind or (self.type == "Integer" and kind in TAKES_INTEGERS)
         if not fitting or (scaled and kind != "Real"):
-            given = "a linear transformation" if scaled else self.type
-            raise SetupError(f"{self.where}: {given} does not fit {variable.name} of type {kind}")
+            actual = "a linear transformation" if scaled else self.type
+            raise SetupError(f"{self.where}: {actual} does not fit {variable.name} of type {kind}")
         if self.type != "Enumeration":
             return self.value
         items = enumeration(variable)
         if self.value not in items:
-            known = ", ".join(items)
-            raise SetupError(f"{self.where}: {self.value!r} must be one of {known}")
+            choices = ", ".join(items)
+            raise SetupError(f"{self.where}: {self.value!r} must be one of {choices}")
         return items[str(self.value)]
 
 
@@ -54,10 +54,10 @@ def bound(binding: Element, file: str, outer: Definitions, locate: Locate) -> li
     _require_type(binding, "application/x-ssp-parameter-set", file)
     inline = children(binding, "ssd:ParameterValues")
     source, values = _content(binding, inline, "ssv:ParameterSet", file, locate)
-    known = definitions(values, source)
+    defined = definitions(values, source)
     if source == file:
-        known = known.over(outer)
-    parameters = parameters_of(values, binding.get("prefix", ""), source, known)
+        defined = defined.over(outer)
+    parameters = parameters_of(values, binding.get("prefix", ""), source, defined)
     for mapping in children(binding, "ssd:ParameterMapping"):
         _require_type(mapping, "application/x-ssp-parameter-mapping", file)
         source, entries = _content(mapping, [mapping], "ssm:ParameterMapping", file, locate)
@@ -66,12 +66,12 @@ def bound(binding: Element, file: str, outer: Definitions, locate: Locate) -> li
 
 
 def parameters_of(
-    values: Element, prefix: str, source: str, known: Definitions
+    values: Element, prefix: str, source: str, defined: Definitions
 ) -> dict[str, Parameter]:
     """The parameters of a ParameterSet by name; raises SetupError for doubles."""
     parameters: dict[str, Parameter] = {}
     for element in children(values, "ssv:Parameters", "ssv:Parameter"):
-        parameter = _parameter(element, prefix, source, known)
+        parameter = _parameter(element, prefix, source, defined)
         if parameter.name in parameters:
             raise SetupError(f"{parameter.where} is given twice")
         parameters[parameter.name] = parameter
@@ -89,19 +89,19 @@ def _content(
 ) -> tuple[str, Element]:
     """Name of the file and element of what is given by the `source` attribute or inline."""
     where = f"{file}, line {element.sourceline}"
-    given = [part for holder in inline for part in holder.iterchildren("*")]
+    contents = [part for holder in inline for part in holder.iterchildren("*")]
     if element.get("source"):
-        if given:
+        if contents:
             raise SetupError(f"{where}: source and inline content exclude each other")
         path = locate(element.get("source"), element.get("sourceBase", "SSD"))
         return path.name, parse(path, tag)
-    if len(given) != 1:
+    if len(contents) != 1:
         raise SetupError(f"{where}: one {tag} or a source is needed")
-    validate(given[0], tag, file)
-    return file, given[0]
+    validate(contents[0], tag, file)
+    return file, contents[0]
 
 
-def _parameter(element: Element, prefix: str, source: str, known: Definitions) -> Parameter:
+def _parameter(element: Element, prefix: str, source: str, defined: Definitions) -> Parameter:
     name = prefix + element.get("name")
     where = f"{source}, line {element.sourceline}: parameter {name}"
     content = next(element.iterchildren("*"))
@@ -109,10 +109,10 @@ def _parameter(element: Element, prefix: str, source: str, known: Definitions) -
     if kind not in READ:
         raise SetupError(f"{where}: type {kind} is not supported")
     value = READ[kind](content.get("value"))
-    items = known.items.get(content.get("name")) if kind == "Enumeration" else None
+    items = defined.items.get(content.get("name")) if kind == "Enumeration" else None
     if items and value not in items:
         raise SetupError(f"{where}: {value!r} must be one of {', '.join(items)}")
-    return Parameter(where, name, kind, value, known.unit(content.get("unit")))
+    return Parameter(where, name, kind, value, defined.unit(content.get("unit")))
 
 
 def _mapped(parameters: dict[str, Parameter], mapping: Element, source: str) -> list[Parameter]:
@@ -154,5 +154,13 @@ def linear(element: Element, where: str) -> Step:
     """The linear step of a mapping entry or a connection."""
     suppressed = FALSE_TRUE[element.get("suppressUnitConversion", "false").strip()]
     scale = element.find(qualified("ssc:LinearTransformation"))
-    told = {} if scale is None else {key: float(value) for key, value in scale.attrib.items()}
-    return Step(where, None, not suppressed, told.get("factor", 1.0), told.get("offset", 0.0))
+    coefficients = (
+        {} if scale is None else {key: float(value) for key, value in scale.attrib.items()}
+    )
+    return Step(
+        where,
+        None,
+        not suppressed,
+        coefficients.get("factor", 1.0),
+        coefficients.get("offset", 0.0),
+    )

@@ -15,14 +15,17 @@ from typing import NamedTuple
 from ...errors import SetupError
 from ...system import Value, Wire, enumeration, part_name
 from ...system.description import ModelDescription, Variable
-from .files import ELEMENT, LINK, Element, Room
+from .files import ELEMENT, LINK, Budget, Element
 from .parameters import Parameter
 from .units import Step, Unit, chain, defined, unit_of
 
 Node = tuple[str, str]
 DOWNWARD = ("input", "parameter")
 IDENTITY = (1.0, 0.0)
-DEEPEST, LONGEST = 50, 200
+#: Deepest nesting of systems. Chosen: far above real ones, and below the limit of recursion.
+DEEPEST = 50
+#: Most connectors that values may pass on their way. Chosen: likewise.
+LONGEST = 200
 log = logging.getLogger("cosim")
 
 
@@ -36,7 +39,7 @@ class Connector(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _own(description: ModelDescription) -> dict[str, Connector]:
+def _connectors_of(description: ModelDescription) -> dict[str, Connector]:
     """The variables of an FMU as connectors."""
     return {
         v.name: Connector(v.causality, v.type, unit_of(v, description), enumeration(v))
@@ -60,7 +63,7 @@ class Plan:
     for which the file asks for model exchange.
     """
 
-    room: Room
+    budget: Budget
     elements: dict[str, dict[str, str]] = field(default_factory=dict)
     canvases: dict[str, Element] = field(default_factory=dict)
     exchange: list[str] = field(default_factory=list)
@@ -79,7 +82,7 @@ class Plan:
         if (part := part_name(name)) != name:
             log.warning("element %r becomes %s", name, part)
         path = f"{outer}.{part}" if outer else part
-        self.room.take(path, ELEMENT)
+        self.budget.take(path, ELEMENT)
         if path.count(".") > DEEPEST:
             raise SetupError(f"systems are nested more than {DEEPEST} deep")
         if path in self.elements or path in self.fmus:
@@ -89,14 +92,16 @@ class Plan:
 
     def add_fmu(self, path: str, file: Path, description: ModelDescription) -> None:
         """An element that is an FMU, with all its variables as connectors."""
-        self.room.take(f"part {path}", len(description.modelVariables))
+        self.budget.take(f"part {path}", len(description.modelVariables))
         self.fmus[path], self.descriptions[path] = file, description
         self.variables.update({(path, v.name): v for v in description.modelVariables})
-        self.connectors.update({(path, name): own for name, own in _own(description).items()})
+        self.connectors.update(
+            {(path, name): connector for name, connector in _connectors_of(description).items()}
+        )
 
     def add_arrow(self, arrow: Arrow) -> None:
         """A connection; raises SetupError if its target has one already or is its own source."""
-        self.room.take(arrow.step.where, LINK)
+        self.budget.take(arrow.step.where, LINK)
         if arrow.target in self.into:
             other = dotted(self.into[arrow.target].source)
             raise SetupError(
@@ -135,7 +140,7 @@ class Plan:
 
     def bind(self, path: str, parameter: Parameter) -> bool:
         """Apply a parameter to all variables and connectors of its name; whether there are any."""
-        self.room.take(parameter.where, LINK)
+        self.budget.take(parameter.where, LINK)
         reached = [self._assign(node, parameter) for node in self.named(path, parameter.name)]
         return any(reached)
 
@@ -154,13 +159,13 @@ class Plan:
         if node in self.variables or connector.kind in DOWNWARD:
             leaves = list(self.leaves(node))
             for leaf, steps in leaves:
-                unit = self._meant(parameter.unit, leaf)
+                unit = self._with_definition(parameter.unit, leaf)
                 self._set(leaf, parameter, chain(unit, [first, *steps]))
             return bool(leaves)
         source, steps = self.origin(node)
         if source not in self.variables:
             return False
-        unit = self._meant(parameter.unit, source)
+        unit = self._with_definition(parameter.unit, source)
         last = Step(parameter.where, connector.unit or unit)
         factor, offset = chain(self.connectors[source].unit, [*steps, last])
         scale, shift = chain(unit, [first])
@@ -169,11 +174,11 @@ class Plan:
         self._set(source, parameter, (scale / factor, (shift - offset) / factor))
         return True
 
-    def _meant(self, unit: Unit | None, node: Node) -> Unit | None:
+    def _with_definition(self, unit: Unit | None, node: Node) -> Unit | None:
         return defined(unit, self.descriptions[node[0]]) if unit else None
 
     def _set(self, node: Node, parameter: Parameter, scale: tuple[float, float]) -> None:
-        self.room.take(parameter.where, LINK)
+        self.budget.take(parameter.where, LINK)
         value = parameter.fit(self.variables[node])
         if scale != IDENTITY:
             if self.variables[node].type != "Real":
@@ -204,9 +209,9 @@ class Plan:
         if not math.isfinite(factor + offset):
             raise SetupError(f"{where}: factor {factor!r} and offset {offset!r} must be finite")
         ends = ((self.variables[node], self.descriptions[node[0]]) for node in (source, target))
-        here, there = (unit_of(*end) for end in ends)
+        source_unit, target_unit = (unit_of(*end) for end in ends)
         try:
-            plain = chain(here, [Step(where, there)])
+            plain = chain(source_unit, [Step(where, target_unit)])
         except SetupError:
             plain = None
         if (factor, offset) == plain:

@@ -18,7 +18,18 @@ from urllib.parse import unquote, urldefrag
 from ...errors import SetupError, pluralize
 from ...system import System, connect, describe_fmu, types_match
 from ...system.description import ModelDescription
-from .files import BOND, NAMELESS, NAMESPACES, Element, Room, children, locate, parse, plain, unpack
+from .files import (
+    BOND,
+    NAMELESS,
+    NAMESPACES,
+    Budget,
+    Element,
+    children,
+    locate,
+    parse,
+    plain,
+    unpack,
+)
 from .geometry import Geometry, geometry
 from .parameters import bound, linear
 from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted
@@ -31,7 +42,7 @@ PARAMETERS = ("parameter", "calculatedParameter")
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 ROOT = "SystemStructure.ssd"
 STEPS = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
-PLACE = re.compile(r".+, line \d+")
+FILE_AND_LINE = re.compile(r".+, line \d+")
 log = logging.getLogger("cosim")
 
 
@@ -62,7 +73,7 @@ class Document(NamedTuple):
     root: Path
     scratch: Path
     content: Element
-    known: Definitions
+    definitions: Definitions
     nesting: dict[tuple[str, str], str]
 
     @classmethod
@@ -84,7 +95,7 @@ class Document(NamedTuple):
         try:
             yield
         except SetupError as error:
-            if PLACE.match(str(error)):
+            if FILE_AND_LINE.match(str(error)):
                 raise
             raise SetupError(f"{self.at(element)}: {error}") from None
 
@@ -99,10 +110,26 @@ class Document(NamedTuple):
 def read_ssp(path: Path, folder: Path) -> Package:
     """Read the system of an .ssp (1.0, or 2.0 as far as that is the same), an .ssd or its folder.
 
-    Packages are unpacked into `folder`, which must be empty or not exist; all files that they name must
-    be inside them. Inputs that nothing drives keep the start value of their FMU. A parameter that fits
-    no variable is ignored with a logged warning, as the standard requires. Raises SetupError for what is
-    invalid, too large or not supported; the folder is then left as it was.
+    Inputs that nothing drives keep the start value of their FMU. A parameter that fits no variable is
+    ignored with a logged warning, as the standard requires.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder.
+    folder : Path
+        Where packages are unpacked; it must be empty or not exist. All files that they name must be inside
+        them.
+
+    Returns
+    -------
+    Package
+        The system, its default experiment and what else the file says.
+
+    Raises
+    ------
+    SetupError
+        For what is invalid, too large or not supported; the folder is then left as it was.
     """
     path, folder = Path(path), Path(folder)
     existed = folder.exists()
@@ -124,21 +151,23 @@ def read_ssp(path: Path, folder: Path) -> Package:
 
 def _read(path: Path, folder: Path) -> Package:
     ssd = path / ROOT if path.is_dir() else path
-    plan = Plan(Room(path.stat().st_size if path.is_file() else 0))
+    plan = Plan(Budget(path.stat().st_size if path.is_file() else 0))
     if ssd.suffix == ".ssd":
         document = Document.open(ssd.resolve(), Path(ssd.absolute().anchor), folder, {})
         document = document.inside((str(document.path), ""), path.name)
     else:
-        unpack(path, folder, plan.room)
+        unpack(path, folder, plan.budget)
         document = Document.open(folder / ROOT, folder, folder, {})
         document = document.inside((_digest(path), ROOT), path.name)
-    (whole,) = children(document.content, "ssd:System")
-    _system(plan, document, whole, "")
+    (outermost,) = children(document.content, "ssd:System")
+    _system(plan, document, outermost, "")
     system = System(plan.fmus, plan.wires(), plan.starts(), plan.bonds)
     connect(system)
     experiment = document.content.find("ssd:DefaultExperiment", NAMESPACES)
-    given = {} if experiment is None else experiment.attrib
-    start, stop = (float(given[key]) if key in given else None for key in ("startTime", "stopTime"))
+    attributes = {} if experiment is None else experiment.attrib
+    start, stop = (
+        float(attributes[key]) if key in attributes else None for key in ("startTime", "stopTime")
+    )
     if plan.exchange:
         names = ", ".join(plan.exchange)
         log.warning("the file asks for model exchange of %s: run steps by co-simulation", names)
@@ -170,7 +199,7 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
         document = document.inside((str(document.path), system.get("id")), system.get("name"))
     plan.elements[path], plan.canvases[path] = {}, system
     for name, connector in _connectors(document, system).items():
-        plan.room.take(document.at(system), 1)
+        plan.budget.take(document.at(system), 1)
         plan.connectors[path, name] = connector
     for dictionary in children(system, "ssd:SignalDictionaries", "*"):
         raise SetupError(f"{document.at(dictionary)}: SignalDictionary is not supported")
@@ -239,15 +268,15 @@ def _nested(
     """The document and the system that a component stands for."""
     name = unquote(fragment)
     if not source:
-        found = document.content.xpath("//*[@id=$id]", id=name)
-        if len(found) != 1 or plain(found[0].tag) != "System":
+        matches = document.content.xpath("//*[@id=$id]", id=name)
+        if len(matches) != 1 or plain(matches[0].tag) != "System":
             raise SetupError(f"there is no System with the id {name!r}")
-        return document, found[0]
+        return document, matches[0]
     file = locate(source, document.path.parent, document.root)
     if kind == PACKAGE:
         key, scratch = (_digest(file), name or ROOT), Path(mkdtemp(dir=document.scratch))
         nesting = document.inside(key, file.name).nesting
-        unpack(file, scratch, plan.room)
+        unpack(file, scratch, plan.budget)
         inner = Document.open(locate(name or ROOT, scratch, scratch), scratch, scratch, nesting)
     elif fragment:
         raise SetupError(f"an id in another file, {name!r}, is not supported")
@@ -272,29 +301,29 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
             kind = plain(content.tag)
             if kind not in TYPES:
                 raise SetupError(f"{where}: connector type {kind} is not supported")
-            items = document.known.items.get(content.get("name"))
+            items = document.definitions.items.get(content.get("name"))
             if kind == "Enumeration" and items is None and content.get("name") != NAMELESS:
                 log.warning("%s: there is no Enumeration %r", where, content.get("name"))
-            unit = document.known.unit(content.get("unit"))
+            unit = document.definitions.unit(content.get("unit"))
         connectors[name] = Connector(declared.get("kind"), kind, unit, items)
     return connectors
 
 
 def _declare(plan: Plan, node: Node, declared: Connector) -> None:
     """Compare the connector of a component with what it stands for."""
-    own, connector = plan.connectors.get(node), f"connector {node[1]}"
-    if own is None:
+    actual, connector = plan.connectors.get(node), f"connector {node[1]}"
+    if actual is None:
         raise SetupError(f"{connector}: {node[0]} has no {node[1]}")
-    if declared.kind != own.kind:
-        raise SetupError(f"{connector} must be of kind {own.kind}, not {declared.kind}")
-    if declared.type and own.type and declared.type != own.type:
-        raise SetupError(f"{connector} must be of type {own.type}, not {declared.type}")
-    if declared.unit and own.unit and not same(declared.unit, own.unit):
-        raise SetupError(f"{connector} must be in {own.unit.name}, not {declared.unit.name}")
-    if declared.items and own.items and declared.items != own.items:
+    if declared.kind != actual.kind:
+        raise SetupError(f"{connector} must be of kind {actual.kind}, not {declared.kind}")
+    if declared.type and actual.type and declared.type != actual.type:
+        raise SetupError(f"{connector} must be of type {actual.type}, not {declared.type}")
+    if declared.unit and actual.unit and not same(declared.unit, actual.unit):
+        raise SetupError(f"{connector} must be in {actual.unit.name}, not {declared.unit.name}")
+    if declared.items and actual.items and declared.items != actual.items:
         raise SetupError(f"{connector}: its Enumeration differs from that of {node[0]}")
-    unit = own.unit or declared.unit
-    plan.connectors[node] = own._replace(type=own.type or declared.type, unit=unit)
+    unit = actual.unit or declared.unit
+    plan.connectors[node] = actual._replace(type=actual.type or declared.type, unit=unit)
     plan.declared.add(node)
 
 
@@ -314,11 +343,19 @@ def _connection(plan: Plan, document: Document, connection: Element, path: str) 
         ends = " and ".join(f"{plan.connectors[n].kind} {dotted(n)}" for n in sources + sinks)
         raise SetupError(f"{ends} cannot be connected")
     source, sink = sources[0], sinks[0]
-    here, there = plan.connectors[source], plan.connectors[sink]
-    if there.kind in PARAMETERS and here.kind not in PARAMETERS:
-        raise SetupError(f"{here.kind} {dotted(source)} cannot drive a {there.kind}")
-    if here.type and there.type and not types_match(here.type, there.type):
-        raise SetupError(f"{here.type} {dotted(source)} cannot drive {there.type}")
+    source_connector, sink_connector = plan.connectors[source], plan.connectors[sink]
+    if sink_connector.kind in PARAMETERS and source_connector.kind not in PARAMETERS:
+        raise SetupError(
+            f"{source_connector.kind} {dotted(source)} cannot drive a {sink_connector.kind}"
+        )
+    if (
+        source_connector.type
+        and sink_connector.type
+        and not types_match(source_connector.type, sink_connector.type)
+    ):
+        raise SetupError(
+            f"{source_connector.type} {dotted(source)} cannot drive {sink_connector.type}"
+        )
     for content in children(connection, "ssc:*"):
         if plain(content.tag) != "LinearTransformation":
             raise SetupError(f"{plain(content.tag)} of a connection is not supported")
@@ -342,12 +379,12 @@ def _bind(
             with zipfile.ZipFile(component) as archive:
                 for entry in archive.infolist():
                     if entry.filename == unquote(source):
-                        plan.room.take(source, 1, entry.file_size)
+                        plan.budget.take(source, 1, entry.file_size)
                         archive.extract(entry, folder)
         return locate(source, folder, folder)
 
     for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
         with document.placed(binding):
-            for parameter in bound(binding, document.path.name, document.known, find):
+            for parameter in bound(binding, document.path.name, document.definitions, find):
                 if not plan.bind(path, parameter):
                     log.warning("%s fits no variable and is ignored", parameter.where)

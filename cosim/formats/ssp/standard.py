@@ -15,7 +15,7 @@ from urllib.parse import unquote, urlsplit
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from ...errors import SetupError
-from .files import SCHEMAS, Element, Room, load, load_schema, plain, unpack
+from .files import SCHEMAS, Budget, Element, load, load_schema, plain, unpack
 from .second import make_1_0
 from .standard_report import (
     ALLOWED_ROOTS,
@@ -68,7 +68,7 @@ def check_standard(path: Path | str) -> StandardReport:
     with TemporaryDirectory() as scratch:
         findings = list(_check_archive(path))
         folder = Path(scratch)
-        unpack(path, folder, Room(path.stat().st_size))
+        unpack(path, folder, Budget(path.stat().st_size))
         findings += _check_folder(folder)
     return _report(path, findings)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ...errors import SetupError
 from ...system import BASES, unit_conversion
@@ -20,7 +20,7 @@ class Unit(NamedTuple):
     """A unit by name and, if it is defined anywhere, its base units."""
 
     name: str
-    base: Any = None
+    base: BaseUnit | None = None
 
 
 UNKNOWN = Unit("")
@@ -68,9 +68,9 @@ def definitions(root: Element, file: str) -> Definitions:
     return Definitions(units, items)
 
 
-def _new(element: Element, known: Iterable[str], file: str) -> str:
+def _new(element: Element, defined_names: Iterable[str], file: str) -> str:
     name = str(element.get("name"))
-    if name in known:
+    if name in defined_names:
         raise SetupError(f"{file}, line {element.sourceline}: {name!r} is defined twice")
     return name
 
@@ -82,31 +82,33 @@ def unit_of(variable: Variable, description: ModelDescription) -> Unit | None:
 
 def defined(unit: Unit, description: ModelDescription) -> Unit:
     """A unit with the base units of the FMU that knows it, if the file did not define it."""
-    return unit if unit.base is not None else _known(description).get(unit.name, unit)
+    return unit if unit.base is not None else _units_of(description).get(unit.name, unit)
 
 
 @lru_cache(maxsize=64)
-def _known(description: ModelDescription) -> dict[str, Unit]:
+def _units_of(description: ModelDescription) -> dict[str, Unit]:
     """The units of an FMU, and its display units: shown = factor * value + offset."""
-    known = {}
+    units = {}
     for unit in description.unitDefinitions:
         base = unit.baseUnit
-        for shown in unit.displayUnits:
+        for display_unit in unit.displayUnits:
             if base is not None:
-                factor = base.factor / shown.factor
-                offset = base.offset - factor * shown.offset
-                known[shown.name] = Unit(shown.name, replace(base, factor=factor, offset=offset))
-    return known | {
+                factor = base.factor / display_unit.factor
+                offset = base.offset - factor * display_unit.offset
+                units[display_unit.name] = Unit(
+                    display_unit.name, replace(base, factor=factor, offset=offset)
+                )
+    return units | {
         unit.name: Unit(unit.name, unit.baseUnit) for unit in description.unitDefinitions
     }
 
 
-def same(one: Unit, other: Unit) -> bool:
+def same(first: Unit, second: Unit) -> bool:
     """Whether two units have one name or one meaning."""
-    if one.name == other.name:
+    if first.name == second.name:
         return True
     try:
-        return _conversion(one, other, "") == (1.0, 0.0)
+        return _conversion(first, second, "") == (1.0, 0.0)
     except SetupError:
         return False
 
@@ -127,15 +129,19 @@ def chain(unit: Unit | None, steps: Iterable[Step]) -> tuple[float, float]:
     return factor, offset
 
 
-def _conversion(here: Unit, there: Unit, where: str) -> tuple[float, float]:
-    if here is UNKNOWN:
-        raise SetupError(f"{where}: its source has no unit from which to convert to {there.name}")
-    if here.name == there.name:
+def _base(unit: Unit, where: str) -> BaseUnit:
+    """The base units of a unit; raises SetupError if nothing defines it."""
+    if unit.base is None:
+        raise SetupError(f"{where}: unit {unit.name!r} is not defined")
+    return unit.base
+
+
+def _conversion(source: Unit, target: Unit, where: str) -> tuple[float, float]:
+    if source is UNKNOWN:
+        raise SetupError(f"{where}: its source has no unit from which to convert to {target.name}")
+    if source.name == target.name:
         return 1.0, 0.0
-    for unit in (here, there):
-        if unit.base is None:
-            raise SetupError(f"{where}: unit {unit.name!r} is not defined")
-    factors = unit_conversion(here.base, there.base)
+    factors = unit_conversion(_base(source, where), _base(target, where))
     if factors is None:
-        raise SetupError(f"{where}: {here.name} cannot be converted to {there.name}")
+        raise SetupError(f"{where}: {source.name} cannot be converted to {target.name}")
     return factors

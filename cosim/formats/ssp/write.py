@@ -57,8 +57,10 @@ def write_ssp(
         What is written.
     path : Path
         The file.
-    stop, start : float, optional
-        The default experiment [s].
+    stop : float, optional
+        The stop time of the default experiment [s].
+    start : float
+        Its start time [s].
     step : float, optional
         The communication step [s]. OMSimulator needs one: without it, it gets the shortest step that
         an FMU prefers.
@@ -74,16 +76,16 @@ def write_ssp(
     """
     network = connect_for_export(system, "an .ssp")
     files = archived(network)
-    third = any(d.fmiVersion == "3.0" for d in network.descriptions.values())
-    task = Task(network, files, "2.0" if third else "1.0", geometry or Geometry())
+    has_fmi3 = any(d.fmiVersion == "3.0" for d in network.descriptions.values())
+    task = Task(network, files, "2.0" if has_fmi3 else "1.0", geometry or Geometry())
     structure = _structure(task, path.stem, (start, stop, step))
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
-        whole = Path(folder) / path.name
-        with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+        package = Path(folder) / path.name
+        with zipfile.ZipFile(package, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("SystemStructure.ssd", structure)
             for fmu, name in files.items():
                 archive.write(fmu, f"resources/{name}")
-        whole.replace(path)
+        package.replace(path)
 
 
 def archived(network: Network) -> dict[Path, str]:
@@ -137,9 +139,9 @@ def _structure(task: Task, name: str, times: tuple[float, float | None, float | 
     root = Element(qualified("ssd:SystemStructureDescription"), name=name, version=task.version)
     system = SubElement(root, qualified("ssd:System"), name=name)
     elements = SubElement(system, qualified("ssd:Elements"))
-    known: Enumerations = {}
+    enumerations: Enumerations = {}
     for part in network.system.parts:
-        _component(elements, task, part, known)
+        _component(elements, task, part, enumerations)
     if network.wires:
         _connections(SubElement(system, qualified("ssd:Connections")), task)
     _attributed(system, "ssd:SystemGeometry", drawing.canvas)
@@ -155,7 +157,7 @@ def _structure(task: Task, name: str, times: tuple[float, float | None, float | 
             SubElement(note, BOND).text = bond
     if len(notes):
         system.append(notes)
-    _enumerations(root, "ssd", known)
+    _enumerations(root, "ssd", enumerations)
     if (stop, step) != (None, None):
         ends = {"startTime": repr(start)} | ({} if stop is None else {"stopTime": repr(stop)})
         experiment = SubElement(root, qualified("ssd:DefaultExperiment"), ends)
@@ -194,7 +196,7 @@ def _omsimulator(notes: Element, network: Network, step: float | None) -> None:
     SubElement(information, f"{{{OMS}}}FixedStepMaster", master)
 
 
-def _component(elements: Element, task: Task, part: str, known: Enumerations) -> None:
+def _component(elements: Element, task: Task, part: str, enumerations: Enumerations) -> None:
     network, drawing = task.network, task.geometry
     source = f"resources/{quote(task.files[Path(network.system.parts[part])])}"
     component = SubElement(elements, qualified("ssd:Component"), name=part, type=FMU, source=source)
@@ -204,7 +206,7 @@ def _component(elements: Element, task: Task, part: str, known: Enumerations) ->
         for variable, port in reversed(ports.items()):
             kind = {"name": variable.name, "kind": str(port.variable.causality)}
             connector = SubElement(connectors, qualified("ssd:Connector"), kind)
-            connector.append(_type("ssc", task, port, known))
+            connector.append(_type("ssc", task, port, enumerations))
             _dimensions(connector, variable)
             position = drawing.connectors.get(port.name, {})
             _attributed(connector, "ssd:ConnectorGeometry", position)
@@ -236,13 +238,13 @@ def _start_values(component: Element, task: Task, part: str) -> None:
     _enumerations(settings, "ssv", named)
 
 
-def _type(prefix: str, task: Task, port: Port, known: Enumerations) -> Element:
+def _type(prefix: str, task: Task, port: Port, enumerations: Enumerations) -> Element:
     """The element of a port's type; an enumeration becomes known, under a name of its own."""
     element = Element(qualified(f"{prefix}:{OLDER.get(port.native, port.native)}"))
     if port.type == "Enumeration":
         declared = port.variable.declaredType
         name, items = declared.name if declared else "", enumeration(port.variable)
-        while known.setdefault(name, items) != items:
+        while enumerations.setdefault(name, items) != items:
             name += "_"
         element.set("name", name)
     return element
@@ -259,12 +261,12 @@ def _attributed(parent: Element, tag: str, attributes: Mapping[str, str]) -> Non
         SubElement(parent, qualified(tag), dict(attributes))
 
 
-def _enumerations(parent: Element, prefix: str, known: Enumerations) -> None:
-    if not known:
+def _enumerations(parent: Element, prefix: str, items_by_name: Enumerations) -> None:
+    if not items_by_name:
         return
-    enumerations = SubElement(parent, qualified(f"{prefix}:Enumerations"))
-    for name, items in known.items():
-        enumeration = SubElement(enumerations, qualified("ssc:Enumeration"), name=name)
+    container = SubElement(parent, qualified(f"{prefix}:Enumerations"))
+    for name, items in items_by_name.items():
+        enumeration = SubElement(container, qualified("ssc:Enumeration"), name=name)
         for item, value in items.items():
             SubElement(enumeration, qualified("ssc:Item"), name=item, value=str(value))
 
@@ -274,11 +276,11 @@ def _parameter(
     task: Task,
     variable: Variable,
     start: list[tuple[Port, Value]],
-    known: Enumerations,
+    enumerations: Enumerations,
 ) -> None:
     """The start value of a variable; the elements of an array that have none keep that of the FMU."""
     parameter = SubElement(parameters, qualified("ssv:Parameter"), name=variable.name)
-    parameter.append(_type("ssv", task, start[0][0], known))
+    parameter.append(_type("ssv", task, start[0][0], enumerations))
     if not variable.shape:
         parameter[0].set("value", _text(*start[0]))
         return

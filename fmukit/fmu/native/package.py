@@ -126,7 +126,7 @@ def pack(build: NativeBuild, fmu: Path) -> None:
         "documentation/externalDependencies.txt": DEPENDENCIES.encode(),
         "documentation/licenses/license.txt": licence.encode(),
         **{f"sources/{name}": content for name, content in sources.items()},
-        **reference.entries(interface, rows),
+        **reference.entries(interface),
         **terminals.entries(interface),
         **{f"binaries/{path}": content for path, content in libraries},
         **(

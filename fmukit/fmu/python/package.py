@@ -119,7 +119,7 @@ def pack(build: Build, fmu: Path) -> None:
         **{f"documentation/{name}": text.encode() for name, text in documents.items()},
         **{f"resources/{name}": content for name, content in files.items()},
         **{f"binaries/{name}": content for name, content in binaries.items()},
-        **reference.entries(interface, rows),
+        **reference.entries(interface),
         **terminals.entries(interface),
     }
     write_archive(contents, fmu)

@@ -1,7 +1,7 @@
 """Only the traps of pythonfmu 0.7.0, whose C wrapper runs an FMU in Python.
 
 The wrapper turns any exception into fmi2Fatal and then drops its references to the class, the instance
-and the log queue once too often. A `Failure` gives them back, so that the instance can still be reset,
+and the log queue once too often. A `CallError` gives them back, so that the instance can still be reset,
 rolled back and freed. The wrapper recognises slaves by a base class called Fmi2Slave.
 """
 
@@ -49,7 +49,7 @@ class Message(NamedTuple):
     msg: str
 
 
-class Failure(Exception):
+class CallError(Exception):
     """Why an FMI call failed; its repr is the text that the wrapper logs."""
 
     def __repr__(self) -> str:
@@ -117,7 +117,7 @@ def mapping_of(address: int) -> list[bytes]:
 
 
 def guarded(method: Method) -> Method:
-    """No exception leaves a callback but a Failure that the wrapper survives."""
+    """No exception leaves a callback but a CallError that the wrapper survives."""
 
     @functools.wraps(method)
     def call(self: Fmi2Slave, *args: Any) -> Any:
@@ -157,4 +157,4 @@ class Fmi2Slave:
         self.log_queue.clear()
         for owner in (type(self), self, self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
-        raise Failure(f"{self.instance_name}: {'; '.join(reasons)}") from None
+        raise CallError(f"{self.instance_name}: {'; '.join(reasons)}") from None

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Findings, Mark, Run, Show, Table, option
+from workbench import Chart, Figure, Mark, Run, Show, option
 from workbench.charts import motion
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, result_panel
 from workbench.charts.motion import Motion, Shape, line
@@ -102,14 +102,6 @@ class Turn(NamedTuple):
     mean: float
     ripple: float
     order: int
-
-
-def solve(o: Options, context: Context) -> Findings:
-    """One start."""
-    drive = system(o, context.fmus)
-    result, peaks = context.certify(drive, partial(figures, o), o, None, "speed_step.csv")
-    tables = {"speed_step.csv": Table.of(result)}
-    return Findings(peaks | frequencies(result), result, drive, result.provenance, tables=tables)
 
 
 def system(o: Options, fmus: Mapping[str, Path]) -> System:
@@ -228,6 +220,11 @@ def rest(last: float, before: float, first: float) -> float:
     return change * max(1.0, share / (1.0 - share))
 
 
+def more_figures(o: Options, f: Mapping[str, Figure], r: Result) -> dict[str, Figure]:
+    """Return the natural frequencies of the drive."""
+    return frequencies(r)
+
+
 def frequencies(r: Result) -> dict[str, Figure]:
     """At which gearbox and load swing against each other on the undamped shaft, pressed to one flank,
     and the load alone while the controller holds the gearbox [Hz], with the mean inertia of the load.
@@ -255,34 +252,33 @@ def mean_square(load: Mapping[str, float]) -> float:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """How the load reaches its speed, what is left at the end, and what that takes."""
-    texts = {name: figure.text() for name, figure in f.items()}
-    return (
-        f"{reaching(o, f)} {remaining(o, f)} The shaft carries up to {texts['tau_max']}, and the motor "
-        f"draws up to {texts['i_max']}. Gearbox and load oscillate on the shaft at "
-        f"{texts['free_frequency']}. While the controller holds the gearbox, the load oscillates alone at "
-        f"{texts['held_frequency']}."
-    )
+    most = f"The shaft carries up to {f['tau_max'].brief()}"
+    return f"{reaching(o, f)} {remaining(o, f)} {most}, and the motor draws up to {f['i_max'].brief()}."
 
 
 def reaching(o: Options, f: Mapping[str, Figure]) -> str:
     """When the load is near its speed, and how far its mean over a turn goes beyond."""
     set_speed, until = f"{NEAR:.0%} of its set speed of {o.speed:g} rad/s", f"{o.stop:g} s"
     fast, mean = f["w_max"], f["mean_max"]
-    first = f"The load reaches {set_speed} after {f['near_time'].text()}."
+    first = f"The load reaches {set_speed} after {f['near_time'].brief()}."
     if f["near_time"].error is None:
         within = f"within the {until} of observation"
-        first = f"The load does not reach {set_speed} {within}; its largest speed is {fast.text()}."
+        first = (
+            f"The load does not reach {set_speed} {within}; its largest speed is {fast.brief()}."
+        )
         if fast.value > NEAR * o.speed:
             first = (
-                f"The largest speed of the load is {fast.text()}; the time at which it first reaches "
-                f"{set_speed} is {f['near_time'].text()}."
+                f"The largest speed of the load is {fast.brief()}; the time at which it first reaches "
+                f"{set_speed} is {f['near_time'].brief()}."
             )
         return first
     if mean.error is None:
-        return f"{first} Up to {until}, its largest speed is {fast.text()}."
-    beyond = f"Up to {until}, its mean over a turn is at most {mean.text()}."
+        return f"{first} Up to {until}, its largest speed is {fast.brief()}."
+    beyond = f"Up to {until}, its mean over a turn is at most {mean.brief()}."
     if f["mean_max_time"].error is not None and mean.value - mean.error > o.speed:
-        beyond = f"Its mean over a turn overshoots to {mean.text()} at {f['mean_max_time'].text()}."
+        beyond = (
+            f"Its mean over a turn overshoots to {mean.brief()} at {f['mean_max_time'].brief()}."
+        )
     return f"{first} {beyond}"
 
 
@@ -290,13 +286,13 @@ def remaining(o: Options, f: Mapping[str, Figure]) -> str:
     """The mean and the ripple at the end, and the natural frequency that the ripple is near to."""
     if f["ripple"].error is None:
         return f"A steady ripple is not stated: {f['ripple'].reason}."
-    mean = f"At {o.stop:g} s the load turns steadily at {f['mean'].text()}"
+    mean = f"At {o.stop:g} s the load turns steadily at {f['mean'].brief()}"
     if f["ripple_frequency"].error is None:
         return f"{mean}, without a ripple."
     low, high = AMPLIFIED
     ripple, frequency = f["ripple"].text(), f["ripple_frequency"]
     near = [
-        f"{f[name].text()} {who}"
+        f"{f[name].brief()} {who}"
         for name, who in (
             ("free_frequency", "of gearbox and load"),
             ("held_frequency", "of the load"),
@@ -304,10 +300,8 @@ def remaining(o: Options, f: Mapping[str, Figure]) -> str:
         if low < frequency.value / f[name].value < high
     ]
     close = f", near the natural frequency of {' and '.join(near)}" if near else ""
-    return (
-        f"{mean} with a ripple of {ripple} to either side. Its strongest order is "
-        f"{f['ripple_order'].value:g} of the crank, {frequency.text()}{close}."
-    )
+    order = f"order {f['ripple_order'].value:g} of the crank, {frequency.brief()}{close}"
+    return f"{mean} with a ripple of {ripple} ({order})."
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:

@@ -3,6 +3,9 @@
 The parameters of the drive, its supply and its state at the start are fitted to a record of its speed,
 and of its torque if that was measured. The resonance follows with an interval, and so does the torque
 ripple at the operating speed. A record that no drive of this kind fits is refused.
+
+This question has a `solve` of its own because the answer comes from a fit to a record and from many
+machines that fit it, not from one run that is certified.
 """
 
 from __future__ import annotations
@@ -397,8 +400,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> str:
         )
     elif ends[0].error is not None and ends[1].error is not None:
         lines.append(f"Avoid speeds from {ends[0].text()} to {ends[1].text()}.")
-    for group in r.fit.correlated_groups:
-        lines.append(f"The record cannot tell {' and '.join(group)} apart.")
+    lines.extend(
+        f"The record cannot tell {' and '.join(group)} apart." for group in r.fit.correlated_groups
+    )
     now = f["nu_res"].error or math.inf
     lines.append(fitting.next_record(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)

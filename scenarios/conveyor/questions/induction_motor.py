@@ -3,6 +3,9 @@
 The lag of (2) is that of the rotor flux, T = 1 / (2 pi f s_b), and its slope is that of Kloss's
 characteristic at the working point. The speed of the 90 degree lag with the full characteristic is
 compared with that of a linear motor of this slope, over the load and over the breakdown slip.
+
+This question has a `solve` of its own because its figures come from steady orbits at many speeds of many
+motors, not from one run that is certified.
 """
 
 import math
@@ -287,9 +290,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: MotorData) -> str:
         )
     else:
         lines.append(
-            f"The {name} is at {text['nu_kloss']} with the full characteristic. The resonance formula (22) with "
-            f"the motor lag of {text['motor_lag']} and the slope of {text['slope']} at the slip there puts it at "
-            f"{text['nu_res']}, {deviation_text(f['nu_res'], f['nu_kloss'])}."
+            f"The {name} is at {text['nu_kloss']} with the full characteristic; the resonance formula (22) is "
+            f"{deviation_text(f['nu_res'], f['nu_kloss'])}."
         )
     if name != "resonance":
         lines.append(

@@ -4,6 +4,9 @@ Mean speed and torque of steady orbits are compared with (18), (19) and (24), wh
 and with second-order theory. The power of the supply is followed into trough and motor. The drift of
 the mean speed after a change of the supply is compared with (16), over starts at evenly spaced crank
 angles.
+
+This question has a `solve` of its own because its figures come from steady orbits at many speeds, and those
+of the step from several starts that are averaged.
 """
 
 import cmath
@@ -286,37 +289,26 @@ def speeds(algorithm: str, task: tuple[System, float, int]) -> Samples:
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: MeanData) -> str:
-    """What the ripple costs, where the power goes, and how accurate (16) is."""
-    text = {name: figure.brief() for name, figure in f.items()}
-    overshoot, plain = f["overshoot"], "without overshoot"
-    if overshoot.error is not None and overshoot.value > overshoot.error:
-        plain = f"with an overshoot of {text['overshoot']}"
-    elif overshoot.error is None:
-        plain = f"with an overshoot that is {text['overshoot']}"
+    """What the ripple costs, and how accurate the settling formula (16) is."""
     torque = (
-        f"the {text['torque_plain']} of the mean-torque formula (24), which neglects the ripple"
+        f"{f['torque_plain'].brief()} of the mean-torque formula (24), which neglects the ripple"
     )
-    torque = (
-        f"{changed(f['more'])} than {torque}" if f["torque_plain"].value else f"instead of {torque}"
-    )
+    than = f"{changed(f['more'])} than the" if f["torque_plain"].value else "instead of the"
     return (
-        f"At {r.operating:g} rad/s the mean torque is {text['torque']}, {torque}. The mean speed is "
-        f"{text['speed']} over time and {text['angle']} over the crank angle.\n"
-        f"Compared with a drive without ripple, {'; '.join(clauses(f))}.\n"
-        f"After a step of the supply the mean speed settles {plain}. The settling formula (16), with a "
-        f"time constant of {text['settling_16']} and no overshoot, is off by up to {text['off_16']} of the "
-        f"step. With the term that it neglects, the largest deviation is {text['off_whole']}."
+        f"At {r.operating:g} rad/s the mean torque is {f['torque'].brief()}, {than} {torque}.\n"
+        f"With the ripple, the supply gives {changed(f['supply_more'])}.\n"
+        f"After a step of the supply the mean speed settles {overshooting(f['overshoot'])}; the settling formula "
+        f"(16) is off by up to {f['off_16'].brief()} of the step."
     )
 
 
-def clauses(f: Mapping[str, Figure]) -> list[str]:
-    """What supply, motor and trough do with ripple and without, a clause each."""
-    supply, motor, trough = (f[f"{name}_more"] for name in ("supply", "motor", "trough"))
-    return [
-        f"the supply gives {changed(supply)}",
-        f"the motor turns {changed(motor)} into heat",
-        f"the trough takes {changed(trough)}",
-    ]
+def overshooting(figure: Figure) -> str:
+    """Say with which overshoot the mean speed settles."""
+    if figure.error is None:
+        return f"with an overshoot that is {figure.brief()}"
+    if figure.value > figure.error:
+        return f"with an overshoot of {figure.brief()}"
+    return "without overshoot"
 
 
 def changed(figure: Figure) -> str:
@@ -375,8 +367,8 @@ def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:
         )
         for curve in pair(label, name, color, f"{name}_plain")
     ]
-    supply, motor, _ = clauses(f)
-    title = f"At {r.operating:g} rad/s, compared with a drive without ripple, {supply}; {motor}"
+    supply, motor = (changed(f[f"{name}_more"]) for name in ("supply", "motor"))
+    title = f"With the ripple at {r.operating:g} rad/s the supply gives {supply}, the motor heats with {motor}"
     if f["supply_more"].error is None:
         title = f"At {r.operating:g} rad/s the power is not determined: {f['supply_more'].reason}"
     return Chart(

@@ -5,6 +5,9 @@ steady. The map shows by how much the drive magnifies the load ripple of order 2
 where the torque ripple lags the load ripple by 90 degrees, next to formula (22), and the ridge where the
 torque ripple is largest. It also shows how likely the torque ripple is to exceed a limit when every part
 may be off within its tolerance.
+
+This question has a `solve` of its own because its figures come from a theory over a plane of machines,
+which steady orbits of some of them check.
 """
 
 from __future__ import annotations
@@ -362,7 +365,7 @@ def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
     """The answer in plain words."""
-    above = f"above {o.ripple_limit:g} N.m ({o.ripple_limit / o.rated:.0%} of the rated torque of {o.rated:g} N.m)"
+    above = f"above {o.ripple_limit:g} N.m"
     built = "With every part within its tolerance,"
     if r.within is None:
         ripple = r.points["ripple"].dropna()
@@ -380,7 +383,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
         r.clear("ripple_in_range", o.ripple_limit),
         r.clear("probability_in_range", SURE),
     )
-    span = f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s"
+    span = f"The operating range from {r.within[0]:g} to {r.within[1]:g} rad/s"
     first = f"{span} stays clear of a torque ripple {above} with {name} of {nominal}."
     if not nominal:
         first = f"{span} does not stay clear of a torque ripple {above} with any {name} of the map."

@@ -10,12 +10,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim import Result
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from cosim import Result, System
+from workbench import Chart, Curve, Figure, Mark, Panel, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
 from workbench.measure import Samples, crossing, crossing_times, largest, measured, since, smallest
@@ -31,7 +32,7 @@ from ..rows import OVERDAMPED
 PARTS = DRIVE
 FIXED_STARTS = ("motor.characteristic",)
 MOTORS = {"linear": 0, "kloss": 1}
-MOTOR_NAMES = {"linear": "linear motor", "kloss": "induction motor"}
+LABELS = {"linear": "linear motor", "kloss": "induction motor"}
 STYLES = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
 RECORD = (
     "motor.tau", "motor.tau_static", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.x",
@@ -57,53 +58,59 @@ class Options(Run):
     speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """Both motors, one after the other, the linear one set for its mean speed: a run for each."""
-    machine = followed(context.fmus, SETS[o.set], o.start)
+def system(o: Options, fmus: Mapping[str, Path]) -> dict[str, System]:
+    """Return the drive at rest with both motors, the linear one set for its mean speed."""
+    machine = followed(fmus, SETS[o.set], o.start)
+    rest = {"motor.tau": 0.0, "conveyor.w": 0.0}
+    return {
+        motor: conveyor_drive(
+            fmus,
+            machine.start(o.speed)
+            | rest
+            | {"motor.characteristic": characteristic}
+            | dict(o.start),
+        )
+        for motor, characteristic in MOTORS.items()
+    }
+
+
+def machine_of(o: Options) -> Machine:
+    """Return the drive with its linear motor, as theory has it."""
+    return SETS[o.set].follow(o.start)
+
+
+def more_figures(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> dict[str, Figure]:
+    """Return the resonance by formula, and how fast it builds up."""
+    machine = machine_of(o)
     build_up = 1 / (4 * math.pi * machine.zeta)
-    all_figures = {
+    return {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
     }
-    runs, systems = {}, {}
-    for motor, characteristic in MOTORS.items():
-        rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": characteristic}
-        start = machine.start(o.speed) | rest | dict(o.start)
-        systems[motor] = conveyor_drive(context.fmus, start)
-        figures_of = partial(figures, machine, MOTOR_NAMES[motor])
-        runs[motor], mine = context.certify(systems[motor], figures_of, o, RECORD, f"{motor}.csv")
-        all_figures |= {f"{motor}_{name}": figure for name, figure in mine.items()}
-    return Findings(
-        all_figures,
-        runs,
-        systems["linear"],
-        runs["linear"].provenance,
-        tables={f"{motor}.csv": Table.of(result) for motor, result in runs.items()},
-    )
 
 
-def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
+def figures(o: Options, r: Result) -> dict[str, Figure]:
     """When the crank rises through the resonance for good, revolutions near it, the largest loads,
     where it all ends.
     """
     t, w, second = r["time"], r["conveyor.w"], r.units["time"]
-    meaning = f"time when the crank has passed the resonance, {word}"
+    machine, meaning = machine_of(o), "time when the crank has passed the resonance"
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
     all_figures = {
         "passing": Figure.undetermined(second, BELOW, meaning)
         if w[-1] < machine.nu_res
         else crossing(t, w, machine.nu_res, -1).figure(second, meaning),
-        "revolutions_near": near.figure("1", f"revolutions within 10 % of the resonance, {word}"),
+        "revolutions_near": near.figure("1", "revolutions within 10 % of the resonance"),
     }
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]
-        all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
+        all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}")
         if name != "f_rod":
             end = since(t, x, END * t[-1])
             low, high = smallest(*end), largest(*end)
-            all_figures[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end, {word}")
-            all_figures[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end, {word}")
+            all_figures[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end")
+            all_figures[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end")
     return all_figures
 
 
@@ -127,28 +134,29 @@ def stalls(r: Result) -> bool:
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
-    """Whether each motor passes the resonance, and how large torque and rod force get."""
-    speed_text, lines = f["nu_res"].brief(), []
-    name = f"resonance at {speed_text} by formula (22)"
+    """Whether each motor passes the resonance, and how large its torque gets."""
+    name = f"resonance at {f['nu_res'].brief()} by formula (22)"
     if f["zeta"].value > OVERDAMPED:
-        name = f"90 degree lag at {speed_text} by formula (22), which is no resonance with this damping,"
-    for motor, word in MOTOR_NAMES.items():
-        passing = f[f"{motor}_passing"]
-        if passing.error is not None:
-            answer = f"has passed the {name} after {passing.brief()}"
-        elif stalls(r[motor]):
-            answer = "stalls: at the end the crank stands still or only rocks"
-        elif r[motor]["conveyor.phi"][-1] - r[motor]["conveyor.phi"][0] < TURN:
-            answer = f"does not complete a turn within {o.stop:g} s"
-        elif passing.reason == BELOW:
-            answer = f"does not stay above the {name} within {o.stop:g} s"
-        else:
-            answer = f"reaches the {name}; the time when it has passed it is {passing.text()}"
-        lines.append(f"The {word} {answer}.")
-        torque, force = f[f"{motor}_tau_max"], f[f"{motor}_f_rod_max"]
-        if torque.error is not None and force.error is not None:
-            lines[-1] += f" Its torque reaches {torque.brief()} and the rod force {force.brief()}."
+        name = f"90 degree lag at {f['nu_res'].brief()} by formula (22), which is no resonance with this damping,"
+    lines = []
+    for motor, word in LABELS.items():
+        torque = f[f"{motor}_tau_max"]
+        most = f" Its torque reaches {torque.brief()}." if torque.error is not None else ""
+        lines.append(f"The {word} {passes(o, f[f'{motor}_passing'], r[motor], name)}.{most}")
     return "\n".join(lines)
+
+
+def passes(o: Options, passing: Figure, r: Result, name: str) -> str:
+    """Say how a motor comes to what has that name, the resonance."""
+    if passing.error is not None:
+        return f"has passed the {name} after {passing.brief()}"
+    if stalls(r):
+        return "stalls: at the end the crank stands still or only rocks"
+    if r["conveyor.phi"][-1] - r["conveyor.phi"][0] < TURN:
+        return f"does not complete a turn within {o.stop:g} s"
+    if passing.reason == BELOW:
+        return f"does not stay above the {name} within {o.stop:g} s"
+    return f"reaches the {name}; the time when it has passed it is {passing.text()}"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:

@@ -3,6 +3,9 @@
 The supply voltage of a motor is raised and lowered in levels, each held until the speed of its
 unbalanced rotor is steady. The voltages at which the speed jumps are the folds of the steady motions,
 which are found by shooting over one revolution.
+
+This question has a `solve` of its own because the voltages are folds of steady motions, which a search
+finds, and each level starts from the end of the one before.
 """
 
 import logging
@@ -20,6 +23,7 @@ from cosim.accuracy.extrapolation import bound_coupling_error
 from cosim.system import connect
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.charts.model import Arrow
 from workbench.figure import listed
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, LiveSweep, Number, Reader, Slider
 
@@ -211,26 +215,22 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> str
             return f"The voltage of the jump is {f['supply_up'].text()}."
         if top.speed < observed.theory.resonance:
             return (
-                f"The motor stays below the resonance at {f['nu_res'].text()} {high}, where it turns at "
+                f"The motor stays below the resonance at {f['nu_res'].brief()} {high}, where it turns at "
                 f"{top.speed:.4g} rad/s. Its speed does not jump."
             )
         return f"The motor is not caught: {high} its speed does not jump."
-    texts = {name: figure.text() for name, figure in f.items()}
+    texts = {name: figure.brief() for name, figure in f.items()}
     raising = (
-        f"When raised slowly, the supply must reach {texts['supply_up']} to pass the resonance. Below that "
-        f"the motor is caught, finally at {texts['before_up']}; then its speed jumps to "
-        f"{texts['after_up']}."
+        f"When raised slowly, the supply must reach {texts['supply_up']} to pass the resonance; the speed then "
+        f"jumps from {texts['before_up']} to {texts['after_up']}."
     )
-    back = (
-        f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}, where "
-        f"the speed falls from {texts['before_down']} to {texts['after_down']}."
-    )
+    back = f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}."
     return " ".join([*caught(o, f, observed), raising, back])
 
 
 def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]:
     """What the levels show where they end before the jump, or jump before it."""
-    up, down, resonance = f["supply_up"], f["supply_down"], f["nu_res"].text()
+    up, down, resonance = f["supply_up"], f["supply_down"], f["nu_res"].brief()
     if up.error is None:
         return []
     edge, least, top = f["before_up"].value, up.value - up.error, observed.raised[-1]
@@ -250,7 +250,7 @@ def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]
 
 def undamped(f: Mapping[str, Figure], observed: Observed) -> str:
     """What the levels show of a mount without damping."""
-    top, resonance = observed.raised[-1], f["nu_res"].text()
+    top, resonance = observed.raised[-1], f["nu_res"].brief()
     first = f"The mount has no damping, so that no steady motion at its resonance at {resonance} exists."
     where = f"At {top.supply:g} V the motor turns at {top.speed:.4g} rad/s"
     if top.is_steady:
@@ -267,11 +267,18 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
     v, w, fastest = theory.supplies, theory.speeds, rows["speed"].max()
     inside = (v >= o.supplies[0]) & (v <= o.supplies[-1]) & (w < 1.1 * fastest)
     steady = [Curve("averaged theory", v[inside], w[inside], "grey", "theory")]
-    shakes = []
-    for falls, (word, color) in enumerate(zip(DIRECTIONS.values(), ("red", "blue"))):
+    shakes, arrows = [], []
+    for falls, (direction, color) in enumerate(zip(DIRECTIONS, ("red", "blue"))):
+        label, jump = DIRECTIONS[direction], f[f"supply_{direction}"]
         x, y, shake = rows[rows["falling"] == falls][["supply", "speed", "shake"]].to_numpy().T
-        steady.append(Curve(word, x, y, color, "linked"))
-        shakes.append(Curve(word, x, 1e3 * shake, color, "linked"))
+        breaks: list[int] = []
+        if jump.error is not None:
+            breaks = (np.flatnonzero(np.diff(np.sign(x - jump.value))) + 1).tolist()
+        steady.append(Curve(label, x, y, color, "linked", breaks=breaks))
+        shakes.append(Curve(label, x, 1e3 * shake, color, "linked", breaks=breaks))
+        ends = f[f"before_{direction}"], f[f"after_{direction}"]
+        if len(breaks) and all(end.error is not None for end in ends):
+            arrows.append(Arrow(jump.value, ends[0].value, ends[1].value, color))
     jumps = {word: f[f"supply_{direction}"] for direction, word in DIRECTIONS.items()}
     marks = [
         Mark.of(word, jump)
@@ -279,16 +286,22 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
         if jump.error is not None and o.supplies[0] <= jump.value <= o.supplies[-1]
     ]
     level = Mark.of("resonance", f["nu_res"])
-    panels = [Panel("steady speed", "rad/s", steady, [level]), Panel("displacement", "mm", shakes)]
+    panels = [
+        Panel("steady speed", "rad/s", steady, [level], arrows=arrows),
+        Panel("displacement", "mm", shakes),
+    ]
     charts = [
         Chart("Steady motion while the supply is raised and lowered", "supply [V]", panels, marks)
     ]
-    takes = min(f["supply_up"].value, o.supplies[-1]) if marks else o.supplies[-1]
-    runs = {f"{share:.0%}": case.run(share * takes, {}) for share in STARTS}
-    title = f"Starts from rest at shares of {takes:.4g} V"
+    up = f["supply_up"]
+    has_jump = up.error is not None and up.value <= o.supplies[-1]
+    takes = up.value if has_jump else o.supplies[-1]
+    runs = {f"{share * takes:.3g} V": case.run(share * takes, {}) for share in STARTS}
+    of = "voltage of the jump" if has_jump else "highest level"
+    title = f"Starts from rest with {' and '.join(f'{share:.0%}' for share in STARTS)} of the {of}"
     curves = [
-        Curve(share, run["time"], run["exciter.w"], color)
-        for (share, run), color in zip(runs.items(), ("red", "blue"))
+        Curve(voltage, run["time"], run["exciter.w"], color)
+        for (voltage, run), color in zip(runs.items(), ("red", "blue"))
     ]
     charts.append(Chart(title, "time [s]", [Panel("speed", "rad/s", curves)]))
     return Show(charts, [motion.starts(title, runs)])

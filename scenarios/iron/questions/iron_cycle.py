@@ -2,26 +2,32 @@
 
 The cam turns at constant speed. The answer gives torque, forces and motion of the iron over the cam
 angle, the work of friction per cycle, and the speeds at which follower or chain let go.
+
+With `--compare dimensions` it also gives the transfer functions of rocker, link and chain and the terms of
+A_1 eps + B_1 w^2 = M + C_1, and by how much each of them changes with each dimension.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 import workbench
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Findings, Mark, Run, Show, Table, option
+from workbench import Chart, Context, Figure, Mark, Run, Show, Table, option
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import integral, largest, smallest
 
 from .. import machine as iron
-from .. import motion
+from .. import motion, transfer
 
 PARTS = {"iron": "IronDrive"}
+DIMENSIONS = "dimensions"
 FIXED_STARTS = iron.IMPOSED
 FORCES = {
     "iron.N": ("cam on follower", TORQUE),
@@ -41,30 +47,61 @@ PANELS: dict[str, Mapping[str, tuple[str, ...] | str]] = {
 class Options(workbench.Options):
     speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
     samples: int = option(1440, "rows per turn", least=180)
-
-
-def solve(o: Options, context: Context) -> Findings:
-    """One turn at the speed, and two more for the limits."""
-    system, period = (
-        iron.imposed(System(context.fmus, start=o.start), o.speed),
-        2 * math.pi / o.speed,
+    compare: str = option(
+        "none",
+        "also compare machines whose dimensions differ slightly",
+        choices=("none", DIMENSIONS),
     )
-    run = Run(stop=period, step=period / o.samples)
-    result, all_figures = context.certify(system, figures, run, None, "iron_cycle.csv")
-    all_figures["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-    all_figures |= iron.limits(system)
-    (limit, _), meaning = iron.first(all_figures), "speed as a share of the first limit"
-    all_figures["share"] = Figure.undetermined("%", "the first limit is 0", meaning)
+
+
+class Turns(NamedTuple):
+    """What stands beside the turn: the system, the speeds at which something lets go, the dimensions."""
+
+    system: System
+    limits: Mapping[str, Figure]
+    transfer: transfer.Transfer | None
+
+
+Data = tuple[Result, Turns]
+
+
+def system(o: Options, fmus: Mapping[str, Path]) -> System:
+    """Return the drive, whose cam turns at the speed."""
+    return iron.imposed(System(fmus, start=o.start), o.speed)
+
+
+def run(o: Options) -> Run:
+    """Return a turn."""
+    period = 2 * math.pi / o.speed
+    return Run(stop=period, step=period / o.samples)
+
+
+def more_runs(o: Options, context: Context, system: System) -> Turns:
+    """Run two more turns for the limits, and those of other dimensions."""
+    is_compared = o.compare == DIMENSIONS
+    plain = System(context.fmus, start=o.start)
+    varied = transfer.measure(context, plain, o.samples) if is_compared else None
+    return Turns(system, iron.limits(system), varied)
+
+
+def more_figures(o: Options, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
+    """Return cycles per minute, the limits, the share of the first, and the transfer functions."""
+    cycles = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
+    (limit, _), meaning = iron.first(r[1].limits), "speed as a share of the first limit"
+    share = Figure.undetermined("%", "the first limit is 0", meaning)
     if limit.value:
-        share = 100 * o.speed / limit.value
-        all_figures["share"] = Figure(
-            share, "%", share * (limit.error or 0.0) / limit.value, meaning
-        )
-    tables = {"iron_cycle.csv": Table.of(result)}
-    return Findings(all_figures, (result, system), system, result.provenance, tables=tables)
+        value = 100 * o.speed / limit.value
+        share = Figure(value, "%", value * (limit.error or 0.0) / limit.value, meaning)
+    of_dimensions = r[1].transfer.figures() if r[1].transfer else {}
+    return {"cycles": cycles, **r[1].limits, "share": share, **of_dimensions}
 
 
-def figures(r: Result) -> dict[str, Figure]:
+def tables(o: Options, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
+    """Return the transfer functions and the shares of the dimensions."""
+    return r[1].transfer.tables() if r[1].transfer else {}
+
+
+def figures(o: Options, r: Result) -> dict[str, Figure]:
     """Torque, stroke, works, least and largest forces of a turn."""
     angle, torque, unit = np.degrees(r["iron.phi"]), r["iron.tau_cam"], r.units["iron.tau_cam"]
     i_g = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
@@ -88,23 +125,22 @@ def figures(r: Result) -> dict[str, Figure]:
     return all_figures
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
-    """Whether the speed is safe, and what the drive carries."""
-    texts, (limit, event) = {name: figure.text() for name, figure in f.items()}, iron.first(f)
-    answer = f"exceeds the limit: {event} at {limit.text()}"
+def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
+    """Whether the speed is safe, what the drive carries, and which dimensions matter."""
+    texts, (limit, event) = {name: figure.brief() for name, figure in f.items()}, iron.first(f)
+    answer = f"exceeds the limit: {event} at {limit.brief()}"
     if o.speed < limit.value:
-        answer = f"is safe: it is {texts['share']} of {limit.text()}, where {event}"
-    return (
-        f"{o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) {answer}. The cam shaft carries "
-        f"between {texts['tau_cam_min']} and {texts['tau_cam_max']}, the motor up to "
-        f"{texts['tau_motor_max']}, and the chain up to {texts['run_force_max']}. The cam presses on its "
-        f"follower with up to {texts['follower_force_max']}."
-    )
+        answer = f"is safe: it is {texts['share']} of {limit.brief()}, where {event}"
+    lines = [
+        f"{o.speed:.5g} rad/s ({f['cycles'].brief('cycles/min')}) {answer}. The cam shaft carries between "
+        f"{texts['tau_cam_min']} and {texts['tau_cam_max']}, and the chain up to {texts['run_force_max']}."
+    ]
+    return "\n".join([*lines, *([r[1].transfer.sentence(f)] if r[1].transfer else [])])
 
 
-def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
-    (result, _), (limit, event) = r, iron.first(f)
+    (result, turns), (limit, event) = r, iron.first(f)
     phi = np.degrees(result["iron.phi"])
     panel = partial(result_panel, result=result, x=phi)
     zero = [Mark(0.0, "0: contact or chain lets go")]
@@ -116,11 +152,12 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
     now, pace = (f"{x:.1f} cycles/min" for x in (f["cycles"].value, iron.PER_MINUTE * limit.value))
     title = f"One turn of the cam at {now}; {event} at {pace}"
-    moving = motion.motion("One turn of the cam", *r, result["time"][-1], 4.0)
-    return Show([Chart(title, "cam angle [deg]", panels, spans=spans)], [moving])
+    moving = motion.motion("One turn of the cam", result, turns.system, result["time"][-1], 4.0)
+    chart = Chart(title, "cam angle [deg]", panels, spans=spans)
+    return Show([chart, *(turns.transfer.charts() if turns.transfer else [])], [moving])
 
 
-def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
     """One turn at the speed of the slider, from the angle 0, as `drive.imposed` has it."""
     panels = [
         LivePanel(quantity, curves, "mm" if quantity == "lift" else "", includes=(0.0,))
@@ -136,7 +173,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> 
         charts=[
             LiveChart("One turn of the cam", "cam angle [deg]", panels, x="iron.phi * 180 / pi")
         ],
-        motion=motion.live_motion("One turn of the cam", *r, 4.0),
+        motion=motion.live_motion("One turn of the cam", r[0], r[1].system, 4.0),
         start={"iron.w_cam": "speed"},
         stop="2 * pi / speed",
         step="2 * pi / (speed * samples)",

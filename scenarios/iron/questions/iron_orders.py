@@ -3,6 +3,9 @@
 At each speed the steady motion is resolved into orders 1..12 of the cam angle. The formula
 nu_k = sqrt(B_eff / (theta T)) / k gives the speed at which order k of the torque lags its excitation
 by 90 degrees; theta and the excitation come from turns at constant speed.
+
+This question has a `solve` of its own because its figures come from steady motions at many speeds of
+several motors, not from one run that is certified.
 """
 
 import logging
@@ -23,7 +26,7 @@ from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.context import captured_warnings
-from workbench.figure import listed, refusals
+from workbench.figure import SHARE_DIGITS, concise, listed, refusals
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
 
@@ -142,7 +145,8 @@ def measure(drive: System) -> Machine:
 
 def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[float]]:
     """The orders of the steady motion with a lag [s] at a mean speed [rad/s], in so many steps per
-    revolution; a warning and nan where it does not settle."""
+    revolution; a warning and nan where it does not settle.
+    """
     T, nu, per_rev = case
     system, excitation = machine.system(T, nu), machine.torque(nu)
 
@@ -243,11 +247,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """For which motors a resonance matters, and what the lag of each adds."""
     adds = {f"{lag} ms": f[f"added_{lag}ms"] for lag in LAGS}
     most = [
-        f"{share.text()} with {lag} at {f[f'worst_speed_{lag}'.replace(' ', '')].text()}"
+        f"{concise(share, SHARE_DIGITS)} with {lag}"
         for lag, share in adds.items()
         if share.error is not None
     ]
-    lift = f"The follower lifts off at {f['follower_limit'].text()}."
+    lift = f"The follower lifts off at {f['follower_limit'].brief()}."
     highest = [f"The lag adds at most {listed(most)}."] if most else []
     return " ".join([*importance(adds), *highest, *refusals(adds), lift])
 

@@ -8,13 +8,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Findings, Run, Show, Table, option
+from workbench import Chart, Context, Figure, Run, Show, option
 from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
@@ -40,15 +41,39 @@ class Options(Run):
     step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """One start."""
+class Start(NamedTuple):
+    """What stands beside the run: the system, and the largest torque of a slow turn."""
+
+    system: System
+    slow_torque: Figure
+
+
+Data = tuple[Result, Start]
+
+
+def system(o: Options, fmus: Mapping[str, Path]) -> System:
+    """Return the drive at rest."""
     motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
-    system = System(context.fmus, iron.WIRES, motor | dict(o.start))
-    result, all_figures = context.certify(system, figures, o, None, "iron_start.csv")
-    all_figures |= needs(system, result)
-    full = ledger(result)
-    tables = {"iron_start.csv": Table.of(full)}
-    return Findings(all_figures, (full, system), system, result.provenance, tables=tables)
+    return System(fmus, iron.WIRES, motor | dict(o.start))
+
+
+def process(o: Options, r: Result) -> Result:
+    """Return the run with its ledger."""
+    return ledger(r)
+
+
+def more_runs(o: Options, context: Context, system: System) -> Start:
+    """Run two slow turns."""
+    return Start(system, slow_torque(system))
+
+
+def more_figures(o: Options, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
+    """Return the largest torque that a slow turn takes at the cam, and what the motor gives at rest."""
+    gear = r[0].provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
+    motor = float(r[0]["motor.tau_static"][0])
+    meaning = "torque of the motor at the start, at the cam"
+    at_rest = Figure(gear * motor, r[1].slow_torque.unit, 0.0, meaning)
+    return {"tau_cam_max": r[1].slow_torque, "tau_cam_rest": at_rest}
 
 
 def ledger(r: Result) -> Result:
@@ -61,9 +86,9 @@ def ledger(r: Result) -> Result:
     return extended(r, r.units["iron.E_kin"], more)
 
 
-def figures(r: Result) -> dict[str, Figure]:
+def figures(o: Options, r: Result) -> dict[str, Figure]:
     """Largest speed and torque with their times, the speed it settles at, energies at the end."""
-    t, phi, r = r["time"], r["iron.phi"], ledger(r)
+    t, phi = r["time"], r["iron.phi"]
     rad, torque, J = (r.units[x] for x in ("iron.w_cam", "motor.tau", "E_in"))
     w, tau, mean = largest(t, r["iron.w_cam"]), largest(t, r["motor.tau"]), measured(pace, t, phi)
     cycles, work = Measured(*(iron.PER_MINUTE * x for x in mean)), integral(t, r["motor.P"])
@@ -86,23 +111,16 @@ def figures(r: Result) -> dict[str, Figure]:
     }
 
 
-def needs(system: System, r: Result) -> dict[str, Figure]:
-    """The largest torque that a slow turn takes at the cam, and what the motor gives there at rest.
+def slow_torque(system: System) -> Figure:
+    """Return the largest torque that a slow turn takes at the cam.
 
     Torques of turns at constant speed are f_0 + f_2 w^2, and two turns give f_0.
     """
     slow, fast = (iron.turn(system, w, SAMPLES) for w in (1.0, 2.0))
     torque, unit = slow["iron.tau_cam"], slow.units["iron.tau_cam"]
     still = torque - (fast["iron.tau_cam"] - torque) / 3
-    gear = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
-    motor = float(r["motor.tau_static"][0])
-    most = largest(slow["iron.phi"], still)
-    return {
-        "tau_cam_max": most.figure(unit, "largest torque at the cam in a slow turn"),
-        "tau_cam_rest": Figure(
-            gear * motor, unit, 0.0, "torque of the motor at the start, at the cam"
-        ),
-    }
+    meaning = "largest torque at the cam in a slow turn"
+    return largest(slow["iron.phi"], still).figure(unit, meaning)
 
 
 def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
@@ -117,12 +135,12 @@ def stands(t: Samples, phi: Samples) -> bool:
     return bool(np.ptp(phi[last]) < STANDS * np.ptp(phi))
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
     """How the cam starts, how it goes on, and the ledger."""
-    texts = {name: figure.text() for name, figure in f.items()}
+    texts = {name: figure.brief() for name, figure in f.items()}
     starts = (
         f"The cam peaks at {texts['w_cam_max']} after {texts['w_cam_max_time']}; its mean speed in the second "
-        f"half is {texts['w_cam_mean']} ({f['cycles'].text('cycles/min')})."
+        f"half is {texts['w_cam_mean']} ({f['cycles'].brief('cycles/min')})."
     )
     if stands(r[0]["time"], r[0]["iron.phi"]):
         turned = f"the cam has made {texts['turns']} turns, at up to {texts['w_cam_max']}"
@@ -142,13 +160,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
 
 
 def creeping(o: Options, f: Mapping[str, Figure]) -> str:
-    """How far the cam comes of a motor that is too weak for a slow turn."""
-    texts = {name: figure.text() for name, figure in f.items()}
+    """Say how far the cam comes of a motor that is too weak for a slow turn."""
     return (
-        f"Within {o.stop:g} s the cam does not complete a turn: it makes {texts['turns']} turns, at up to "
-        f"{texts['w_cam_max']}, and its mean speed in the second half is {texts['w_cam_mean']}. The motor "
-        f"gives {texts['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
-        f"{texts['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
+        f"Within {o.stop:g} s the cam does not complete a turn: it makes {f['turns'].brief()} turns. The motor "
+        f"gives {f['tau_cam_rest'].brief()} at the cam at the start, and a slow turn takes up to "
+        f"{f['tau_cam_max'].brief()}: it cannot turn the cam slowly through a whole turn."
     )
 
 
@@ -158,11 +174,11 @@ def is_weak(f: Mapping[str, Figure]) -> bool:
     return 0.0 < f["tau_cam_rest"].value < most.value - (most.error or 0.0)
 
 
-def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     """The first moments, the whole start with its ledger, and the mechanism in motion."""
     full = chart(r[0], "The start from the middle of the bottom dwell", slice(None))
     first = chart(r[0], "The first moments", r[0]["time"] <= FIRST)
-    moving = motion.motion("The start", *r, o.stop, 2.0)
+    moving = motion.motion("The start", r[0], r[1].system, o.stop, 2.0)
     return Show([first._replace(panels=first.panels[:3]), full], [moving])
 
 
@@ -184,7 +200,7 @@ def chart(r: Result, title: str, rows: Any) -> Chart:
     return Chart(title, "time [s]", panels)
 
 
-def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
     """The start."""
     half = "stop / 2"
     panels = [
@@ -221,7 +237,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> 
             Number("energy_friction", Reader("last", "iron.E_friction")),
         ],
         charts=[LiveChart("The start from the middle of the bottom dwell", "time [s]", panels)],
-        motion=motion.live_motion("The start", *r, 2.0),
+        motion=motion.live_motion("The start", r[0], r[1].system, 2.0),
     )
 
 

@@ -1,26 +1,36 @@
 """How long does orienting a product take, and up to which rotor speed does the machine work?
 
-The speed of the rotor is swept for three coefficients of friction. Each curve ends where products jam,
+The speed of the rotor is swept for several coefficients of friction. Each curve ends where products jam,
 and these limits are located by bisection.
+
+With `--compare formula` the answer also says how well the formula for the limit and the closed bound of stage
+joint meet the simulated limits of three cups, and which dimension raises the limit most. With
+`--compare neglected` it says what the effects that the paper neglects cost: Coriolis forces, friction at the
+catcher, the direction of the spring.
+
+This question has a `solve` of its own because it follows hundreds of products, and the limits are brackets of a
+search, not figures of a run that is certified.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import workbench
-from cosim import System
+from cosim import SetupError, System
 from cosim.system import connect
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.charts.model import SERIES
-from workbench.figure import percent, refusals
+from workbench.charts.motion import Motion
+from workbench.figure import SENTENCE_DIGITS, concise, listed, percent, refusals
 from workbench.measure import ROUNDING, Measured
+from workbench.options import check_fixed_starts
 
+from .. import formula_comparison, motion, neglected
 from .. import machine as orientator
-from .. import motion
 from ..products import (
     PRODUCT_STARTS,
     STEP,
@@ -40,23 +50,121 @@ TABLE = "orientation_time.csv"
 SPREAD = 1.1
 
 
+FORMULA, NEGLECTED = "formula", "neglected"
+#: Frictions on the wall that are swept by default, by what is compared; with the effects it is that at all walls.
+FRICTIONS = {"none": (0.2, 0.35, 0.5), FORMULA: tuple(x / 20 for x in range(1, 13))}
+#: Speeds of the rotor that are swept by default [rpm]: to where the least friction of a sweep jams.
+SPEEDS = tuple(2.5 * k for k in range(43))
+#: Those at which effects are compared, below the limit with any of them.
+SLOW_SPEEDS = tuple(5.0 * k for k in range(15))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
-    frictions: tuple[float, ...] = option("0.2,0.35,0.5", "friction on the wall", "1", least=0.0)
-    speeds: tuple[float, ...] = option("0:105rpm:43", "speeds of the rotor", "rad/s", least=0.0)
+    frictions: tuple[float, ...] = option(
+        (), "friction on the wall, by default 0.2, 0.35 and 0.5, or as the comparison needs it", "1",
+        least=0.0,
+    )  # fmt: skip
+    speeds: tuple[float, ...] = option(
+        (), f"speeds of the rotor, by default {len(SPEEDS)} up to {SPEEDS[-1]:g} rpm, or "
+        f"{len(SLOW_SPEEDS)} up to {SLOW_SPEEDS[-1]:g} rpm with what is neglected", "rad/s", least=0.0,
+    )  # fmt: skip
+    compare: str = option(
+        "none", "also compare with the formula for the limit, or with what the paper neglects",
+        choices=("none", FORMULA, NEGLECTED),
+    )  # fmt: skip
+    friction: float = option(0.35, "friction of the wall for the comparison", "1", above=0.0)
+    speed: float = option("40rpm", "speed of the rotor for what is neglected", "rad/s", least=0.0)
+    catcher: float = option(
+        0.35, "friction between cup and catcher, which is neglected", "1", least=0.0, most=1.0
+    )
+    rim: float = option("0.5mm", "radius of the rim's edge, which is neglected", "m", least=0.0)
+    length: float = option("100mm", "length of the spring at the stop", "m", above=0.0)
+
+
+class Comparison(Protocol):
+    """What the orientation times and limits are compared with."""
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """Its figures."""
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        """Its tables by file."""
+
+    def sentences(self) -> list[str]:
+        """Return its verdict."""
+
+    def charts(self) -> list[Chart]:
+        """Return its charts."""
+
+    def motions(self) -> list[Motion]:
+        """Return its motions."""
+
+
+class OrientationData(NamedTuple):
+    """The machine, its products for each friction, and what they are compared with."""
+
+    machine: System
+    series: Mapping[float, ProductsUntilJam]
+    comparison: Comparison | None
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """Sweep, and halve the gaps between what works and what jams."""
-    machine = orientator.system(context.fmus, 0.0, 0.0, o.start)
+    """Sweep, and halve the gaps between what works and what jams; compare.
+
+    Raises
+    ------
+    cosim.SetupError
+        For options that the comparison cannot take.
+    """
+    frictions, speeds = chosen(o)
+    machine = orientator.system(context.fmus, 0.0, o.friction, o.start)
     connect(machine)
-    speeds = [round(w * 30 / math.pi, 9) for w in o.speeds]  # so that 20 rpm stay 20
     run = partial(sweep, machine, speeds)
-    rows = chain.from_iterable(context.each(run, o.frictions, "frictions", probes=True))
+    rows = chain.from_iterable(context.each(run, frictions, "frictions", probes=True))
     table, steps = context.record_rows(TABLE, UNITS, rows), f"steps of {STEP} s"
-    series = {mu: ProductsUntilJam.of_frame(table.frame, mu) for mu in o.frictions}
-    all_figures, data = figures(machine, table.frame, series), (machine, series)
-    return Findings(all_figures, data, machine, {}, steps, tables={TABLE: table})
+    series = {mu: ProductsUntilJam.of_frame(table.frame, mu) for mu in frictions}
+    all_figures, tables = figures(machine, table.frame, series), {TABLE: table}
+    comparison = compared(o, context, machine, frictions, speeds)
+    if comparison:
+        all_figures |= comparison.figures
+        tables = {**comparison.tables, **tables}
+    data = OrientationData(machine, series, comparison)
+    defaults = {"frictions": frictions, "speeds": [n * math.pi / 30 for n in speeds]}
+    return Findings(all_figures, data, machine, {}, steps, tables=tables, defaults=defaults)
+
+
+def chosen(o: Options) -> tuple[Sequence[float], Sequence[float]]:
+    """Return the frictions and the speeds [rpm] of the sweep; raises SetupError for what cannot be compared."""
+    if o.compare == NEGLECTED:
+        check_fixed_starts(o.start, neglected.NEGLECTED_STARTS)
+    frictions = o.frictions or FRICTIONS.get(o.compare, (o.friction,))
+    if o.compare == FORMULA and min(frictions) <= 0.0:
+        raise SetupError(
+            f"frictions = {min(frictions):g} must be a finite number above 0: without friction the formula "
+            "finds no limit"
+        )
+    speeds = [round(w * 30 / math.pi, 9) for w in o.speeds]  # so that 20 rpm stay 20
+    return frictions, speeds or (SLOW_SPEEDS if o.compare == NEGLECTED else SPEEDS)
+
+
+def compared(
+    o: Options,
+    context: Context,
+    machine: System,
+    frictions: Sequence[float],
+    speeds: Sequence[float],
+) -> Comparison | None:
+    """Return the comparison that the options choose."""
+    if o.compare == FORMULA:
+        return formula_comparison.compare(context, machine, o.friction, frictions)
+    if o.compare == NEGLECTED:
+        effects = neglected.Effects(o.friction, o.catcher, o.rim, o.length)
+        speed = round(o.speed * 30 / math.pi, 9)
+        return neglected.compare(context, machine, effects, (speed, *speeds))
+    return None
 
 
 def figures(
@@ -105,20 +213,20 @@ def key(name: str, mu: float) -> str:
     return f"{name}_mu_{mu:g}".replace(".", "_")
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
-    """How long orienting takes, how fast the rotor may turn, and from where on friction matters."""
-    texts = {name: figure.text() for name, figure in f.items()}
-    limits = {f"friction {mu:g}": key("limit", mu) for mu in o.frictions}
+def verdict(o: Options, f: Mapping[str, Figure], r: OrientationData) -> str:
+    """How fast the rotor may turn, how long orienting takes, and from where on friction matters."""
+    if r.comparison:
+        return "\n".join(r.comparison.sentences())
+    limits = {f"friction {mu:g}": f[key("limit", mu)] for mu in r.series}
     works = [
-        f"{texts[name]} with {who}, where it takes {texts[name.replace('limit', 'orientation_time')]}"
-        for who, name in limits.items()
-        if f[name].error is not None
+        f"{concise(x, SENTENCE_DIGITS)} with {who}"
+        for who, x in limits.items()
+        if x.error is not None
     ]
-    lines = refusals({who: f[name] for who, name in limits.items()})
-    if works:
-        lines.insert(0, f"The orientator works up to {'; '.join(works)}.")
+    lines = [f"The orientator works up to {listed(works)}."] if works else []
+    lines += refusals(limits)
     if "shortest_time" in f:
-        lines.insert(0, f"Orienting a product takes at least {texts['shortest_time']}.")
+        lines.append(f"Orienting a product takes at least {f['shortest_time'].brief()}.")
     if "fan" in f:
         lines.append(
             f"At the speeds of the sweep below {f['fan'].value:.4g} rpm friction changes the orientation time by "
@@ -127,25 +235,31 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     return " ".join(lines)
 
 
-def show(
-    o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[float, ProductsUntilJam]]
-) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: OrientationData) -> Show:
     """The curves, and for each limit the last product that is oriented beside the first that jams."""
     curves, marks, motions = [], [], []
-    for (mu, series), color in zip(r[1].items(), SERIES * len(r[1])):
+    for (mu, series), color in zip(r.series.items(), SERIES * len(r.series)):
         oriented, jam = series.oriented, series.jam
         n, time = [p.n for p in oriented], [p.orientation_time for p in oriented]
         if oriented:
             curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
         if jam is not None:
             marks.append(Mark(n[-1], f"friction {mu:g} jams beyond {n[-1]:.2f} rpm"))
-            runs = {f"{x:.2f} rpm": run_product(r[0], mu, x, 1e-3) for x in (n[-1], jam.n)}
-            last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
-            title = f"Friction {mu:g}: {' works, '.join(runs)} does not"
-            motions.append(motion.motion(title, runs, last))
+        if jam is not None and not r.comparison:
+            motions.append(pair(r.machine, mu, n[-1], jam.n))
     title = "The orientation time over the speed of the rotor"
     if marks:
         title = "The orientation time, up to the speed at which products jam"
     panel = Panel("orientation time", "s", curves, includes=(0.0,))
-    chart = Chart(title, "rotor speed [rpm]", [panel], marks)
-    return Show([chart] if curves else [], motions)
+    chart = Chart(title, "rotor speed [rpm]", [panel], [] if r.comparison else marks)
+    charts = [chart] if curves else []
+    if r.comparison:
+        return Show([*r.comparison.charts(), *charts], r.comparison.motions())
+    return Show(charts, motions)
+
+
+def pair(machine: System, mu: float, works: float, jams: float) -> Motion:
+    """Return the last product that is oriented beside the first that jams, by their rotor speeds [rpm]."""
+    runs = {f"{n:.2f} rpm": run_product(machine, mu, n, 1e-3) for n in (works, jams)}
+    last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
+    return motion.motion(f"Friction {mu:g}: {' works, '.join(runs)} does not", runs, last)

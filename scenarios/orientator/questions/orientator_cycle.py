@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
-from workbench.figure import listed
+from workbench.figure import SHARE_DIGITS, concise, listed
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Samples, measured
 
@@ -124,8 +124,8 @@ def ending(r: Result) -> str:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """What becomes of the product, and how long each stage takes."""
-    after = f" after {f['orientation_time'].text()}" if f["oriented"].value else ""
-    stages = [f"{f[f't_{x}'].text()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
+    after = f" after {f['orientation_time'].brief()}" if f["oriented"].value else ""
+    stages = [f"{f[f't_{x}'].brief()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
     stage_text = (
         f"Its stages take {listed(stages)}" if stages else "None of its stages came to an end"
     )
@@ -133,8 +133,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     pulls = ""
     if wall.error is not None and wall.value + wall.error < 0.0:
         pulls = (
-            f" The reaction of the wall falls to {wall.text()}: the wall would have to pull, a real cup leaves "
-            "it there, and what follows is not valid for it."
+            f" The reaction of the wall falls to {concise(wall, SHARE_DIGITS)}: the wall would have to pull, and a "
+            "real cup leaves it there."
         )
     return f"{ending(r).capitalize()}{after}. {stage_text}.{pulls}"
 

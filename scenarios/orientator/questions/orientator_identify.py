@@ -3,6 +3,9 @@
 The machine is fitted to the durations of stages that a camera measured, with a row for each product, at
 several speeds of the rotor. Friction is proportional to the squared speed: fast products show it, while
 slow ones show the height of the fall. Stage times that no friction explains are refused.
+
+This question has a `solve` of its own because the answer comes from a fit to a record and from many
+machines that fit it, not from one run that is certified.
 """
 
 import math
@@ -146,7 +149,6 @@ def guess(system: System, data: Mapping[str, Measured]) -> System:
 
 def top(fit: Identified, machine: System) -> Figure:
     """The fastest rotor that orients [rpm]; its error holds that of friction."""
-
     mu = fit.values[FRICTION]
     with cosim.quiet():
         best, *ends = (

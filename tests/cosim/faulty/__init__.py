@@ -90,8 +90,8 @@ FAULTS = {
     "leaks": "memory",
     "leaks when freed": "memory",
 }
-TOLD = ("does not tell its time", "tells a wrong time")
-FAULTS3 = {fault: checks for fault, checks in FAULTS.items() if fault not in TOLD}
+TIME_FAULTS = ("does not tell its time", "tells a wrong time")
+FAULTS3 = {fault: checks for fault, checks in FAULTS.items() if fault not in TIME_FAULTS}
 FAULTS3["moves in a discard"] = "discard"
 DEADLY = {
     "crashes": "memory",

@@ -155,8 +155,10 @@ def _element(tag: str, content: str = "", **attributes: Value) -> str:
 
 
 def _description(guid: str, values: Mapping[str, Value]) -> str:
-    shown = [v for v in VARIABLES if v.causality in ("input", "output", "parameter", "tunable")]
-    index = {v.name: n for n, v in enumerate(shown, 1)}
+    connectors = [
+        v for v in VARIABLES if v.causality in ("input", "output", "parameter", "tunable")
+    ]
+    index = {v.name: n for n, v in enumerate(connectors, 1)}
 
     def scalar(v: Variable) -> str:
         kind: dict[str, Value] = {"start": values[v.name]} if v.name in values else {}
@@ -172,11 +174,11 @@ def _description(guid: str, values: Mapping[str, Value]) -> str:
             variability={"parameter": "fixed", "tunable": "tunable"}.get(v.causality, variability),
         )
 
-    def unknown(v: Variable, known: str) -> str:
-        acting = " ".join(str(n) for n in sorted(index[name] for name in known.split()))
+    def unknown(v: Variable, dependencies: str) -> str:
+        acting = " ".join(str(n) for n in sorted(index[name] for name in dependencies.split()))
         return _element("Unknown", index=index[v.name], dependencies=acting)
 
-    outputs = [v for v in shown if v.causality == "output"]
+    outputs = [v for v in connectors if v.causality == "output"]
     gears = "".join(_element("Item", name=name, value=value) for name, value in GEARS.items())
     gear = _element("SimpleType", _element("Enumeration", gears), name="Gear")
     capabilities = {v.name: values[v.name] for v in VARIABLES if v.causality == "capability"}
@@ -186,7 +188,7 @@ def _description(guid: str, values: Mapping[str, Value]) -> str:
         "fmiModelDescription",
         _element("CoSimulation", modelIdentifier="foreign", **capabilities)
         + _element("TypeDefinitions", gear)
-        + _element("ModelVariables", "".join(map(scalar, shown)))
+        + _element("ModelVariables", "".join(map(scalar, connectors)))
         + _element("ModelStructure", structure),
         fmiVersion="2.0",
         modelName="foreign",

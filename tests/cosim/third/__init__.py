@@ -62,11 +62,11 @@ def _samples() -> Iterator[str]:
         moves = "continuous" if kind.startswith("Float") else "discrete"
         for k, (name, size) in enumerate((("", ""), ("s", DIMENSIONS))):
             for out in (0, 1):
-                way = "output" if out else "input"
-                told = "" if out else f' start="{start}"'
+                causality = "output" if out else "input"
+                attribute = "" if out else f' start="{start}"'
                 yield (
-                    f'<{kind} name="{kind}_{way[:-3]}{name}" valueReference="{base + 2 * k + out}"'
-                    f' causality="{way}" variability="{moves}"{told}>{size}</{kind}>'
+                    f'<{kind} name="{kind}_{causality[:-3]}{name}" valueReference="{base + 2 * k + out}"'
+                    f' causality="{causality}" variability="{moves}"{attribute}>{size}</{kind}>'
                 )
     yield '<UInt64 name="rows" valueReference="1900" causality="structuralParameter" start="2"/>'
     for n, (kind, inner) in enumerate((("String", "grün"), ("Binary", "c0ffee"))):
@@ -82,10 +82,12 @@ def _samples() -> Iterator[str]:
 def pack(path: Path, clock: str = "", **swaps: str) -> Path:
     """Write an FMU, with a clock of these attributes, and with capabilities set to other values."""
     text = HEAD + (CLOCK.format(clock) if clock else "") + "\n".join(_samples())
-    shown = [951, 2001, 2003, *(b + k for b in BASES.values() for k in (1, 3))]
+    following = [951, 2001, 2003, *(b + k for b in BASES.values() for k in (1, 3))]
     unknowns = "".join(f'<Output valueReference="{n}" dependencies=""/>' for n in OUTPUTS)
     for tag in ("Output", "InitialUnknown"):
-        unknowns += "".join(f'<{tag} valueReference="{n}" dependencies="{n - 1}"/>' for n in shown)
+        unknowns += "".join(
+            f'<{tag} valueReference="{n}" dependencies="{n - 1}"/>' for n in following
+        )
     text += f"</ModelVariables><ModelStructure>{unknowns}</ModelStructure></fmiModelDescription>"
     for name, value in swaps.items():
         assert f'{name}="true"' in text

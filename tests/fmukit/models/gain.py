@@ -1,6 +1,6 @@
-"""Gain without a state and without a parameter
+r"""Gain without a state and without a parameter
 
-$$ y = 2\\,u $$
+$$ y = 2\,u $$
 """
 
 from __future__ import annotations

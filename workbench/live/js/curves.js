@@ -4,6 +4,8 @@
 const GREY = "#76828c";
 // The share of an axis that stays free beside its values.
 const ROOM = 0.05;
+// Pixels between a mark and its text.
+const SHIFT = 4;
 
 // A range that shows values.
 const ranged = (values) => {
@@ -68,7 +70,8 @@ const charted = (place, { picture, includes, marks, title }) => {
       }
       const xanchor = share < 0.1 ? "left" : share > 0.9 ? "right" : side;
       const text = `${note.text} ${shown(value, 4)} ${marks[k].unit}`;
-      return [{ ...note, text, x: value, xanchor }];
+      const xshift = SHIFT * { left: 1, center: 0, right: -1 }[xanchor];
+      return [{ ...note, text, x: value, xanchor, xshift }];
     });
   };
   const screen = () => (small.matches ? "narrow" : "wide");

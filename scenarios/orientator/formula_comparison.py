@@ -1,8 +1,8 @@
-"""How fast may the rotor turn for each cup and friction, and which dimension raises that limit most?
-
-The formula for the limit and the closed bound of stage joint are compared with the limits of simulated
-products.
+"""The fastest rotor for each cup and friction: the formula and its closed bound beside simulated limits, and
+which dimension raises the limit most.
 """
+
+from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,40 +12,35 @@ from typing import Any
 
 import numpy as np
 
-import workbench
 from cosim import System
-from cosim.system import Value, connect
-from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, Table, option
+from cosim.system import Value
+from workbench import Chart, Context, Curve, Figure, Panel, Table
 from workbench.answer import parameters
+from workbench.charts.motion import Motion
+from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise
 
-from .. import machine as orientator
-from .. import motion
-from ..limit_formula import Machine, rpm
-from ..products import PRODUCT_STARTS, STEP, fastest, run_product, simulated_limit
+from . import machine as orientator
+from . import motion
+from .limit_formula import Machine, rpm
+from .products import fastest, run_product, simulated_limit
 
-FIXED_STARTS = PRODUCT_STARTS
-PARTS = orientator.PARTS
 PLANE, RAISE = "orientator_limit.csv", "orientator_limit_dimensions.csv"
 COLUMNS = {
     "d": "m", "h": "m", "mu": "1", "limit": "rpm", "error": "rpm", "formula": "rpm", "joint": "rpm",
 }  # fmt: skip
 RAISED = {"dimension": "1", "gain": "%", "gain_error": "%"}
 LENGTHS = ("cup.d", "cup.h", "cup.l", "catcher.l", "catcher.h", "catcher.phi", "chute.R", "chute.H")
-#: Relative change of a dimension on either side, whose halving shows the error of the derivative.
+#: Relative change of a dimension on either side, whose halving shows the error of the derivative; a convention.
 CHANGE = 0.02
-#: Speeds at which the limit of a changed dimension is sought, over the unchanged limit, and their number.
+#: Speeds at which the limit of a changed dimension is sought, over the unchanged limit, and their number; a
+#: convention.
 NEAR_LIMIT = (0.94, 1.06, 5)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
-    frictions: tuple[float, ...] = option("0.05:0.6:12", "friction on the wall", "1", above=0.0)
-    friction: float = option(0.35, "friction at which dimensions are changed", "1", above=0.0)
 
 
 def shell_cup(d: float, h: float) -> dict[str, Value]:
     """A drawn cup of this diameter and height of its cylinder [m]: a shell, its bottom thrice as thick
-    as its wall, which is the one that gives 40 g to a cup of 40 mm and 48 mm."""
+    as its wall, which is the one that gives 40 g to a cup of 40 mm and 48 mm.
+    """
     r = d / 2
     m = 0.04 * r * (h + 3 * r) / (0.02 * 0.108)
     wall, end = m * h / (h + 3 * r), m * 3 * r / (h + 3 * r)
@@ -62,22 +57,98 @@ CUPS: dict[str, tuple[dict[str, Value], str]] = {
 }
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """The limits over the plane, and those with every dimension a little smaller and larger."""
-    base = orientator.system(context.fmus, 0.0, o.friction, o.start)
-    connect(base)
+@dataclass(frozen=True)
+class FormulaComparison:
+    """Limits by formula and simulation: figures, the plane of cups and frictions, gains of the dimensions."""
+
+    base: System
+    friction: float
+    frictions: Sequence[float]
+    figures: Mapping[str, Figure]
+    tables: Mapping[str, Table]
+
+    def sentences(self) -> list[str]:
+        """Say how fast the rotor may turn, how well the formula gives it, and what moves it most."""
+        f, lines = self.figures, []
+        lines.append(
+            f"With friction {self.friction:g} the rotor may turn at up to "
+            f"{concise(f['limit'], SENTENCE_DIGITS)}; the limit formula gives {f['formula'].brief()}"
+        )
+        located = self.tables[PLANE].frame["limit"].notna()
+        where = "all pairs of cup and friction"
+        if not located.all():
+            where = (
+                f"the {located.sum()} of {len(located)} pairs of cup and friction that have a limit"
+            )
+        lines.append(
+            f"For {where} it is within {concise(f['off'], SHARE_DIGITS)} of the simulated limit"
+        )
+        name, most = strongest(f, LENGTHS)
+        lines.append(
+            f"{name} moves the limit most: 1 % more changes it by {concise(most, SHARE_DIGITS)}"
+            if name and most
+            else f"The dimension that moves the limit most is not determined among {', '.join(LENGTHS)}"
+        )
+        return [f"{'. '.join(lines)}."]
+
+    def charts(self) -> list[Chart]:
+        """Return the limits over friction, how far the formula is off, and what each dimension gains."""
+        return [self.limit_chart(), self.gain_chart()]
+
+    def limit_chart(self) -> Chart:
+        """Return the limits over friction, and how far the formula is off."""
+        plane, size = self.tables[PLANE].frame, len(self.frictions)
+        speeds, offs = [], []
+        for k, (name, (_, color)) in enumerate(CUPS.items()):
+            x = plane[k * size : (k + 1) * size]
+            mu, n = x["mu"].to_numpy(), x["limit"].to_numpy()
+            speeds += [
+                Curve(name, mu, n, color, "points", x["error"].to_numpy()),
+                Curve(f"{name}, formula", mu, x["formula"].to_numpy(), color),
+                Curve(f"{name}, bound", mu, x["joint"].to_numpy(), color, "theory"),
+            ]
+            difference, wide = 100 * (x["formula"] / n - 1), 100 * x["error"] / n
+            offs.append(Curve(name, mu, difference.to_numpy(), color, "linked", wide.to_numpy()))
+        panels = [
+            Panel("fastest rotor", "rpm", speeds, includes=(0.0,)),
+            Panel("error of the formula", "%", offs),
+        ]
+        return Chart("Rotor speed up to which cups are oriented", "friction on the wall", panels)
+
+    def gain_chart(self) -> Chart:
+        """Return what each dimension gains."""
+        names, gains, errors = (self.tables[RAISE].frame[x].to_list() for x in RAISED)
+        bars = Curve("simulated", names, gains, "blue", "bars", errors)
+        title = f"Gain from 1 % more of each dimension at friction {self.friction:g}"
+        return Chart(title, "dimension", [Panel("change of the limit", "%", [bars])])
+
+    def motions(self) -> list[Motion]:
+        """Return the last cup that is oriented beside the first that jams."""
+        limit = self.figures["limit"]
+        if limit.error is None:
+            return []
+        ends = (limit.value, limit.value + limit.error)
+        runs = {f"{x:.2f} rpm": run_product(self.base, self.friction, x, 1e-3) for x in ends}
+        last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
+        return [motion.motion(f"{' works, '.join(runs)} does not", runs, last)]
+
+
+def compare(
+    context: Context, base: System, friction: float, frictions: Sequence[float]
+) -> FormulaComparison:
+    """Compare limits over the plane, and those with every dimension a little smaller and larger."""
     cups = [replace(base, start={**base.start, **cup}) for cup, _ in CUPS.values()]
-    cases = [(system, mu) for system in cups for mu in o.frictions]
+    cases = [(system, mu) for system in cups for mu in frictions]
     rows = context.each(limits, cases, "limits", probes=True)
     plane = context.record_rows(PLANE, COLUMNS, rows)
     ((machine, located),) = context.each(
-        partial(simulated_limit, base), [o.friction], "limit", probes=True
+        partial(simulated_limit, base), [friction], "limit", probes=True
     )
-    around = partial(gain, base, o.friction, (np.linspace(*NEAR_LIMIT) * located.value).tolist())
+    around = partial(gain, base, friction, (np.linspace(*NEAR_LIMIT) * located.value).tolist())
     raised = Table.of_rows(context.each(around, LENGTHS, "dimensions", probes=True), RAISED)
     all_figures = figures(plane.frame, raised.frame, machine, located)
     tables = {PLANE: plane, RAISE: raised}
-    return Findings(all_figures, (base, tables), base, {}, f"steps of {STEP} s", tables=tables)
+    return FormulaComparison(base, friction, frictions, all_figures, tables)
 
 
 def limits(case: tuple[System, float]) -> Sequence[float]:
@@ -91,7 +162,8 @@ def limits(case: tuple[System, float]) -> Sequence[float]:
 
 def gain(base: System, mu: float, speeds: Sequence[float], name: str) -> Sequence[Any]:
     """A row of the dimensions: percent that the limit rises by 1 % more of one, and its error; the
-    limits are sought at these speeds."""
+    limits are sought at these speeds.
+    """
     key = f"orientator.{name}"
     value = float(parameters(base)[key].value)
 
@@ -152,61 +224,10 @@ def extreme(values: Any, errors: Any, meaning: str) -> Figure:
     return Figure(float(values.max()), "%", float(max(cup_dimension, beyond)), meaning)
 
 
-def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> tuple[str, str]:
-    """The dimension of which 1 % more changes the limit most, and by how much, in words."""
+def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> tuple[str, Figure | None]:
+    """Return the dimension of which 1 % more changes the limit most, and by how much; "" if none is known."""
     gains = {name: f[f"gain_{name.replace('.', '_').lower()}"] for name in names}
     located = {name: x for name, x in gains.items() if x.error is not None}
     if not located:
-        return "", f"not determined among {', '.join(names)}"
-    name, gain = max(located.items(), key=lambda item: abs(item[1].value))
-    return name, f"{name}: 1 % more changes it by {gain.text()}"
-
-
-def verdict(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Table]]) -> str:
-    """The limit, how well the formula gives it, and which dimension raises it most."""
-    located = r[1][PLANE].frame["limit"].notna()
-    pairs = "pairs of cup and friction"
-    where = f"all {pairs}"
-    if not located.all():
-        where = f"the {located.sum()} of {len(located)} {pairs} that have a limit"
-    (first, most), (cup_dimension, most_cup) = strongest(f, LENGTHS), strongest(f, LENGTHS[:3])
-    of_cup = f" Of the cup itself it is {most_cup}." if cup_dimension != first else ""
-    return (
-        f"With friction {o.friction:g} the rotor may turn at up to {f['limit'].text()}; the formula gives "
-        f"{f['formula'].text()}. Over {where} the formula is within {f['off'].text()} of the simulated "
-        f"limits, and the closed bound lies {f['above_least'].text()} to {f['above_most'].text()} above "
-        f"them. The dimension that moves the limit most is {most}.{of_cup}"
-    )
-
-
-def show(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Table]]) -> Show:
-    """The limits over friction, the formula's difference, what each dimension gains, and the last cup
-    that is oriented beside the first that jams."""
-    plane, raised = (table.frame for table in r[1].values())
-    speeds, offs, motions = [], [], []
-    size = len(o.frictions)
-    for k, (name, (_, color)) in enumerate(CUPS.items()):
-        x = plane[k * size : (k + 1) * size]
-        mu, n = x["mu"].to_numpy(), x["limit"].to_numpy()
-        speeds += [
-            Curve(name, mu, n, color, "points", x["error"].to_numpy()),
-            Curve(f"{name}, formula", mu, x["formula"].to_numpy(), color),
-            Curve(f"{name}, bound", mu, x["joint"].to_numpy(), color, "theory"),
-        ]
-        half_width, wide = 100 * (x["formula"] / n - 1), 100 * x["error"] / n
-        offs.append(Curve(name, mu, half_width.to_numpy(), color, "linked", wide.to_numpy()))
-    panels = [
-        Panel("fastest rotor", "rpm", speeds, includes=(0.0,)),
-        Panel("error of the formula", "%", offs),
-    ]
-    where = Chart("Rotor speed up to which cups are oriented", "friction on the wall", panels)
-    names, gains, errors = (raised[x].to_list() for x in RAISED)
-    bars = Curve("simulated", names, gains, "blue", "bars", errors)
-    title = f"Gain from 1 % more of each dimension at friction {o.friction:g}"
-    gained = Chart(title, "dimension", [Panel("change of the limit", "%", [bars])])
-    if f["limit"].error is not None:
-        works, jams = f["limit"].value, f["limit"].value + f["limit"].error
-        ends = {f"{x:.2f} rpm": run_product(r[0], o.friction, x, 1e-3) for x in (works, jams)}
-        last = max(float(orientator.shortened(x)["time"][-1]) for x in ends.values())
-        motions.append(motion.motion(f"{' works, '.join(ends)} does not", ends, last))
-    return Show([where, gained], motions)
+        return "", None
+    return max(located.items(), key=lambda item: abs(item[1].value))

@@ -1,41 +1,32 @@
-"""How far can the classical calculation, with constant inertia and a load over time, be trusted?
+"""The classical calculation, with constant inertia and a load over time, beside orbits: how far it holds.
 
-Its ripple of torque and speed and its rod force are compared with co-simulation at each speed: once
-with the spring as the only load, as in the formula after (26), and once with the whole load at constant
-speed, including the inertia of the trough. The speed at which each error leaves its bounds is located
-on orbits there.
+Its ripple of torque and speed and its rod force are compared with the orbits of a sweep: once with the
+spring as the only load, as in the formula after (26), and once with the whole load at constant speed,
+including the inertia of the trough. The speed at which each error leaves its bounds is located on orbits
+there.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Curve, Figure, Mark, Panel, Table
 from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
 from workbench.figure import listed
 from workbench.measure import Measured, crossing_times
 from workbench.roots import NoRootError, SecantSearch
 
-from .. import motion
-from ..features import ResponseLine
-from ..first_order import Machine, classical
-from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive
-from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
-from ..rows import SPEEDS, Row, SpeedSweep, rows_of, sweep_speeds
+from .first_order import Machine, classical
+from .rows import SPEEDS, Row, SpeedSweep, rows_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-PARTS = DRIVE
-FIXED_STARTS = LINEAR_MOTOR_STARTS
-PARALLEL = True
 #: Speeds of set A below those of its resonance, where the spring alone is the load [rad/s].
 SLOW = "6,8,10,12,14,16,18,"
 SWEEPS = {"A": SLOW + SPEEDS["A"], "B": SPEEDS["B"]}
@@ -44,8 +35,8 @@ TABLE = "classical.csv"
 WITH_INERTIA = {"spring": False, "whole": True}
 LOAD_TEXTS = {"spring": "with the spring alone", "whole": "with spring and inertia"}
 STYLES = {
-    "spring": ("spring alone, after (26)", "purple"),
-    "whole": ("spring and inertia", "black"),
+    "spring": ("classical, spring alone, after (26)", "purple"),
+    "whole": ("classical, spring and inertia", "black"),
 }
 UNKNOWN = "the coupling error of an orbit is not known; take more steps per revolution"
 TOO_COARSE = "the sweep has too few speeds near the speed where the error passes the tolerance"
@@ -53,11 +44,7 @@ AT_TOLERANCE = (
     "the error at the lowest speed of the sweep is that of the tolerance, within its own error"
 )
 NOWHERE = "not even at the lowest speed of the sweep"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options(SweepOptions):
-    tolerance: float = option(5.0, "error that is accepted", "%", above=0.0)
+RPM = SecondUnit("rpm", 30 / math.pi)
 
 
 class Quantity(NamedTuple):
@@ -96,24 +83,26 @@ class Case(NamedTuple):
 CASES = [Case(method, load) for method in WITH_INERTIA for load in QUANTITIES]
 
 
-class ClassicalData(NamedTuple):
-    """The sweep, the machine, and the rows of the table."""
+class Comparison(NamedTuple):
+    """The classical calculation beside a sweep: up to where it holds, and its errors over the speed."""
 
-    sweep: SpeedSweep
+    figures: dict[str, Figure]
+    table: Table
     machine: Machine
-    frame: DataFrame
+    tolerance: float
+    slowest: float
+
+    @property
+    def frame(self) -> DataFrame:
+        """The rows over the speed."""
+        return self.table.frame
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """Sweep, compare, and find where an error is no longer accepted; raises cosim.SetupError."""
-    machine, runner = linear_runner(o, context)
-    nus = o.speeds or speeds_of(SWEEPS[o.set])
-    for nu in nus:
-        runner.check(machine, nu)
-    multiples = runner.step_multiples(machine, nus[0])
-    line = ResponseLine(lambda nu: (machine, nu), nus[0], nus[-1])
-    sweep = sweep_speeds(runner, line, nus, multiples)
-    limits = limits_of(machine, sweep, o.tolerance, multiples)
+def compare(
+    machine: Machine, sweep: SpeedSweep, tolerance: float, multiples: Sequence[int]
+) -> Comparison:
+    """Compare the calculation with a sweep, and find where an error leaves the tolerance [%]."""
+    limits = limits_of(machine, sweep, tolerance, multiples)
     figures = {}
     for case in CASES:
         what = f"{QUANTITIES[case.load].name} {LOAD_TEXTS[case.method]}"
@@ -121,24 +110,17 @@ def solve(o: Options, context: Context) -> Findings:
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
         errors = [deviation(case, machine, row) for row in sweep.rows]
         figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
-    end = limits[Case("spring", "torque")]
-    inertia = Figure.undetermined("%", end.reason)
-    if end.error is not None:
-        value = 100 * machine.m * end.value**2 / machine.c
-        inertia = Figure(value, "%", 2 * value * end.error / end.value)
-    figures["share"] = inertia._replace(
-        meaning="inertia force over spring force at the first limit"
-    )
-    table = table_of(machine, sweep)
-    return Findings(
-        figures,
-        ClassicalData(sweep, machine, table.frame),
-        conveyor_drive(context.fmus, {**machine.start(nus[0]), **o.start}),
-        communication=f"{o.steps_per_rev} steps per revolution",
-        algorithm=o.algorithm,
-        tables={TABLE: table},
-        defaults={"speeds": nus},
-    )
+    figures["share"] = inertia_share(machine, limits[Case("spring", "torque")])
+    return Comparison(figures, table_of(machine, sweep), machine, tolerance, sweep.speeds[0])
+
+
+def inertia_share(machine: Machine, end: Figure) -> Figure:
+    """Return the inertia force of the trough over the force of its spring at a speed."""
+    meaning = "inertia force over spring force at the first limit"
+    if end.error is None:
+        return Figure.undetermined("%", end.reason, meaning)
+    value = 100 * machine.m * end.value**2 / machine.c
+    return Figure(value, "%", 2 * value * end.error / end.value, meaning)
 
 
 def deviation(case: Case, machine: Machine, row: Row) -> Measured:
@@ -251,93 +233,75 @@ def limits_of(
     return figures
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> str:
-    """Up to which speed either calculation may be used, and how wrong it gets."""
-    lines = [" ".join(sentences(o, f, r, method)) for method in LOAD_TEXTS]
-    if f["share"].error is not None:
-        lines.append(
-            f"The spring alone no longer gives the torque ripple within {o.tolerance:g} % once the inertia force "
-            f"of the trough is {f['share'].brief()} of the spring force."
+def sentences(comparison: Comparison) -> list[str]:
+    """Say up to which speed each calculation holds."""
+    return [sentence(comparison, method) for method in LOAD_TEXTS]
+
+
+def sentence(r: Comparison, method: str) -> str:
+    """Say up to which speed a calculation is within the tolerance, and what leaves it first."""
+    limits = {load: r.figures[f"limit_{method}_{load}"] for load in QUANTITIES}
+    subject = f"{LOAD_TEXTS[method].capitalize()} as its load, the classical calculation"
+    names = {load: f"the {QUANTITIES[load].name}" for load in QUANTITIES}
+    inaccurate = [names[load] for load, end in limits.items() if end.reason == NOWHERE]
+    if inaccurate:
+        return (
+            f"{subject} is off by more than {r.tolerance:g} % for {listed(inaccurate)} already at {r.slowest:g} "
+            "rad/s, the lowest speed of the sweep."
         )
-    return "\n".join(lines)
+    for load, end in limits.items():
+        top = r.figures[f"worst_{method}_{load}"]
+        holds = top.error is not None and abs(top.value) + top.error <= r.tolerance
+        if end.error is None and not holds:
+            reason = top.reason or end.reason
+            what = f"How far the classical calculation {LOAD_TEXTS[method]} can be trusted"
+            return f"{what} is not determined: {reason}."
+    ends = {load: end for load, end in limits.items() if end.error is not None}
+    if not ends:
+        return f"{subject} is within {r.tolerance:g} % at every speed of the sweep."
+    first = min(ends, key=lambda load: ends[load].value)
+    up_to = f"{subject} is within {r.tolerance:g} % up to {ends[first].brief()}"
+    return f"{up_to}; {names[first]} leaves that first."
 
 
-def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, method: str) -> list[str]:
-    """What one of the calculations is good for, what for not, and what is not determined."""
-    good: list[str] = []
-    bad: list[str] = []
-    errors: list[str] = []
-    reasons: dict[str, list[str]] = {}
-    for load, (_, name, *_) in QUANTITIES.items():
-        end, top = f[f"limit_{method}_{load}"], f[f"worst_{method}_{load}"]
-        if end.reason == NOWHERE:
-            bad.append(f"the {name}")
-        elif end.error is not None:
-            good.append(f"the {name} up to {end.brief()}")
-        elif top.error is not None and abs(top.value) + top.error <= o.tolerance:
-            good.append(f"the {name} at every speed of the sweep")
-        else:
-            reason = end.reason if top.error is not None else top.reason
-            reasons.setdefault(reason, []).append(f"the {name}")
-        if top.error is not None:
-            errors.append(f"{top.brief()} for the {name}")
-        elif end.error is not None or end.reason == NOWHERE:
-            reasons.setdefault(top.reason, []).append(f"the largest error of the {name}")
-    subject, lines = f"{LOAD_TEXTS[method].capitalize()} as its load, the calculation", []
-    if good:
-        lines.append(f"{subject} is within {o.tolerance:g} % for {listed(good)}.")
-    if bad:
-        who = "It" if good else subject
-        lowest = f"already at {r.sweep.speeds[0]:g} rad/s, the lowest speed of the sweep"
-        lines.append(f"{who} is off by more than {o.tolerance:g} % for {listed(bad)} {lowest}.")
-    if errors:
-        who = (
-            "Its" if lines else f"{LOAD_TEXTS[method].capitalize()} as its load, the calculation's"
-        )
-        lines.append(f"{who} largest errors are {listed(errors)}.")
-    for reason, names in reasons.items():
-        what = f"How far the calculation {LOAD_TEXTS[method]} can be trusted"
-        lines.append(f"{what} is not determined for {listed(names)}: {reason}.")
-    return lines
+def curves(machine: Machine, load: str, nu: Any) -> list[Curve]:
+    """Return both calculations of a load over speeds nu [rad/s]."""
+    return [
+        Curve(label, nu, Case(method, load).amplitude(machine, nu), shade, "theory")
+        for method, (label, shade) in STYLES.items()
+    ]
 
 
-def show(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> Show:
-    """Both calculations beside co-simulation, their errors, and a revolution near the resonance."""
-    machine, at = r.machine, r.frame["nu"].to_numpy()
-    nu = np.linspace(at.min(), at.max(), 400)
-    loads = []
-    for load, (column, name, unit, color) in QUANTITIES.items():
-        curves = [
-            Curve(label, nu, Case(method, load).amplitude(machine, nu), shade, "theory")
-            for method, (label, shade) in STYLES.items()
-        ]
-        error = r.frame[f"{column}_error"].to_numpy()
-        curves.append(
-            Curve("co-simulation", at, r.frame[column].to_numpy(), color, "points", error)
-        )
-        loads.append(Panel(name, unit, curves, includes=(0.0,)))
-    levels = [Mark(s * o.tolerance, f"{s * o.tolerance:+g} %") for s in (1, -1)]
-    errors = []
-    for method, (label, _) in STYLES.items():
-        curves = [
+def force_panel(r: Comparison, nu: Any) -> Panel:
+    """Return the largest rod force by both calculations, over speeds nu [rad/s], and of the orbits."""
+    column, name, unit, color = QUANTITIES["force"]
+    at, y, error = (r.frame[x].to_numpy() for x in ("nu", column, f"{column}_error"))
+    points = Curve("co-simulation", at, y, color, "points", error)
+    return Panel(name, unit, [*curves(r.machine, "force", nu), points], includes=(0.0,))
+
+
+def error_chart(r: Comparison, marks: Sequence[Mark]) -> Chart:
+    """Return the errors of both calculations over the speed."""
+    levels = [Mark(s * r.tolerance, f"{s * r.tolerance:+g} %") for s in (1, -1)]
+    at, panels = r.frame["nu"].to_numpy(), []
+    for method in STYLES:
+        lines = [
             Curve(name, at, r.frame[f"{method}_{load}"].to_numpy(), color, "linked")
             for load, (_, name, _, color) in QUANTITIES.items()
         ]
-        errors.append(Panel(f"error, {label}", "%", curves, levels))
-    marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
-    axis, second = "operating speed [rad/s]", SecondUnit("rpm", 30 / math.pi)
-    good = f["limit_spring_torque"]
-    title = "Torque ripple, speed ripple and rod force of both calculations"
-    if good.error is not None:
-        title = (
-            f"The spring alone gives the torque ripple within {o.tolerance:g} % up to {good.value:.3g} rad/s; "
-            f"inertia is {f['share'].brief()} of its force there"
+        text = LOAD_TEXTS[method].removeprefix("with ").removeprefix("the ")
+        panels.append(Panel(f"error, {text}", "%", lines, levels))
+    return Chart(title_of(r), "operating speed [rad/s]", panels, marks, second=RPM)
+
+
+def title_of(r: Comparison) -> str:
+    """Return up to where the calculation with the spring alone holds, for the chart of errors."""
+    end = r.figures["limit_spring_torque"]
+    if end.error is not None:
+        return (
+            f"Neglecting inertia is acceptable for the torque ripple up to {end.value:.3g} rad/s "
+            f"({r.tolerance:g} %; inertia force {r.figures['share'].value:.2g} % of spring force)"
         )
-    elif good.reason == NOWHERE:
-        title = f"The spring alone is off by more than {o.tolerance:g} % at the lowest speed of the sweep"
-    charts = [
-        Chart(title, axis, loads, marks, second=second),
-        Chart("Errors of both calculations", axis, errors, marks, second=second),
-    ]
-    near = float(at[np.abs(at - machine.nu_res).argmin()])
-    return Show(charts, *motion.revolution(r.sweep.runner.task(machine, near)))
+    if end.reason == NOWHERE:
+        return f"The spring alone is off by more than {r.tolerance:g} % at the lowest speed of the sweep"
+    return "Errors of both classical calculations"

@@ -1,9 +1,10 @@
-"""How does the sealing iron's mechanism transmit the motion of its cam, and which dimension matters?
+"""The transfer functions of the sealing iron's mechanism, and how they change with its dimensions.
 
-The answer gives the transfer functions of rocker, link and chain and the terms of
-A_1 eps + B_1 w^2 = M + C_1 over the cam angle. Machines that differ slightly show by how much each of
-them changes with each dimension.
+These are the functions of rocker, link and chain, and the terms of A_1 eps + B_1 w^2 = M + C_1 over the cam
+angle. Machines that differ slightly show by how much each of them changes with each dimension.
 """
+
+from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,18 +16,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 import cosim
-import workbench
 from cosim import Result, SetupError, System
-from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
-from workbench.measure import Samples, largest
+from workbench.figure import SHARE_DIGITS, concise
+from workbench.measure import Peak, Samples, largest
 
-from .. import machine as iron
-from .. import motion
+from . import machine as iron
 
-PARTS = {"iron": "IronDrive"}
-FIXED_STARTS = iron.IMPOSED
+TABLE, SHARES = "iron_kinematics.csv", "iron_kinematics_shares.csv"
 FUNCTIONS = {
     "alpha_1": ("alpha'", SPEED), "alpha_2": ("alpha''", TORQUE), "beta_1": ("beta'", SPEED),
     "beta_2": ("beta''", TORQUE), "H_1": ("H'", SPEED), "H_2": ("H''", TORQUE),
@@ -59,22 +58,84 @@ class Share(NamedTuple):
     error: float
 
 
-Data = tuple[Result, System, Samples, Samples, list[Share]]
+@dataclass(frozen=True)
+class Transfer:
+    """The functions over the cam angle [deg], of shape (functions, rows), and the share of each dimension."""
+
+    result: Result
+    phi: Samples
+    values: Samples
+    shares: Sequence[Share]
+    tops: Sequence[Peak]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The units of the functions."""
+        return {name: self.result.units[f"iron.{name}"] for name in FUNCTIONS}
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the largest value of each function, its angle, and the largest change."""
+        all_figures = {}
+        for name, top in zip(FUNCTIONS, self.tops):
+            key, what = name.lower(), f"largest absolute value of {FUNCTIONS[name][0]}"
+            all_figures[f"{key}_max"] = top.figure(self.units[name], what)
+            all_figures[f"{key}_angle"] = top.at.figure("deg", f"cam angle of the {what}")
+            all_figures[f"{key}_change"] = change(self.shares, name, 0)
+        return all_figures | {"h_1_next": change(self.shares, "H_1", 1)}
+
+    def tables(self) -> dict[str, Table]:
+        """Return the functions over the cam angle, and the shares of the dimensions."""
+        rows = np.column_stack([self.phi, *self.values]).tolist()
+        return {
+            TABLE: Table.of_rows(rows, {"phi": "deg"} | self.units),
+            SHARES: Table.of_rows(self.shares, UNITS),
+        }
+
+    def sentence(self, f: Mapping[str, Figure]) -> str:
+        """Say how the iron follows the cam, and which dimensions to make with care."""
+        first, second = ranked(self.shares, "H_1")[:2]
+        return (
+            f"A radian of the cam moves the iron by up to {f['h_1_max'].brief()}. That depends most on "
+            f"{first.dimension} ({concise(f['h_1_change'], SHARE_DIGITS)} for 1 % of it) and "
+            f"{second.dimension} ({concise(f['h_1_next'], SHARE_DIGITS)})."
+        )
+
+    def charts(self) -> list[Chart]:
+        """Return the functions over the cam angle, and the shares of the dimensions."""
+        rows, panels, bars = dict(zip(FUNCTIONS, self.values)), [], []
+        for group, names in GROUPS.items():
+            lines, columns = [], []
+            for name in names:
+                text, color = FUNCTIONS[name]
+                of_function = [x for x in self.shares if x.function == name]
+                where = [DIMENSIONS[x.dimension] for x in of_function]
+                changes, errors = zip(*((x.change, x.error) for x in of_function))
+                lines.append(Curve(text, self.phi, rows[name], color))
+                columns.append(Curve(text, where, changes, color, "bars", errors))
+            panels.append(Panel(group, self.units[names[0]], lines))
+            bars.append(Panel(group, "%", columns, includes=(0.0,)))
+        spans = iron.phases(self.result.provenance["parts"]["iron"]["parameters"])
+        over = "What a radian of the cam moves, and the terms of A_1 eps + B_1 w^2 = M + C_1"
+        by = "Largest change for 1 % of a dimension, as a share of the largest value"
+        return [
+            Chart(over, "cam angle [deg]", panels, spans=spans),
+            Chart(by, "dimension", bars),
+        ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
-    samples: int = option(720, "rows per turn", least=72)
+def measure(context: Context, system: System, samples: int) -> Transfer:
+    """Run a turn, and four more for each dimension: by 0.2 % and by 0.4 % longer and shorter.
 
-
-def solve(o: Options, context: Context) -> Findings:
-    """A turn, and four more for each dimension: by 0.2 % and by 0.4 % longer and shorter."""
-    system = System(context.fmus, start=o.start)
+    Raises
+    ------
+    cosim.SetupError
+        For a cam without a rise.
+    """
     values = {x: float(parameters(system)[f"iron.{x}"].value) for x in DIMENSIONS}
-    result, run = turn(system, o.samples), partial(varied, system, o.samples)
+    result, run = turn(system, samples), partial(varied, system, samples)
     cases = [(x, k * CHANGE * values[x]) for x in DIMENSIONS for k in (1, -1, 2, -2)]
     turns = context.each(run, cases, "dimensions", probes=True)
-    phi, function_values = np.linspace(0.0, 360.0, o.samples + 1), functions(system, result)
+    phi, function_values = np.linspace(0.0, 360.0, samples + 1), functions(system, result)
     tops = [largest(phi, abs(y)) for y in function_values]
     if not all(top.value for top in tops):
         raise SetupError("iron.cam.h = 0 m: a cam without a rise moves nothing")
@@ -85,20 +146,7 @@ def solve(o: Options, context: Context) -> Findings:
             share, coarse_share = (largest(phi, y) for y in (fine, coarse))
             error = abs(share.value - coarse_share.value) + share.error
             shares.append(Share(dimension, name, share.value / top.value, error / top.value))
-    units, all_figures = {name: result.units[f"iron.{name}"] for name in FUNCTIONS}, {}
-    for name, top in zip(FUNCTIONS, tops):
-        key, what = name.lower(), f"largest absolute value of {FUNCTIONS[name][0]}"
-        all_figures[f"{key}_max"] = top.figure(units[name], what)
-        all_figures[f"{key}_angle"] = top.at.figure("deg", f"cam angle of the {what}")
-        all_figures[f"{key}_change"] = change(shares, name, 0)
-    all_figures["h_1_next"] = change(shares, "H_1", 1)
-    rows = Table.of_rows(np.column_stack([phi, *function_values]).tolist(), {"phi": "deg"} | units)
-    tables = {
-        "iron_kinematics.csv": rows,
-        "iron_kinematics_shares.csv": Table.of_rows(shares, UNITS),
-    }
-    step, data = f"{o.samples} steps in a turn", (result, system, phi, function_values, shares)
-    return Findings(all_figures, data, system, result.provenance, step, tables=tables)
+    return Transfer(result, phi, function_values, shares, tops)
 
 
 def turn(system: System, samples: int) -> Result:
@@ -134,38 +182,3 @@ def change(shares: Sequence[Share], name: str, rank: int) -> Figure:
     of_function, text = ranked(shares, name), FUNCTIONS[name][0]
     meaning = f"largest change of {text} for 1 % of {of_function[rank].dimension}"
     return Figure(of_function[rank].change, "%", of_function[rank].error, meaning)
-
-
-def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
-    """How the iron follows the cam, and which dimension to make with care."""
-    texts = {name: figure.text() for name, figure in f.items()}
-    first, second = ranked(r[4], "H_1")[:2]
-    return (
-        f"A radian of the cam moves the iron by up to {texts['h_1_max']}, at a cam angle of "
-        f"{texts['h_1_angle']}, and turns the rocker by up to {texts['alpha_1_max']} rad. The motion of the "
-        f"iron depends most on {first.dimension}: 1 % of it changes the motion by up to "
-        f"{texts['h_1_change']} of its largest value. Next is {second.dimension}, with {texts['h_1_next']}."
-    )
-
-
-def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
-    """The functions over the cam angle, the shares of the dimensions, the mechanism in motion."""
-    result, system, phi, function_values, shares = r
-    rows, panels, bars = dict(zip(FUNCTIONS, function_values)), [], []
-    for group, names in GROUPS.items():
-        lines, columns = [], []
-        for name in names:
-            text, color = FUNCTIONS[name]
-            of_function = [x for x in shares if x.function == name]
-            where = [DIMENSIONS[x.dimension] for x in of_function]
-            changes, errors = [x.change for x in of_function], [x.error for x in of_function]
-            lines.append(Curve(text, phi, rows[name], color))
-            columns.append(Curve(text, where, changes, color, "bars", errors))
-        panels.append(Panel(group, result.units[f"iron.{names[0]}"], lines))
-        bars.append(Panel(group, "%", columns, includes=(0.0,)))
-    spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
-    title = "What a radian of the cam moves, and the terms of A_1 eps + B_1 w^2 = M + C_1"
-    over = Chart(title, "cam angle [deg]", panels, spans=spans)
-    title = "Largest change for 1 % of a dimension, as a share of the largest value"
-    moving = motion.motion("One turn of the cam", result, system, result["time"][-1], 2.0)
-    return Show([over, Chart(title, "dimension", bars)], [moving])

@@ -1,0 +1,41 @@
+"""Which limit cycle has the oscillator of van der Pol?
+
+It needs VanDerPol.fmu beside this file: that of the Reference FMUs, or one that fmukit builds.
+"""
+
+from dataclasses import dataclass
+
+from cosim import System
+from workbench import Chart, Curve, Panel, Run, Show, option
+from workbench.measure import Measured, crossing, largest, since
+
+PARTS = {"oscillator": "VanDerPol.fmu"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Run):
+    mu: float = option(1.0, "damping", "1", above=0.0)
+    stop: float = option(60.0, "simulated time", "s", above=0.0)
+    step: float = option("10ms", "finest of three communication steps", "s", above=0.0)
+
+
+def system(o, fmus):
+    return System(fmus, start={"oscillator.mu": o.mu, **o.start})
+
+
+def figures(o, r):
+    t, x = r["time"], r["oscillator.x0"]
+    last, middle, first = (crossing(t, x, 0.0, -k) for k in (1, 3, 5))
+    period, before = last.value - middle.value, middle.value - first.value
+    cycle = Measured(period, last.error + middle.error + abs(period - before))
+    top = largest(*since(t, x, middle.value)).figure("1", "amplitude")
+    return {"period": cycle.figure("s", "period"), "amplitude": top}
+
+
+def verdict(o, f, r):
+    return f"It has a period of {f['period'].brief()} and an amplitude of {f['amplitude'].brief()}."
+
+
+def show(o, f, r):
+    curve = Curve("x0", r["time"], r["oscillator.x0"], "blue")
+    return Show([Chart("To the limit cycle", "time [s]", [Panel("state", "1", [curve])])])

@@ -1,0 +1,127 @@
+"""The limit of the torque ripple: at which speeds it is passed, and what a sweep says of it in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from workbench import Figure
+
+from .features import Feature, Kind
+from .rows import SpeedSweep
+
+UNDETERMINED = "not determined"
+
+
+@dataclass(frozen=True)
+class LimitCrossing:
+    """A speed at which the torque ripple passes its limit: as the sweep says, and as a figure."""
+
+    feature: Feature
+    figure: Figure
+
+    @property
+    def is_upward(self) -> bool:
+        """Whether the ripple is above its limit beyond it."""
+        return self.feature.kind is Kind.RISE
+
+    @property
+    def speed(self) -> float:
+        """The speed as far as it is known [rad/s]."""
+        return self.feature.near if self.figure.error is None else self.figure.value
+
+
+@dataclass(frozen=True)
+class RippleLimit:
+    """A limit of the torque ripple [N.m], a sweep, and the speeds at which the ripple passes the limit."""
+
+    limit: float
+    sweep: SpeedSweep
+    crossings: Sequence[LimitCrossing]
+
+    @property
+    def stretches(self) -> list[tuple[float, float]]:
+        """The stretches of the sweep in which the torque ripple is above its limit [rad/s]."""
+        ends = [crossing.speed for crossing in self.crossings]
+        starts_above = (
+            not self.crossings[0].is_upward
+            if self.crossings
+            else all(above_limit(self.limit, row) == "yes" for row in self.sweep.rows)
+        )
+        if starts_above:
+            ends.insert(0, self.sweep.line.first)
+        return list(zip(ends[::2], [*ends[1::2], self.sweep.line.last]))
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether every end of a stretch has an error."""
+        return all(crossing.figure.error is not None for crossing in self.crossings)
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the ends of the stretches to avoid, by number from the second stretch on."""
+        figures = {}
+        first = 1 if self.crossings and not self.crossings[0].is_upward else 0
+        for k, crossing in enumerate(self.crossings, first):
+            name = "avoid_from" if crossing.is_upward else "avoid_to"
+            figures[f"{name}_{k // 2 + 1}" if k > 1 else name] = crossing.figure
+        return figures
+
+    def sentences(self) -> list[str]:
+        """Say which speeds to avoid, and at how many speeds nothing is known."""
+        lines = [self.about_crossings()] if self.crossings else self.about_rows()
+        total = len(self.sweep.speeds)
+        steady = sum(not math.isnan(row["tau2"]) for row in self.sweep.rows)
+        if steady < total:
+            lines.append(f"No steady orbit is found at {total - steady} of the {total} speeds.")
+        return lines
+
+    def about_crossings(self) -> str:
+        """Say which speeds to avoid, with the digits that hold."""
+        ends = (crossing.figure for crossing in self.crossings)
+        reasons = [figure.reason for figure in ends if figure.error is None]
+        if not reasons:
+            return f"Avoid speeds {avoided(self.crossings)}, where the torque ripple is above the limit."
+        steps = f"With {self.sweep.runner.steps_per_rev} steps per revolution"
+        where = f"{steps} the torque ripple is above the limit {avoided(self.crossings)}"
+        return f"{where}. How far that is from the truth is not determined: {reasons[0]}."
+
+    def about_rows(self) -> list[str]:
+        """Say whether the ripple is above its limit where it is known, in at most one sentence."""
+        total = len(self.sweep.speeds)
+        steady = sum(not math.isnan(row["tau2"]) for row in self.sweep.rows)
+        answers = [above_limit(self.limit, row) for row in self.sweep.rows]
+        above, decided = answers.count("yes"), len(answers) - answers.count(UNDETERMINED)
+        if not decided:
+            return []
+        if 0 < above < decided:
+            return [f"The torque ripple is above the limit at {above} of {total} speeds."]
+        at = f"each of the {decided} of {total} speeds at which it is determined"
+        if decided == total:
+            at = "every speed of the sweep"
+        elif decided == 1:
+            at = f"the only one of {total} speeds at which it is determined"
+        elif decided == steady:
+            at = f"each of the {steady} of {total} speeds that have a steady orbit"
+        return [f"The torque ripple {'is above' if above else 'stays below'} the limit at {at}."]
+
+
+def above_limit(limit: float, row: Mapping[str, float]) -> str:
+    """Say whether the torque ripple of a row is above a limit [N.m]: yes, no, or not determined."""
+    value, error = row["tau2"], row["tau2_error"]
+    if value - error > limit:
+        return "yes"
+    return "no" if value + error <= limit else UNDETERMINED
+
+
+def avoided(crossings: Sequence[LimitCrossing]) -> str:
+    """The stretches between crossings in words, with the digits that hold."""
+    parts, last = [], len(crossings) - 1
+    for k, crossing in enumerate(crossings):
+        about = f"about {float(f'{crossing.feature.near:.2g}'):g} rad/s"
+        where = about if crossing.figure.error is None else crossing.figure.brief()
+        if crossing.is_upward:
+            parts.append(f"{'from' if k < last else 'above'} {where}")
+        else:
+            parts.append(f"{'to' if k else 'below'} {where}{' and' if k < last else ''}")
+    return " ".join(parts)

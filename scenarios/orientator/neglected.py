@@ -1,0 +1,242 @@
+"""What the paper of the orientator neglects: Coriolis forces, friction at the catcher, the spring's direction.
+
+Orientation times and largest rotor speeds with each of these effects are compared with those of the
+paper's equations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from cosim import System
+from cosim.accuracy.extrapolation import bound_coupling_error
+from cosim.system import Value
+from workbench import Chart, Context, Curve, Figure, Mark, Panel, Table
+from workbench.answer import parameters
+from workbench.charts.model import SERIES
+from workbench.charts.motion import Motion
+from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, refusals
+from workbench.measure import ROUNDING, Measured
+
+from . import machine as orientator
+from . import motion
+from .limit_formula import Machine, rpm
+from .products import STEP, fastest, run_product, simulate
+
+NEGLECTED = "orientator.neglected."
+CREEP = f"{NEGLECTED}creep"
+#: Start values that a comparison of the effects sets itself.
+NEGLECTED_STARTS = tuple(
+    f"{NEGLECTED}{name}" for name in ("mu_side", "mu_catcher", "rim", "anchored", "length")
+)
+TABLE = "orientator_neglect.csv"
+PLAIN = "paper"
+#: Spacing of the speeds at which a limit is sought, over that at which friction holds a cup; a convention.
+SPACING = 0.03
+#: The slowest of these speeds over that one; a convention, since limits are well above a third of it.
+SLOWEST = 0.3
+#: Their end, over the same speed: where friction holds every cup.
+FASTEST = 1.0
+#: Speeds at which the limit with another creep is sought, over the first limit, and their number; a convention.
+NEAR_LIMIT = (0.98, 1.02, 3)
+EFFECTS = {
+    "coriolis": "Coriolis forces",
+    "hook": "friction on the hook",
+    "corner": "friction in the corner",
+    "spring": "the spring's direction",
+    "together": "all of them",
+}
+
+
+@dataclass(frozen=True)
+class Effects:
+    """What is neglected: friction at all walls of the chute and between cup and catcher; radius of the rim's
+    edge and length of the spring at the stop [m].
+    """
+
+    friction: float
+    catcher: float
+    rim: float
+    length: float
+
+    def machines(self, base: System) -> dict[str, System]:
+        """Return the machine of the paper, and with each effect; "corner" has the hook's friction, too."""
+        sides: dict[str, Value] = {"mu_side": self.friction}
+        hook: dict[str, Value] = {"mu_catcher": self.catcher}
+        corner: dict[str, Value] = {**hook, "rim": self.rim}
+        spring: dict[str, Value] = {"anchored": True, "length": self.length}
+        together = {**sides, **corner, **spring}
+        settings = dict(zip((PLAIN, *EFFECTS), ({}, sides, hook, corner, spring, together)))
+        return {
+            name: replace(
+                base, start={**base.start, **{NEGLECTED + key: x for key, x in values.items()}}
+            )
+            for name, values in settings.items()
+        }
+
+
+@dataclass(frozen=True)
+class NeglectedComparison:
+    """Each effect beside the paper's equations, at a friction and over rotor speeds, the first of which [rpm]
+    is that of the figures.
+    """
+
+    machines: Mapping[str, System]
+    friction: float
+    speed: float
+    figures: Mapping[str, Figure]
+    tables: Mapping[str, Table]
+
+    def sentences(self) -> list[str]:
+        """Say what the effects cost in time, and how they move the limit."""
+        f = self.figures
+        if f["orientation_time"].error is None:
+            return [" ".join(refusals({"the equations of the paper": f["orientation_time"]}))]
+        lines = [
+            f"At {self.speed:g} rpm and friction {self.friction:g} a product takes "
+            f"{f['orientation_time'].brief()} by the equations of the paper."
+        ]
+        total, paper, together = (f[x] for x in ("together_share", "limit_paper", "limit_together"))
+        if total.error is not None:
+            change = f"What they neglect changes this by {concise(total, SHARE_DIGITS)}"
+            if paper.error is not None and together.error is not None:
+                ends = [concise(x, SENTENCE_DIGITS) for x in (paper, together)]
+                change += f", and the largest rotor speed from {ends[0]} to {ends[1]}"
+            lines.append(f"{change}.")
+        shares = {
+            label: f[f"{name}_share"] for name, label in EFFECTS.items() if name != "together"
+        }
+        determined = {label: x for label, x in shares.items() if x.error is not None}
+        if determined:
+            label, most = max(determined.items(), key=lambda item: abs(item[1].value))
+            lines.append(
+                f"{capital(label)} alone changes the time by {concise(most, SHARE_DIGITS)}."
+            )
+        return [" ".join(lines)]
+
+    def charts(self) -> list[Chart]:
+        """Return what each effect costs over the speed."""
+        table, panels = self.tables[TABLE].frame, []
+        for unit, scale in (("ms", 1e3), ("%", 100 / table[PLAIN])):
+            curves = []
+            for (name, label), color in zip(EFFECTS.items(), SERIES):
+                base = table["hook" if name == "corner" else PLAIN]
+                cost = (scale * (table[name] - base)).to_numpy()
+                curves.append(Curve(label, table["n"].to_numpy(), cost, color, "linked"))
+            panels.append(Panel("added time", unit, curves, includes=(0.0,)))
+        mark = Mark(self.speed, f"{self.speed:g} rpm")
+        return [Chart("What the paper neglects", "rotor speed [rpm]", panels, [mark])]
+
+    def motions(self) -> list[Motion]:
+        """Return a cup with and without all of the effects."""
+        names = {PLAIN: "paper", "together": "all"}
+        runs = {
+            text: run_product(self.machines[name], self.friction, self.speed, 1e-3)
+            for name, text in names.items()
+        }
+        last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
+        return [motion.motion("Without and with the neglected effects", runs, last)]
+
+
+def capital(text: str) -> str:
+    """Begin a text with a capital."""
+    return f"{text[0].upper()}{text[1:]}"
+
+
+def compare(
+    context: Context, base: System, effects: Effects, speeds: Sequence[float]
+) -> NeglectedComparison:
+    """Run all machines at all speeds [rpm], and find where each of them jams.
+
+    The figures are those of the first speed, the rows of the table those of the others.
+    """
+    kinds, mu = effects.machines(base), effects.friction
+    cases = [(system, n) for system in kinds.values() for n in speeds]
+    times = [*context.each(partial(takes, mu), cases, "effects", probes=True)]
+    taken = {name: times[k * len(speeds) : (k + 1) * len(speeds)] for k, name in enumerate(kinds)}
+    rows = (
+        [n, *(of_kind[k].value for of_kind in taken.values())] for k, n in enumerate(speeds) if k
+    )
+    table = context.record_rows(TABLE, {"n": "rpm", **dict.fromkeys(kinds, "s")}, rows)
+    all_figures = figures({name: of_kind[0] for name, of_kind in taken.items()})
+    ends = context.each(partial(ending, mu), [*kinds.values()], "limits", probes=True)
+    for name, limit in zip(kinds, ends):
+        which = f"with {EFFECTS[name]}" if name in EFFECTS else "of the paper"
+        all_figures[f"limit_{name}"] = limit._replace(meaning=f"largest rotor speed {which}")
+    return NeglectedComparison(kinds, mu, speeds[0], all_figures, {TABLE: table})
+
+
+def creeping(system: System) -> list[System]:
+    """The machine with a quarter, a half and all of the speed below which what would stick creeps; the
+    machine alone where nothing does.
+    """
+    orientation_times = parameters(system)
+    if not any(orientation_times[f"{NEGLECTED}{mu}"].value for mu in ("mu_side", "mu_catcher")):
+        return [system]
+    creeps = (float(orientation_times[CREEP].value) / n for n in (4, 2, 1))
+    return [replace(system, start={**system.start, CREEP: creep}) for creep in creeps]
+
+
+def crept(values: Sequence[float]) -> float:
+    """What the creep still makes of the first of values of `creeping` machines: they are linear in it."""
+    return bound_coupling_error(values, 1.0) if len(values) > 1 else 0.0
+
+
+def takes(mu: float, case: tuple[System, float]) -> Measured:
+    """A time of orientation; its error is what half the step changes, and what is left of the creep."""
+    system, n = case
+    machines = creeping(system)
+    times = [simulate(machine, mu, n).orientation_time for machine in machines]
+    halved = simulate(machines[0], mu, n, STEP / 2).orientation_time
+    if not np.isfinite([*times, halved]).all():
+        return Measured(math.nan, math.nan)
+    return Measured(times[0], crept(times) + abs(times[0] - halved) + ROUNDING)
+
+
+def ending(mu: float, system: System) -> Figure:
+    """The fastest rotor that orients, sought below where friction holds cups in the chute; its error
+    is the bracket, and what is left of the creep.
+    """
+    first, *more_machines = creeping(system)
+    speeds = np.arange(SLOWEST, FASTEST, SPACING) * rpm(Machine.of(system).sticks)
+    fastest_rotor = fastest(first, speeds.tolist(), mu)
+    near = (np.linspace(*NEAR_LIMIT) * fastest_rotor.value).tolist()
+    ends = [
+        fastest_rotor,
+        *(fastest(machine, near, mu) for machine in more_machines if fastest_rotor.error),
+    ]
+    for end in ends:
+        if end.error is None:
+            return end
+    return fastest_rotor._replace(
+        error=(fastest_rotor.error or 0.0) + crept([end.value for end in ends])
+    )
+
+
+def figures(orientation_times: Mapping[str, Measured]) -> dict[str, Figure]:
+    """The time of orientation, and what each effect adds to it."""
+    plain = orientation_times[PLAIN]
+    meaning = "orientation time of the paper"
+    jams = Figure.undetermined("s", "a product jams", meaning)
+    all_figures = {
+        "orientation_time": jams if math.isnan(plain.value) else plain.figure("s", meaning)
+    }
+    for name, label in EFFECTS.items():
+        base, more = (
+            orientation_times["hook" if name == "corner" else PLAIN],
+            orientation_times[name],
+        )
+        cost, uncertainty = more.value - base.value, more.error + base.error
+        for key, unit, scale in ((name, "ms", 1e3), (f"{name}_share", "%", 100 / plain.value)):
+            meaning = f"change of the orientation time due to {label}"
+            all_figures[key] = (
+                Figure.undetermined(unit, "a product jams", meaning)
+                if math.isnan(cost)
+                else Figure(scale * cost, unit, abs(scale) * uncertainty, meaning)
+            )
+    return all_figures
