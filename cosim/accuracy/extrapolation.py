@@ -53,9 +53,8 @@ DISTANT_SHARE = 0.1
 #: Parts before and after one in which the coarser runs are looked at, too: convention. Where two runs differ in
 #: phase, their distance vanishes twice a period, and not at the same times for each pair.
 NEIGHBOURS = 2
-#: Share of the differences that must have the sign of the coarser ones to show an order: convention, those of noise
-#: have it to about a half.
-COHERENT_SHARE = 0.9
+#: Share of the rows whose differences must fall too slowly for a column to be refused: convention, nearly all.
+SLOW_SHARE = 0.9
 #: By how much later values may be further from their middle than those of a run that has diverged: convention. Such
 #: values are draws from an attractor whose range one run need not show.
 DIVERGED_WIDTH = 2.0
@@ -224,11 +223,12 @@ def _shared_values(runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, A
     return shared, fine, middle, coarse
 
 
-def observed_order(runs: Sequence[tuple[Array, Array]], ratio: float = STEP_RATIO) -> float:
-    """The order with which the differences of three runs fall over the whole of a column, in the mean.
+def slow_order(runs: Sequence[tuple[Array, Array]], ratio: float = STEP_RATIO) -> float | None:
+    """The order, below LOWEST_ORDER, with which the error of a whole column falls; None if it is not so slow.
 
-    It is infinite for differences that are rounding, and nan where less than the share COHERENT_SHARE of the finer
-    differences has the sign of the coarser ones: those of regular errors have, the noise of solvers has not.
+    Differences of three runs count as slow where they keep their sign and fall with a lower order. A column is
+    slow where at least the share SLOW_SHARE of its rows is; noise of solvers has either sign, and runs that have
+    not yet come to their order fall fast in some rows.
 
     Parameters
     ----------
@@ -239,12 +239,13 @@ def observed_order(runs: Sequence[tuple[Array, Array]], ratio: float = STEP_RATI
     """
     _, fine, middle, coarse = _shared_values(runs)
     last, previous = fine - middle, middle - coarse
-    size = float(np.abs(last).sum())
-    if size <= ROUNDING_SHARE * float(np.abs(fine).sum()):
-        return math.inf
-    if float(np.abs(last[last * previous > 0.0]).sum()) < COHERENT_SHARE * size:
-        return math.nan
-    return math.log(float(np.abs(previous).sum()) / size, ratio)
+    moved = np.abs(last) > ROUNDING_SHARE * float(np.abs(fine).max())
+    if not moved.any():
+        return None
+    with np.errstate(all="ignore"):
+        falls = np.log(previous[moved] / last[moved]) / math.log(ratio)
+    slow = (falls > 0.0) & (falls < LOWEST_ORDER)
+    return float(np.median(falls[slow])) if np.mean(slow) >= SLOW_SHARE else None
 
 
 def _is_in(times: Array, others: Array) -> NDArray[np.bool_]:

@@ -19,13 +19,12 @@ from ..scratch import scratch
 from ..system import System
 from .extrapolation import (
     COLUMN_NOT_CONVERGED,
-    LOWEST_ORDER,
     RUNS,
     STEP_RATIO,
     TOLERANCE_RATIO,
     ErrorBand,
     error_band,
-    observed_order,
+    slow_order,
 )
 
 
@@ -84,8 +83,8 @@ def not_converged(runs: ThreeRuns, columns: Sequence[str]) -> str:
     for name in columns:
         rows = [(r["time"], r[name]) for r in runs.results]
         if not DenseSolution(*rows[0]).is_discrete:
-            order = observed_order(rows, runs.ratio)
-            if order < LOWEST_ORDER:
+            order = slow_order(rows, runs.ratio)
+            if order is not None:
                 return COLUMN_NOT_CONVERGED.format(name, order)
     return ""
 
