@@ -124,7 +124,8 @@ def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
 
 def _is_over(metric: Metric, solution: DenseSolution, begin: float) -> bool:
     """Whether a metric is decided before a time [s]: it does not need the later rows, and no others like these
-    change it."""
+    change it.
+    """
     if begin <= solution.t[1]:
         return False
     value = metric.value(solution)
