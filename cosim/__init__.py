@@ -16,8 +16,8 @@ from .analysis.damping import Diagnosis, diagnose
 from .analysis.linearize import Linear, linearize
 from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
 from .engine.control import Adaptive
-from .engine.instance import quiet
 from .errors import SetupError
+from .fmu.messages import quiet
 from .formats.container import write_container
 from .formats.osp import read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp

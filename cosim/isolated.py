@@ -21,8 +21,8 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from .engine.instance import log
 from .errors import SetupError, pluralize
+from .fmu.messages import log
 from .master import run
 from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
 from .scratch import scratch

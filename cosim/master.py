@@ -241,7 +241,7 @@ class _Simulation:
         parts = self.parts.values()
         balance = energy_balance(side for part in parts for side in part.bond_sides)
         warnings = [f"{name}: {text}" for name, text in self.network.schema_warnings.items()]
-        warnings += [f"{part.name}: {text}" for part in parts for text in part.warnings]
+        warnings += [f"{part.name}: {text}" for part in parts for text in part.messages.warnings]
         warnings += self.process.warnings
         if not self.ports:
             warnings.append("no FMU has an output to record: the rows contain only the time")
@@ -267,7 +267,7 @@ def _identity(part: Part, path: Path, tolerance: float | None) -> PartIdentity:
         guid=description.guid,
         tolerance=tolerance,
         tool=description.generationTool,
-        parameters=part.values(parameters),
+        parameters=part.instance.access.values(parameters),
     )
 
 

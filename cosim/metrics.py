@@ -102,6 +102,13 @@ class PointValue(ColumnMetric):
         """The range of the column."""
         return float(np.ptp(self.stretch(solution).x))
 
+    def _start_doubt(self, solution: DenseSolution, band: DenseSolution, sign: float) -> float:
+        """By how much the extreme of the first interval's band exceeds the value."""
+        if self.begin > solution.t[0]:
+            return 0.0
+        _, highest = solution.start_extreme(band.x, sign)
+        return max(0.0, highest - sign * self.value(solution))
+
 
 @dataclass(frozen=True)
 class Last(PointValue):
@@ -124,6 +131,10 @@ class Largest(PointValue):
         """The largest value, at or between rows."""
         return solution.largest().value
 
+    def doubt(self, solution: DenseSolution, band: DenseSolution) -> float:
+        """How much higher the band is between the first two rows, if that is the highest of all."""
+        return self._start_doubt(solution, band, 1.0)
+
     def times(self, solution: DenseSolution) -> tuple[float, ...]:
         """The time of the peak."""
         return (self.stretch(solution).largest().time,)
@@ -136,6 +147,10 @@ class Smallest(PointValue):
     def measure(self, solution: DenseSolution) -> float:
         """The smallest value, at or between rows."""
         return -solution.with_values(-solution.x).largest().value
+
+    def doubt(self, solution: DenseSolution, band: DenseSolution) -> float:
+        """How much lower the band is between the first two rows, if that is the lowest of all."""
+        return self._start_doubt(solution, band, -1.0)
 
     def times(self, solution: DenseSolution) -> tuple[float, ...]:
         """The time of the trough."""
@@ -160,7 +175,7 @@ class TimeOfLargest(ColumnMetric):
         rivals = times[values + band(times) >= least]
         spacing = float(np.diff(solution.t).max())
         away = np.abs(rivals - peak.time)
-        return float(away[away > spacing].max(initial=0.0))
+        return float(away[away > spacing].max(initial=-spacing)) + spacing
 
 
 @dataclass(frozen=True)
@@ -215,7 +230,7 @@ class Crossing:
         near = times[turns][values[turns] + band(times[turns]) >= level]
         spacing = float(np.diff(solution.t).max())
         away = time - near
-        return float(away[away > spacing].max(initial=0.0))
+        return float(away[away > spacing].max(initial=-spacing)) + spacing
 
 
 @dataclass(frozen=True)

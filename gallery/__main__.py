@@ -34,10 +34,10 @@ MENDED = {
 
 def main() -> int:
     """Build the site as the command line says; return the exit code."""
-    known = [*names(HOME)]
+    question_names = [*names(HOME)]
     parser = Parser(prog="python -m gallery", description="Build the project's website.")
     parser.add_argument(
-        "--questions", type=lambda text: text.split(","), default=known, metavar="NAME,NAME",
+        "--questions", type=lambda text: text.split(","), default=question_names, metavar="NAME,NAME",
         help="answer only these (default: all)",
     )  # fmt: skip
     parser.add_argument(
@@ -48,13 +48,13 @@ def main() -> int:
     options = parser.parse_args()
     out = options.out.resolve()
     for name in options.questions:
-        if name not in known:
-            parser.error(f"unknown question {name!r}; there are {', '.join(known)}")
+        if name not in question_names:
+            parser.error(f"unknown question {name!r}; there are {', '.join(question_names)}")
     require("sphinx", "python -m gallery")
     answers = [answered(name, out / "answers" / name) for name in options.questions]
-    for one in answers if options.pictures else ():
-        if (kept := ROOT / "docs" / one.picture.name).is_file():
-            copyfile(one.picture, kept)
+    for answer in answers if options.pictures else ():
+        if (target := ROOT / "docs" / answer.picture.name).is_file():
+            copyfile(answer.picture, target)
     for path, drawing in drawings().items() if options.pictures else ():
         path.write_text(drawing, encoding="utf-8")
     site = build(answers, out)
@@ -67,22 +67,22 @@ def build(answers: Sequence[Answered], out: Path) -> Path:
     from sphinx.application import Sphinx
     from sphinx.util.docutils import docutils_namespace, patch_docutils
 
-    source, made = out / "pages", out / "site"
-    for folder in (source, made):
+    source, target = out / "pages", out / "site"
+    for folder in (source, target):
         rmtree(folder, ignore_errors=True)
     pages.write(answers, source)
     settings = Path(pages.__file__).parent
     extra = {"html_extra_path": [str(source / pages.EXTRA)]}
     with patch_docutils(settings), docutils_namespace():
         site = Sphinx(
-            source, settings, made, out / "doctrees", "html", confoverrides=extra, status=None,
+            source, settings, target, out / "doctrees", "html", confoverrides=extra, status=None,
             warning=sys.stderr, freshenv=True, warningiserror=True,
         )  # fmt: skip
         site.build(force_all=True)
-    for page in made.rglob("*.html"):
+    for page in target.rglob("*.html"):
         if page.name != PAGE:
             page.write_text(mended(page.read_text(encoding="utf-8")), encoding="utf-8")
-    return made
+    return target
 
 
 def mended(text: str) -> str:

@@ -30,7 +30,7 @@ class Answered(NamedTuple):
     folder: Path
 
     @property
-    def found(self) -> dict[str, Any]:
+    def content(self) -> dict[str, Any]:
         """The content of its JSON."""
         text = (self.folder / f"{self.name}.json").read_text(encoding="utf-8")
         return dict(json.loads(text))
@@ -52,42 +52,42 @@ def answered(name: str, folder: Path) -> Answered:
     Raises SetupError where the question has no answer.
     """
     question = PROJECT.load(name)
-    words = ["run", name, *given(name)]
-    asked = Answered(name, question, f"scenarios {' '.join(words)}", folder)
+    arguments = ["run", name, *record_options(name)]
+    answer = Answered(name, question, f"scenarios {' '.join(arguments)}", folder)
     fmus = PROJECT.fmus(question, "native")
-    key = hashlib.sha256(repr((words, code(), versions())).encode())
+    key = hashlib.sha256(repr((arguments, code(), versions())).encode())
     for part in question.parts:
         key.update(fmus[part].read_bytes())
-    made = folder / KEY
-    if not made.is_file() or made.read_text() != key.hexdigest():
+    key_file = folder / KEY
+    if not key_file.is_file() or key_file.read_text() != key.hexdigest():
         print(f"{name} ...", flush=True)
         rmtree(folder, ignore_errors=True)
         options = ["--jobs", str(os.cpu_count()), "--out", str(folder)]
         done = subprocess.run(
-            [sys.executable, "-m", "scenarios", *words, *options], cwd=ROOT, check=False,
+            [sys.executable, "-m", "scenarios", *arguments, *options], cwd=ROOT, check=False,
             capture_output=True, text=True,
         )  # fmt: skip
         if done.returncode:
-            raise SetupError(f"{asked.command}: {done.stderr.strip()}")
-        made.write_text(key.hexdigest())
-    return asked
+            raise SetupError(f"{answer.command}: {done.stderr.strip()}")
+        key_file.write_text(key.hexdigest())
+    return answer
 
 
-def given(name: str) -> list[str]:
+def record_options(name: str) -> list[str]:
     """The record that a question needs, and the other options that its guide gives with it."""
     for guide in sorted((ROOT / "docs").glob("*.md")):
         text = guide.read_text(encoding="utf-8")
-        if found := re.search(rf"scenarios run {name} (.*--data .*)", text):
-            return found[1].replace("--flavour native", "").split()
+        if match := re.search(rf"scenarios run {name} (.*--data .*)", text):
+            return match[1].replace("--flavour native", "").split()
     return []
 
 
 @cache
 def code() -> str:
     """A hash of everything that turns a question and its FMUs into an answer."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for package in ("cosim", "workbench", "scenarios", "examples"):
         for path in sorted((ROOT / package).rglob("*.*")):
             if path.suffix in (".py", ".c", ".js", ".html", ".csv"):
-                found.update(path.read_bytes())
-    return found.hexdigest()
+                digest.update(path.read_bytes())
+    return digest.hexdigest()

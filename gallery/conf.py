@@ -35,8 +35,8 @@ include_patterns = ["*.md", "docs/**", "questions/**", "reference/**"]
 def formula(writer: Any, node: nodes.math | nodes.math_block) -> None:
     """Write a formula as MathML, which browsers draw and readers read aloud."""
     block = isinstance(node, nodes.math_block)
-    drawn = convert(node.astext(), display="block" if block else "inline")
-    writer.body.append(f'<div class="formula" tabindex="0">{drawn}</div>' if block else drawn)
+    markup = convert(node.astext(), display="block" if block else "inline")
+    writer.body.append(f'<div class="formula" tabindex="0">{markup}</div>' if block else markup)
     raise nodes.SkipNode
 
 

@@ -61,20 +61,20 @@ ORIENTATOR = (
 
 def drawings() -> dict[Path, str]:
     """The drawings made from mechanisms, by the file in which each is kept."""
-    made = {
+    texts = {
         "crank_conveyor": drawing(still("CrankConveyor", crank_conveyor, phi=2.3), CONVEYOR),
         "unbalance_exciter": drawing(still("UnbalanceExciter", exciter, phi=0.7), EXCITER),
         "iron_drive": drawing(lifting(), IRON),
         "gravity_orientator": drawing(turning(), ORIENTATOR),
     }
-    return {ROOT / "components" / name / "drawing.svg": text for name, text in made.items()}
+    return {ROOT / "components" / name / "drawing.svg": text for name, text in texts.items()}
 
 
 def still(fmu: str, shapes: Callable[[Any, motion.Columns], list[Shape]], phi: float) -> Motion:
     """A machine with a crank at an angle [rad]."""
     _, r = started("part", fmu, {"part.phi": phi})
-    seen = motion.columns(r, "part", ("phi", "x"), np.array([0]))
-    return posed(shapes(r.provenance["parts"]["part"]["parameters"], seen))
+    positions = motion.columns(r, "part", ("phi", "x"), np.array([0]))
+    return posed(shapes(r.provenance["parts"]["part"]["parameters"], positions))
 
 
 def lifting() -> Motion:

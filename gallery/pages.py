@@ -15,12 +15,17 @@ from PIL import Image
 
 from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
+from workbench.charts.style import STYLE
 from workbench.figure import ERROR_SCOPE
 
 from . import reference
 from .answers import Answered
 
-EXTRA, THUMB = "_extra", (480, 360)
+EXTRA = "_extra"
+#: Width and height of the picture of a question [px]; chosen: twice what a card shows, for sharp screens.
+THUMB = (480, 360)
+#: Colours of the picture of a question; chosen: lines of eight colours with their soft edges.
+THUMB_COLORS = 64
 LANDING = "resonance"
 SLIDER = "motor.T"
 """What can be changed on the first page: the resonance moves with it."""
@@ -45,11 +50,11 @@ def write(answers: Sequence[Answered], folder: Path) -> None:
         elif path.is_dir() and path.name not in ("docs", "results") and path.name[0] != ".":
             (folder / path.name).symlink_to(path)
     copytree(ROOT / "docs", folder / "docs")
-    for asked_of in answers:
-        extra = folder / EXTRA / "questions" / asked_of.name
-        copytree(asked_of.folder, extra, ignore=ignore_patterns("*.txt"))
+    for answer in answers:
+        extra = folder / EXTRA / "questions" / answer.name
+        copytree(answer.folder, extra, ignore=ignore_patterns("*.txt"))
         (folder / "questions").mkdir(exist_ok=True)
-        write_text(folder / "questions" / f"{asked_of.name}.md", question(asked_of))
+        write_text(folder / "questions" / f"{answer.name}.md", question(answer))
     machines = sorted((folder / "docs" / "machines").glob("*.md"))
     for page in machines:
         write_text(page, machine(page, answers))
@@ -75,10 +80,10 @@ def tree(caption: str, pages: str) -> str:
     return f":::{{toctree}}\n:hidden:\n{head}\n{pages}\n:::"
 
 
-def live(one: Answered, root: str, slider: str = "") -> str:
+def live(answer: Answered, root: str, slider: str = "") -> str:
     """The live part of a question's page, with one slider or all, and a link to the whole page."""
-    page = f"{root}questions/{one.name}/report.html"
-    label = escape(f"Live model: {one.question.title}")
+    page = f"{root}questions/{answer.name}/report.html"
+    label = escape(f"Live model: {answer.question.title}")
     only = f"?slider={slider}" if slider else ""
     return (
         f'<iframe class="live" src="{page}{only}" title="{label}" loading="lazy"></iframe>\n\n'
@@ -89,7 +94,7 @@ def live(one: Answered, root: str, slider: str = "") -> str:
 
 def landing(answers: Sequence[Answered], machines: Sequence[Path], folder: Path) -> str:
     """The first page: a machine that runs, the ways into the project, and all machines."""
-    first = next((one for one in answers if one.name == LANDING), answers[0])
+    first = next((answer for answer in answers if answer.name == LANDING), answers[0])
     guides = re.findall(r"\]\(([\w/]+)\.md\)", (ROOT / "docs" / "README.md").read_text("utf-8"))
     guides = [f"docs/{name}" for name in dict.fromkeys(guides) if "/" not in name]
     trees = {
@@ -125,28 +130,29 @@ Read on: [the project on one page](README.md) · [all guides](docs/README.md) ·
 """
 
 
-def question(one: Answered) -> str:
+def question(answer: Answered) -> str:
     """The page of a question: its answer, live where it can be, its figures and options."""
-    found, text = one.found, (one.question.module.__doc__ or "").strip()
+    content, text = answer.content, (answer.question.module.__doc__ or "").strip()
     head, _, rest = text.partition("\n")
     used = ", ".join(
         f"[{fmu}](../docs/machines/{page_of(fmu)}.md)"
-        for fmu in dict.fromkeys(one.question.parts.values())
+        for fmu in dict.fromkeys(answer.question.parts.values())
     )
-    verdict = "\n".join(f"> {line}\n>" for line in found["verdict"])
-    shown = [f'<p class="way"><a class="button" href="{one.name}/report.html">Open the full '
+    verdict = "\n".join(f"> {line}\n>" for line in content["verdict"])
+    blocks = [f'<p class="way"><a class="button" href="{answer.name}/report.html">Open the full '
              "answer</a> with curves, motion, data and how it was made.</p>"]  # fmt: skip
-    if one.lives:
-        shown = [live(one, "../")]
-    alt = escape("; ".join(charts(one)))
-    shown.append(f'<img src="{one.name}/{one.picture.name}" alt="{alt}" loading="lazy">')
+    if answer.lives:
+        blocks = [live(answer, "../")]
+    alt = escape("; ".join(charts(answer)))
+    blocks.append(f'<img src="{answer.name}/{answer.picture.name}" alt="{alt}" loading="lazy">')
     figures = "\n".join(
-        f"| {cell(f['meaning'] or key)} | {cell(value(f))} |" for key, f in found["figures"].items()
+        f"| {cell(f['meaning'] or key)} | {cell(value(f))} |"
+        for key, f in content["figures"].items()
     )
     return "\n\n".join([
-        f"# {head}", rest.strip(), f"Machines: {used}.", verdict, *shown,
+        f"# {head}", rest.strip(), f"Machines: {used}.", verdict, *blocks,
         f"## Figures\n\n| figure | value |\n| --- | --- |\n{figures}\n\n{ERROR_SCOPE}",
-        f"## Run it\n\n```sh\n{one.command}\n```\n\n```text\n{reference.question(one.name)}\n```",
+        f"## Run it\n\n```sh\n{answer.command}\n```\n\n```text\n{reference.question(answer.name)}\n```",
     ]) + "\n"  # fmt: skip
 
 
@@ -155,14 +161,16 @@ def cell(text: str) -> str:
     return text.replace("|", "\\|").replace("*", "\\*").replace("$", "\\$")
 
 
-def value(told: dict[str, Any]) -> str:
+def value(figure: dict[str, Any]) -> str:
     """A figure of the JSON in words."""
-    return Figure(**told | {"value": math.nan if told["value"] is None else told["value"]}).text()
+    return Figure(
+        **figure | {"value": math.nan if figure["value"] is None else figure["value"]}
+    ).text()
 
 
-def charts(one: Answered) -> list[str]:
+def charts(answer: Answered) -> list[str]:
     """The titles of the charts of an answer."""
-    page = html.parse(str(one.folder / "report.html"))
+    page = html.parse(str(answer.folder / "report.html"))
     return [
         title.text_content() for title in page.xpath("//section[@aria-labelledby='charts']//h3")
     ]
@@ -177,17 +185,19 @@ def page_of(fmu: str) -> str:
 def machine(page: Path, answers: Sequence[Answered]) -> str:
     """The page of a machine, with its live model and the questions about it."""
     text = page.read_text(encoding="utf-8")
-    about = [one for one in answers if page.stem in map(page_of, one.question.parts.values())]
+    about = [
+        answer for answer in answers if page.stem in map(page_of, answer.question.parts.values())
+    ]
     if not about:
         return text
-    asked_of = "\n".join(
-        f"* [{one.question.title}](../../questions/{one.name}.md)" for one in about
+    links = "\n".join(
+        f"* [{answer.question.title}](../../questions/{answer.name}.md)" for answer in about
     )
-    shown = f"## Questions about this machine\n\n{asked_of}\n"
-    for one in [one for one in about if one.lives][:1]:
-        shown = f"## Live model\n\n{MOVE}\n\n{live(one, '../../')}\n\n{shown}"
+    section = f"## Questions about this machine\n\n{links}\n"
+    for answer in [answer for answer in about if answer.lives][:1]:
+        section = f"## Live model\n\n{MOVE}\n\n{live(answer, '../../')}\n\n{section}"
     before, heading, after = text.partition("\n## ")
-    return f"{before}\n{shown}{heading}{after}"
+    return f"{before}\n{section}{heading}{after}"
 
 
 def machine_list(machines: Sequence[Path], folder: Path) -> str:
@@ -213,25 +223,34 @@ def machine_cards(machines: Sequence[Path], folder: Path) -> list[str]:
 def by_interest(answers: Sequence[Answered]) -> list[Answered]:
     """The answers in the order in which the site lists them."""
     rank = {name: number for number, name in enumerate(INTEREST)}
-    return sorted(answers, key=lambda one: (rank.get(one.name, len(rank)), one.name))
+    return sorted(answers, key=lambda answer: (rank.get(answer.name, len(rank)), answer.name))
 
 
 def question_list(answers: Sequence[Answered], folder: Path) -> str:
     """The page that shows all questions by their pictures."""
     cards = []
-    for one in by_interest(answers):
-        place = Path(EXTRA, "pictures", one.picture.name)
-        (folder / place).parent.mkdir(parents=True, exist_ok=True)
-        with Image.open(one.picture) as whole:
-            whole.convert("RGB").resize(
-                (THUMB[0], round(whole.height * THUMB[0] / whole.width)), Image.Resampling.LANCZOS
-            ).quantize(64).save(folder / place, optimize=True)
-        caption = one.question.title + (" Live." if one.lives else "")
-        cards.append(card(f"questions/{one.name}.html", place, one.name, caption))
+    for answer in by_interest(answers):
+        target = Path(EXTRA, "pictures", answer.picture.name)
+        (folder / target).parent.mkdir(parents=True, exist_ok=True)
+        with Image.open(answer.picture) as picture:
+            thumbnail(picture).save(folder / target, optimize=True)
+        caption = answer.question.title + (" Live." if answer.lives else "")
+        cards.append(card(f"questions/{answer.name}.html", target, answer.name, caption))
     pages = tree(
-        "", "\n".join(f"{one.name} <questions/{one.name}>" for one in by_interest(answers))
+        "", "\n".join(f"{answer.name} <questions/{answer.name}>" for answer in by_interest(answers))
     )
     return f"# Questions\n\nEach is a short Python file; the [answers](docs/scenarios.md) state their errors.\n\n{deck(cards)}\n\n{pages}\n"
+
+
+def thumbnail(picture: Image.Image) -> Image.Image:
+    """Return the upper part of the first chart of a picture, small; all charts would be too small to read."""
+    is_single = picture.width <= STYLE.single_image_width_in * STYLE.image_dpi
+    width = picture.width if is_single else round(STYLE.image_width_in * STYLE.image_dpi)
+    top = round(STYLE.title_height_in * STYLE.image_dpi)
+    height = min(width * THUMB[1] // THUMB[0], picture.height - top)
+    part = picture.convert("RGB").crop((0, top, width, top + height))
+    size = THUMB[0], round(height * THUMB[0] / width)
+    return part.resize(size, Image.Resampling.LANCZOS).quantize(THUMB_COLORS)
 
 
 def deck(cards: Sequence[str]) -> str:
@@ -240,5 +259,5 @@ def deck(cards: Sequence[str]) -> str:
 
 def card(page: str, picture: Path, name: str, title: str) -> str:
     """A picture that links to a page."""
-    drawn = f'<img src="{picture.relative_to(EXTRA).as_posix()}" alt="" loading="lazy">'
-    return f'<li><a href="{page}">{drawn}<b>{name}</b></a><span>{escape(title)}</span></li>'
+    image = f'<img src="{picture.relative_to(EXTRA).as_posix()}" alt="" loading="lazy">'
+    return f'<li><a href="{page}">{image}<b>{name}</b></a><span>{escape(title)}</span></li>'

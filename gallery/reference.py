@@ -39,13 +39,13 @@ def commands() -> str:
     ]
     coupling = parser()
     for name in coupling._actions[-1].choices or ():
-        said = help_of(partial(coupling.parse_args, [name, "--help"]))
-        parts.append(section(f"cosim {name}", said))
+        help_text = help_of(partial(coupling.parse_args, [name, "--help"]))
+        parts.append(section(f"cosim {name}", help_text))
     for name in ("run", "study"):
-        said = help_of(partial(main, [name, "--help"], PROJECT, PROGRAM))
-        parts.append(section(f"scenarios {name}", said))
-    for name, words in SCRIPTS.items():
-        command = [sys.executable, *words, "--help"]
+        help_text = help_of(partial(main, [name, "--help"], PROJECT, PROGRAM))
+        parts.append(section(f"scenarios {name}", help_text))
+    for name, arguments in SCRIPTS.items():
+        command = [sys.executable, *arguments, "--help"]
         done = subprocess.run(
             command, cwd=ROOT, env=os.environ | {"COLUMNS": "88"}, check=True, capture_output=True
         )
@@ -53,22 +53,22 @@ def commands() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def section(title: str, said: str) -> str:
-    return f"## `{title}`\n\n```text\n{said.strip()}\n```"
+def section(title: str, help_text: str) -> str:
+    return f"## `{title}`\n\n```text\n{help_text.strip()}\n```"
 
 
 def question(name: str) -> str:
     """The options of a question, as its command lists them."""
-    said = help_of(partial(main, ["run", name, "--help"], PROJECT, PROGRAM))
-    return said[said.index("options:") :].strip()
+    help_text = help_of(partial(main, ["run", name, "--help"], PROJECT, PROGRAM))
+    return help_text[help_text.index("options:") :].strip()
 
 
 def help_of(call: Callable[[], object]) -> str:
     """What a parser prints before it exits."""
-    said = io.StringIO()
-    with patch.dict(os.environ, COLUMNS="88"), redirect_stdout(said), suppress(SystemExit):
+    help_text = io.StringIO()
+    with patch.dict(os.environ, COLUMNS="88"), redirect_stdout(help_text), suppress(SystemExit):
         call()
-    return said.getvalue()
+    return help_text.getvalue()
 
 
 def api(package: str) -> str:
@@ -85,22 +85,24 @@ def api(package: str) -> str:
     blocks = "\n".join(line for name in public for line in directive(package, name))
     rows.append(f"## Details\n\n```{{eval-rst}}\n{blocks}\n```")
     for name in modules:
-        whole = f"{package}.{name}"
-        rows.append(f"## `{whole}`\n\n```{{eval-rst}}\n.. automodule:: {whole}\n```")
+        qualified_name = f"{package}.{name}"
+        rows.append(
+            f"## `{qualified_name}`\n\n```{{eval-rst}}\n.. automodule:: {qualified_name}\n```"
+        )
     return "\n\n".join(rows) + "\n"
 
 
-def first(thing: object) -> str:
+def first(member: object) -> str:
     """What a thing is: the first sentence of its docstring, or its value."""
-    if not callable(thing):
-        return f"`{thing!r}`"
-    words = " ".join((inspect.getdoc(thing) or "").split())
-    return re.split(r"(?<=\.)\s", words)[0].replace("|", "\\|")
+    if not callable(member):
+        return f"`{member!r}`"
+    sentence = " ".join((inspect.getdoc(member) or "").split())
+    return re.split(r"(?<=\.)\s", sentence)[0].replace("|", "\\|")
 
 
 def directive(package: str, name: str) -> Iterator[str]:
-    thing = getattr(import_module(package), name)
-    if inspect.isclass(thing) or callable(thing):
-        yield f".. auto{'class' if inspect.isclass(thing) else 'function'}:: {package}.{name}"
+    member = getattr(import_module(package), name)
+    if inspect.isclass(member) or callable(member):
+        yield f".. auto{'class' if inspect.isclass(member) else 'function'}:: {package}.{name}"
     else:
-        yield f".. py:data:: {package}.{name}\n   :value: {thing!r}\n"
+        yield f".. py:data:: {package}.{name}\n   :value: {member!r}\n"

@@ -80,7 +80,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     }
     o = question.parse(options)
     folder = Path("results") / question.name
-    told["out"] = told.get("out", folder / o.set if hasattr(o, "set") else folder)
+    told["out"] = told.get("out", folder / vars(o).get("set", ""))
     animate = told.pop("animate")
     with reservation(told["out"]):
         answer = ask(project, words[0], options, **told, program=program)

@@ -10,7 +10,10 @@ from typing import Any, NamedTuple
 
 from cosim import SetupError
 
-MOST_DIGITS, LEAST = 6, -7
+#: Significant digits of a value with its error, a convention of this project: more are never of use.
+MOST_DIGITS = 6
+#: The power of ten of the last digit below which numbers are written with an exponent, a convention of this project.
+LEAST_POWER = -7
 #: Significant digits of a figure in a sentence, a convention of this project; tables have MOST_DIGITS.
 SENTENCE_DIGITS = 4
 #: Significant digits of a difference in percent in a sentence, a convention of this project.
@@ -95,14 +98,14 @@ class Figure(NamedTuple):
         if self.error == 0.0:
             digits = SENTENCE_DIGITS if abs(self.value) < 10.0**SENTENCE_DIGITS else MOST_DIGITS
             return f"{self.value:.{digits}g}{wording}"
-        digits_alone = certain(self.value, self.error, SENTENCE_DIGITS)
-        return f"{digits_alone}{wording}" if digits_alone else self.text(unit)
+        digits_only = certain(self.value, self.error, SENTENCE_DIGITS)
+        return f"{digits_only}{wording}" if digits_only else self.text(unit)
 
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""
         value = self.value if math.isfinite(self.value) else None
-        told = {"value": value, "unit": self.unit, "error": self.error}
-        return told | {"meaning": self.meaning, "reason": self.reason}
+        record = {"value": value, "unit": self.unit, "error": self.error}
+        return record | {"meaning": self.meaning, "reason": self.reason}
 
 
 def check_figures(figures: Any, path: Path) -> None:
@@ -145,15 +148,15 @@ def drop_undetermined(verdict: str, figures: Mapping[str, Figure]) -> str:
     lines: list[str] = []
     reasons: dict[str, str] = {}
     for line in verdict.split("\n"):
-        kept = []
+        sentences = []
         for sentence in line.removesuffix(".").split(". "):
-            torn = {text: reason for text, reason in refused.items() if _holed(sentence, text)}
-            kept += [] if torn else [sentence]
-            reasons |= torn
-        if kept:
-            lines.append(". ".join(kept) + "." * line.endswith("."))
-    known = " ".join(lines)
-    new = [reason for reason in reasons.values() if reason not in known]
+            holed = {text: reason for text, reason in refused.items() if _holed(sentence, text)}
+            sentences += [] if holed else [sentence]
+            reasons |= holed
+        if sentences:
+            lines.append(". ".join(sentences) + "." * line.endswith("."))
+    remaining = " ".join(lines)
+    new = [reason for reason in reasons.values() if reason not in remaining]
     why = f": {new[0]}" if len(new) == 1 else ", for the reasons given with the figures"
     if new:
         lines.append(f"Nothing {'more ' if lines else ''}can be determined{why}.")
@@ -194,7 +197,7 @@ def certain(value: float, error: float, digits: int) -> str:
     last = int(text.partition("e")[2]) + 1 - digits
     if not error < 0.5 * 10.0**last:
         return ""
-    return text if last < LEAST else f"{float(text):.{max(-last, 0)}f}"
+    return text if last < LEAST_POWER else f"{float(text):.{max(-last, 0)}f}"
 
 
 def concise(figure: Figure, digits: int) -> str:
@@ -222,7 +225,7 @@ def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str,
         digit, up = digit + 1, 10
     if digit > 0:
         return f"{round(value / 10.0**digit) * 10**digit:.0f}", f"{up * 10**digit:.0f}"
-    if digit >= LEAST:
+    if digit >= LEAST_POWER:
         return f"{value:z.{-digit}f}", f"{up * 10.0**digit:.{-digit}f}"
     power = math.floor(math.log10(max(abs(value), error)))
     return f"{value:.{power - digit}e}", f"{up * 10.0**digit:.1e}"

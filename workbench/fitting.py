@@ -24,8 +24,9 @@ from .figure import Figure
 from .measure import Samples
 from .options import Options, option
 
+#: Share by which the errors after two records may differ and both are as good; chosen: errors are not known better.
 SAME = 0.05
-KNOWN = re.compile(
+PRIOR = re.compile(
     r"(?P<name>[^=\s]+)\s*=\s*(?P<value>[^\s±+%]+(?:e[+-]?\d+)?)\s*(?:±|\+-)\s*(?P<off>[^\s%]+)\s*(?P<share>%)?"
 )
 
@@ -76,19 +77,19 @@ class RecordOptions(Options):
             if name not in columns:
                 raise SetupError(f"{self.data}: no column is mapped to {name}: --map {name}=COLUMN")
         time = columns.pop("time", "time") if timed else None
-        found = cosim.measured(self.data, columns, time=time, gaps=self.gaps)
+        tables = cosim.measured(self.data, columns, time=time, gaps=self.gaps)
         first = -math.inf if self.since is None else self.since
         last = math.inf if self.until is None else self.until
-        return {name: table.between(first, last) for name, table in found.items()}
+        return {name: table.between(first, last) for name, table in tables.items()}
 
     def turned(self, speed: Measured, what: str, gear: float = 1.0) -> tuple[Samples, Samples]:
         """Speeds [rad/s] of a column but for its gaps, and how far what turns `gear` times slower has
         turned at each [rad]; raises SetupError if that is less than once in the end.
         """
         w = np.array(speed.values) * multiples("rad/s").get(speed.unit, 1.0)
-        there = np.isfinite(w)
-        w = w[there]
-        turned = cumulative_trapezoid(w / gear, np.array(speed.times)[there], initial=0)
+        is_measured = np.isfinite(w)
+        w = w[is_measured]
+        turned = cumulative_trapezoid(w / gear, np.array(speed.times)[is_measured], initial=0)
         if turned[-1] < 2 * math.pi:
             raise SetupError(
                 f"{self.data}: the record contains {turned[-1] / (2 * math.pi):.2g} turns of the "
@@ -132,14 +133,16 @@ def noise(system: System, text: str) -> tuple[str, float]:
 
 def prior(text: str) -> tuple[str, tuple[float, float]]:
     """Name, value and standard deviation of a text such as "conveyor.trough.m=200+-5"."""
-    match = KNOWN.fullmatch(text.strip())
+    match = PRIOR.fullmatch(text.strip())
     try:
-        value, off = (float(match[part]) for part in ("value", "off")) if match else (0.0, 0.0)
+        value, deviation = (
+            (float(match[part]) for part in ("value", "off")) if match else (0.0, 0.0)
+        )
     except ValueError:
         match = None
     if match is None:
         raise SetupError(f"known {text!r} must read NAME=VALUE+-DEVIATION, or +- a share in %")
-    return match["name"], (value, abs(value) * off / 100 if match["share"] else off)
+    return match["name"], (value, abs(value) * deviation / 100 if match["share"] else deviation)
 
 
 def figure_of(interval: Any, meaning: str = "") -> Figure:
@@ -165,12 +168,12 @@ def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> d
     this unit would be after further records.
     """
     frame, units = None, {"time": "s"}
-    for column, seen in fit.residuals.items():
+    for column, residual in fit.residuals.items():
         mine = pd.DataFrame(
-            {"time": seen.times, column: seen.measured, f"{column}_fitted": seen.fitted,
-             f"{column}_residual": seen.fitted - seen.measured}
+            {"time": residual.times, column: residual.measured, f"{column}_fitted": residual.fitted,
+             f"{column}_residual": residual.fitted - residual.measured}
         )  # fmt: skip
-        units |= dict.fromkeys(mine.columns[1:], seen.unit)
+        units |= dict.fromkeys(mine.columns[1:], residual.unit)
         frame = mine if frame is None else frame.merge(mine, on="time", how="outer")
     assert frame is not None
     after = Table.of_rows([(x.name, x.error) for x in advice], {"record": "", "error": unit})
@@ -205,13 +208,15 @@ def planned_experiments(
     """Further records from these starts over `stop` [s], in columns with this `noise`, and with the
     noise of `torque` too where the record is without it; a start that names the `supply` sets it.
     """
-    found = {}
+    experiments = {}
     for word, start in starts.items():
-        own = (supply,) if supply in start else ()
-        found[word] = Experiment(start, noise, stop, own)
+        supplied = (supply,) if supply in start else ()
+        experiments[word] = Experiment(start, noise, stop, supplied)
         if not torque.keys() <= noise.keys():
-            found[f"{word}, with the torque"] = Experiment(start, {**noise, **torque}, stop, own)
-    return found
+            experiments[f"{word}, with the torque"] = Experiment(
+                start, {**noise, **torque}, stop, supplied
+            )
+    return experiments
 
 
 def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:
@@ -220,23 +225,23 @@ def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> s
     error = max(x.error for x in best)
     if error >= now / (1 + SAME):
         return f"No further record of these kinds would narrow the interval of {what} by much."
-    *others, name = (x.name for x in best)
-    names = f"{', '.join(others)} or {name}; each" if others else f"{name}: that"
+    *rest, name = (x.name for x in best)
+    names = f"{', '.join(rest)} or {name}; each" if rest else f"{name}: that"
     sentence = f"Next, record {names} would narrow the interval of {what} to {error:.2g} {unit}"
     return f"{sentence.rstrip()}."
 
 
-def charts(fit: Identified, drawn: Mapping[str, tuple[str, str]]) -> list[Chart]:
+def charts(fit: Identified, labels: Mapping[str, tuple[str, str]]) -> list[Chart]:
     """Each column measured, fitted and what is between them; `drawn` are their words and colors."""
-    found = []
-    for name, seen in fit.residuals.items():
-        what, color = drawn[name]
-        off = seen.fitted - seen.measured
+    pictures = []
+    for name, residual in fit.residuals.items():
+        what, color = labels[name]
+        difference = residual.fitted - residual.measured
         panels = [
-            Panel(what, seen.unit, [Curve("measured", seen.times, seen.measured, "grey", "points"),
-                                    Curve("fitted", seen.times, seen.fitted, color)]),
-            Panel("fitted minus measured", seen.unit, [Curve("residual", seen.times, off, color, "points")],
-                  [Mark(s * 2 * seen.sigma, f"{2 * s:+d} sigma of the noise") for s in (-1, 1)]),
+            Panel(what, residual.unit, [Curve("measured", residual.times, residual.measured, "grey", "points"),
+                                    Curve("fitted", residual.times, residual.fitted, color)]),
+            Panel("fitted minus measured", residual.unit, [Curve("residual", residual.times, difference, color, "points")],
+                  [Mark(s * 2 * residual.sigma, f"{2 * s:+d} sigma of the noise") for s in (-1, 1)]),
         ]  # fmt: skip
-        found.append(Chart(f"The {what}, measured and fitted", "time [s]", panels))
-    return found
+        pictures.append(Chart(f"The {what}, measured and fitted", "time [s]", panels))
+    return pictures

@@ -65,8 +65,8 @@ def option(
     '300rpm'
     """
     bounds = {"above": above, "at least": least, "at most": most}
-    told = {word: bound for word, bound in bounds.items() if bound is not None}
-    declared = Option("", float, False, default, meaning, unit, told, tuple(choices))
+    limits = {word: bound for word, bound in bounds.items() if bound is not None}
+    declared = Option("", float, False, default, meaning, unit, limits, tuple(choices))
     return field(default=default, metadata={"option": declared})
 
 
@@ -83,84 +83,84 @@ class Option:
     bounds: Mapping[str, float] = field(default_factory=dict)
     choices: Sequence[str] = ()
 
-    def read(self, given: Any, key: str = "") -> Any:
+    def read(self, raw: Any, key: str = "") -> Any:
         """The value as the question takes it, in the declared unit.
 
         Raises SetupError with the key (by default the name), the value and what was expected.
         """
         key = key or self.name
-        if given is None and self.default is None:
+        if raw is None and self.default is None:
             return None
         if not self.many:
-            return self._one(given, key)
-        values = self._list(given, key)
+            return self._single(raw, key)
+        values = self._list(raw, key)
         return tuple(sorted(set(values)) if self.kind is float else values)
 
-    def words(self) -> str:
+    def help_text(self) -> str:
         """Meaning, unit and default, for the help."""
         unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
         default_text = f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
         default = "" if self.default in (None, (), "", False) else f" (default: {default_text})"
         return f"{self.meaning}{unit}{default}".replace("%", "%%")
 
-    def _one(self, given: Any, key: str) -> Any:
+    def _single(self, raw: Any, key: str) -> Any:
         """A value of the declared kind, within its bounds."""
         if self.kind is float:
-            return self._checked(self._number(given, key), key)
-        value = literal(given) if isinstance(given, str) and self.kind is not str else given
+            return self._checked(self._number(raw, key), key)
+        value = literal(raw) if isinstance(raw, str) and self.kind is not str else raw
         if self.kind is int and isinstance(value, Integral) and not isinstance(value, bool):
             value = int(value)
         if self.kind is str and isinstance(value, os.PathLike):
             value = os.fspath(value)
         if self.choices and value not in self.choices:
-            start = "; a start value of an FMU is given with --start" * ("=" in str(given))
+            start = "; a start value of an FMU is given with --start" * ("=" in str(raw))
             raise SetupError(
-                f"{key} = {quoted(given)} must be one of {', '.join(self.choices)}{start}"
+                f"{key} = {quoted(raw)} must be one of {', '.join(self.choices)}{start}"
             )
         if type(value) is not self.kind:
-            raise SetupError(f"{key} = {quoted(given)} must be {KINDS[self.kind]}")
+            raise SetupError(f"{key} = {quoted(raw)} must be {KINDS[self.kind]}")
         return self._checked(value, key)
 
-    def _number(self, given: Any, key: str) -> float:
-        said = f"{key} = {quoted(given)}"
-        if isinstance(given, str):
-            return self._parsed([given], said, self._expected())[0]
-        if isinstance(given, bool) or not isinstance(given, Real):
-            raise SetupError(f"{said} must {self._expected()}")
-        return float(given)
+    def _number(self, raw: Any, key: str) -> float:
+        prefix = f"{key} = {quoted(raw)}"
+        if isinstance(raw, str):
+            return self._parsed([raw], prefix, self._expected())[0]
+        if isinstance(raw, bool) or not isinstance(raw, Real):
+            raise SetupError(f"{prefix} must {self._expected()}")
+        return float(raw)
 
-    def _list(self, given: Any, key: str) -> list[Any]:
+    def _list(self, raw: Any, key: str) -> list[Any]:
         """Values, "a,b,c", or numbers "20:66:24" (from, to, number); the unit of one is that of all."""
-        said, form = f"{key} = {quoted(given)}", "read from:to:number or a,b,c"
-        if isinstance(given, str) and self.kind is not float:
-            given = given.split(",")
-        if not isinstance(given, str):
-            if not isinstance(given, Iterable):
-                raise SetupError(f"{said} must be a list, each {KINDS[self.kind]}")
-            return [self._one(x, key) for x in given]
-        *ends, count = given.split(":")
+        prefix, form = f"{key} = {quoted(raw)}", "read from:to:number or a,b,c"
+        if isinstance(raw, str) and self.kind is not float:
+            raw = raw.split(",")
+        if not isinstance(raw, str):
+            if not isinstance(raw, Iterable):
+                raise SetupError(f"{prefix} must be a list, each {KINDS[self.kind]}")
+            return [self._single(x, key) for x in raw]
+        *ends, count = raw.split(":")
         if not ends:
-            numbers = self._parsed(given.split(","), said, form) if given else []
+            numbers = self._parsed(raw.split(","), prefix, form) if raw else []
         elif len(ends) != 2 or not count.strip().isdigit():
-            raise SetupError(f"{said} must {form}")
+            raise SetupError(f"{prefix} must {form}")
         elif int(count) < 1:
-            raise SetupError(f"{said} contains no number")
+            raise SetupError(f"{prefix} contains no number")
         else:
-            low, high = self._parsed(ends, said, form)
+            low, high = self._parsed(ends, prefix, form)
             numbers = np.linspace(low, high, int(count)).tolist()
         return [self._checked(number, key) for number in numbers]
 
-    def _parsed(self, texts: Sequence[str], said: str, form: str) -> list[float]:
+    def _parsed(self, texts: Sequence[str], prefix: str, form: str) -> list[float]:
         """Numbers that are written in one unit, in the declared one; others are refused by their form."""
         matches = [match for match in map(QUANTITY.fullmatch, texts) if match]
         if len(matches) < len(texts):
-            raise SetupError(f"{said} must {form}")
+            raise SetupError(f"{prefix} must {form}")
         units = list(dict.fromkeys(match[2] for match in matches if match[2]))
         if len(units) > 1:
-            raise SetupError(f"{said} must be in one unit, not {' and '.join(units)}")
+            raise SetupError(f"{prefix} must be in one unit, not {' and '.join(units)}")
         scale = multiples(self.unit).get("".join(units) or self.unit)
         if scale is None:
-            raise SetupError(f"{said} must {self._expected()}")
+            raise SetupError(f"{prefix} must {self._expected()}")
         return [float(match[1]) * scale for match in matches]
 
     def _expected(self) -> str:
@@ -187,8 +187,8 @@ class Options:
     start: Mapping[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, told in declared(type(self)).items():
-            object.__setattr__(self, name, told.read(getattr(self, name)))
+        for name, option_of in declared(type(self)).items():
+            object.__setattr__(self, name, option_of.read(getattr(self, name)))
         object.__setattr__(self, "start", parse_starts(self.start))
 
 
@@ -207,20 +207,22 @@ Chosen = TypeVar("Chosen", bound=Options)
 def declared(kind: type[Options]) -> dict[str, Option]:
     """The options of a question by name, its own first."""
     hints = get_type_hints(kind)
-    found = {}
-    for one in sorted(fields(kind), key=lambda one: one.name in Run.__annotations__):
-        if "option" in one.metadata:
-            hint = hints[one.name]
+    options = {}
+    for entry in sorted(fields(kind), key=lambda entry: entry.name in Run.__annotations__):
+        if "option" in entry.metadata:
+            hint = hints[entry.name]
             if NoneType in get_args(hint):
                 (hint,) = (x for x in get_args(hint) if x is not NoneType)
             many = get_origin(hint) is tuple
             bare = get_args(hint)[0] if many else hint
             if bare not in KINDS:
                 raise SetupError(
-                    f"option {one.name!r} must be a float, int, str or bool, or a tuple of one of them"
+                    f"option {entry.name!r} must be a float, int, str or bool, or a tuple of one of them"
                 )
-            found[one.name] = replace(one.metadata["option"], name=one.name, kind=bare, many=many)
-    return found
+            options[entry.name] = replace(
+                entry.metadata["option"], name=entry.name, kind=bare, many=many
+            )
+    return options
 
 
 def quoted(value: object) -> str:
@@ -228,36 +230,36 @@ def quoted(value: object) -> str:
     return "nothing" if value is None else repr(value)
 
 
-def unknown_option(name: str, known: Iterable[str], who: str) -> SetupError:
+def unknown_option(name: str, names: Iterable[str], who: str) -> SetupError:
     """The error for an option that a question does not have, with the closest that it has."""
-    near = get_close_matches(name, list(known), 1)
-    hint = f": did you mean {near[0]!r}?" if near else f", only {', '.join(known)}"
+    near = get_close_matches(name, list(names), 1)
+    hint = f": did you mean {near[0]!r}?" if near else f", only {', '.join(names)}"
     return SetupError(f"{who} has no option {name!r}{hint}")
 
 
-def parse_options(kind: type[Chosen], given: Mapping[str, Any], who: str) -> Chosen:
+def parse_options(kind: type[Chosen], values: Mapping[str, Any], who: str) -> Chosen:
     """The options of these names; raises SetupError for what they cannot be."""
-    known = [*declared(kind), "start"]
-    for name in given:
-        if name not in known:
-            raise unknown_option(name, known, who)
-    return kind(**given)
+    names = [*declared(kind), "start"]
+    for name in values:
+        if name not in names:
+            raise unknown_option(name, names, who)
+    return kind(**values)
 
 
 def add_arguments(parser: ArgumentParser, kind: type[Options]) -> None:
     """The options on a command line, whose values stay texts; what is not given is left out."""
-    for name, told in declared(kind).items():
+    for name, option_of in declared(kind).items():
         flag = f"--{name.replace('_', '-')}"
-        if told.kind is bool:
-            parser.add_argument(flag, action=BooleanOptionalAction, help=told.words())
-        elif told.kind is str and told.many:
-            parser.add_argument(flag, action="append", metavar="TEXT", help=told.words())
+        if option_of.kind is bool:
+            parser.add_argument(flag, action=BooleanOptionalAction, help=option_of.help_text())
+        elif option_of.kind is str and option_of.many:
+            parser.add_argument(flag, action="append", metavar="TEXT", help=option_of.help_text())
         else:
-            placeholder = "|".join(told.choices) or {float: "NUMBER", int: "N"}.get(
-                told.kind, "TEXT"
+            placeholder = "|".join(option_of.choices) or {float: "NUMBER", int: "N"}.get(
+                option_of.kind, "TEXT"
             )
             parser.add_argument(
-                flag, metavar="LIST" if told.many else placeholder, help=told.words()
+                flag, metavar="LIST" if option_of.many else placeholder, help=option_of.help_text()
             )
     parser.add_argument(
         "--start",
@@ -267,19 +269,19 @@ def add_arguments(parser: ArgumentParser, kind: type[Options]) -> None:
     )
 
 
-def parse_starts(given: Mapping[str, Value] | Iterable[str]) -> Start:
+def parse_starts(starts: Mapping[str, Value] | Iterable[str]) -> Start:
     """Start values by name, from a mapping or from texts, ["motor.T=0.05"]."""
-    if isinstance(given, Mapping):
-        return dict(given)
-    if isinstance(given, str) or not isinstance(given, Iterable):
+    if isinstance(starts, Mapping):
+        return dict(starts)
+    if isinstance(starts, str) or not isinstance(starts, Iterable):
         form = 'a dictionary, {"motor.T": 0.05}'
-        raise SetupError(f"start = {quoted(given)} must be start values by name, {form}")
-    return {name: literal(text) for name, text in map(assignment, given)}
+        raise SetupError(f"start = {quoted(starts)} must be start values by name, {form}")
+    return {name: literal(text) for name, text in map(assignment, starts)}
 
 
-def check_fixed_starts(start: Mapping[str, Value], own: Iterable[str]) -> None:
+def check_fixed_starts(start: Mapping[str, Value], fixed: Iterable[str]) -> None:
     """Raise SetupError for a start value that a question sets itself."""
-    for name in own:
+    for name in fixed:
         if name in start:
             raise SetupError(f"start value {name}: this question sets it itself")
 

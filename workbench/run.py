@@ -244,9 +244,7 @@ def option_values(
 ) -> dict[str, Parameter]:
     """Return the options of an answer, with the question's `defaults` for those left to it."""
     values = {
-        key: getattr(o, key)
-        if getattr(o, key) not in (None, ())
-        else defaults.get(key, getattr(o, key))
+        key: vars(o)[key] if vars(o)[key] not in (None, ()) else defaults.get(key, vars(o)[key])
         for key in declared(type(o))
     }
     return {

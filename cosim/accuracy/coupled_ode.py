@@ -5,34 +5,28 @@ from __future__ import annotations
 import ctypes
 import math
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from itertools import chain
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..engine.changes import discrete_changes
-from ..engine.fmi3 import Part3
-from ..engine.initialise import initialise
-from ..engine.instance import DISCARD, ERROR, OK, Instance, VariableBlock
-from ..engine.part import Part
+from ..engine.initialise import prepare
+from ..engine.part import WiredPart
 from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
-from ..fmu.library import Library
-from ..system import Network, Port, is_continuous_input
-from ..system.description import ModelDescription, Variable
+from ..fmu.blocks import VariableBlock
+from ..fmu.exchange import Array, EvaluationError, ModelExchange
+from ..system import Network, Port
 from ..system.graph import algebraic_loops, describe_loop, stepping_order
 from ..system.inputs import Table
 
-Array = NDArray[np.float64]
-DIFFERENCE, SINGULAR = 6e-6, 1e12
+#: A part that offers model exchange.
+ExchangePart = WiredPart[ModelExchange]
+SINGULAR = 1e12
 CLOSED, MOST_ITERATIONS = 1e-12, 20
-
-
-class EvaluationError(FmuError):
-    """A part cannot compute with the state that was tried."""
 
 
 class Blocks(NamedTuple):
@@ -48,106 +42,6 @@ class Blocks(NamedTuple):
     F: Array
 
 
-class Model(Part):
-    """A part's model-exchange side: continuous states `x`, rates `dx`, event indicators `z`."""
-
-    SIDE = "modelExchange"
-    RATES, UPDATE = "GetDerivatives", "newDiscreteStates"
-
-    def __init__(self, name: str, description: ModelDescription, *more: Any) -> None:
-        super().__init__(name, description, *more)
-        self.rates: list[Variable] = [u.variable for u in description.derivatives]
-        self.states: list[Variable] = [
-            rate.derivative for rate in self.rates if rate.derivative is not None
-        ]
-        numbers = (len(self.states), len(self.states), description.numberOfEventIndicators)
-        self.x, self.dx, self.z = ((ctypes.c_double * (n or 0))() for n in numbers)
-        self.running = False
-        self.next_time = math.inf
-
-    def functions(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
-        model = fmu.model(self.name, self.description)
-        return model, ctypes.PyDLL(None, handle=model.dll._handle)
-
-    def step_call(self) -> Callable[[], int]:
-        """None: the library need not have one."""
-        return lambda: ERROR
-
-    def begin(self) -> None:
-        Instance.begin(self)
-
-    def close(self) -> None:
-        first = not self.closed
-        super().close()
-        if first and not self.fmu.abandoned:
-            self.slave.freeLibrary()
-
-    def array(self, function: str, cells: Any) -> None:
-        """Call "SetContinuousStates" and the like with this array; raises EvaluationError, FmuError."""
-        if len(cells):
-            place = ctypes.c_size_t(len(cells))
-            status = getattr(self.library, self.FMI + function)(self.component, cells, place)
-            if status == DISCARD:
-                raise EvaluationError(str(self.failure(function, status)))
-            if status != OK:
-                self.answered(function, status)
-
-    def put(self) -> None:
-        """Hand over the states."""
-        self.array("SetContinuousStates", self.x)
-
-    def inputs_that_move(self) -> list[Variable]:
-        """The Real inputs; by FMI 3.0 those that are continuous."""
-        variables = self.description.modelVariables
-        return [v for v in variables if is_continuous_input(Port(self.name, v))]
-
-    def real_outputs(self) -> list[Variable]:
-        variables = self.description.modelVariables
-        return [v for v in variables if v.causality == "output" and v.type == "Real"]
-
-    def jacobian(self) -> tuple[Array, Array]:
-        """Derivatives of rates and outputs by the states and by the inputs that move."""
-        unknown = [*self.rates, *self.real_outputs()]
-        inputs = self.inputs_that_move()
-        nudges: list[tuple[Variable, Any, int, Callable[[], None]]]
-        nudges = [(v, self.x, i, self.put) for i, v in enumerate(self.states)]
-        for block in self.blocks("Set", inputs):
-            block.cells[:] = list(self.values(block.variables).values())
-            places = {v.name: i for i, v in enumerate(block.variables)}
-            nudges += [(v, block.cells, places[v.name], block.move) for v in inputs]
-        self.array("GetContinuousStates", self.x)
-        offers = self.description.interface("modelExchange").providesDirectionalDerivative
-        columns: list[Any] = []
-        for variable, cells, i, move in nudges if unknown else ():
-            if offers:
-                columns.append(self.slopes(unknown, variable))
-                continue
-            here = cells[i]
-            h = DIFFERENCE * max(abs(here), abs(float(variable.nominal or 1.0)) or 1.0)
-            sides = []
-            for cells[i] in (here - h, here + h):
-                move()
-                got = self.values(unknown)
-                sides.append(np.array([got[v.name] for v in unknown]))
-            cells[i] = here
-            move()
-            columns.append((sides[1] - sides[0]) / (2 * h))
-        whole = np.array(columns).reshape(len(nudges), len(unknown)).T
-        return whole[:, : len(self.states)], whole[:, len(self.states) :]
-
-
-class Model3(Model, Part3):
-    """The same by FMI 3.0, whose states, rates and inputs may be arrays."""
-
-    RATES, UPDATE = "GetContinuousStateDerivatives", "updateDiscreteStates"
-
-    def _event(
-        self, t: float, blocks: Iterable[VariableBlock] = (), clocks: Sequence[int] = ()
-    ) -> None:
-        for block in blocks:  # in event mode, which `Whole` enters
-            block.move()
-
-
 class Whole:
     """A coupled system at a time `t` [s], from `opened`.
 
@@ -157,15 +51,15 @@ class Whole:
     """
 
     def __init__(
-        self, network: Network, models: dict[str, Model], start: float, stop: float
+        self, network: Network, models: Mapping[str, ExchangePart], start: float, stop: float
     ) -> None:
         self.network, self.models, self.t = network, models, start
         self.parts = list(models.values())
-        self.states = [Port(p.name, v) for p in self.parts for v in p.states]
-        self.inputs = [Port(p.name, v) for p in self.parts for v in p.inputs_that_move()]
-        self.outputs = [Port(p.name, v) for p in self.parts for v in p.real_outputs()]
+        self.states = [Port(p.name, v) for p in self.parts for v in p.instance.states]
+        self.inputs = [Port(p.name, v) for p in self.parts for v in p.instance.continuous_inputs()]
+        self.outputs = [Port(p.name, v) for p in self.parts for v in p.instance.real_outputs()]
         self.feeds = [feed for part in self.parts for feed in part.feeds]
-        self.changes = discrete_changes(network, dict(models), start, stop)
+        self.changes = discrete_changes(network, models, start, stop)
         knots = [f.profile.times for f in self.feeds if isinstance(f.profile, Table)]
         self.stops = sorted({change.time for change in self.changes}.union(*knots))
         self.until = math.inf
@@ -175,7 +69,7 @@ class Whole:
     @property
     def x(self) -> Array:
         """The continuous states."""
-        return np.array([value for part in self.parts for value in part.x])
+        return np.array([value for part in self.parts for value in part.instance.x])
 
     @property
     def nominals(self) -> Array:
@@ -185,8 +79,8 @@ class Whole:
         """
         found = []
         for part in self.parts:
-            cells = (ctypes.c_double * len(part.x))()
-            part.array("GetNominalsOfContinuousStates", cells)
+            cells = (ctypes.c_double * len(part.instance.x))()
+            part.instance.array("GetNominalsOfContinuousStates", cells)
             found += list(cells)
         sizes = np.abs(found)
         return np.where((sizes > 0.0) & (sizes < math.inf), sizes, 1.0)
@@ -196,9 +90,10 @@ class Whole:
         self.t = t
         values = iter(x.tolist())
         for part in self.parts:
-            part.call("setTime", t)
-            part.x[:] = [next(values) for _ in part.x]
-            part.put()
+            instance = part.instance
+            instance.session.call("setTime", t)
+            instance.x[:] = [next(values) for _ in instance.x]
+            instance.set_states()
         self._settle(lambda block: block.real)
 
     def slopes(self, t: float, x: Array) -> Array:
@@ -208,10 +103,10 @@ class Whole:
         try:
             self.at(t, x)
             for part in self.parts:
-                part.array(part.RATES, part.dx)
+                part.instance.get_rates()
         except EvaluationError:
             return np.full(len(x), math.nan)
-        return np.array([value for part in self.parts for value in part.dx])
+        return np.array([value for part in self.parts for value in part.instance.dx])
 
     def signs(self) -> list[float]:
         """Values whose change is an event.
@@ -221,8 +116,9 @@ class Whole:
         """
         found: list[float] = []
         for part in self.parts:
-            part.array("GetEventIndicators", part.z)
-            found += [value >= 0.0 for value in part.z]
+            indicators = part.instance.z
+            part.instance.array("GetEventIndicators", indicators)
+            found += [value >= 0.0 for value in indicators]
             for block in part.outputs:
                 if not block.real:
                     block.move()
@@ -233,8 +129,9 @@ class Whole:
         """Notify the parts that a step of the integrator is complete; returns whether one wants an event."""
         wants = False
         for part in self.parts:
-            if part.description.interface("modelExchange").needsCompletedIntegratorStep:
-                event, end = part.call("completedIntegratorStep")
+            session = part.instance.session
+            if session.interface.needsCompletedIntegratorStep:
+                event, end = session.call("completedIntegratorStep")
                 self._require_going(part, end)
                 wants = wants or event
         return wants
@@ -243,29 +140,26 @@ class Whole:
         """An event at a time [s]: changes from outside, then discrete states until all agree."""
         self.t, again = t, True
         for part in self.parts:
-            if part.running:
-                part.call("enterEventMode")
+            if part.instance.has_begun:
+                part.instance.session.call("enterEventMode")
         for change in self.changes:
             if change.time == t:
-                change.part.set(change.variable, change.value)
+                change.instance.set(change.variable, change.value)
         for block in chain.from_iterable(part.inputs for part in self.parts):
             block.move()  # what arrived on the way to the event, when only Real inputs are set
         while again:
             again = self._settle(lambda block: True)
             for part in self.parts:
-                more, end, _, _, timed, time = part.call(part.UPDATE)
+                more, end = part.instance.update()
                 self._require_going(part, end)
-                part.next_time = time if timed else math.inf
                 again = again or more
             again = self._settle(lambda block: True) or again
         for part in self.parts:
-            part.call("enterContinuousTimeMode")
-            part.running = True
-            part.array("GetContinuousStates", part.x)
+            part.instance.enter_continuous_time()
 
     def next_stop(self, stop: float) -> float:
         """The next time [s] of an event that is known in advance, at most `stop`."""
-        known = chain(self.stops, (part.next_time for part in self.parts), [stop])
+        known = chain(self.stops, (part.instance.next_time for part in self.parts), [stop])
         return min(time for time in known if time > self.t)
 
     def blocks(self) -> Blocks:
@@ -274,7 +168,7 @@ class Whole:
 
         pieces = []
         for part in self.parts:
-            n, (by_states, by_inputs) = len(part.rates), part.jacobian()
+            n, (by_states, by_inputs) = len(part.instance.rates), part.instance.jacobian()
             pieces.append((by_states[:n], by_inputs[:n], by_states[n:], by_inputs[n:]))
         F = np.zeros((len(self.inputs), len(self.outputs)))
         row, column = (
@@ -363,12 +257,11 @@ class Whole:
         loops = "; ".join(describe_loop(loop) for loop in algebraic_loops(self.network))
         raise FmuError(f"the algebraic loop was not solved at t = {self.t!r} s: {loops}")
 
-    def _require_going(self, part: Model, end: bool) -> None:
+    def _require_going(self, part: ExchangePart, end: bool) -> None:
         if end:
-            raise FmuError(f"{part.name} ended the simulation at t = {self.t!r} s: {part.reason()}")
-
-
-KINDS = {"2.0": Model, "3.0": Model3}
+            raise FmuError(
+                f"{part.name} ended the simulation at t = {self.t!r} s: {part.messages.reason()}"
+            )
 
 
 @contextmanager
@@ -387,6 +280,5 @@ def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
     with ExitStack() as stack:
         sequence = stepping_order(network, None)
         settings = RunSettings(stop, math.inf, start)
-        parts = initialise(network, settings, sequence, stack, kinds=KINDS)
-        models = cast(dict[str, Model], parts)
-        yield Whole(network, {name: models[name] for name in network.system.parts}, start, stop)
+        parts, _ = prepare(network, settings, sequence, stack, ModelExchange)
+        yield Whole(network, {name: parts[name] for name in network.system.parts}, start, stop)

@@ -17,11 +17,12 @@ from ..engine.control import Adaptive
 from ..engine.driver import RowReader
 from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
+from ..fmu.exchange import Array
 from ..master import versions
 from ..result import Result, SimulationError
 from ..system import System, connect, require_cosimulation
 from .certify import Metrics, certify, evaluate, summary_metrics
-from .coupled_ode import Array, Whole, opened
+from .coupled_ode import Whole, opened
 from .estimate import Estimate
 
 METHODS = ("DOP853", "Radau", "LSODA")
@@ -134,7 +135,7 @@ def oracle(
             except FmuError as failure:
                 told |= {"status": "failed", "reason": str(failure), "reached": whole.t}
             told["warnings"] = [
-                f"{part.name}: {text}" for part in whole.parts for text in part.warnings
+                f"{part.name}: {text}" for part in whole.parts for text in part.messages.warnings
             ]
         units = {"time": "s"} | {port.name: port.unit for port in ports}
         result = Result(

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..accuracy.coupled_ode import Array, opened
+from ..accuracy.coupled_ode import opened
 from ..accuracy.reference import TOLERANCE, travel
 from ..errors import FmuError, SetupError
+from ..fmu.exchange import Array
 from ..system import System, connect
 
 if TYPE_CHECKING:
@@ -229,7 +230,7 @@ def linearize(
             rates = whole.slopes(whole.t, whole.x)
             names = [[p.name for p in g] for g in (whole.states, whole.inputs, whole.outputs)]
             known = [*whole.states, *whole.inputs, *whole.outputs]
-            values = {name: model.values for name, model in whole.models.items()}
+            values = {name: model.instance.access.values for name, model in whole.models.items()}
             point = {p.name: float(*values[p.part]([p.variable]).values()) for p in known}
     except FmuError as failure:
         raise SetupError(str(failure)) from failure

@@ -7,18 +7,19 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from ..fmu.instance import Instance
 from ..fmu.times import coincide
 from ..system import Network, Port, Value, is_continuous_input
 from ..system.description import Variable
 from ..system.inputs import FunctionInput, Table
-from .part import Part
+from .part import I, WiredPart
 
 
 class Change(NamedTuple):
     """A value that a variable takes between two steps, at a time [s]."""
 
     time: float
-    part: Part
+    instance: Instance
     variable: Variable
     value: Value
 
@@ -29,12 +30,12 @@ def continuous_profiles(network: Network) -> list[tuple[Port, Table | FunctionIn
 
 
 def discrete_changes(
-    network: Network, parts: Mapping[str, Part], start: float, stop: float
+    network: Network, parts: Mapping[str, WiredPart[I]], start: float, stop: float
 ) -> list[Change]:
     """All other changes between start and stop [s], in their order."""
     moving = [port for port, _ in continuous_profiles(network)]
     changes = [
-        Change(time, parts[port.part], port.variable, profile.at(time))
+        Change(time, parts[port.part].instance, port.variable, profile.at(time))
         for port, profile in network.inputs
         if port not in moving
         for time in profile.jumps(start, stop)
@@ -56,7 +57,7 @@ def with_changes(
             if not coincide(change.time, t):
                 advance(t, change.time - t)
                 t, h = change.time, end - change.time
-            change.part.set(change.variable, change.value)
+            change.instance.set(change.variable, change.value)
         advance(t, h)
 
     return go if changes else advance

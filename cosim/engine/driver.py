@@ -20,7 +20,7 @@ from .changes import Change, with_changes
 from .control import Adaptive, Controller, by_energy, doubling
 from .iteration import Iteration
 from .loop import Loop, lay_out
-from .part import Part
+from .part import I, Part, WiredPart
 from .recorder import IntermediateValues, OutputGrid, Recorder
 from .row_file import RowFile
 from .schedule import Advance, coupling_context, explicit, schedule
@@ -40,7 +40,7 @@ MOST_ROWS = 1 << 12
 class RowReader:
     """Reads the recorded variables, those that are wired from the wires' buffers."""
 
-    def __init__(self, parts: Sequence[Part], ports: Sequence[Port]) -> None:
+    def __init__(self, parts: Sequence[WiredPart[I]], ports: Sequence[Port]) -> None:
         slots: dict[str, Slot] = {}
         for block in (block for part in parts for block in part.outputs):
             slots |= block.slots()
@@ -48,7 +48,9 @@ class RowReader:
         for port in ports:
             if port.name not in slots:
                 unread[port.part][port.name] = port.variable
-        self.extra = [b for p in parts for b in p.blocks("Get", [*unread[p.name].values()])]
+        self.extra = [
+            b for p in parts for b in p.instance.access.blocks("Get", [*unread[p.name].values()])
+        ]
         for block in self.extra:
             slots |= block.slots()
         self.columns = [slots[port.name] for port in ports]
@@ -113,8 +115,8 @@ class Driver:
             self._checkpoint = (0, Snapshot(parts))
         back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
-            part.forward.value = steps is not None and self.control != "doubling"
-            part.stops = back and part.shows_events()
+            part.instance.go_forward_only(steps is not None and self.control != "doubling")
+            part.instance.stop_at_events(back and part.instance.shows_events(part.outputs))
         if isinstance(plan.step, Adaptive) or steps is None or every is None:
             return
         program = lay_out(steps, row.extra)
@@ -183,7 +185,7 @@ class Driver:
         columns = {f: k for k, f in enumerate(self.row.names, 1)}
         return [
             (p.intermediate_values, [columns[name] for name in p.watched])
-            for p in self.parts
+            for p in (part.instance for part in self.parts)
             if p.watched
         ]
 
@@ -265,7 +267,7 @@ class Driver:
         before, snapshot = self._checkpoint
         self._checkpoint = self._loop = None
         for part in self.parts:
-            part.forward.value = False
+            part.instance.go_forward_only(False)
         met = isinstance(failure, EventReached)
         self.loop = f"Python, since {'steps end at events' if met else 'a part discards steps'}"
         snapshot.restore()

@@ -14,20 +14,32 @@ from numpy.typing import NDArray
 
 from ..errors import FmuError
 from ..fmu.buffers import Slot
-from ..fmu.library import borrow
+from ..fmu.fmi2 import CoSimulation2
+from ..fmu.fmi3 import CoSimulation3
+from ..fmu.instance import CoSimulation, Instance, Opener
+from ..fmu.library import Library, borrow
+from ..fmu.session import CO_SIMULATION
 from ..system import Network, Port, Value, declared_start, feedthrough
+from ..system.description import ModelDescription, Variable
 from .changes import continuous_profiles
 from .energy import BondSide, find_bonds, watts_per_product
-from .fmi3 import Part3
 from .hermite import SignalHistory
 from .links import CastLink, InputPolynomials, Link
 from .newton import solve_fixed_point
-from .part import Part
+from .part import I, Part, WiredPart
 from .settings import RunSettings
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
-KINDS: dict[str, type[Part]] = {"2.0": Part, "3.0": Part3}
+#: What makes a part that steps, by the version of its FMU.
+OPENERS: dict[str, Opener[CoSimulation]] = {"2.0": CoSimulation2, "3.0": CoSimulation3}
+
+
+def open_cosimulation(
+    name: str, description: ModelDescription, fmu: Library, within: Sequence[Variable] = ()
+) -> CoSimulation:
+    """An instance that steps; raises FmuError."""
+    return OPENERS[description.fmiVersion](name, description, fmu, within)
 
 
 def initialise(
@@ -36,85 +48,95 @@ def initialise(
     sequence: Sequence[str],
     stack: ExitStack,
     within: Sequence[Port] = (),
-    kinds: Mapping[str, type[Part]] = KINDS,
 ) -> dict[str, Part]:
     """All parts at the start, their coupled start values consistent, ready for the first step.
 
-    The FMUs that can are to show the ports `within` their steps. `kinds` makes a part, by the version
-    of its FMU. The stack closes the parts.
+    The FMUs that can are to show the ports `within` their steps. The stack closes the parts.
     Raises FmuError where an FMU refuses, SetupError where the start values have no solution.
     """
-    start, parts = settings.start, dict[str, Part]()
+    parts, slots = prepare(network, settings, sequence, stack, open_cosimulation, within)
+    if settings.input_order:
+        _interpolate_inputs(parts, settings.input_order)
+    _open_bonds(network, parts, slots)
+    for part in parts.values():
+        for operation in part.read_operations():
+            operation(settings.start, 0.0)
+        for side in part.bond_sides:
+            side.open()
+    return parts
+
+
+def prepare(
+    network: Network,
+    settings: RunSettings,
+    sequence: Sequence[str],
+    stack: ExitStack,
+    opener: Opener[I],
+    within: Sequence[Port] = (),
+) -> tuple[dict[str, WiredPart[I]], dict[str, Slot]]:
+    """All parts wired at the start, out of initialisation mode, and the slots of wired variables by name.
+
+    The `opener` makes the parts' instances; the other parameters and exceptions are those of `initialise`.
+    """
+    start = settings.start
     starts = {port.name: (port, value) for port, value in network.start}
     starts |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
 
-    def instance(name: str) -> Part:
-        """The part, instantiated and with its start values."""
+    def instance(name: str) -> I:
+        """A new instance of the part with its start values."""
         description = network.descriptions[name]
         try:
             fmu = borrow(Path(network.system.parts[name]), description)
         except FmuError as error:
             raise FmuError(f"{name}: {error}") from error
         watched = [port.variable for port in within if port.part == name]
-        part = kinds[description.fmiVersion](name, description, fmu, watched)
-        part.open()
-        stack.callback(part.close)
-        part.substeps = settings.substeps.get(name, 1)
+        opened = opener(name, description, fmu, watched)
+        stack.callback(opened.session.close)
         for port, value in starts.values():
             if port.part == name:
-                part.set(port.variable, value)
-        return part
+                opened.set(port.variable, value)
+        return opened
 
-    for name in network.system.parts:
-        parts[name] = instance(name)
-    for name in parts:
-        parts[name] = _set_up(parts[name], settings, partial(instance, name))
+    instances = {name: instance(name) for name in network.system.parts}
+    for name, opened in instances.items():
+        instances[name] = _set_up(opened, settings, partial(instance, name))
     for port, value in starts.values():
         if port.variable.causality == "input" or _keeps(port):
-            parts[port.part].set(port.variable, value)
+            instances[port.part].set(port.variable, value)
+    parts = _wire(network, instances, settings)
     slots = _connect(network, parts, start)
     settle([parts[name] for name in sequence], start)
-    for part in parts.values():
-        part.begin()
-    _warn_of_other_starts(starts.values(), parts)
-    if settings.input_order:
-        _interpolate_inputs(parts, settings.input_order)
-    _open_bonds(network, parts, slots)
-    for part in parts.values():
-        for operation in part.read_operations():
-            operation(start, 0.0)
-        for end in part.bond_sides:
-            end.open()
-    return parts
+    for opened in instances.values():
+        opened.begin()
+    _warn_of_other_starts(starts.values(), instances)
+    return parts, slots
 
 
-def _set_up(part: Part, settings: RunSettings, again: Callable[[], Part]) -> Part:
-    """The part in initialisation mode; another instance from `again` if it needs the stop time for that.
+def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
+    """The instance in initialisation mode; another one from `again` if it needs the stop time for that.
 
     The stop time is handed over if the settings define it. Otherwise it is handed over only to an FMU
     that refuses to initialise without it, which is then warned of. Raises FmuError.
     """
-    tolerance = settings.tolerance
-    if tolerance is None and part.SIDE == "coSimulation":
-        tolerance = part.description.defaultExperiment.tolerance
+    session, tolerance = instance.session, settings.tolerance
+    if tolerance is None and session.side == CO_SIMULATION:
+        tolerance = session.description.defaultExperiment.tolerance
     stop = settings.stop if settings.stop_time_defined else None
-    part.limit(settings.stop)
     try:
-        part.set_up(tolerance, settings.start, stop)
+        instance.set_up(tolerance, settings.start, stop)
     except FmuError as failure:
-        if stop is not None or part.fmu.abandoned:
+        if stop is not None or session.fmu.abandoned:
             raise
         with suppress(FmuError):
-            part.close()
+            session.close()
             other = again()
-            other.limit(settings.stop)
             other.set_up(tolerance, settings.start, settings.stop)
-            other.warn(
+            other.session.messages.warn(
                 f"the FMU does not initialise without a stop time, so it was handed over: {failure}"
             )
             return other
         raise
-    return part
+    return instance
 
 
 def _keeps(port: Port) -> bool:
@@ -122,43 +144,57 @@ def _keeps(port: Port) -> bool:
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
 
-def _warn_of_other_starts(starts: Iterable[tuple[Port, Value]], parts: Mapping[str, Part]) -> None:
+def _warn_of_other_starts(
+    starts: Iterable[tuple[Port, Value]], instances: Mapping[str, Instance]
+) -> None:
     """Let the parts warn of what was given a start value and is to keep it, but has another."""
     by_part: dict[str, list[tuple[Port, Value]]] = {}
     for port, value in starts:
         if port.variable.causality != "input" and _keeps(port):
             by_part.setdefault(port.part, []).append((port, value))
     for name, fixed in by_part.items():
-        now = parts[name].values([port.variable for port, _ in fixed])
+        instance = instances[name]
+        now = instance.access.values([port.variable for port, _ in fixed])
         for port, value in fixed:
             has = now[port.variable.name]
             real = port.type == "Real" and isclose(float(value), float(has), rel_tol=1e-9)
             if has != value and not real:
-                parts[name].warn(f"{port} = {value!r} was given, but the FMU starts with {has!r}")
+                instance.session.messages.warn(
+                    f"{port} = {value!r} was given, but the FMU starts with {has!r}"
+                )
 
 
-def _connect(network: Network, parts: Mapping[str, Part], start: float) -> dict[str, Slot]:
-    """Give every part the buffers of its wired variables, and let every input follow its source.
+def _wire(
+    network: Network, instances: Mapping[str, I], settings: RunSettings
+) -> dict[str, WiredPart[I]]:
+    """The parts with the buffers of their wired variables.
 
-    Inputs begin at their declared start, those of an array at what they are given. Returns the slots of
-    the wired variables by name.
+    Inputs begin at their declared start, those of an array at what they are given.
     """
-    sources, driven = monitored_outputs(network), continuous_profiles(network)
+    sources = monitored_outputs(network)
     starts = {port.name: value for port, value in network.start}
-    targets: dict[str, list[Port]] = {name: [] for name in parts}
+    targets: dict[str, list[Port]] = {name: [] for name in instances}
     for entry in dict.fromkeys(wire.target for wire in network.wires):
         targets[entry.part].append(entry)
-    for port, _ in driven:
+    for port, _ in continuous_profiles(network):
         targets[port.part].append(port)
-    for name, part in parts.items():
-        part.outputs = part.blocks("Get", [port.variable for port in sources[name]])
-        part.inputs = part.blocks("Set", [port.variable for port in targets[name]])
-        for block in part.inputs:
+    parts: dict[str, WiredPart[I]] = {}
+    for name, instance in instances.items():
+        outputs = instance.access.blocks("Get", [port.variable for port in sources[name]])
+        inputs = instance.access.blocks("Set", [port.variable for port in targets[name]])
+        for block in inputs:
             if block.real:
                 block.cells[:] = [float(v.start or 0.0) for v in block.variables]
             for i, v in enumerate(block.variables):
                 if len(v.family) > 1:
                     block.put(i, starts.get(block.names[i], declared_start(v)))
+        substeps = settings.substeps.get(name, 1)
+        parts[name] = WiredPart(instance, inputs, outputs, settings.stop, substeps)
+    return parts
+
+
+def _connect(network: Network, parts: Mapping[str, WiredPart[I]], start: float) -> dict[str, Slot]:
+    """Let every input follow its source; the slots of the wired variables by name."""
     slots, driven_names = _slots(parts), set[str]()
     for wire in network.wires:
         target, source = slots[wire.target.name], slots[wire.source.name]
@@ -167,7 +203,7 @@ def _connect(network: Network, parts: Mapping[str, Part], start: float) -> dict[
         link.adds = target.name in driven_names
         driven_names.add(target.name)
         parts[wire.target.part].links.append(link)
-    for port, profile in driven:
+    for port, profile in continuous_profiles(network):
         source_over_time = InputSource(port.name, profile, start)
         parts[port.part].feeds.append(source_over_time)
         parts[port.part].links.append(Link(slots[port.name], source_over_time.slot))
@@ -196,7 +232,7 @@ def monitored_outputs(network: Network) -> dict[str, list[Port]]:
     return {name: list(ports) for name, ports in sources.items()}
 
 
-def _slots(parts: Mapping[str, Part]) -> dict[str, Slot]:
+def _slots(parts: Mapping[str, WiredPart[I]]) -> dict[str, Slot]:
     """Where each wired variable's value stands, by its name."""
     slots: dict[str, Slot] = {}
     for part in parts.values():
@@ -215,7 +251,7 @@ def _interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
         )
         names = set(inputs.names) if inputs else set[str]()
         links = [link for link in part.links if link.target.name in names]
-        part.curves = InputPolynomials(part, degree, inputs, links, outputs)
+        part.curves = InputPolynomials(part.instance, degree, inputs, links, outputs)
         signals |= part.curves.signals_by_name()
         signals |= {source.name: source for source in part.feeds}
     for part in parts.values():
@@ -235,7 +271,7 @@ def _open_bonds(network: Network, parts: Mapping[str, Part], slots: Mapping[str,
             parts[out.source.part].bond_sides.append(bond_side)
 
 
-def settle(parts: Sequence[Part], t: float) -> None:
+def settle(parts: Sequence[WiredPart[I]], t: float) -> None:
     """Propagate start values in initialisation mode; solve what feeds back on itself by Newton."""
     real = [block for part in parts for block in part.inputs if block.real]
     outputs = [block for part in parts for block in part.outputs]
@@ -269,7 +305,7 @@ def settle(parts: Sequence[Part], t: float) -> None:
         block(t)
 
 
-def _listen(part: Part) -> bool:
+def _listen(part: WiredPart[I]) -> bool:
     """Bring the values of the wires as far as they are finite; whether any has changed."""
     before = [list(block.cells) for block in part.inputs]
     part.apply_links()

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
+from ..fmu.blocks import VariableBlock
 from .algorithms import Algorithm, Turn
 from .hermite import polynomial_value
-from .instance import VariableBlock
-from .part import Part
+from .part import Part, step_operations
 from .snapshot import Snapshot
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Iteration:
         self._discrete = [block for block in outputs if not block.real]
         self._names = [name for block in self._real for name in block.names]
         self._nominal = np.array([x for block in self._real for x in block.nominals()])
-        self._turns = [operation for part in parts for operation in part.step_operations()]
+        self._turns = [operation for part in parts for operation in step_operations(part)]
         self._reads = [operation for part in parts for operation in part.read_operations()]
         self._bond_sides = [side for part in parts for side in part.bond_sides]
         self._snapshot = Snapshot(parts)

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 from itertools import groupby, zip_longest
 
 from ..errors import FmuError
+from ..fmu.blocks import VariableBlock
 from ..fmu.buffers import Slot, working_slot
+from ..fmu.instance import Instance
 from ..fmu.operations import Code, Layout, Operation
+from ..fmu.session import CO_SIMULATION
 from .hermite import Node, SignalHistory, polynomial_mean, polynomial_value
-from .instance import Instance, VariableBlock
 from .sources import InputSource
 
 
@@ -91,28 +93,31 @@ class InputPolynomials(Operation):
 
     def __init__(
         self,
-        part: Instance,
+        instance: Instance,
         degree: int,
         inputs: VariableBlock | None,
         links: Sequence[Link],
         outputs: VariableBlock | None,
     ) -> None:
-        ability = part.description.interface("coSimulation")
+        ability = instance.session.description.interface(CO_SIMULATION)
         self.degree, self.capable = degree, bool(ability.canInterpolateInputs)
         self.links = sorted(links, key=lambda link: link.target.element)
         by_input = groupby(self.links, lambda link: link.target.element)
         self._by_input = [list(group) for _, group in by_input]
         self.signals = [SignalHistory(degree) for _ in (outputs.cells if outputs else ())]
         self._inputs, self._outputs = inputs, outputs
-        self._derivatives = self._rates = None
+        self._derivatives: VariableBlock | None = None
+        self._rates: VariableBlock | None = None
         if self.capable and inputs:
             orders = range(1, degree + 1)
             variables = [v for v in inputs.variables for _ in orders]
-            self._derivatives = part.BLOCK(
-                part, "Set", variables, [*orders] * len(inputs.variables)
+            self._derivatives = instance.access.derivative_block(
+                "Set", variables, [*orders] * len(inputs.variables)
             )
         if ability.maxOutputDerivativeOrder and outputs:
-            self._rates = part.BLOCK(part, "Get", outputs.variables, [1] * len(outputs.variables))
+            self._rates = instance.access.derivative_block(
+                "Get", outputs.variables, [1] * len(outputs.variables)
+            )
 
     def signals_by_name(self) -> dict[str, SignalHistory]:
         """The history of each output by its name."""

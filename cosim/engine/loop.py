@@ -12,10 +12,11 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from ..errors import FmuError
+from ..fmu.blocks import VariableBlock
 from ..fmu.buffers import Slot, address
+from ..fmu.messages import WARNING
 from ..fmu.operations import Layout
 from .compiler import OPTIONS, SOURCE, compile_loop, file_name
-from .instance import WARNING, VariableBlock
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource

@@ -2,50 +2,63 @@
 
 from __future__ import annotations
 
-import ctypes
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Generic, TypeVar
 
-from ..fmu.library import Library
-from ..fmu.operations import Code, Layout, Operation
+from ..fmu.blocks import VariableBlock
+from ..fmu.instance import CoSimulation, Instance
+from ..fmu.messages import MessageLog
+from ..fmu.operations import Layout, Operation
 from ..system import feedthrough
-from ..system.description import ModelDescription, Variable
+from ..system.description import ModelDescription
 from .energy import BondSide
-from .instance import OK, Instance, VariableBlock
 from .links import InputPolynomials, Link
 from .sources import InputSource
 
+I = TypeVar("I", bound=Instance)
 
-class Part(Instance):
-    """A part with the buffers of its wired variables and what moves values into them.
 
-    `substeps` is the number of sub-steps that it takes in a step; `within` are the variables to show
-    within a step if it can. If it `stops`, it refuses steps across its events, and the system steps to
-    them. `intermediate_values` gives times [s] within its steps and the values of the variables in `watched` there.
+class WiredPart(Generic[I]):
+    """An instance of an FMU, the buffers of its wired variables, and what moves values into them.
+
+    `substeps` is the number of sub-steps that it takes in a step, none of which goes beyond `stop` [s];
+    `do_steps` counts them. `links` bring values to its `inputs`,
+    those over time from `feeds`; `curves`, if any, let them move within a step. `bond_sides` book the
+    work of its `outputs`.
     """
 
     def __init__(
         self,
-        name: str,
-        description: ModelDescription,
-        fmu: Library,
-        within: Sequence[Variable] = (),
+        instance: I,
+        inputs: Sequence[VariableBlock],
+        outputs: Sequence[VariableBlock],
+        stop: float,
+        substeps: int = 1,
     ) -> None:
-        super().__init__(name, description, fmu)
-        self.substeps = 1
-        self.inputs: list[VariableBlock] = []
-        self.outputs: list[VariableBlock] = []
+        self.instance, self.inputs, self.outputs = instance, inputs, outputs
+        self.stop, self.substeps = stop, substeps
+        self.do_steps = 0
         self.links: list[Link] = []
         self.curves: InputPolynomials | None = None
         self.feeds: list[InputSource] = []
         self.bond_sides: list[BondSide] = []
-        self.do_steps = 0
-        self.stops = False
-        self.watched: Sequence[str] = ()
-        self.intermediate_values: list[tuple[float, list[float]]] = []
+        instance.connect_inputs(inputs)
 
-    def shows_events(self) -> bool:
-        """Whether a wire carries what its events alone change, and a step can end there."""
-        return False
+    @property
+    def name(self) -> str:
+        """The name of the part in its system."""
+        return self.instance.session.name
+
+    @property
+    def description(self) -> ModelDescription:
+        """What its FMU says of itself."""
+        return self.instance.session.description
+
+    @property
+    def messages(self) -> MessageLog:
+        """What its FMU logs."""
+        return self.instance.session.messages
 
     def direct_feedthrough(self, driver: Mapping[str, str]) -> dict[str, frozenset[str]]:
         """The outputs on which driven inputs act directly, as far as declared, and the parts that drive them.
@@ -73,27 +86,6 @@ class Part(Instance):
         for block in (*self.inputs, *self.outputs):
             block.move()
 
-    def step_operations(self) -> Iterator[Operation]:
-        """What the part does in its turn: take what the wires bring, and step."""
-        if self.curves is None:
-            yield from (*self.feeds, *self.links, *self.inputs)
-        else:
-            yield from (link for link in self.links if link.signal is None)
-            yield from (block for block in self.inputs if not block.real)
-        yield StepOperation(self)
-
-    def advance(self, t: float, h: float) -> None:
-        """Step from t by h [s]; raises FmuError."""
-        self.begin_of_step.value, self.size_of_step.value = t, h
-        status = self.do_step()
-        if status != OK:
-            self.stepped(t, h, status)
-
-    def step_layout(self) -> Layout:
-        """What loop.c does in place of `advance`."""
-        function = ctypes.cast(self.library.fmi2DoStep, ctypes.c_void_p).value
-        return Layout(Code.STEP, function=function, component=self.component.value)
-
     def read_operations(self) -> Iterator[Operation]:
         """What is read of the part when all of a stage have stepped."""
         yield from self.outputs
@@ -101,11 +93,48 @@ class Part(Instance):
             yield self.curves
 
 
+#: A part that steps.
+Part = WiredPart[CoSimulation]
+
+
+def step_operations(part: Part) -> Iterator[Operation]:
+    """What a part does in its turn: take what the wires bring, and step."""
+    plain = [block for block in part.inputs if not block.held]
+    if part.curves is None:
+        yield from (*part.feeds, *part.links, *plain)
+    else:
+        yield from (link for link in part.links if link.signal is None)
+        yield from (block for block in plain if not block.real)
+    yield from (EventModeEntry(part.instance, block) for block in part.inputs if block.held)
+    yield StepOperation(part)
+
+
+class EventModeEntry(Operation):
+    """Enters the inputs of a part that take event mode, if one of a block has changed."""
+
+    def __init__(self, instance: CoSimulation, block: VariableBlock) -> None:
+        self.instance, self.block = instance, block
+
+    def __call__(self, t: float, h: float) -> None:
+        self.instance.take_inputs(t)
+
+    def layout(self) -> Layout | None:
+        """None for texts, whose memory is Python's."""
+        return self.instance.input_layout(self.block)
+
+    def answered(self, t: float, h: float, status: int) -> None:
+        self.instance.stepped(t, h, status)
+
+
 class StepOperation(Operation):
-    """A part's step, in as many pieces as it has substeps; inputs that move do so in each."""
+    """A part's step, in as many pieces as it has substeps; inputs that move do so in each.
+
+    A piece that would end beyond the part's stop, or before it by rounding only, ends there.
+    """
 
     def __init__(self, part: Part) -> None:
         self.part = part
+        self._nearly = part.stop - 64 * math.ulp(part.stop)
 
     def __call__(self, t: float, h: float) -> None:
         part = self.part
@@ -114,19 +143,28 @@ class StepOperation(Operation):
             begin = t + k * size
             if part.curves is not None:
                 part.curves.hand_over(begin, size, first=k == 0)
-            if begin + size >= part.nearly:
-                size = part.rest(begin, size)
+            if begin + size >= self._nearly:
+                size = self._rest(begin, size)
             part.do_steps += 1
-            part.advance(begin, size)
+            part.instance.advance(begin, size)
+
+    def _rest(self, t: float, h: float) -> float:
+        """The step h from t [s], or what is left to the stop time where it differs by rounding."""
+        stop = self.part.stop
+        if t + h != stop:
+            h = stop - t
+            while t + h > stop:
+                h = math.nextafter(h, 0.0)
+        return h
 
     def layout(self) -> Layout | None:
         """None if inputs move within it."""
         part = self.part
         if part.curves is not None:
             return None
-        layout = part.step_layout()
-        layout.count, layout.forward = part.substeps, part.forward.value
+        layout = part.instance.step_layout()
+        layout.count, layout.forward = part.substeps, int(part.instance.forward)
         return layout
 
     def answered(self, t: float, h: float, status: int) -> None:
-        self.part.stepped(t, h, status)
+        self.part.instance.stepped(t, h, status)

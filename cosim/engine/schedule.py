@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ..fmu.operations import Operation
 from .algorithms import CouplingContext, Feedthrough, Stage
-from .part import Part
+from .part import Part, step_operations
 
 #: It carries all parts from t to t + h [s] and leaves their outputs in their buffers.
 Advance = Callable[[float, float], None]
@@ -27,7 +27,7 @@ def schedule(stages: Sequence[Stage], parts: Mapping[str, Part]) -> list[TimedOp
     operations: list[TimedOperation] = []
     for stage in stages:
         for name, begin, fraction in stage:
-            turn = parts[name].step_operations()
+            turn = step_operations(parts[name])
             operations += (TimedOperation(operation, begin, fraction) for operation in turn)
         for name, begin, fraction in stage:
             part = parts[name]

@@ -12,7 +12,7 @@ class Snapshot:
     """One place for the state of the parts; `take` overwrites what was there."""
 
     def __init__(self, parts: Sequence[Part]) -> None:
-        self._states = [(part, part.state()) for part in parts]
+        self._states = [(part.instance, part.instance.state()) for part in parts]
         self._outputs = [block for part in parts for block in part.outputs]
         self._ends = [end for part in parts for end in part.bond_sides]
         self._cells: list[list[object]] = []
@@ -20,15 +20,15 @@ class Snapshot:
 
     def take(self) -> None:
         """Remember the parts as they are now; raises FmuError."""
-        for part, state in self._states:
-            part.save(state)
+        for instance, state in self._states:
+            instance.save(state)
         self._cells = [list(block.cells) for block in self._outputs]
         self._booked = [list(end.totals) for end in self._ends]
 
     def restore_fmus(self) -> None:
         """Bring the FMUs back, not what the master keeps; raises FmuError."""
-        for part, state in self._states:
-            part.restore(state)
+        for instance, state in self._states:
+            instance.restore(state)
 
     def restore(self) -> None:
         """Bring back everything but the nodes of moving inputs; raises FmuError."""

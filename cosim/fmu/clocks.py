@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from ..system.description import Variable
 from .times import coincide
@@ -11,6 +12,27 @@ from .times import coincide
 def is_reached(time: float, t: float) -> bool:
     """Whether a time [s] is not after t, but for rounding."""
     return time <= t or (time < math.inf and coincide(time, t))
+
+
+@dataclass(frozen=True)
+class ClockState:
+    """When a clock ticks: `count` intervals [s] after `begin` [s]."""
+
+    begin: float
+    interval: float
+    count: int
+
+
+@dataclass(frozen=True)
+class EventState:
+    """What the master keeps of a part's events: when the next is due and where the part is [s], the inputs
+    that event mode took last, block by block, and its clocks.
+    """
+
+    due: float
+    now: float
+    entered: tuple[list[object], ...]
+    clocks: tuple[ClockState, ...]
 
 
 class IntervalClock:
@@ -35,3 +57,11 @@ class IntervalClock:
     def restart(self, t: float, interval: float) -> None:
         """Tick an interval [s] after the time t [s], and from there on."""
         self.begin, self.interval, self.count = t, interval, 1
+
+    def state(self) -> ClockState:
+        """When it ticks."""
+        return ClockState(self.begin, self.interval, self.count)
+
+    def restore(self, state: ClockState) -> None:
+        """Tick as it did in this state."""
+        self.begin, self.interval, self.count = state.begin, state.interval, state.count

@@ -8,8 +8,8 @@ from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
-from ..engine.instance import quiet
 from ..errors import SetupError
+from ..fmu.messages import quiet
 from ..master import run
 from ..metrics import spline
 from ..result import Result, SimulationError

@@ -25,7 +25,7 @@ def digest_of(interface: Interface, flavour: str, makers: Iterable[Path]) -> str
     traced for it.
     """
     source = Path(interface.model.__file__ or "")
-    kit = (file for pattern in ("*.py", "*.c") for file in KIT.rglob(pattern))
+    kit = (file for pattern in ("*.py", "*.c", "*.zig") for file in KIT.rglob(pattern))
     hash_parts = (flavour, page.html(interface), repr(terminals.entries(interface)),
             repr(project_metadata(interface.model)), os.environ.get("SOURCE_DATE_EPOCH", ""))  # fmt: skip
     digest = hashlib.sha256("\0".join(hash_parts).encode())

@@ -114,7 +114,7 @@ class Machine:
             "motor.tau": self.load_slope * nu,
             "conveyor.phi": 0.0,
             "conveyor.w": nu,
-            **{name: getattr(self, field) for name, field in FIELDS.items()},
+            **{name: vars(self)[field] for name, field in FIELDS.items()},
         }
 
 

@@ -124,7 +124,7 @@ class Built(NamedTuple):
         """One of the machines at a point and its mean speed, or several at an array of x."""
         machine, nu = self.plane.at(x, float(self.plane.y.along.values[row]))
         parts = {FIELDS[name]: factor[number] for name, factor in self.factors.items()}
-        changed: dict[str, Any] = {name: getattr(machine, name) * x for name, x in parts.items()}
+        changed: dict[str, Any] = {name: vars(machine)[name] * x for name, x in parts.items()}
         return OperatingPoint(replace(machine, **changed), nu)
 
     def sample(self, row: int, x: Real) -> Sample:

@@ -404,7 +404,7 @@ def test_a_warning_is_logged_once_and_recorded(
 def test_a_warning_without_text_counts(
     loop: str, make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cosim.engine.instance.Instance.on_log", lambda *_: None)
+    monkeypatch.setattr("cosim.fmu.messages.MessageLog.on_log", lambda *_: None)
     parts = {"A": make(warn_at=0.55), "B": make()}
     result = run(ring(parts), stop=1.0, step=H, algorithm="jacobi", **LOOPS[loop])
     assert result.warnings == [f"A: doStep(t = {5 * H!r} s, h = 0.1 s) returned Warning"]
@@ -693,9 +693,9 @@ def test_output_derivatives_serve_the_first_step(
 
 @pytest.mark.parametrize("algorithm", ["iterated", "doubling", "jacobi"])
 def test_every_state_is_freed(algorithm: str, make: Make, diary: Diary) -> None:
-    parts, record = {"A": make(x0=0.0), "B": make()}, ["A.states_alive", "A.restores"]
+    parts, record = {"A": make(x0=0.0), "B": make()}, ["A.live_states", "A.restores"]
     result = run(ring(parts), stop=2.0, record=record, **stepped(algorithm))
-    assert 0 < result["A.states_alive"].max() <= 3
+    assert 0 < result["A.live_states"].max() <= 3
     assert sorted(diary()) == CLOSED
 
 

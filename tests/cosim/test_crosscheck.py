@@ -17,7 +17,7 @@ from cosim.analysis.crosscheck import checks
 from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED
 from cosim.analysis.crosscheck.report import COLORS, WRITERS
 from cosim.analysis.crosscheck.subject import Subject
-from cosim.engine.instance import quiet
+from cosim.fmu.messages import quiet
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.faulty import DEADLY, FAULTS, FAULTS3, pack
@@ -185,7 +185,7 @@ def test_a_count_over_an_instance_s_life_fails_reset_and_state(tmp_path: Path) -
     report = verdicts(foreign(tmp_path / "foreign.fmu"))
     assert failed(report) == ["stop time", "reset", "state"]  # it shows the stop time, too
     assert "steps after step 1 is 31 after a reset, not 1" in report["reset"].detail
-    assert "states_alive after step 21 is 1 after a state is saved" in report["state"].detail
+    assert "live_states after step 21 is 1 after a state is saved" in report["state"].detail
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])

@@ -256,7 +256,10 @@ def test_binary_values_are_hexadecimal_digits(third: Path) -> None:
     with ExitStack() as stack:
         part = initialise(network, RunSettings(1.0, 0.1), ["A"], stack)["A"]
         variables = [network.port(f"A.{name}_out").variable for name in ("Binary", "String")]
-        assert part.values(variables) == {"Binary_out": "dead00beef", "String_out": "grün"}
+        assert part.instance.access.values(variables) == {
+            "Binary_out": "dead00beef",
+            "String_out": "grün",
+        }
     with pytest.raises(SetupError, match=r"A.Binary_out is a Binary and cannot be recorded"):
         run(System({"A": third}), stop=1.0, step=0.1, record=["A.Binary_out"])
 

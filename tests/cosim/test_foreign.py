@@ -88,7 +88,7 @@ def test_output_derivatives_are_those_at_the_end_of_the_step(make: Make) -> None
 
 def test_calls_are_counted_through_rollback_and_reset(make: Make) -> None:
     unit = make().start()
-    counters = ("steps", "states_alive", "restores", "gets_after_set")
+    counters = ("steps", "live_states", "restores", "gets_after_set")
     saved = state(unit)
     other = state(unit)
     unit.step(0.0, H).step(H, H / 2)

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from cosim.engine.compiler import SOURCE
-from cosim.engine.fmi3 import Answer
 from cosim.engine.loop import Column
+from cosim.fmu.fmi3 import Answer
 from cosim.fmu.operations import NOT_FINITE, Code, Layout
 
 TYPES: dict[str, Any] = {

@@ -26,7 +26,7 @@ from cosim import (
     run,
     true_errors,
 )
-from cosim.accuracy.coupled_ode import Model
+from cosim.fmu.exchange import ModelExchange
 from scenarios.packing_line.questions import packing_line
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import conveyor, looped, two_masses
@@ -277,14 +277,14 @@ def test_a_nominal_value_of_0_is_taken_as_1(
 ) -> None:
     drive = System({"motor": native / "DriveMotor.fmu"}, start={"motor.w": 10.0})
     usual = oracle(drive, stop=0.1, method=method)
-    array = Model.array
+    array = ModelExchange.array
 
-    def zero(model: Model, function: str, cells: Any) -> None:
+    def zero(model: ModelExchange, function: str, cells: Any) -> None:
         array(model, function, cells)
         if function == "GetNominalsOfContinuousStates":
             cells[:] = [0.0] * len(cells)
 
-    monkeypatch.setattr(Model, "array", zero)
+    monkeypatch.setattr(ModelExchange, "array", zero)
     reference = oracle(drive, stop=0.1, method=method, timeout=30.0)
     assert reference.data == pytest.approx(usual.data, rel=1e-9, abs=1e-9)
 

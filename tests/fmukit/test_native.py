@@ -1,5 +1,6 @@
 """Native FMUs: the Python ones to the last bit, more of FMI than those, and safe in any host."""
 
+import ctypes
 import functools
 import importlib
 import itertools
@@ -7,6 +8,7 @@ import math
 import random
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import zipfile
@@ -464,6 +466,41 @@ def unpacked(fmu: Path, folder: Path) -> tuple[Path, list[str]]:
     return Path(fmpy.extract(fmu, folder)), host_arguments
 
 
+NUMBERS = """\
+#define FMI2_FUNCTION_PREFIX text_
+#include "DriveMotor.c"
+__attribute__((visibility("default"))) void real(double x, char *text) { format_real(x, text); }
+__attribute__((visibility("default"))) void integer(double x, char *text) { format_integer(x, text); }
+"""
+
+
+def test_numbers_in_messages_are_written_as_python_writes_them(tmp_path: Path) -> None:
+    """Powers of two and ten, where the distance to the next number changes, their neighbours, any bits."""
+    build = package.collect(MODELS["DriveMotor"])
+    for file, content in package.sources_of(build).items():
+        (tmp_path / file).write_bytes(content)
+    (tmp_path / "numbers.c").write_text(NUMBERS)
+    library = tmp_path / "numbers.so"
+    compile_c(tmp_path / "numbers.c", library, "-shared", "-fPIC", "-Wno-unused-function", "-lm")
+    functions, text = ctypes.CDLL(str(library)), ctypes.create_string_buffer(64)
+
+    def write(function: str, x: float) -> str:
+        getattr(functions, function)(ctypes.c_double(x), text)
+        return text.value.decode()
+
+    bits = random.Random(4)
+    numbers = [0.0, -0.0, math.inf, -math.inf, math.nan, 1e16, 123456789012345680.0, 1e-4, 1e-5]
+    borders = [2.0**k for k in range(-1074, 1024)] + [10.0**k for k in range(-323, 309)]
+    numbers += [
+        y for x in borders for y in (x, math.nextafter(x, 0.0), math.nextafter(x, math.inf))
+    ]
+    numbers += struct.unpack("20000d", bits.randbytes(160_000))
+    for x in numbers:
+        assert write("real", x) == repr(x)
+    for n in (0, 1, -1, 10, 2**31 - 1, -(2**31), 2**53, -(2**63)):
+        assert write("integer", float(n)) == str(n)
+
+
 WINE = next(filter(None, map(shutil.which, ("wine64", "wine", "/usr/lib/wine/wine64"))), None)
 ARM = Path("/usr/aarch64-linux-gnu")
 HOST_TARGET = "x86_64-linux-gnu"
@@ -492,7 +529,9 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
             return program
         options, traced = ["-c", *base, f'-DMODEL="{source}"'], f"{source}.obj"
         package.run_compiler(target, str(HOSTS / "windows.c"), traced, folder, options)
-        options = ["-nostdlib", *package.UCRT, "-lapi-ms-win-crt-runtime-l1-1-0", "-lkernel32"]
+        host_parts = ("convert", "runtime", "stdio", "utility")
+        libraries = [*package.UCRT, *(f"-lapi-ms-win-crt-{part}-l1-1-0" for part in host_parts)]
+        options = ["-nostdlib", *libraries, "-lkernel32"]
         package.run_compiler(
             target, traced, program.name, folder, [*options, "-Wl,-e,mainCRTStartup"]
         )

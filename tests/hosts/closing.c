@@ -20,12 +20,12 @@ typedef struct {
     int steps;
 } Unit;
 
-static void *need(void *thing) {
-    if (!thing) {
+static void *need(void *pointer) {
+    if (!pointer) {
         fprintf(stderr, "%s\n", dlerror());
         exit(2);
     }
-    return thing;
+    return pointer;
 }
 
 static void silent(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,

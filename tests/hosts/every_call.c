@@ -32,7 +32,7 @@ static void release(void *block) {
 /* Get, and where it is allowed set to the same, every reference as every type. */
 static void touch(fmi2Component unit) {
     const fmi2Integer orders[] = {1, 2};
-    const fmi2Real one = 1.0, wild[] = {NAN, INFINITY, -1e300};
+    const fmi2Real unit_value = 1.0, wild[] = {NAN, INFINITY, -1e300};
     fmi2FMUstate before = NULL;
     fmi2GetFMUstate(unit, &before);
     for (fmi2ValueReference vr = 0; vr < (fmi2ValueReference)variables + 2; vr++) {
@@ -59,12 +59,12 @@ static void touch(fmi2Component unit) {
             fmi2SetFMUstate(unit, before);
             fmi2GetRealOutputDerivatives(unit, &vr, 1, &orders[k], &real);
             fmi2SetFMUstate(unit, before);
-            fmi2SetRealInputDerivatives(unit, &vr, 1, &orders[k], &one);
+            fmi2SetRealInputDerivatives(unit, &vr, 1, &orders[k], &unit_value);
         }
         for (fmi2ValueReference k = 0; k < 3; k++) {
             const fmi2ValueReference other = (7 * vr + 11 * k) % (variables + 2);
             fmi2SetFMUstate(unit, before);
-            fmi2GetDirectionalDerivative(unit, &vr, 1, &other, 1, &one, &real);
+            fmi2GetDirectionalDerivative(unit, &vr, 1, &other, 1, &unit_value, &real);
         }
         fmi2SetFMUstate(unit, before);
     }

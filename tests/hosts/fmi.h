@@ -39,12 +39,12 @@ FUNCTIONS(DECLARE)
 EXCHANGE(DECLARE)
 static void *library;
 
-static void *need(void *thing) {
-    if (!thing) {
+static void *need(void *pointer) {
+    if (!pointer) {
         fprintf(stderr, "%s\n", dlerror());
         exit(2);
     }
-    return thing;
+    return pointer;
 }
 
 #ifndef FMI3

@@ -26,7 +26,7 @@ CALLS(DECLARE3)
 static uint32_t any(uint32_t below);
 static double number(void);
 
-enum { FEW = 8 }; /* values at once */
+enum { MAX_VALUES = 8 }; /* values at once */
 typedef struct {
     fmi3Instance unit;
     fmi2Type kind;
@@ -35,10 +35,10 @@ typedef struct {
 #define OF(component) ((Unit3 *)(component))->unit
 #define SAME(name, name3, parameters, ...) \
     static fmi2Status name parameters { return (fmi2Status)name3(OF(c), __VA_ARGS__); }
-#define ALONE(name, name3) \
+#define WITHOUT_ARGUMENTS(name, name3) \
     static fmi2Status name(fmi2Component c) { return (fmi2Status)name3(OF(c)); }
 
-static void said(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category,
+static void on_log(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category,
                  fmi3String message) {
     volatile size_t read = strlen(category) + strlen(message);
     (void)environment, (void)status, (void)read;
@@ -73,9 +73,9 @@ static fmi2Component instantiate(fmi2String name, fmi2Type kind, fmi2String toke
     u->kind = kind, u->events = any(2);
     u->unit = kind == fmi2ModelExchange
         ? fmi3InstantiateModelExchange(name, token, resources, visible, logging, u,
-                                       any(9) ? said : NULL)
+                                       any(9) ? on_log : NULL)
         : fmi3InstantiateCoSimulation(name, token, resources, visible, logging, u->events, any(2),
-                                      NULL, 0, u, any(9) ? said : NULL, any(3) ? NULL : look);
+                                      NULL, 0, u, any(9) ? on_log : NULL, any(3) ? NULL : look);
     if (u->unit) return u;
     free(u);
     return NULL;
@@ -87,20 +87,20 @@ static void release_unit(fmi2Component c) {
 }
 
 static fmi2Status initialised(fmi2Component c);
-static fmi2Boolean given;
+static fmi2Boolean has_stop;
 static double first;
 
 static fmi2Status set_up(fmi2Component c, fmi2Boolean tolerance, fmi2Real value, fmi2Real start,
                          fmi2Boolean ends, fmi2Real stop) {
     (void)c, (void)tolerance, (void)value, (void)stop;
-    first = start, given = ends;
+    first = start, has_stop = ends;
     return fmi2OK;
 }
 
 static fmi2Status enter(fmi2Component c) {
     const double start = first;
-    const bool ends = given;
-    first = 0.0, given = fmi2False;
+    const bool ends = has_stop;
+    first = 0.0, has_stop = fmi2False;
     return (fmi2Status)fmi3EnterInitializationMode(OF(c), any(2), number(), start, ends, number());
 }
 
@@ -142,9 +142,9 @@ static fmi2Status stepped_to(fmi2Component c, double t, double h, fmi2Boolean la
 }
 
 static fmi2Status completed(fmi2Component c, fmi2Boolean last, fmi2Boolean *event, fmi2Boolean *end) {
-    fmi3Boolean asked, ended;
+    fmi3Boolean wants_event, ended;
     (void)event, (void)end;
-    return (fmi2Status)fmi3CompletedIntegratorStep(OF(c), last, &asked, &ended);
+    return (fmi2Status)fmi3CompletedIntegratorStep(OF(c), last, &wants_event, &ended);
 }
 
 /* With a wrong number of values at times. */
@@ -160,14 +160,14 @@ TYPED(set_text, SetString, fmi2String, const)
 
 static fmi2Status get_integer(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                               fmi2Integer values[]) {
-    fmi3Int64 wide[FEW];
+    fmi3Int64 wide[MAX_VALUES];
     return (fmi2Status)(any(3) ? fmi3GetInt32(OF(c), vr, n, values, n)
                                : fmi3GetInt64(OF(c), vr, n, wide, n));
 }
 
 static fmi2Status set_integer(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                               const fmi2Integer values[]) {
-    fmi3Int64 wide[FEW];
+    fmi3Int64 wide[MAX_VALUES];
     for (size_t k = 0; k < n; k++) wide[k] = any(9) ? values[k] : INT64_MIN;
     return (fmi2Status)(any(3) ? fmi3SetInt32(OF(c), vr, n, values, n)
                                : fmi3SetInt64(OF(c), vr, n, wide, n));
@@ -175,14 +175,14 @@ static fmi2Status set_integer(fmi2Component c, const fmi2ValueReference vr[], si
 
 static fmi2Status get_boolean(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                               fmi2Boolean values[]) {
-    fmi3Boolean all[FEW];
+    fmi3Boolean all[MAX_VALUES];
     (void)values;
     return (fmi2Status)fmi3GetBoolean(OF(c), vr, n, all, n);
 }
 
 static fmi2Status set_boolean(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                               const fmi2Boolean values[]) {
-    fmi3Boolean all[FEW];
+    fmi3Boolean all[MAX_VALUES];
     for (size_t k = 0; k < n; k++) all[k] = values[k] != 0;
     return (fmi2Status)fmi3SetBoolean(OF(c), vr, n, all, n);
 }
@@ -190,11 +190,11 @@ static fmi2Status set_boolean(fmi2Component c, const fmi2ValueReference vr[], si
 /* In the place of derivatives of inputs, which FMI 3.0 has not: what an FMU need not have. */
 static fmi2Status strange(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                           const fmi2Integer order[], const fmi2Real values[]) {
-    fmi3Float32 narrow[FEW] = {0};
-    fmi3Float64 wide[FEW] = {0};
-    fmi3Binary blobs[FEW] = {NULL};
-    fmi3Clock clocks[FEW];
-    size_t sizes[FEW] = {0}, count;
+    fmi3Float32 narrow[MAX_VALUES] = {0};
+    fmi3Float64 wide[MAX_VALUES] = {0};
+    fmi3Binary blobs[MAX_VALUES] = {NULL};
+    fmi3Clock clocks[MAX_VALUES];
+    size_t sizes[MAX_VALUES] = {0}, count;
     (void)order;
     switch (any(9)) {
         case 0: fmi3GetFloat32(OF(c), vr, n, narrow, n); break;
@@ -211,16 +211,16 @@ static fmi2Status strange(fmi2Component c, const fmi2ValueReference vr[], size_t
 }
 
 static fmi2Status along(fmi2Component c, const fmi2ValueReference unknown[], size_t n,
-                        const fmi2ValueReference known[], size_t m, const fmi2Real seed[],
+                        const fmi2ValueReference inputs[], size_t m, const fmi2Real seed[],
                         fmi2Real result[]) {
-    return (fmi2Status)fmi3GetDirectionalDerivative(OF(c), unknown, n, known, m, seed,
+    return (fmi2Status)fmi3GetDirectionalDerivative(OF(c), unknown, n, inputs, m, seed,
                                                     any(30) ? m : 1, result, any(30) ? n : 2);
 }
 
-ALONE(terminate, fmi3Terminate)
-ALONE(reset, fmi3Reset)
-ALONE(enter_events, fmi3EnterEventMode)
-ALONE(enter_time, fmi3EnterContinuousTimeMode)
+WITHOUT_ARGUMENTS(terminate, fmi3Terminate)
+WITHOUT_ARGUMENTS(reset, fmi3Reset)
+WITHOUT_ARGUMENTS(enter_events, fmi3EnterEventMode)
+WITHOUT_ARGUMENTS(enter_time, fmi3EnterContinuousTimeMode)
 SAME(set_time, fmi3SetTime, (fmi2Component c, fmi2Real t), t)
 SAME(get_states, fmi3GetContinuousStates, (fmi2Component c, fmi2Real x[], size_t n), x, n)
 SAME(set_states, fmi3SetContinuousStates, (fmi2Component c, const fmi2Real x[], size_t n), x, n)

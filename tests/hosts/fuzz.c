@@ -53,7 +53,7 @@ static double number(void) {
     }
 }
 
-static fmi2Integer whole(void) {
+static fmi2Integer any_integer(void) {
     static const fmi2Integer odd[] = {0, 1, 2, 3, -1, 7, 2147483647, -2147483647 - 1};
     return odd[any(sizeof odd / sizeof *odd)];
 }
@@ -147,25 +147,25 @@ static void forge(fmi2Byte *bytes, size_t size) {
 }
 
 static void keep(Slot *s) {
-    fmi2FMUstate *own = &s->states[any(STATES)];
+    fmi2FMUstate *state = &s->states[any(STATES)];
     fmi2FMUstate *other = &slots[any(UNITS)].states[any(STATES)];
     size_t size = 0;
     fmi2Byte *bytes;
     switch (any(6)) {
-        case 0: case 1: fmi2GetFMUstate(s->unit, own); return;
-        case 2: fmi2SetFMUstate(s->unit, *own); return;
+        case 0: case 1: fmi2GetFMUstate(s->unit, state); return;
+        case 2: fmi2SetFMUstate(s->unit, *state); return;
         case 3: fmi2SetFMUstate(s->unit, *other); return;
-        case 4: fmi2FreeFMUstate(s->unit, own); return;
+        case 4: fmi2FreeFMUstate(s->unit, state); return;
         default:
-            if (fmi2SerializedFMUstateSize(s->unit, *own, &size) != fmi2OK || !size) return;
+            if (fmi2SerializedFMUstateSize(s->unit, *state, &size) != fmi2OK || !size) return;
             bytes = malloc(size);
-            if (fmi2SerializeFMUstate(s->unit, *own, bytes, size) == fmi2OK) {
+            if (fmi2SerializeFMUstate(s->unit, *state, bytes, size) == fmi2OK) {
                 if (any(2) && size > 128)
                     forge(bytes, size);
                 else
                     for (int flips = any(3); flips > 0; flips--) bytes[any(size)] ^= 1 << any(8);
-                fmi2DeSerializeFMUstate(s->unit, bytes, any(4) ? size : any(size), own);
-                if (any(2)) fmi2SetFMUstate(s->unit, *own);
+                fmi2DeSerializeFMUstate(s->unit, bytes, any(4) ? size : any(size), state);
+                if (any(2)) fmi2SetFMUstate(s->unit, *state);
             }
             free(bytes);
     }
@@ -179,9 +179,9 @@ static void values(Slot *s) {
     fmi2String text[MOST];
     const size_t count = any(MOST + 1);
     for (int k = 0; k < MOST; k++) {
-        vr[k] = any(30) ? any(variables + 1) : (fmi2ValueReference)whole();
+        vr[k] = any(30) ? any(variables + 1) : (fmi2ValueReference)any_integer();
         other[k] = any(variables + 1);
-        real[k] = number(), more[k] = number(), integer[k] = whole(), boolean[k] = any(3);
+        real[k] = number(), more[k] = number(), integer[k] = any_integer(), boolean[k] = any(3);
         text[k] = any(5) ? "text" : "";
     }
     switch (any(10)) {

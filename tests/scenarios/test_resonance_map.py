@@ -120,7 +120,7 @@ def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
     assert even.values == pytest.approx([0.01, 0.025, 0.04]) and not even.log
     _, log = axis(FMUS, "y", "motor.T=0.01:0.04:3:log", 2)
     assert log.values == pytest.approx([0.01, 0.02, 0.04]) and log.log
-    assert (name, log.unit) == ("motor.T", "s") and "Time constant" in log.label
+    assert (name, log.unit) == ("motor.T", "s") and "time constant" in log.label
 
 
 @pytest.mark.parametrize(

@@ -443,7 +443,7 @@ def test_a_module_computes_what_its_fmu_does(
         const once = on();
         flat.restore(instance, kept);
         const again = on();
-        flat.forget(instance, kept);
+        flat.free(instance, kept);
         return [WebAssembly.Module.imports(module), {columns}.map(name => rows[name].at(-1)), once,
             again]; }})()""")
     assert imports == []

@@ -65,7 +65,7 @@ def x_axis(picture: Picture) -> Axis:
     if low == high:
         low, high = (low / 2, high * 2) if picture.log else (low - 1.0, high + 1.0)
     elif any(c.look in ("points", "linked") for c in curves):
-        tight, free = Axis("", (low, high), picture.log), STYLE.free_beside_points_share
+        tight, free = Axis("", (low, high), picture.log), STYLE.free_at_points_share
         low, high = tight.value(-free), tight.value(1 + free)
     return _axis(picture.x, low, high, picture.log)
 

@@ -72,12 +72,12 @@ def labels_of(
     has_key
         Whether there may be a key.
     """
-    direct = Labels(place_labels(spans, marks, x, letters))
+    direct = Labels(placed_labels(spans, marks, x, letters))
     if direct.lines <= STYLE.max_label_lines or not (marks and has_key):
         return direct
     ordered = sorted(marks)
     names = dict(zip(string.ascii_lowercase, ordered))
-    labels = place_labels(spans, merged(names, x, letters), x, letters, is_centered=True)
+    labels = placed_labels(spans, merged(names, x, letters), x, letters, is_centered=True)
     lines = Labels(labels).lines
     texts = [f"{letter}  {mark.text}" for letter, mark in names.items()]
     across = max(1, letters // (max(map(len, texts)) + STYLE.key_gap_letters))
@@ -103,7 +103,7 @@ def merged(names: dict[str, Mark], x: Axis, letters: int) -> list[Mark]:
     return [Mark(x.value(float(np.mean(shares))), " ".join(group)) for shares, group in groups]
 
 
-def place_labels(
+def placed_labels(
     spans: Sequence[Span],
     marks: Sequence[Mark],
     x: Axis,

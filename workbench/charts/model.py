@@ -302,10 +302,10 @@ def result_panel(
     """
     units = {column: result.units[column] for column in curves}
     unit = unit or next(iter(units.values()))
-    shown = []
+    curves_in_unit = []
     for column, look in curves.items():
         factor = 1.0 if units[column] == unit else DISPLAY_FACTORS[units[column], unit]
         named = NamedLook.of(look, quantity)
         y = factor * result[column][rows]
-        shown.append(Curve(named.name, x, y, named.color, named.look))
-    return Panel(quantity, unit, shown, levels, includes)
+        curves_in_unit.append(Curve(named.name, x, y, named.color, named.look))
+    return Panel(quantity, unit, curves_in_unit, levels, includes)

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 Samples = NDArray[np.float64]
 Columns = Mapping[str, Samples]
-Place = Any
+Point = Any
+#: Frames of a motion; chosen: one for each 1.5 degrees of a turn.
 FRAMES = 240
 
 
@@ -74,7 +75,7 @@ def columns(
     return {name: result[f"{part}.{name}"][picked] for name in names}
 
 
-def line(*points: Place) -> Samples:
+def line(*points: Point) -> Samples:
     """Points, pairs or complex numbers x + i y, with one value or one per frame, shape
     (frames or 1, n, 2).
     """
@@ -104,11 +105,12 @@ def arrow(path: Samples, size: float) -> Samples:
 
 def ground(x: float, y: float, to_x: float, to_y: float, size: float) -> Samples:
     """What does not move: a line with strokes of that size on its right."""
-    start, way = np.array([x, y]), np.array([to_x - x, to_y - y])
-    along = way / np.hypot(*way)
+    start, direction = np.array([x, y]), np.array([to_x - x, to_y - y])
+    along = direction / np.hypot(*direction)
     stroke = size * (np.array([along[1], -along[0]]) - along) / math.sqrt(2)
     feet = [
-        start + way * share for share in np.linspace(0.0, 1.0, round(np.hypot(*way) / size) + 1)
+        start + direction * share
+        for share in np.linspace(0.0, 1.0, round(np.hypot(*direction) / size) + 1)
     ]
     return np.array([[point for foot in feet for point in (foot, foot + stroke, foot)]])
 
@@ -120,7 +122,7 @@ def pivot(x: float, y: float, size: float) -> Samples:
     return np.concatenate([legs, foot], axis=1)
 
 
-def spring(first: Place, last: Place, size: float, coils: int = 12) -> Samples:
+def spring(first: Point, last: Point, size: float, coils: int = 12) -> Samples:
     """A zigzag of that width between two places."""
     (x, y), (to_x, to_y) = first, last
     length = np.hypot(to_x - x, to_y - y)
@@ -134,7 +136,7 @@ def spring(first: Place, last: Place, size: float, coils: int = 12) -> Samples:
     )  # fmt: skip
 
 
-def damper(first: Place, last: Place, size: float) -> Samples:
+def damper(first: Point, last: Point, size: float) -> Samples:
     """A piston in a cylinder of that width, between two places at one height."""
     (x, y), (to_x, _) = first, last
     head, foot, rim = ((x + to_x) / 2 + share * size for share in (0.0, 0.9, -0.9))

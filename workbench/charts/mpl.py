@@ -66,8 +66,8 @@ def render(pictures: Sequence[Picture | Motion], title: str) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    is_one_row = len(pictures) <= STYLE.max_pictures_across
-    across = len(pictures) if is_one_row else math.ceil(math.sqrt(len(pictures)))
+    fits_in_row = len(pictures) <= STYLE.max_pictures_across
+    across = len(pictures) if fits_in_row else math.ceil(math.sqrt(len(pictures)))
     layouts = [None if isinstance(each, Motion) else layout_of(each, "paper") for each in pictures]
     heights = [_height_in(layout) for layout in layouts]
     rows = [max(heights[k : k + across]) for k in range(0, len(pictures), across)]
@@ -259,7 +259,7 @@ def _arrow(axes: Axes, arrow: ArrowElement) -> None:
 
 def outlines(axes: Axes, motion: Motion, frame: int, opacity: float = 1.0) -> None:
     """Draw the shapes of a motion at a frame; what moves is as opaque as asked for."""
-    axes.set_axis_off()
+    axes.axis("off")
     for shape in motion.shapes:
         is_moving = len(shape.points) > 1
         axes.plot(

@@ -69,23 +69,28 @@ def template(picture: Picture) -> dict[str, Json]:
     """Return a picture without data and ranges, which a live page fills in; its marks have no key."""
     layouts = {screen: layout_of(picture, screen, has_key=False) for screen in LETTERS_BY_SCREEN}
     empty: PlotlyDict = {"x": [], "y": []}
-    drawn = {str(screen): plotly_layout(layout, False) for screen, layout in layouts.items()}
-    drawn["paper"]["width"] = STYLE.paper_width_px
-    return {"data": [trace | empty for trace in traces(layouts["wide"])], **drawn}
+    by_screen = {str(screen): plotly_layout(layout, False) for screen, layout in layouts.items()}
+    by_screen["paper"]["width"] = STYLE.paper_width_px
+    return {"data": [trace | empty for trace in traces(layouts["wide"])], **by_screen}
 
 
 def traces(layout: Layout) -> list[PlotlyDict]:
     """Return the traces of a layout, each on the axis of its row."""
-    drawn = [
+    traces_of_rows = [
         trace | {"yaxis": f"y{k}", "legend": f"legend{k + 1}"}
         for k, placed in enumerate(layout.rows, 1)
         for element in placed.row.elements
         for trace in element_traces(element)
     ]
     if layout.second:  # plotly draws an axis only for a trace
-        own: PlotlyDict = {"x": [None], "y": [None], "xaxis": "x2", "yaxis": f"y{len(layout.rows)}"}
-        drawn.append(own | SILENT)
-    return drawn
+        axis_trace: PlotlyDict = {
+            "x": [None],
+            "y": [None],
+            "xaxis": "x2",
+            "yaxis": f"y{len(layout.rows)}",
+        }
+        traces_of_rows.append(axis_trace | SILENT)
+    return traces_of_rows
 
 
 def plotly_layout(layout: Layout, has_ranges: bool = True) -> PlotlyDict:
@@ -108,10 +113,10 @@ def plotly_layout(layout: Layout, has_ranges: bool = True) -> PlotlyDict:
             "y": 1 - placed.legend_px / layout.plot_px,
         }  # fmt: skip
         has_grid = not placed.row.y.ticks
-        own: PlotlyDict = {
+        axis_settings: PlotlyDict = {
             "showgrid": has_grid, "zeroline": has_grid, "anchor": "x", "domain": layout.shares(placed)
         }  # fmt: skip
-        parts[f"yaxis{k}"] = _axis(placed.row.y, placed.label, has_ranges) | own
+        parts[f"yaxis{k}"] = _axis(placed.row.y, placed.label, has_ranges) | axis_settings
         for heat in (each for each in placed.row.elements if isinstance(each, Heat)):
             parts["coloraxis"] = _color_axis(heat, layout.shares(placed))
     if layout.second:
@@ -133,7 +138,7 @@ def alt_text(picture: Picture) -> str:
         for element in placed.row.elements:
             if element.hover is None and not element.is_in_legend:
                 continue
-            values = _told_values(element)
+            values = hover_values(element)
             if placed.row.y.label and np.isfinite(values).any():
                 ends = f"from {np.nanmin(values):.4g} to {np.nanmax(values):.4g}"
                 parts.append(f"{element.name} {ends} ({placed.row.y.label})")
@@ -156,7 +161,7 @@ def element_traces(element: Element) -> list[PlotlyDict]:
             return [_heat(element)]
 
 
-def _told_values(element: Element) -> Samples:
+def hover_values(element: Element) -> Samples:
     """The values that the mouse tells of an element."""
     match element:
         case Line():
@@ -259,8 +264,8 @@ def _axis(axis: Axis, label: str, has_range: bool) -> PlotlyDict:
 
 def _labels(layout: Layout) -> Iterable[PlotlyDict]:
     """The texts above the first row."""
-    places = [(label, "x") for label in layout.labels.at_values]
-    for label, xref in [*places, *((label, "x domain") for label in layout.labels.key)]:
+    positions = [(label, "x") for label in layout.labels.at_values]
+    for label, xref in [*positions, *((label, "x domain") for label in layout.labels.key)]:
         at = math.log10(label.at) if layout.x.is_log and xref == "x" else label.at
         yield {
             "text": label.text, "showarrow": False, "font": {"size": STYLE.label_text_px},

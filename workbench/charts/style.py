@@ -113,7 +113,7 @@ class Style:
     #: free length beside the values of an axis, as a share of what it shows; chosen
     free_share: float = 0.05
     #: free length beside the outermost points of an x axis; chosen: half a point stays inside
-    free_beside_points_share: float = 0.03
+    free_at_points_share: float = 0.03
     #: most values of a grid that are ticks of their axis; chosen: so many numbers stand beside each other
     max_grid_ticks: int = 6
     #: the width that the bars of one place share, of the distance between places; chosen: bars of a place

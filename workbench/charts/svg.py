@@ -13,27 +13,45 @@ from .model import Samples
 from .motion import Motion, Shape
 from .style import COLORS
 
-WIDE, EDGE, TALL, CAPTION = 1000.0, 28.0, 460.0, 60.0
-DRAWN, ABOVE, LETTER = 620, 14, "#202020"
+#: Width of a drawing in its own units; a convention of this project.
+UNITS_ACROSS = 1000.0
+#: Free space around a drawing, in its own units; chosen: names at its edge stay inside.
+EDGE = 28.0
+#: Height of a drawing on a page at most [px]; the same number stands in the page's style.
+MAX_HEIGHT_PX = 460.0
+#: Height of the line for the caption of a still [half px]; chosen: twice its letters.
+CAPTION = 60.0
+#: Width of a drawing that stands alone [px]; chosen: that of a text column.
+DRAWING_WIDTH = 620
+#: Free height above a drawing that stands alone [px]; chosen.
+DRAWING_TOP = 14
+#: How opaque a ghost is on a page; chosen: the moving shape stands out.
+GHOST_OPACITY = 0.22
+#: How opaque a ghost is in a drawing that stands alone; chosen: darker, as nothing moves there.
+DRAWING_GHOST_OPACITY = 0.35
+#: Share of the width beyond which a name is written to the left of its point; chosen.
+NAME_TURNS_AT = 0.8
+#: Colour of letters; that of `style.COLORS["black"]`, which the page's style turns with the screen.
+LETTER = COLORS["black"]
 HALO = 'stroke="#fff" stroke-width=".25em" paint-order="stroke"'
 SCREENS = {"wide": (928.0, 12.0), "narrow": (358.0, 9.0)}
 
 
 class Symbol(NamedTuple):
-    """A symbol of the equations, "l_K", beside the middle of some points of a shape, so many pixels
-    off to the right and up.
+    """A symbol of the equations, "l_K", beside the middle of some points of a shape, shifted
+    so many pixels to the right and up.
     """
 
     text: str
     shape: str
     points: Sequence[int]
-    off: tuple[float, float] = (0.0, 8.0)
+    shift: tuple[float, float] = (0.0, 8.0)
 
 
 def scale_of(motion: Motion) -> float:
     """Units of the drawing in a metre."""
     low, high = motion.bounds
-    return float(WIDE / (high[0] - low[0]))
+    return float(UNITS_ACROSS / (high[0] - low[0]))
 
 
 def svg(motion: Motion) -> str:
@@ -43,7 +61,7 @@ def svg(motion: Motion) -> str:
     times = ";".join(f"{share:.6g}" for share in since / since[-1])
     clock = f'dur="{since[-1] * motion.slow:.6g}s" repeatCount="indefinite" keyTimes="{times}"'
     ghosts = [
-        _line(shape, placed[[frame]], "", ' opacity="0.22"')
+        _line(shape, placed[[frame]], "", f' opacity="{GHOST_OPACITY}"')
         for shape, placed in shapes
         if len(placed) > 1
         for frame in motion.ghosts
@@ -79,32 +97,32 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
     symbols take the place of the names of their shapes.
     """
     size, _, shapes = placed_shapes(motion)
-    unit = (1.2 if motion.ghosts else 1.0) * size[0] / DRAWN
-    tall, symbolic = round(size[1] / unit) + ABOVE, {symbol.shape for symbol in symbols}
+    unit = (1.2 if motion.ghosts else 1.0) * size[0] / DRAWING_WIDTH
+    tall, symbolic = round(size[1] / unit) + DRAWING_TOP, {symbol.shape for symbol in symbols}
     lines = [
-        _line(shape, placed[[frame]], "", ' opacity="0.35"', thick=unit)
+        _line(shape, placed[[frame]], "", f' opacity="{DRAWING_GHOST_OPACITY}"', thick=unit)
         for frame in motion.ghosts
         for shape, placed in shapes
         if len(placed) > 1
     ]
     lines += [_line(shape, placed[:1], "", thick=unit) for shape, placed in shapes]
-    words = [_name(shape, placed[:1], "") for shape, placed in shapes if shape.name not in symbolic]
+    texts = [_name(shape, placed[:1], "") for shape, placed in shapes if shape.name not in symbolic]
     moving = [placed for _, placed in shapes if len(placed) > 1]
-    words += [
+    texts += [
         f'<text x="{size[0]:.1f}" y="{moving[0][frame, :, 1].mean():.1f}">{escape(text)}</text>'
         for frame, text in motion.ghosts.items()
     ]
-    places = {shape.name: placed[0] for shape, placed in shapes}
+    points_of_shape = {shape.name: placed[0] for shape, placed in shapes}
     for text, name, points, (right, up) in symbols:
-        x, y = places[name][list(points)].mean(axis=0) + np.array([right, -up]) * unit
+        x, y = points_of_shape[name][list(points)].mean(axis=0) + np.array([right, -up]) * unit
         low = re.sub(r"_(\w+)", rf'<tspan dy="{4 * unit:.1f}" font-size="70%">\1</tspan>', text)
         look = f'text-anchor="middle" fill="{LETTER}" font-style="italic"'
-        words.append(f'<text x="{x:.1f}" y="{y:.1f}" {look}>{low}</text>')
-    inside = "\n".join([*lines, f"<g {HALO}>", *words, "</g>"])
+        texts.append(f'<text x="{x:.1f}" y="{y:.1f}" {look}>{low}</text>')
+    inside = "\n".join([*lines, f"<g {HALO}>", *texts, "</g>"])
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {DRAWN} {tall}" font-family="serif" '
-        f'stroke-linejoin="round" stroke-linecap="round">\n<rect width="{DRAWN}" height="{tall}" '
-        f'fill="#fff"/>\n<g transform="translate(0 {ABOVE}) scale({1 / unit:.6f})" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {DRAWING_WIDTH} {tall}" font-family="serif" '
+        f'stroke-linejoin="round" stroke-linecap="round">\n<rect width="{DRAWING_WIDTH}" height="{tall}" '
+        f'fill="#fff"/>\n<g transform="translate(0 {DRAWING_TOP}) scale({1 / unit:.6f})" '
         f'font-size="{17 * unit:.1f}">\n{inside}\n</g>\n</svg>\n'
     )
 
@@ -114,15 +132,15 @@ def placed_shapes(motion: Motion) -> tuple[Samples, float, list[tuple[Shape, Sam
     of shape (frames or 1, n, 2).
     """
     (low, high), scale = motion.bounds, scale_of(motion)
-    corner, ways = np.array([low[0], high[1]]), np.array([scale, -scale])
-    placed = [(shape, (shape.points - corner) * ways + EDGE) for shape in motion.shapes]
+    corner, directions = np.array([low[0], high[1]]), np.array([scale, -scale])
+    placed = [(shape, (shape.points - corner) * directions + EDGE) for shape in motion.shapes]
     return scale * (high - low) + 2 * EDGE, scale, placed
 
 
 def letter_sizes(size: Sequence[float] | Samples) -> str:
     """The size of letters on wide and narrow screens in a drawing of that size, for its style."""
     return "; ".join(
-        f"--{screen}: {height / min(wide / size[0], TALL / size[1]):.1f}px"
+        f"--{screen}: {height / min(wide / size[0], MAX_HEIGHT_PX / size[1]):.1f}px"
         for screen, (wide, height) in SCREENS.items()
     )
 
@@ -142,7 +160,7 @@ def _name(shape: Shape, placed: Samples, clock: str) -> str:
     if shape.label is None:
         return ""
     x, y = placed[:, shape.label, :1], placed[:, shape.label, 1:]
-    side = 'dx="-.5em" text-anchor="end"' if x.max() > 0.8 * WIDE else 'dx=".5em"'
+    side = 'dx="-.5em" text-anchor="end"' if x.max() > NAME_TURNS_AT * UNITS_ACROSS else 'dx=".5em"'
     return _element("text", f'{side} dy="-.5em"', escape(shape.name), {"x": x, "y": y}, clock)
 
 

@@ -237,23 +237,23 @@ class Content:
 
     def number(self, number: Number, live: Live) -> dict[str, Any]:
         """Return a live number, with unit and meaning of the figure beside it."""
-        figure_beside = self.findings.figures.get(number.name)
+        original_figure = self.findings.figures.get(number.name)
         where = f"number {number.name!r}"
-        if figure_beside is None and not (number.unit and number.meaning):
+        if original_figure is None and not (number.unit and number.meaning):
             raise SetupError(
                 f"LIVE: {where} is no figure of the answer, so it must have unit and meaning"
             )
         rest: dict[str, Any] = {
             "name": number.name,
-            "unit": number.unit or (figure_beside.unit if figure_beside else ""),
-            "meaning": number.meaning or (figure_beside.meaning if figure_beside else ""),
-            "original": figure_beside.text() if figure_beside else "",
+            "unit": number.unit or (original_figure.unit if original_figure else ""),
+            "meaning": number.meaning or (original_figure.meaning if original_figure else ""),
+            "original": original_figure.text() if original_figure else "",
             "when": self.formula(number.when, where, True), "otherwise": number.otherwise,
             "is_visible": number.is_visible,
         }  # fmt: skip
-        if figure_beside and number.unit and number.unit != figure_beside.unit:
+        if original_figure and number.unit and number.unit != original_figure.unit:
             raise SetupError(
-                f"LIVE: {where} has the unit {number.unit!r}, its figure {figure_beside.unit!r}"
+                f"LIVE: {where} has the unit {number.unit!r}, its figure {original_figure.unit!r}"
             )
         if isinstance(number.value, Reader):
             return rest | self.reader(number.value, where, live)
@@ -329,11 +329,11 @@ class Content:
             curves: list[Curve] = []
             for run in runs:
                 for look in panel.curves.values():
-                    shown = NamedLook.of(look, panel.quantity)
-                    name = run.name if several else shown.name
-                    color = run.color if several and run.color else shown.color
+                    named = NamedLook.of(look, panel.quantity)
+                    name = run.name if several else named.name
+                    color = run.color if several and run.color else named.color
                     y = [float(len(curves)), len(curves) + 1.0]  # no curve covers another
-                    curves.append(Curve(name, [0.0, 1.0], y, color, shown.look))
+                    curves.append(Curve(name, [0.0, 1.0], y, color, named.look))
             levels = [Mark(0.5, text) for text in panel.levels]
             panels.append(
                 Panel(panel.quantity, self.unit(panel, chart.title), curves, levels, panel.includes)

@@ -187,7 +187,7 @@ def limited(table: Table, among: int = 1) -> tuple[str, str]:
 
 def _provenance(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What the answer comes from: coupling, wires, FMUs, versions."""
-    parts, flavour = provenance.get("parts", {}), provenance["flavour"]
+    parts, flavour = provenance.get("parts", {}), provenance.get("flavour", "")
     once = {"coupling algorithm": provenance.get("algorithm") if len(parts) > 1 else None,
             "communication": provenance.get("communication")}  # fmt: skip
     rows = [(name, text) for name, text in once.items() if text]

@@ -11,26 +11,28 @@ import multiprocessing
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from cosim import SetupError
 
 from .fingerprint import differences, facts
 from .journal import Key
-from .runner import NO_SETUP, Outcomes, RunFailedError, Runner, Setup
+from .runner import Batch, Outcomes, RunFailedError, Runner, Setup
 from .transport import Bundle, Call, pickled_call
 from .worker import MAX_DEATHS, Outcome, Worker
 
-#: Seconds to reach the scheduler, to wait for its first worker, and without any worker before the runs are
-#: given up; a restarted worker takes a few seconds. Conventions of this project.
+#: Time to reach the scheduler [s], a convention of this project.
 CONNECT = 10.0
+#: Time to wait for the first worker [s], a convention of this project; a worker starts in a few seconds.
 WORKERS = 30.0
+#: Time without any worker before the runs are given up [s], a convention of this project; a restarted worker takes
+#: a few seconds.
 GRACE = 60.0
-#: Seconds between two looks at whether there still are workers.
+#: Time between two checks of whether there still are workers [s], chosen: far less than GRACE.
 POLL = 1.0
 TLS = "tls://"
 ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
@@ -57,23 +59,12 @@ class ClusterRunner(Runner):
     """
 
     scheduler: str
-    setup: Setup = NO_SETUP
 
     def __post_init__(self) -> None:
         if not ADDRESS.fullmatch(self.scheduler):
             raise SetupError(f"scheduler = {self.scheduler!r} must read tcp://HOST:PORT")
 
-    def prepared(self, page: str, files: Sequence[Path]) -> Self:
-        """Return the same runner for the calls of a question."""
-        return replace(self, setup=replace(self.setup, page=page, files=files))
-
-    def stream(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Mapping[Key, Any],
-        timeout: float | None,
-        is_isolated: bool,
-    ) -> Outcomes:
+    def stream(self, batch: Batch) -> Outcomes:
         """Give key and outcome of each task; they are always isolated.
 
         Raises
@@ -84,14 +75,15 @@ class ClusterRunner(Runner):
         SimulationError
             If all workers are gone for a minute.
         """
-        if not tasks:
+        if not batch.tasks:
             return
         with _connect(self.scheduler) as client:
             _check(client, self.scheduler, self.setup)
             calls = {
-                key: pickled_call(function, task, self.setup.files) for key, task in tasks.items()
+                key: pickled_call(batch.function, task, self.setup.files)
+                for key, task in batch.tasks.items()
             }
-            submissions = _Submissions(client, self.scheduler, self.setup, calls, timeout)
+            submissions = _Submissions(client, self.scheduler, self.setup, calls, batch.timeout)
             try:
                 yield from submissions.outcomes()
             finally:

@@ -23,6 +23,7 @@ PRESENTATION = (
     "*/show.py",
     "*/mechanism.py",
 )
+#: Differences that a message lists; chosen: they fit a line.
 MAX_DIFFERENCES = 4
 DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
 
@@ -31,9 +32,9 @@ def computation(where: str, fmus: Mapping[str, Path], *packages: str) -> dict[st
     """What runs of the question that `where` loads, on these FMUs by part, depend on besides their
     options; `packages` are those that it lies in.
     """
-    own = where.endswith(".py")
+    is_file = where.endswith(".py")
     return {
-        "question": digest(Path(where).read_bytes()) if own else where,
+        "question": digest(Path(where).read_bytes()) if is_file else where,
         "fmus": {part: describe_fmu(part, path).guid for part, path in fmus.items()},
         "contents": {part: digest(path.read_bytes()) for part, path in fmus.items()},
         **facts(*packages),
@@ -53,24 +54,24 @@ def code(*packages: str) -> dict[str, str]:
 
     Of a study, what its runs are given is hashed instead of the code that makes it.
     """
-    found = {}
+    hashes = {}
     for package in packages:
         spec = find_spec(package)
         assert spec is not None
         for folder in map(Path, spec.submodule_search_locations or ()):
             for path in sorted(folder.rglob("*")):
                 name = f"{package}/{path.relative_to(folder).as_posix()}"
-                shown = any(fnmatch(name, pattern) for pattern in PRESENTATION)
-                if path.suffix in (".py", ".c") and not shown:
-                    found[name] = digest(path.read_bytes())
-    return found
+                is_presentation = any(fnmatch(name, pattern) for pattern in PRESENTATION)
+                if path.suffix in (".py", ".c") and not is_presentation:
+                    hashes[name] = digest(path.read_bytes())
+    return hashes
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """What is not the same, key by key, in one line; of hashes only that they are not."""
-    found = list(_differences(before, now, ()))
-    more = f" and {len(found) - MAX_DIFFERENCES} more" if len(found) > MAX_DIFFERENCES else ""
-    return "; ".join(found[:MAX_DIFFERENCES]) + more
+    changes = list(_differences(before, now, ()))
+    more = f" and {len(changes) - MAX_DIFFERENCES} more" if len(changes) > MAX_DIFFERENCES else ""
+    return "; ".join(changes[:MAX_DIFFERENCES]) + more
 
 
 def _differences(before: Any, now: Any, keys: Sequence[str]) -> Iterator[str]:

@@ -26,7 +26,8 @@ from .fingerprint import differences
 from .worker import STATUSES, Outcome
 
 NAME = "journal.sqlite"
-BETWEEN = 1.0
+#: Time between two writes of rows to the disk [s]; chosen: a loss of power costs no more than that.
+SYNC_INTERVAL = 1.0
 #: Damaged rows that a message names before it only counts them; a convention of this project.
 NAMED = 8
 OPEN = """
@@ -78,7 +79,7 @@ class Journal:
             return
         self._rows[key] = outcome
         self._base.execute("INSERT INTO rows VALUES (?, ?, ?)", (key, row, checksum(key, row)))
-        if time.monotonic() > self._synced + BETWEEN:
+        if time.monotonic() > self._synced + SYNC_INTERVAL:
             self._base.execute("PRAGMA wal_checkpoint")
             self._synced = time.monotonic()
 
@@ -86,8 +87,8 @@ class Journal:
         """Take the rows of sessions before; those that are damaged or not `sound` are removed and named."""
         damaged = []
         lines = self._base.execute("SELECT rowid, key, row, checksum FROM rows ORDER BY rowid")
-        for number, key, row, told in lines.fetchall():
-            outcome = self._outcome(row) if told == checksum(key, row) else None
+        for number, key, row, written_checksum in lines.fetchall():
+            outcome = self._outcome(row) if written_checksum == checksum(key, row) else None
             if outcome is None or not sound(outcome):
                 damaged.append(key)
                 self._base.execute("DELETE FROM rows WHERE rowid = ?", (number,))
@@ -189,9 +190,9 @@ def _tables(base: sqlite3.Connection, path: Path) -> None:
 
 def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], drop: bool) -> None:
     """Refuse to mix rows, or drop those that are there."""
-    found = base.execute("SELECT content FROM identity").fetchone()
+    row = base.execute("SELECT content FROM identity").fetchone()
     try:
-        before = json.loads(found[0]) if found else identity
+        before = json.loads(row[0]) if row else identity
         if not isinstance(before, dict):
             raise TypeError
     except (ValueError, TypeError, RecursionError):
@@ -203,7 +204,7 @@ def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], drop
             raise SetupError(f"{other}; choose another folder with --out, or remove this one")
         if base.execute("SELECT 1 FROM rows LIMIT 1").fetchone():
             print(f"{other}; they are dropped", file=sys.stderr)
-    if not found or before != identity:
+    if not row or before != identity:
         base.executescript("BEGIN; DELETE FROM identity; DELETE FROM rows;")
         base.execute("INSERT INTO identity VALUES (?)", (json.dumps(identity),))
         base.execute("COMMIT")

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
-from typing import Any, Self
 
 from ..options import at_least
 from .journal import Key
-from .runner import NO_SETUP, Outcomes, Runner, Setup
+from .runner import Batch, Outcomes, Runner
 from .transport import Call, pickled_call
 from .worker import OK, Outcome, Worker, wait_for_step
 
@@ -27,36 +24,27 @@ class LocalRunner(Runner):
     """
 
     jobs: int | None = None
-    setup: Setup = NO_SETUP
 
     def __post_init__(self) -> None:
         if self.jobs is not None:
             at_least("jobs", self.jobs, 1)
 
-    def prepared(self, page: str, files: Sequence[Path]) -> Self:
-        """Return the same runner for the calls of a question."""
-        return replace(self, setup=replace(self.setup, page=page, files=files))
-
-    def stream(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Mapping[Key, Any],
-        timeout: float | None,
-        is_isolated: bool,
-    ) -> Outcomes:
+    def stream(self, batch: Batch) -> Outcomes:
         """Give key and outcome of each task; one job that need not be isolated is done in this process."""
-        if self.jobs == 1 and not is_isolated:
-            for key, task in tasks.items():
-                yield key, Outcome(OK, function(task))
+        if self.jobs == 1 and not batch.is_isolated:
+            for key, task in batch.tasks.items():
+                yield key, Outcome(OK, batch.function(task))
             return
-        waiting = iter(tasks.items())
-        workers = [Worker() for _ in range(min(self.jobs or available_cores(), len(tasks)))]
+        waiting = iter(batch.tasks.items())
+        count = min(self.jobs or available_cores(), len(batch.tasks))
+        workers = [Worker() for _ in range(count)]
         key_of: dict[Worker, Key] = {}
 
         def start_next(worker: Worker) -> None:
             for key, task in islice(waiting, 1):
                 key_of[worker] = key
-                worker.give(Call(pickled_call(function, task), self.setup.page), timeout)
+                call = Call(pickled_call(batch.function, task), self.setup.page)
+                worker.give(call, batch.timeout)
 
         try:
             for worker in workers:

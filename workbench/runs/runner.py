@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import reprlib
 import signal
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from rich.console import Console
@@ -58,39 +59,49 @@ class Setup:
 NO_SETUP = Setup()
 
 
-class Runner(Protocol):
-    """Does runs. To add one: write a class with a `setup`, `prepared` and `stream`; the rest is here.
+@dataclass(frozen=True)
+class Batch:
+    """Runs that a runner does.
 
-    A run may end its process, hang or be killed: that is an outcome like any other.
+    Attributes
+    ----------
+    function : function
+        What a run calls; it can be pickled.
+    tasks : mapping
+        Its arguments by key.
+    timeout : float or None
+        Longest wall time of a call [s].
+    is_isolated : bool
+        Whether each call must be in another process than this one; else it may raise here.
     """
 
-    @property
-    def setup(self) -> Setup:
-        """What its processes need."""
+    function: Callable[[Any], Any]
+    tasks: Mapping[Key, Any]
+    timeout: float | None = None
+    is_isolated: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Runner(ABC):
+    """Does runs. To add one: write a dataclass with a `stream`; the rest is here.
+
+    A run may end its process, hang or be killed: that is an outcome like any other.
+
+    Attributes
+    ----------
+    setup : Setup
+        What its processes need.
+    """
+
+    setup: Setup = NO_SETUP
+
+    @abstractmethod
+    def stream(self, batch: Batch) -> Outcomes:
+        """Give key and outcome of each task of a batch, as they are done."""
 
     def prepared(self, page: str, files: Sequence[Path]) -> Self:
         """Return the same runner for the calls of a question, with the files that these name."""
-
-    def stream(
-        self,
-        function: Callable[[Any], Any],
-        tasks: Mapping[Key, Any],
-        timeout: float | None,
-        is_isolated: bool,
-    ) -> Outcomes:
-        """Give key and outcome of function(task) for each task, as they are done.
-
-        Parameters
-        ----------
-        function : function
-            What a run calls; it can be pickled.
-        tasks : mapping
-            Its arguments by key.
-        timeout : float or None
-            Longest wall time of a call [s].
-        is_isolated : bool
-            Whether each call must be in another process than this one; else it may raise here.
-        """
+        return replace(self, setup=replace(self.setup, page=page, files=files))
 
     def outcomes(
         self,
@@ -120,7 +131,7 @@ class Runner(Protocol):
         done = {} if journal is None else {key: journal[key] for key in tasks if key in journal}
         yield from done.items()
         missing = {key: task for key, task in tasks.items() if key not in done}
-        fresh = self.stream(function, missing, timeout, is_isolated=failures)
+        fresh = self.stream(Batch(function, missing, timeout, is_isolated=failures))
         failed = sum(outcome.status != OK for outcome in done.values())
         with (
             handle_stop_signals(signal.default_int_handler),

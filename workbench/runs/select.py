@@ -33,5 +33,5 @@ def select_runner(
     if jobs is not None and scheduler is not None:
         raise SetupError("jobs are processes of this machine; the scheduler has its own workers")
     if scheduler is not None:
-        return ClusterRunner(scheduler, Setup(packages))
-    return LocalRunner(jobs, Setup(packages))
+        return ClusterRunner(scheduler, setup=Setup(packages))
+    return LocalRunner(jobs, setup=Setup(packages))

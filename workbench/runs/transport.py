@@ -77,14 +77,14 @@ class Bundle(NamedTuple):
 
                 raise SetupError(f"PARTS: two files are called {path.name}")
             files[path.name] = path.read_bytes()
-        told = (file.encode() + digest(files[file]).encode() for file in sorted(files))
-        return cls(files, digest(b"".join(told)))
+        digests = (file.encode() + digest(files[file]).encode() for file in sorted(files))
+        return cls(files, digest(b"".join(digests)))
 
     def unpacked(self, folder: Path) -> Path:
         """The files in a folder of their own, in this folder; they may be there already, whole."""
         target = folder.resolve() / self.name
-        there = {file: target / file for file in self.files if (target / file).is_file()}
-        if {file: path.read_bytes() for file, path in there.items()} != self.files:
+        present = {file: target / file for file in self.files if (target / file).is_file()}
+        if {file: path.read_bytes() for file, path in present.items()} != self.files:
             shutil.rmtree(target, ignore_errors=True)
             folder.mkdir(parents=True, exist_ok=True)
             fresh = Path(tempfile.mkdtemp(dir=folder, prefix=f"{self.name}."))

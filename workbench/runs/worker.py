@@ -45,10 +45,13 @@ FAULTS = frozenset(
         errno.ESTALE,
     }
 )
+#: How often a child may be killed from outside before its call is given up; chosen: a busy machine may do it once or twice.
 MAX_DEATHS = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
 OUTPUT_FILE = "words"
+#: Letters of a child's output that are reported, its last; chosen: a traceback.
 TRACE = 4000
+#: How long a child that ends is waited for [s]; chosen: writing its output takes less.
 LAST_MOMENTS = 2.0
 PARENT_DEATH_SIGNAL = 1
 
@@ -81,7 +84,7 @@ class Worker:
 
     def give(self, call: Call, timeout: float | None) -> None:
         """Begin a call; when it is imported and unpickled it has `timeout` seconds."""
-        self._call, self._timeout, self._lost = call, timeout, 0
+        self._call, self._timeout, self._deaths = call, timeout, 0
         self._send()
 
     def do(self, call: Call, timeout: float | None) -> Outcome:
@@ -101,23 +104,23 @@ class Worker:
         A child that was killed from outside is replaced and its call done again, three times at
         most. Raises SetupError if no child can be started.
         """
-        alive = self._process.is_alive()
+        is_running = self._process.is_alive()
         try:
             while self._pipe.poll():
-                heard = self._pipe.recv()
-                if isinstance(heard, Outcome):
-                    return heard
+                message = self._pipe.recv()
+                if isinstance(message, Outcome):
+                    return message
                 self._began = time.monotonic()
         except (EOFError, OSError):
             return self._lose()
         except Exception as error:  # noqa: BLE001
             return Outcome("failed", message=f"its answer cannot be read: {error}")
-        if not alive:
+        if not is_running:
             return self._lose()
         if self.left() == 0.0:
-            words, _ = self._bury(at_once=True)
+            output, _ = self._bury(at_once=True)
             text = f"no answer after {self._timeout:g} s"
-            return Outcome("timeout", None, text, self._timeout or 0.0, words)
+            return Outcome("timeout", None, text, self._timeout or 0.0, output)
         return None
 
     def left(self) -> float | None:
@@ -152,32 +155,32 @@ class Worker:
         with contextlib.ExitStack() as undo:
             folder = Path(tempfile.mkdtemp(dir=scratch()))
             undo.callback(shutil.rmtree, folder, ignore_errors=True)
-            words = undo.enter_context((folder / OUTPUT_FILE).open("a+", errors="replace"))
+            output_file = undo.enter_context((folder / OUTPUT_FILE).open("a+", errors="replace"))
             pipe, end = _SPAWN.Pipe()
             undo.callback(pipe.close)
             process = _SPAWN.Process(target=_main, args=(end, str(folder)), daemon=True)
             with end, _quietly():
                 process.start()
             undo.pop_all()
-        self._folder, self._words, self._pipe, self._process = folder, words, pipe, process
+        self._folder, self._output, self._pipe, self._process = folder, output_file, pipe, process
 
     def _lose(self) -> Outcome | None:
         """The child died: its call is done again if that came from outside."""
-        words, death = self._bury()
+        output, death = self._bury()
         outside, began = death in OUTSIDE, self._began
-        self._lost += 1
-        if (outside or began is None) and self._lost < MAX_DEATHS:
+        self._deaths += 1
+        if (outside or began is None) and self._deaths < MAX_DEATHS:
             self._send()
             return None
         if began is None:
             from cosim.errors import SetupError
 
-            why = "".join(words.strip().splitlines()[-1:]) or death
+            why = "".join(output.strip().splitlines()[-1:]) or death
             raise SetupError(f"no process for runs can be started: {why}")
         what = (
             f"its process was killed {MAX_DEATHS} times" if outside else "the run ended its process"
         )
-        return Outcome("crashed", None, f"{what}: {death}", time.monotonic() - began, words)
+        return Outcome("crashed", None, f"{what}: {death}", time.monotonic() - began, output)
 
     def _bury(self, at_once: bool = False) -> tuple[str, str]:
         """The last words of a child and how it ended; what it leaves is removed."""
@@ -191,11 +194,11 @@ class Worker:
         code = self._process.exitcode
         self._process = None
         self._pipe.close()
-        self._words.seek(0)
-        words = self._words.read()[-TRACE:]
-        self._words.close()
+        self._output.seek(0)
+        output = self._output.read()[-TRACE:]
+        self._output.close()
         shutil.rmtree(self._folder, ignore_errors=True)
-        return words, signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        return output, signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
 def wait_for_step(workers: Sequence[Worker]) -> None:
@@ -224,9 +227,9 @@ def _quietly() -> Iterator[None]:
 def _main(pipe: Connection, folder: str) -> None:
     """The life of a child."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    words = os.open(Path(folder) / OUTPUT_FILE, os.O_WRONLY | os.O_APPEND)
+    descriptor = os.open(Path(folder) / OUTPUT_FILE, os.O_WRONLY | os.O_APPEND)
     for stream in (1, 2):
-        os.dup2(words, stream)
+        os.dup2(descriptor, stream)
     _die_with_parent(folder)
     if sys.platform != "win32":
         os.setsid()

@@ -11,7 +11,9 @@ import pandas as pd
 from ..charts.model import SERIES, Chart, Curve, Direction, Field, Look, Panel, Picture
 from .file import Study
 
-MAX_CHARTS, ERROR = 6, "_error"
+#: Figures of a study that are drawn; chosen: as many panels as a page shows.
+MAX_CHARTS = 6
+ERROR = "_error"
 KINDS = {"S1": "S1, alone", "ST": "ST, with all interactions"}
 Units = Mapping[str, str]
 
@@ -20,19 +22,19 @@ def overview(
     study: Study, table: pd.DataFrame, figures: Sequence[str], units: Units
 ) -> list[Picture]:
     """Figures over one input, maps over two, or every figure over every input; none without numbers."""
-    drawn = [name for name in figures if table[name].notna().any()][:MAX_CHARTS]
+    names = [name for name in figures if table[name].notna().any()][:MAX_CHARTS]
     grid = [name for name in study.grid if pd.api.types.is_numeric_dtype(table[name])]
-    if not drawn:
+    if not names:
         return []
     if len(grid) == 2 == len(study.varied):
-        return [_map(table, grid, name, units) for name in drawn]
+        return [_map(table, grid, name, units) for name in names]
 
     def chart(title: str, x: str, curve: Callable[[str], Curve]) -> Chart:
         panels = []
-        for name in drawn:
-            shown = curve(name)
-            includes = (0.0, 1.0) if flag(shown.y) else ()
-            panels.append(Panel(name, units.get(name) or "1", [shown], includes=includes))
+        for name in names:
+            curve_of_figure = curve(name)
+            includes = (0.0, 1.0) if flag(curve_of_figure.y) else ()
+            panels.append(Panel(name, units.get(name) or "1", [curve_of_figure], includes=includes))
         return Chart(title, x, panels)
 
     if study.tolerances and not study.grid:
@@ -97,35 +99,35 @@ def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> F
     return Field(name, x, y, _label(name, units), square.to_numpy())
 
 
-def sensitivity(study: Study, found: pd.DataFrame, units: Units) -> list[Picture]:
+def sensitivity(study: Study, indices: pd.DataFrame, units: Units) -> list[Picture]:
     """Shares with 95 % confidence: over the grid if it has one input, the last index of each; else as
     bars, a mean over it.
     """
     over = next(iter(study.grid)) if len(study.grid) == 1 else ""
     panels = []
-    for name, own in list(found.groupby("figure", sort=False))[:MAX_CHARTS]:
+    for name, figure_rows in list(indices.groupby("figure", sort=False))[:MAX_CHARTS]:
         if over:
-            kind = own["kind"].iloc[-1]
-            inputs = own[own["kind"] == kind].groupby("input", sort=False)
-            drawn = [
+            kind = figure_rows["kind"].iloc[-1]
+            inputs = figure_rows[figure_rows["kind"] == kind].groupby("input", sort=False)
+            curves = [
                 _shares(f"{kind} of {x}", rows[over].to_list(), rows, color, "linked")
                 for (x, rows), color in zip(inputs, SERIES)
             ]
         else:
-            means = own.groupby(["kind", "input"])[["value", "confidence"]].mean()
+            means = figure_rows.groupby(["kind", "input"])[["value", "confidence"]].mean()
             names = list(study.tolerances)
-            drawn = [
+            curves = [
                 _shares(KINDS[kind], names, means.loc[kind].reindex(names), color, "bars")
-                for kind, color in zip(own["kind"].unique(), ("blue", "gold"))
+                for kind, color in zip(figure_rows["kind"].unique(), ("blue", "gold"))
             ]
-        panels.append(Panel(f"share of {name}", "1", drawn, includes=(0.0,)))
+        panels.append(Panel(f"share of {name}", "1", curves, includes=(0.0,)))
     mean = f", mean over {', '.join(study.grid)}" if len(study.grid) > 1 else ""
     title = f"What moves the figures: shares of their variance{mean}"
     return [Chart(title, _label(over, units) if over else "input", panels)]
 
 
-def _shares(name: str, x: Sequence[str], found: pd.DataFrame, color: str, look: Look) -> Curve:
+def _shares(name: str, x: Sequence[str], indices: pd.DataFrame, color: str, look: Look) -> Curve:
     """Shares with their intervals; an index is not below 0, though its estimate may be."""
-    value = found["value"].clip(lower=0.0).to_numpy()
-    error = found["confidence"].to_numpy()
+    value = indices["value"].clip(lower=0.0).to_numpy()
+    error = indices["confidence"].to_numpy()
     return Curve(name, x, value, color, look, np.stack([np.minimum(error, value), error]))

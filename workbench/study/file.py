@@ -31,10 +31,13 @@ TOLERANCES = (
 )
 RANGE = "a list of values or { from, to, number }"
 WIDTH = 'a number above 0, or a share of the nominal value such as "5 %"'
-METHODS, LEAST = ("lhs", "sobol", "saltelli"), 2.0**-31
-MOST_RUNS = 1 << 20
+METHODS = ("lhs", "sobol", "saltelli")
+#: Distance of samples from the faces of the unit cube; derived from the 30 bits of scipy's Sobol numbers, half of one.
+LEAST = 2.0**-31
+#: Runs of a study at most; chosen: about a day of runs of 0.1 s.
+MAX_RUNS = 1 << 20
 TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0, "at most": 1e6})
-NUMBER = Option("number", int, default=0, bounds={"at least": 2, "at most": MOST_RUNS})
+NUMBER = Option("number", int, default=0, bounds={"at least": 2, "at most": MAX_RUNS})
 SPACING = Option("spacing", str, choices=("linear", "log"))
 SAMPLING = {
     "method": Option("method", str, default="", choices=METHODS),
@@ -120,8 +123,8 @@ class Study:
 
     def cases(self) -> list[dict[str, Value]]:
         """What each run is given: options of the question and start values, which have a dot."""
-        known = {**self.question.preset, **self.fixed}
-        return [{**known, **dict(zip(self.varied, run))} for run in self.runs()]
+        common = {**self.question.preset, **self.fixed}
+        return [{**common, **dict(zip(self.varied, run))} for run in self.runs()]
 
 
 def load(path: Path, project: Project = NO_PROJECT) -> Study:
@@ -142,7 +145,7 @@ def load(path: Path, project: Project = NO_PROJECT) -> Study:
 
 
 def _study(path: Path, content: Spec, project: Project) -> Study:
-    _known("", content, KEYS)
+    check_keys("", content, KEYS)
     scenario, figures = content.get("scenario"), content.get("figures", [])
     if not isinstance(scenario, str):
         raise SetupError(f"scenario = {quoted(scenario)} must be the name of a question")
@@ -159,7 +162,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     _once("figures", figures)
     question = project.load(scenario, path.parent)
     readers: dict[str, Callable[[Option, Any, str], Any]] = {
-        "fixed": lambda option, given, key: option.read(given, key),
+        "fixed": lambda option, raw, key: option.read(raw, key),
         "grid": _values,
         "tolerances": _tolerance,
     }
@@ -179,8 +182,8 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
         raise SetupError("[tolerances] and [sampling] must be given together")
     sampling = _sampling(tables["sampling"]) if "sampling" in content else None
     count = prod(map(len, read["grid"].values())) * (sampling.number if sampling else 1)
-    if count > MOST_RUNS:
-        raise SetupError(f"{count} runs are more than {MOST_RUNS}")
+    if count > MAX_RUNS:
+        raise SetupError(f"{count} runs are more than {MAX_RUNS}")
     timeout = TIMEOUT.read(content.get("timeout"))
     return Study(path, content, project, question, sampling, timeout, figures, **read)
 
@@ -188,13 +191,13 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
 class _StartValue(Option):
     """A start value of an FMU, whose type and unit are those of its variable."""
 
-    def read(self, given: Any, key: str = "") -> Any:
+    def read(self, raw: Any, key: str = "") -> Any:
         """The value itself."""
-        if not isinstance(given, float | int | str | bool):
-            raise SetupError(f"{key} = {quoted(given)} must be a start value")
-        if isinstance(given, float) and not isfinite(given):
-            raise SetupError(f"{key} = {given} must be finite")
-        return given
+        if not isinstance(raw, float | int | str | bool):
+            raise SetupError(f"{key} = {quoted(raw)} must be a start value")
+        if isinstance(raw, float) and not isfinite(raw):
+            raise SetupError(f"{key} = {raw} must be finite")
+        return raw
 
 
 def _input(question: Question, table: str, name: str, spec: object) -> Option:
@@ -220,7 +223,7 @@ def _input(question: Question, table: str, name: str, spec: object) -> Option:
 def _values(option: Option, spec: Any, key: str) -> list[Value]:
     """The values of one axis of the grid."""
     if isinstance(spec, dict):
-        _known(f"{key}: ", spec, ("from", "to", "number", "spacing"))
+        check_keys(f"{key}: ", spec, ("from", "to", "number", "spacing"))
         low, high, log = _ends(option, spec, key)
         number = NUMBER.read(spec.get("number"), f"{key}.number")
         spec = (np.geomspace if log else np.linspace)(low, high, number).tolist()
@@ -244,10 +247,10 @@ def _once(key: str, values: Sequence[Value]) -> None:
 
 def _tolerance(option: Option, spec: Any, key: str) -> Any:
     """The distribution of a sampled input, all of which its option takes if it has ends."""
-    found = _distribution(option, spec, key)
-    for end in ends(found):
+    distribution = _distribution(option, spec, key)
+    for end in ends(distribution):
         option.read(end, f"an end of {key}")
-    return found
+    return distribution
 
 
 def ends(distribution: Any) -> list[float]:
@@ -293,37 +296,39 @@ def _ends(option: Option, spec: Spec, key: str) -> tuple[float, float, bool]:
     return low, high, log
 
 
-def _width(option: Option, given: object, nominal: float, key: str) -> float:
+def _width(option: Option, raw: object, nominal: float, key: str) -> float:
     """A width above 0: a number in the unit of the nominal value, or a share of it, "5 %"."""
-    written = QUANTITY.fullmatch(given) if isinstance(given, str) else None
+    written = QUANTITY.fullmatch(raw) if isinstance(raw, str) else None
     width = -1.0
     if written and written[2] == "%":
         width = float(written[1]) / 100.0 * abs(nominal)
-    elif not isinstance(given, str) or (written and written[2]):
-        width = _free(option).read(given, key)
+    elif not isinstance(raw, str) or (written and written[2]):
+        width = _free(option).read(raw, key)
     if not width > 0.0:
         of_zero = " (the nominal value is 0)" if width == 0.0 == nominal else ""
-        raise SetupError(f"{key} = {quoted(given)} must be {WIDTH}{of_zero}")
+        raise SetupError(f"{key} = {quoted(raw)} must be {WIDTH}{of_zero}")
     return width
 
 
 def _sampling(table: Spec) -> Sampling:
-    _known("sampling: ", table, SAMPLING)
-    told = {key: option.read(table.get(key), f"sampling.{key}") for key, option in SAMPLING.items()}
-    number, method = told["number"], told["method"]
+    check_keys("sampling: ", table, SAMPLING)
+    settings = {
+        key: option.read(table.get(key), f"sampling.{key}") for key, option in SAMPLING.items()
+    }
+    number, method = settings["number"], settings["method"]
     if method != "lhs" and number & (number - 1):
         below = 1 << (number.bit_length() - 1)
         raise SetupError(
             f"sampling.number = {number} must be a power of 2 with {method!r}, for example "
             f"{below} or {2 * below}"
         )
-    return Sampling(**told)
+    return Sampling(**settings)
 
 
-def _known(place: str, table: Spec, known: Iterable[str]) -> None:
+def check_keys(prefix: str, table: Spec, expected: Iterable[str]) -> None:
     for name in table:
-        if name not in known:
-            raise SetupError(f"{place}unknown key {name!r}, expected {', '.join(known)}")
+        if name not in expected:
+            raise SetupError(f"{prefix}unknown key {name!r}, expected {', '.join(expected)}")
 
 
 def _key(table: str, name: str) -> str:

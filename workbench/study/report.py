@@ -25,7 +25,10 @@ from . import charts
 from .file import Study
 from .sensitivity import analyse
 
-SENTENCES, SPOKEN = 3, 8
+#: Figures whose spread is a sentence of the verdict; chosen.
+SENTENCES = 3
+#: Figures and remarks that are written at all, the rest is in the table; chosen: they fit a screen.
+SPOKEN = 8
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\w)")
 
 RESERVED_COLUMNS = ("run", "status", "warnings", "message")
@@ -44,8 +47,8 @@ def conclude(
     took [s].
     """
     table, names = frame(study, outcomes, units)
-    shown = [names[name] for name in study.figures or names if name in names]
-    indices, missing = analyse(study, shown, table.frame)
+    figures = [names[name] for name in study.figures or names if name in names]
+    indices, missing = analyse(study, figures, table.frame)
     seconds = np.quantile([outcome.seconds for outcome in outcomes], (0.0, 0.5, 1.0)).tolist()
     counts = Counter(outcome.status for outcome in outcomes)
     facts = {
@@ -59,11 +62,13 @@ def conclude(
     }
     title = f"{study.name}: {study.scenario}, {pluralize(len(outcomes), 'run')}"
     pictures = {
-        "overview.png": charts.overview(study, table.frame, shown, table.units),
+        "overview.png": charts.overview(study, table.frame, figures, table.units),
         "sensitivity.png": [] if indices.empty else charts.sensitivity(study, indices, table.units),
     }
     files: dict[str, Callable[[Path], object]] = {
-        name: partial(draw, drawn, title) for name, drawn in pictures.items() if drawn
+        name: partial(draw, pictures_of_file, title)
+        for name, pictures_of_file in pictures.items()
+        if pictures_of_file
     }
     if find_spec("pyarrow"):
         files["table.parquet"] = partial(table.frame.to_parquet, index=False)
@@ -73,10 +78,10 @@ def conclude(
     causes = {} if study.grid or indices.empty else _causes(indices)
     spreads = [
         _spread(table.frame[name], table.units[name]) + causes.get(name, "")
-        for name in shown[:SPOKEN]
+        for name in figures[:SPOKEN]
     ]
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
-    words = [
+    sentences = [
         *(f"{spread}." for spread in spreads[:SENTENCES]),
         *(f"  {spread}" for spread in spreads[SENTENCES:]),
         f"{pluralize(len(outcomes), 'run')}, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
@@ -85,13 +90,15 @@ def conclude(
     answer = Answer(
         scenario="study",
         question=title,
-        verdict="\n".join(words),
+        verdict="\n".join(sentences),
         figures={},
         tables=tables,
         provenance={"parts": {}, "versions": cosim.versions()},
         facts=facts,
         files=files,
-        show=lambda: Show(more=[picture for drawn in pictures.values() for picture in drawn]),
+        show=lambda: Show(
+            more=[picture for pictures_of_file in pictures.values() for picture in pictures_of_file]
+        ),
     )
     return answer, list(names)
 
@@ -133,14 +140,14 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
     """How runs failed, what FMUs warned of and which figures were refused: how often, and where
     first; texts that differ in their numbers alone are one remark.
     """
-    seen: dict[str, dict[int, str]] = {}
+    runs_by_remark: dict[str, dict[int, str]] = {}
     for number, outcome in enumerate(outcomes):
         failed = [f"{outcome.status}: {outcome.message}"] * (outcome.status != OK)
         warned = (f"warning: {text}" for text in row_of(outcome)["warnings"])
         for text in (*failed, *warned, *refusals(outcome)):
-            seen.setdefault(NUMBER.sub("#", text), {}).setdefault(number, text)
+            runs_by_remark.setdefault(NUMBER.sub("#", text), {}).setdefault(number, text)
     lines = []
-    for runs in sorted(seen.values(), key=len, reverse=True):
+    for runs in sorted(runs_by_remark.values(), key=len, reverse=True):
         number, text = next(iter(runs.items()))
         where = f"Run {number}" if len(runs) == 1 else f"{len(runs)} runs (first: run {number})"
         short = NUMBER.sub(lambda number: f"{float(number[0]):.6g}", text)
@@ -180,10 +187,10 @@ def frame(
         if error is not None:
             units[name + charts.ERROR] = unit
     columns: dict[str, Any] = {"run": range(len(rows))}
-    for name, given in zip(study.varied, zip(*study.runs())):
-        kinds = set(map(type, given))
-        one: Callable[[Any], Any] = str if str in kinds else lambda value: +value
-        columns[name] = given if len(kinds) == 1 else [one(value) for value in given]
+    for name, values in zip(study.varied, zip(*study.runs())):
+        kinds = set(map(type, values))
+        convert: Callable[[Any], Any] = str if str in kinds else lambda value: +value
+        columns[name] = values if len(kinds) == 1 else [convert(value) for value in values]
     for figure, name in names.items():
         cells = [row.get(figure, (None, "", None, "")) for row in rows]
         columns[name] = pd.Series([value for value, *_ in cells], dtype=float)

@@ -53,10 +53,10 @@ def run(
     folder = Path("results") / "studies" / study.name if out is None else out
     with reservation(folder), open_journal(folder, who, sound=_sound) as journal:
         (folder / "study.toml").write_bytes(study.path.read_bytes())
-        before, own = len(journal), study.question.files
-        inputs = Bundle.of([*fmus.values(), *own])
+        before, question_files = len(journal), study.question.files
+        inputs = Bundle.of([*fmus.values(), *question_files])
         home = inputs.unpacked(folder / "inputs")
-        page = home / own[0].name if own else study.question.locator
+        page = home / question_files[0].name if question_files else study.question.locator
         answers = partial(row, page, {part: home / path.name for part, path in fmus.items()})
         runner = runner.prepared(str(page), [home / name for name in inputs.files])
         cases = dict(enumerate(study.cases()))
@@ -93,11 +93,11 @@ def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
     """The units of the varied inputs; raises SetupError for a start value that no FMU has or takes."""
     values = {**{name: [value] for name, value in study.fixed.items()}, **study.grid}
     values |= {name: ends(tolerance) for name, tolerance in study.tolerances.items()}
-    given = {name: several for name, several in values.items() if "." in name}
+    start_values = {name: several for name, several in values.items() if "." in name}
     network = connect(System(fmus)) if fmus else None
     try:
-        for each in zip_longest(*given.values()):
-            start = {name: value for name, value in zip(given, each) if value is not None}
+        for each in zip_longest(*start_values.values()):
+            start = {name: value for name, value in zip(start_values, each) if value is not None}
             connect(System(fmus, start=start))
         units = {name: network.port(name).unit for name in study.varied if network and "." in name}
     except SetupError as error:

@@ -120,8 +120,7 @@ class RefereeReport:
         worst = max(differing, key=_severity)
         first = (
             f"{self.source} differs from the reference solution in {len(differing)} of "
-            f"{pluralize(len(self.signals), 'signal')}: {worst.name} is off by up to {_deviation(worst)} "
-            f"at {worst.time:.4g} s"
+            f"{pluralize(len(self.signals), 'signal')}: {worst.name} {_distance(worst)} at {worst.time:.4g} s"
         )
         cause = self.explained(worst.name)
         return f"{first}; {'probable cause: ' + cause.text if cause else NO_CAUSE}."
@@ -182,7 +181,7 @@ class RefereeReport:
             if signal.verdict is Verdict.DIFFERS:
                 cause = self.explained(signal.name)
                 failure = ElementTree.SubElement(
-                    case, "failure", message=f"off by {_deviation(signal)} {_since(signal)}"
+                    case, "failure", message=f"{_distance(signal)} {_since(signal)}"
                 )
                 failure.text = cause.text if cause else NO_CAUSE
             elif signal.verdict is Verdict.UNDECIDED:
@@ -326,7 +325,16 @@ def _with_error(value: float, error: float, unit: str) -> str:
     return f"{value:.6g} +- {error:.1g} {unit}".rstrip()
 
 
+def _distance(signal: SignalJudgement) -> str:
+    """How far a signal is off, as the rest of a sentence."""
+    if not math.isfinite(signal.deviation):
+        return "has no finite value"
+    return f"is off by up to {_deviation(signal)}"
+
+
 def _deviation(signal: SignalJudgement) -> str:
+    if not math.isfinite(signal.deviation):
+        return "no finite value"
     return f"{signal.deviation:.4g} +- {signal.error:.1g} {signal.unit}".rstrip()
 
 

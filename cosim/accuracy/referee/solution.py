@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.instance import quiet
 from ...errors import SetupError
+from ...fmu.messages import quiet
 from ...fmu.reference_rows import read_reference_rows
 from ...master import run
 from ...result import Result, SimulationError

@@ -9,8 +9,8 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from ...engine.instance import quiet
 from ...errors import SetupError
+from ...fmu.messages import quiet
 from ...isolated import child, death
 from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Verdict, checked
 from .report import Crosscheck

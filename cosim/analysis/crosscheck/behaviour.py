@@ -29,8 +29,8 @@ def description(s: Subject) -> str:
 def binary(s: Subject) -> str:
     """What the binary says of itself."""
     with s.instance() as part:
-        stated = part.slave.getVersion()
-        platform = "default" if s.is_fmi3 else part.slave.getTypesPlatform()
+        stated = part.session.binding.getVersion()
+        platform = "default" if s.is_fmi3 else part.session.binding.getTypesPlatform()
     version = s.description.fmiVersion
     if (platform, stated.partition("-")[0]) != ("default", version):
         differences = f"types platform {platform!r} and version {stated!r}"
@@ -57,9 +57,9 @@ def starts(s: Subject) -> str:
     parameters = [v for v in exact if v.causality == "parameter"]
     with s.instance() as part:
         s.enter(part)
-        values = part.values(outputs)
+        values = part.access.values(outputs)
         part.begin()
-        values |= part.values(parameters)
+        values |= part.access.values(parameters)
     for v in [*outputs, *parameters]:
         value, start = values[v.name], declared_start(v)
         match value, start:
@@ -74,7 +74,7 @@ def terminates(s: Subject) -> str:
     """The last values remain after termination."""
     with s.running(s.steps - 1) as part:
         last = s.go(part, s.steps - 1, s.steps)
-        part.end()
+        part.session.terminate()
         s.same([s.row(part)], last, "after it is terminated", s.steps - 1)
     return "the last values stay"
 
@@ -99,9 +99,9 @@ def getting(s: Subject) -> str:
             rows += s.go(part, k, k + 1)
             s.same([s.row(part)], rows[-1:], "when it is got again", k)
             if k in (0, s.steps // 2, s.steps - 1):
-                back = tuple(part.values(s.observed[::-1]).values())[::-1]
+                back = tuple(part.access.values(s.observed[::-1]).values())[::-1]
                 s.same([back], rows[-1:], "when the values are got in the opposite order", k)
-                single = tuple(part.values([v])[v.name] for v in s.observed)
+                single = tuple(part.access.values([v])[v.name] for v in s.observed)
                 s.same([single], rows[-1:], "when it is got alone", k)
     s.same(rows, s.reference, "where values are got twice")
     return f"{s.steps} rows got twice, three of them in the opposite order and one value at a time"
@@ -122,7 +122,7 @@ def resets(s: Subject) -> str:
                     s.go(part, 0, s.steps // 2)
                 except FmuError:
                     return None
-                part.reset()
+                part.session.reset()
                 s.initialise(part)
                 return s.go(part, 0, s.steps)
 

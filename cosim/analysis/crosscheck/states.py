@@ -32,7 +32,7 @@ def bytes_(s: Subject) -> str:
     with s.running(half) as part, nullcontext(part) if s.once else s.running() as receiver:
         state = part.state()
         part.save(state)
-        copy, size = part.carried(state, receiver)
+        copy, size = part.session.transfer(state, receiver.session)
         receiver.restore(copy)
         rows = s.go(receiver, half, s.steps)
     s.same(rows, s.reference[half:], "after the state was carried over as bytes", half)

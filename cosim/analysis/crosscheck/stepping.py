@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ...engine.instance import DISCARD, STATUS, WARNING
 from ...errors import FmuError, SimulationTerminated, StepDiscarded
+from ...fmu.messages import DISCARD, STATUS, WARNING
 from .subject import CheckFailed, NotOffered, Subject, differ, reals, smooth
 from .tolerances import AGREEMENT, NO_CHANGE
 
@@ -77,10 +77,9 @@ def discards(s: Subject) -> str:
 
     def long_step() -> tuple[int, float, bool]:
         with s.running() as part:
-            part.begin_of_step.value, part.size_of_step.value = t, h
-            if part.do_step() != DISCARD:
+            if part.step_status(t, h) != DISCARD:
                 raise NotOffered(f"a step of {h:g} s is not discarded")
-            return part.stopped()
+            return part.last_success()
 
     answer, reached, ended = s.in_process(long_step)
     discarded = f"a step of {h:g} s is discarded"

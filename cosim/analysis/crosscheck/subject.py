@@ -11,9 +11,9 @@ from itertools import count
 from pathlib import Path
 from typing import TypeVar
 
-from ...engine.initialise import KINDS
-from ...engine.part import Part
+from ...engine.initialise import open_cosimulation
 from ...errors import FmuError
+from ...fmu.instance import CoSimulation
 from ...fmu.library import borrow
 from ...system import (
     Port,
@@ -89,16 +89,15 @@ class Subject:
         self._numbers = count(1)
 
     @contextmanager
-    def instance(self) -> Iterator[Part]:
+    def instance(self) -> Iterator[CoSimulation]:
         """A new instance, which is terminated and freed."""
-        part = KINDS[self.description.fmiVersion](
+        part = open_cosimulation(
             f"instance_{next(self._numbers)}", self.description, borrow(self.path, self.description)
         )
-        part.open()
         try:
             yield part
         finally:
-            part.close()
+            part.session.close()
 
     def in_process(self, work: Callable[[], Answer]) -> Answer:
         """What `work` returns, which makes an instance.
@@ -109,20 +108,20 @@ class Subject:
         return forked(work) if self.once and hasattr(os, "fork") else work()
 
     @contextmanager
-    def running(self, number: int = 0) -> Iterator[Part]:
+    def running(self, number: int = 0) -> Iterator[CoSimulation]:
         """A new instance after so many steps."""
         with self.instance() as part:
             self.initialise(part)
             self.go(part, 0, number)
             yield part
 
-    def initialise(self, part: Part) -> None:
+    def initialise(self, part: CoSimulation) -> None:
         """From instantiated to the first step."""
         self.enter(part)
         self.set_inputs(part, self.inputs_at(0))
         part.begin()
 
-    def enter(self, part: Part) -> None:
+    def enter(self, part: CoSimulation) -> None:
         """Into initialisation mode, with the tolerance that the FMU states and without a stop time."""
         part.set_up(self.tolerance, self.start, None)
 
@@ -143,12 +142,12 @@ class Subject:
             for j, (v, amplitude) in enumerate(zip(self.inputs, amplitudes))
         ]
 
-    def set_inputs(self, part: Part, u: Sequence[float]) -> None:
+    def set_inputs(self, part: CoSimulation, u: Sequence[float]) -> None:
         """Set the Real inputs."""
         for v, value in zip(self.inputs, u):
             part.set(v, value)
 
-    def go(self, part: Part, first: int, last: int) -> list[Row]:
+    def go(self, part: CoSimulation, first: int, last: int) -> list[Row]:
         """The rows after the steps from number `first` to `last`, each with the inputs of its step."""
         rows = []
         for k in range(first, last):
@@ -157,9 +156,9 @@ class Subject:
             rows.append(self.row(part))
         return rows
 
-    def row(self, part: Part) -> Row:
+    def row(self, part: CoSimulation) -> Row:
         """What the FMU shows now."""
-        return tuple(part.values(self.observed).values())
+        return tuple(part.access.values(self.observed).values())
 
     @cached_property
     def steps(self) -> int:
@@ -300,9 +299,9 @@ def smooth(v: Variable) -> bool:
     return bool(v.type == "Real" and v.native != "Float32")
 
 
-def reals(part: Part, variables: Sequence[Variable]) -> dict[str, float]:
+def reals(part: CoSimulation, variables: Sequence[Variable]) -> dict[str, float]:
     """The values of Real variables."""
-    return {name: float(value) for name, value in part.values(variables).items()}
+    return {name: float(value) for name, value in part.access.values(variables).items()}
 
 
 def bounded(v: Variable, value: float) -> float:

@@ -11,7 +11,7 @@ from ...accuracy.certify import summary, summary_rows_errors
 from ...accuracy.estimate import Estimate
 from ...accuracy.metric_error import NO_ROWS
 from ...accuracy.reference import METHODS, oracle, true_errors
-from ...engine.instance import quiet
+from ...fmu.messages import quiet
 from ...system import System
 from ..command import Command
 from ..options import Parser

@@ -13,8 +13,8 @@ from typing import Any
 
 from ...accuracy.certify import certify
 from ...accuracy.estimate import Estimate
-from ...engine.instance import quiet
 from ...errors import pluralize
+from ...fmu.messages import quiet
 from ...isolated import run_isolated
 from ...progress import bar
 from ...result import Interrupted, Result, SimulationError

@@ -8,14 +8,14 @@
 #include <math.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <stdio.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "fmi2FunctionTypes.h"
 
 /* A length for arrays that may have no elements, which C does not allow. */
-#define AT_LEAST_ONE(n) ((n) + !(n))
+#define ARRAY_LENGTH(n) ((n) + !(n))
 
 /* Numbers of an input trajectory: start, end, duration, degree, coefficients. */
 #define TRAJECTORY_SIZE (2 * INPUTS + 2 + (HIGHEST_DEGREE - 1) * INPUTS)
@@ -59,7 +59,7 @@ enum { FORMATS = 1, EVENTS_IN_STEPS = 0 };
 #define RATES "getDerivatives"
 #endif
 
-enum { TEXT_SIZE = 4096, NOTE_RESERVE = 64, NUMBER_SIZE = 32 };
+enum { TEXT_SIZE = 4096, NOTE_RESERVE = 64, NUMBER_SIZE = 32, LIMBS = 36 };
 enum { COSIMULATION, EXCHANGE, EITHER };
 enum { INSTANTIATED, INITIALIZING, STEPPING, AT_EVENT, INTEGRATING, TERMINATED, FAILED };
 
@@ -80,6 +80,12 @@ typedef struct {
     double nominal;
 } Continuous;
 
+/* A natural number: 36 pieces of 32 bits have room for ten times the largest double, and for ten times
+   what the smallest one takes over a common denominator. */
+typedef struct {
+    uint32_t limbs[LIMBS];
+} Big;
+
 /* What an equation reports: why it has no value, and sentences for the log. Where it has no value for
    a state that an integrator tries, that state is discarded. */
 typedef struct {
@@ -91,8 +97,8 @@ typedef struct {
 
 /* Everything that evolves. */
 typedef struct {
-    double values[VARIABLES], before[AT_LEAST_ONE(INPUTS)], end[AT_LEAST_ONE(INPUTS)], slopes[AT_LEAST_ONE(INPUTS)];
-    double rates[HIGHEST_DEGREE][AT_LEAST_ONE(INPUTS)];
+    double values[VARIABLES], before[ARRAY_LENGTH(INPUTS)], end[ARRAY_LENGTH(INPUTS)], slopes[ARRAY_LENGTH(INPUTS)];
+    double rates[HIGHEST_DEGREE][ARRAY_LENGTH(INPUTS)];
     double time, past, stale, unchecked, phase, driven, kind, events;
 } State;
 
@@ -115,7 +121,7 @@ typedef struct {
 } Instance;
 
 static const Variable variables[VARIABLES];
-static const Continuous continuous[AT_LEAST_ONE(DERIVATIVES)];
+static const Continuous continuous[ARRAY_LENGTH(DERIVATIVES)];
 static void model_check(Context *c, const double *p);
 static void model_check_start(Context *c, const double *p);
 static void model_begin(Context *c, const double *p, double t, const double *x, const double *now,
@@ -279,11 +285,11 @@ EXPORT void API(fmi2FreeInstance)(fmi2Component component) {
     if (i) i->release(i);
 }
 
-EXPORT fmi2Status API(fmi2SetupExperiment)(fmi2Component component, fmi2Boolean tolerance_given,
-                                    fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_given,
+EXPORT fmi2Status API(fmi2SetupExperiment)(fmi2Component component, fmi2Boolean tolerance_defined,
+                                    fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_defined,
                                     fmi2Real stop) {
     Instance *i = component;
-    (void)tolerance_given, (void)tolerance, (void)stop_given, (void)stop;
+    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     if (!i) return fmi2Error;
     if (allowed(i, "setupExperiment", EITHER, INSTANTIATED, INSTANTIATED)) {
         if (is_finite(start))
@@ -305,7 +311,7 @@ EXPORT fmi2Status API(fmi2EnterInitializationMode)(fmi2Component component) {
 EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
     Instance *i = component;
     State *s;
-    double *x, *now, result[AT_LEAST_ONE(STATES)];
+    double *x, *now, result[ARRAY_LENGTH(STATES)];
     if (!i) return fmi2Error;
     s = &i->state, x = values_from(i, FIRST_STATE), now = values_from(i, FIRST_INPUT);
     if (allowed(i, "exitInitializationMode", EITHER, INITIALIZING, INITIALIZING)) refresh(i);
@@ -395,7 +401,7 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
     Instance *i = component;
     Context *c;
     State *s;
-    double *x, *now, inputs[TRAJECTORY_SIZE], slopes[AT_LEAST_ONE(INPUTS)], result[AT_LEAST_ONE(STATES)];
+    double *x, *now, inputs[TRAJECTORY_SIZE], slopes[ARRAY_LENGTH(INPUTS)], result[ARRAY_LENGTH(STATES)];
     (void)final;
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state, x = values_from(i, FIRST_STATE), now = values_from(i, FIRST_INPUT);
@@ -455,7 +461,7 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
                                              const fmi2Integer order[], fmi2Real value[]) {
     Instance *i = component;
     State *s;
-    double d[VARIABLES] = {0}, dx[AT_LEAST_ONE(DERIVATIVES)], result[AT_LEAST_ONE(VARIABLES - FIRST_STATE)];
+    double d[VARIABLES] = {0}, dx[ARRAY_LENGTH(DERIVATIVES)], result[ARRAY_LENGTH(VARIABLES - FIRST_STATE)];
     if (!i) return fmi2Error;
     s = &i->state;
     if (!allowed(i, "getRealOutputDerivatives", COSIMULATION, STEPPING, STEPPING) ||
@@ -477,24 +483,24 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
 
 EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
                                              const fmi2ValueReference unknown[], size_t n_unknown,
-                                             const fmi2ValueReference knowns[], size_t n_known,
-                                             const fmi2Real d_known[], fmi2Real d_unknown[]) {
+                                             const fmi2ValueReference knowns[], size_t n_knowns,
+                                             const fmi2Real seed[], fmi2Real sensitivity[]) {
     Instance *i = component;
     Context *c;
     State *s;
-    double d[VARIABLES] = {0}, result[AT_LEAST_ONE(VARIABLES - FIRST_STATE)];
+    double d[VARIABLES] = {0}, result[ARRAY_LENGTH(VARIABLES - FIRST_STATE)];
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state;
     if (!allowed(i, "getDirectionalDerivative", EITHER, INITIALIZING, INTEGRATING))
         return finish(i);
     refresh_initial(i);
-    for (size_t k = 0; k < n_known && !c->failed; k++) {
+    for (size_t k = 0; k < n_knowns && !c->failed; k++) {
         const Variable *v = variable(c, "Real", knowns[k]);
         if (v && !(s->phase == INITIALIZING ? v->settable_before_start
                    : is_input(knowns[k]) || (i->kind == EXCHANGE && is_integrated(knowns[k]))))
             fail(c, "there is no derivative by %s %s", v->name, PHASES[(int)s->phase]);
         else if (v)
-            d[knowns[k]] += d_known[k];
+            d[knowns[k]] += seed[k];
     }
     if (!c->failed && (i->kind == COSIMULATION || s->phase == INITIALIZING))
         model_directional(c, s->values, s->time, values_from(i, FIRST_STATE), s->end, d, 0.0,
@@ -508,7 +514,7 @@ EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
         if (v && unknown[k] < FIRST_STATE)
             fail(c, "%s is not an output", v->name);
         else if (v)
-            d_unknown[k] = derivative(c, v, result[unknown[k] - FIRST_STATE]);
+            sensitivity[k] = derivative(c, v, result[unknown[k] - FIRST_STATE]);
     }
     return finish(i);
 }
@@ -527,7 +533,7 @@ EXPORT fmi2Status API(fmi2EnterEventMode)(fmi2Component component) {
 static void update(Instance *i, fmi2EventInfo *info) {
     Context *c = &i->context;
     State *s = &i->state;
-    double *x = values_from(i, FIRST_STATE), *now = values_from(i, FIRST_INPUT), result[AT_LEAST_ONE(STATES)];
+    double *x = values_from(i, FIRST_STATE), *now = values_from(i, FIRST_INPUT), result[ARRAY_LENGTH(STATES)];
     const int is_new = memcmp(s->before, now, INPUTS * sizeof *now) != 0;
     const int which = is_new ? -1 : triggered_indicator(i);
     if (!c->failed && (is_new || which >= 0)) {

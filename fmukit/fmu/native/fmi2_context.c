@@ -10,46 +10,132 @@ static void append_text(char *text, size_t *length, const char *more) {
     text[*length += n] = '\0';
 }
 
-static void format_real(double value, char *text) {
-    char digits[NUMBER_SIZE], *at = text;
-    int precision = 1, exponent, count;
+/* Natural numbers in LIMBS pieces of 32 bits, the lowest first. */
+
+COLD static void big_multiply(Big *a, uint32_t factor) {
+    uint64_t carry = 0;
+    for (int k = 0; k < LIMBS; k++) {
+        carry += (uint64_t)a->limbs[k] * factor;
+        a->limbs[k] = (uint32_t)carry;
+        carry >>= 32;
+    }
+}
+
+COLD static void big_shift(Big *a, int bits) {
+    for (; bits > 31; bits -= 31) big_multiply(a, UINT32_C(1) << 31);
+    big_multiply(a, UINT32_C(1) << bits);
+}
+
+COLD static void big_subtract(Big *a, const Big *b) {
+    uint64_t borrow = 0;
+    for (int k = 0; k < LIMBS; k++) {
+        borrow = (uint64_t)a->limbs[k] - b->limbs[k] - borrow;
+        a->limbs[k] = (uint32_t)borrow;
+        borrow = borrow >> 32 & 1;
+    }
+}
+
+/* The sign of a + b - c. Pieces below one in which the sum is 2 or more cannot change it. */
+COLD static int big_compare(const Big *a, const Big *b, const Big *c) {
+    int64_t sum = 0;
+    for (int k = LIMBS - 1; k >= 0 && sum > -2 && sum < 2; k--)
+        sum = sum * (INT64_C(1) << 32) + a->limbs[k] + b->limbs[k] - c->limbs[k];
+    return (sum > 0) - (sum < 0);
+}
+
+/* The digits of the shortest decimal that reads back as this positive number, of those the nearest, and
+   the power of ten of the first digit. With integers alone, it is the same on every platform.
+
+   The number is r / s; what lies less than low / s below it or high / s above it reads back as it. The
+   algorithm is Steele and White's as in R. G. Burger and R. K. Dybvig, Printing floating-point numbers
+   quickly and accurately, PLDI 1996. */
+COLD static int shortest_decimal(double value, char *digits) {
+    static const Big zero;
+    Big r = {{0}}, s = {{1}}, low = {{1}}, high = {{1}}, ten_s;
+    uint64_t bits, fraction;
+    int exponent, leading, power, digit, is_even, is_boundary, is_low, is_high, half;
+    memcpy(&bits, &value, sizeof bits);
+    fraction = bits & ((UINT64_C(1) << 52) - 1), exponent = (int)(bits >> 52);
+    is_even = !(fraction & 1);
+    is_boundary = fraction == 0 && exponent > 1; /* the next number below is half as far */
+    if (exponent) fraction |= UINT64_C(1) << 52;
+    exponent += !exponent - 1075;
+    r.limbs[0] = (uint32_t)fraction, r.limbs[1] = (uint32_t)(fraction >> 32);
+    big_shift(&r, (exponent > 0 ? exponent : 0) + 1 + is_boundary);
+    big_shift(&s, (exponent < 0 ? -exponent : 0) + 1 + is_boundary);
+    big_shift(&low, exponent > 0 ? exponent : 0);
+    big_shift(&high, (exponent > 0 ? exponent : 0) + is_boundary);
+    for (leading = exponent - 1; fraction; fraction >>= 1) leading++; /* the power of two of the first bit */
+    power = (int)floor(leading * 0.30102999566398120); /* log10(2): right or one too small */
+    for (int k = 0; k < power; k++) big_multiply(&s, 10);
+    for (int k = 0; k > power; k--) big_multiply(&r, 10), big_multiply(&low, 10), big_multiply(&high, 10);
+    ten_s = s, big_multiply(&ten_s, 10);
+    if (big_compare(&r, &high, &ten_s) > -is_even) s = ten_s, power++;
+    for (;; big_multiply(&r, 10), big_multiply(&low, 10), big_multiply(&high, 10)) {
+        for (digit = '0'; big_compare(&r, &zero, &s) >= 0; digit++) big_subtract(&r, &s);
+        is_low = big_compare(&r, &zero, &low) < is_even;
+        is_high = big_compare(&r, &high, &s) > -is_even;
+        if (is_low || is_high) break;
+        *digits++ = (char)digit;
+    }
+    half = big_compare(&r, &r, &s);
+    if (is_high && (!is_low || half > 0 || (half == 0 && digit % 2))) digit++;
+    *digits++ = (char)digit, *digits = '\0';
+    return power;
+}
+
+COLD static void format_real(double value, char *text) {
+    char digits[NUMBER_SIZE] = "0", *at = text;
+    int exponent = 0, count;
     if (!is_finite(value)) {
         strcpy(text, isnan(value) ? "nan" : value > 0 ? "inf" : "-inf");
         return;
     }
-    do
-        snprintf(digits, sizeof digits, "%.*e", precision - 1, value);
-    while (precision++ < 17 && strtod(digits, NULL) != value);
-    if (digits[0] == '-') *at++ = '-';
-    memmove(digits, digits + (digits[0] == '-'), strlen(digits) + (digits[0] != '-'));
-    exponent = atoi(strchr(digits, 'e') + 1);
-    count = 1;
-    for (char *d = digits + 1; *d != 'e'; d++)
-        if (*d >= '0' && *d <= '9') digits[count++] = *d;
-    while (count > 1 && digits[count - 1] == '0') count--;
+    if (copysign(1.0, value) < 0.0) *at++ = '-';
+    if (value != 0.0) exponent = shortest_decimal(fabs(value), digits);
+    count = (int)strlen(digits);
     if (exponent < -4 || exponent >= 16) {
+        const int size = exponent < 0 ? -exponent : exponent;
         *at++ = digits[0];
         if (count > 1) *at++ = '.';
         for (int i = 1; i < count; i++) *at++ = digits[i];
-        sprintf(at, "e%c%02d", exponent < 0 ? '-' : '+', abs(exponent));
+        *at++ = 'e', *at++ = exponent < 0 ? '-' : '+';
+        if (size >= 100) *at++ = (char)('0' + size / 100);
+        *at++ = (char)('0' + size / 10 % 10), *at++ = (char)('0' + size % 10), *at = '\0';
         return;
     }
     for (int position = exponent < 0 ? exponent : 0; position < count || position <= exponent + 1; position++) {
         *at++ = position >= 0 && position < count ? digits[position] : '0';
-        if ((exponent < 0 && position == exponent) || (exponent >= 0 && position == exponent)) *at++ = '.';
+        if (position == exponent) *at++ = '.';
     }
     *at = '\0';
 }
 
+COLD static void format_integer(double value, char *text) {
+    char digits[NUMBER_SIZE], *at = digits + sizeof digits - 1;
+    uint64_t rest;
+    if (!(fabs(value) < 18446744073709551616.0)) { /* 2^64 */
+        format_real(value, text);
+        return;
+    }
+    rest = (uint64_t)fabs(value);
+    *at = '\0';
+    do
+        *--at = (char)('0' + rest % 10);
+    while (rest /= 10);
+    if (value <= -1.0) *--at = '-';
+    strcpy(text, at);
+}
+
 static void append_value(char *text, size_t *length, const char *kind, double value) {
-    char store_count[NUMBER_SIZE];
+    char number[NUMBER_SIZE];
     if (!strcmp(kind, "Real"))
-        format_real(value, store_count);
+        format_real(value, number);
     else if (!strcmp(kind, "Boolean"))
-        strcpy(store_count, value != 0.0 ? "True" : "False");
+        strcpy(number, value != 0.0 ? "True" : "False");
     else
-        snprintf(store_count, sizeof store_count, "%.0f", value);
-    append_text(text, length, store_count);
+        format_integer(value, number);
+    append_text(text, length, number);
 }
 
 static void append_form(char *text, size_t *length, const char *form, va_list values) {

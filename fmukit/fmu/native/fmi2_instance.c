@@ -138,7 +138,7 @@ static int check_changed_parameters(Instance *i) {
 static void refresh(Instance *i) {
     Context *c = &i->context;
     State *s = &i->state;
-    double *x = values_from(i, FIRST_STATE), result[AT_LEAST_ONE(STATES + OUTPUTS)];
+    double *x = values_from(i, FIRST_STATE), result[ARRAY_LENGTH(STATES + OUTPUTS)];
     if (s->phase == INITIALIZING) {
         model_check_start(c, s->values);
         model_check(c, s->values);
@@ -188,7 +188,7 @@ static void event_indicators(Instance *i, double *result) {
 
 /* The first event indicator that is negative, -1 if none is. */
 static int triggered_indicator(Instance *i) {
-    double values[AT_LEAST_ONE(INDICATORS)];
+    double values[ARRAY_LENGTH(INDICATORS)];
     event_indicators(i, values);
     for (int k = 0; k < INDICATORS && !i->context.failed; k++)
         if (values[k] < 0.0) return k;

@@ -153,17 +153,17 @@ FORWARD(DeserializeFMUState, "deserializeFMUState",
         (fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state),
         fmi2DeSerializeFMUstate(u->core, (const fmi2Byte *)bytes, size, state))
 
-static fmi2Status enter_initialization(Fmi3Instance *u, int tolerance_given, double tolerance, double start, int stop_given,
+static fmi2Status enter_initialization(Fmi3Instance *u, int tolerance_defined, double tolerance, double start, int stop_defined,
                         double stop) {
     fmi2Status status =
-        fmi2SetupExperiment(u->core, tolerance_given, tolerance, start, stop_given, stop);
+        fmi2SetupExperiment(u->core, tolerance_defined, tolerance, start, stop_defined, stop);
     return status <= fmi2Warning ? fmi2EnterInitializationMode(u->core) : status;
 }
 
 FORWARD(EnterInitializationMode, "enterInitializationMode",
-        (fmi3Instance instance, fmi3Boolean tolerance_given, fmi3Float64 tolerance,
-         fmi3Float64 start, fmi3Boolean stop_given, fmi3Float64 stop),
-        enter_initialization(u, tolerance_given, tolerance, start, stop_given, stop))
+        (fmi3Instance instance, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
+         fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop),
+        enter_initialization(u, tolerance_defined, tolerance, start, stop_defined, stop))
 
 static fmi2Status exit_initialization(Fmi3Instance *u) {
     fmi2Status status = fmi2ExitInitializationMode(u->core);
@@ -232,7 +232,7 @@ EXPORT3 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolea
 static fmi2Status run_to_event(Instance *i, double t, double h, double *end, int *which) {
     Context *c = &i->context;
     State *s = &i->state;
-    double inputs[TRAJECTORY_SIZE], slopes[AT_LEAST_ONE(INPUTS)], result[2 + STATES], fraction;
+    double inputs[TRAJECTORY_SIZE], slopes[ARRAY_LENGTH(INPUTS)], result[2 + STATES], fraction;
     double *x = values_from(i, FIRST_STATE), *now = values_from(i, FIRST_INPUT);
     if (!may_step(i, t, h)) return finish(i);
     input_trajectory(i, h, inputs, slopes);
@@ -337,7 +337,7 @@ static int is_typed(Instance *i, const char *type, const fmi3ValueReference vr[]
 }
 
 static fmi2Status get_real(Instance *i, fmi3ValueReference reference, double *value) {
-    double z[AT_LEAST_ONE(INDICATORS)];
+    double z[ARRAY_LENGTH(INDICATORS)];
     if (reference < VARIABLES) return fmi2GetReal(i, &reference, 1, value);
     if (reference == TIME) {
         *value = i->state.time;

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -48,12 +49,21 @@ OPTIONS = (
 )  # fmt: skip
 LIBRARY_FLAGS = ("-shared", "-fPIC", "-rtlib=none")
 WINDOWS_LAYER = Path(__file__).with_name("windows.c")
-UCRT = [
-    f"-lapi-ms-win-crt-{part}-l1-1-0"
-    for part in ("convert", "heap", "math", "private", "stdio", "string", "utility")
-]
+UCRT = [f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("heap", "math", "private", "string")]
 WASM_LAYER = Path(__file__).with_name("wasm.c")
-WASM_FLAGS = ("-mexec-model=reactor", "-Wl,--strip-all")
+#: The C library for WebAssembly is not linked: to compile it takes eight times as long as a component, and
+#: its texts are most of a module. The mathematics come from where it has them, with the same bits.
+WASM_FLAGS = (
+    "-nostdlib", "-rtlib=compiler-rt", "-Wl,--no-entry", "-Wl,--strip-all", "-Dhidden=",
+)  # fmt: skip
+WASM_HEADERS = (
+    "musl/src/internal", "musl/arch/generic", "include/wasm-wasi-musl", "include/generic-musl",
+)  # fmt: skip
+WASM_MATH = Path(__file__).with_name("wasm_math.zig")
+MUSL_MATH = (
+    "__expo2", "__math_divzero", "__math_invalid", "__math_oflow", "__math_uflow", "__math_xflow",
+    "acosh", "asinh", "atan2", "atanh", "erf", "exp_data", "expm1", "pow", "pow_data", "sinh",
+)  # fmt: skip
 WASM_FOLDER = "extra/org.webassembly.wasm32"
 DEPENDENCIES = """\
 The binaries for linux64 and aarch64-linux (glibc 2.17 or newer), win64 and darwin64 (universal)
@@ -142,8 +152,8 @@ def source_files(fmi: int) -> list[Path]:
     """The files of ours and of the standard that go with the C of a component."""
     return [
         file
-        for file in (*RUNTIMES, *HEADERS, WASM_LAYER)
-        if (file != WASM_LAYER if fmi == 3 else "fmi3" not in file.name)
+        for file in (*RUNTIMES, *HEADERS, WASM_LAYER, WASM_MATH)
+        if (file not in (WASM_LAYER, WASM_MATH) if fmi == 3 else "fmi3" not in file.name)
     ]
 
 
@@ -209,8 +219,12 @@ def wasm_module(build: NativeBuild) -> bytes:
         folder = Path(temporary)
         for file, content in sources_of(build).items():
             (folder / file).write_bytes(content)
-        options = [*WASM_FLAGS, f'-DMODEL="{build.name}.c"']
-        return run_compiler("wasm32-wasi", WASM_LAYER.name, f"{build.name}.wasm", folder, options)
+        libc = Path(str(files("ziglang"))) / "lib" / "libc"
+        headers = [f"-isystem{libc / part}" for part in WASM_HEADERS]
+        mathematics = [str(libc / "musl/src/math" / f"{name}.c") for name in MUSL_MATH]
+        options = [*WASM_FLAGS, *headers, f'-DMODEL="{build.name}.c"', WASM_LAYER.name]
+        module = f"{build.name}.wasm"
+        return run_compiler("wasm32-wasi", WASM_MATH.name, module, folder, options + mathematics)
 
 
 def run_compiler(target: str, source: str, output: str, folder: Path, options: list[str]) -> bytes:

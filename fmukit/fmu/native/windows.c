@@ -1,35 +1,11 @@
 /* A component for Windows that needs nothing but the C library of Windows, ucrtbase.dll: what
-   MinGW's headers take for granted, and a stack that grows page by page. MODEL is the generated file. The mathematics are those that Python on Windows has, too, and no library of MinGW is built,
+   MinGW's headers take for granted, and a stack that grows page by page. MODEL is the generated
+   file. The mathematics are those that Python on Windows has, too, and no library of MinGW is built,
    which would take a minute of processor time. */
 
 #include MODEL
 
 #include <math.h>
-#include <stdarg.h>
-#include <stdio.h>
-
-int vsnprintf(char *text, size_t size, const char *form, va_list values) {
-    return __stdio_common_vsprintf(_CRT_INTERNAL_PRINTF_STANDARD_SNPRINTF_BEHAVIOR, text, size, form,
-                                   NULL, values);
-}
-
-int snprintf(char *text, size_t size, const char *form, ...) {
-    va_list values;
-    int length;
-    va_start(values, form);
-    length = vsnprintf(text, size, form, values);
-    va_end(values);
-    return length;
-}
-
-int sprintf(char *text, const char *form, ...) {
-    va_list values;
-    int length;
-    va_start(values, form);
-    length = vsnprintf(text, (size_t)-1, form, values);
-    va_end(values);
-    return length;
-}
 
 int __isnan(double x) { return __builtin_isnan(x); }
 

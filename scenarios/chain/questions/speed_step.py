@@ -9,27 +9,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
-from workbench.charts import motion
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, result_panel
-from workbench.charts.motion import Motion, Shape, line
-from workbench.live import (
-    Caption,
-    Coordinate,
-    Live,
-    LiveChart,
-    LiveMotion,
-    LivePanel,
-    Number,
-    Reader,
-    Slider,
-)
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import (
     Measured,
     Samples,
@@ -39,6 +27,8 @@ from workbench.measure import (
     measured,
     smallest,
 )
+
+from ..motion import live_motion, moving
 
 PARTS = {
     "controller": "SpeedController",
@@ -68,8 +58,6 @@ MACHINE = {
 }
 #: Share of the set speed that the load must reach; a convention of step responses.
 NEAR = 0.9
-TITLE = "Both ends of the shaft"
-NOTE = "The thin hand is the gearbox end of the shaft, the crank the load end. Their angle is the twist."
 TURN = 2 * math.pi
 #: Largest change of the ripple or the mean over the last turn, over the set speed, of a steady motion.
 STEADY = 0.01
@@ -320,49 +308,8 @@ def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     return Show([chart], [moving(r)])
 
 
-def moving(r: Result) -> Motion:
-    """The crank and the link that it moves, and the other end of the shaft as a second hand."""
-    t = r["time"]
-    picked = motion.rows(t, 0.0, float(t[-1]), 480)
-    at = {
-        name: r[name][picked] for name in ("load.phi", "load.w", "load.x", "gear.phi_b", "gear.w_b")
-    }
-    rows = zip(t[picked], at["gear.w_b"], at["load.w"])
-    captions = [f"{s:.3f} s: gearbox {w:.1f} rad/s; load {v:.1f} rad/s" for s, w, v in rows]
-    return Motion(
-        TITLE,
-        t[picked],
-        5.0,
-        captions,
-        link_shapes(r.provenance["parts"]["load"]["parameters"], at),
-        NOTE,
-    )
-
-
-def link_shapes(p: Mapping[str, Any], at: motion.Columns) -> list[Shape]:
-    """The lines by columns with the names of the system, and the parameters of the load."""
-    a, x, phi, ahead = p["crank.r"], at["load.x"], at["load.phi"], at["gear.phi_b"]
-    tilt = 1.0 / p["link.l"] if p["link.swings"] else 0.0
-    pin, high = (a * np.sin(phi), a * np.cos(phi)), 1.4 * a
-    slot = line((x * (1.0 - high * tilt), -high), (x * (1.0 + high * tilt), high))
-    near, far = x + 3.0 * a, x + 6.0 * a
-    trough = line((near, -a), (far, -a), (far, a), (near, a))
-    hand = line((0.0, 0.0), (1.8 * a * np.sin(ahead), 1.8 * a * np.cos(ahead)))
-    return [
-        Shape("ground", motion.ground(1.6 * a, -1.2 * a, 7.4 * a, -1.2 * a, 0.3 * a), "grey", 1.5),
-        Shape("slot", slot, "green", 5.0),
-        Shape("rod", line((x, 0.0), (near, 0.0)), "green", 3.0),
-        Shape("trough", trough, "green", 3.0, closed=True, label=2),
-        Shape("gearbox", hand, "blue", 2.0, label=1),
-        Shape("crank", line((0.0, 0.0), pin), "red", 4.0),
-        Shape("pin", line(pin, pin), "red", 12.0),
-    ]
-
-
 def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
     """The start from rest."""
-    p = r.provenance["parts"]["load"]["parameters"]
-    a = p["crank.r"]
     panels = [
         LivePanel(
             "speed",
@@ -376,18 +323,6 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
         ),
         LivePanel("current", {"motor.i": TORQUE}),
     ]
-    moving_part = LiveMotion(
-        TITLE,
-        partial(link_shapes, p),
-        [
-            Coordinate("load.phi", 0.0, 2 * math.pi, (1.0,)),
-            Coordinate("load.x", -a, a),
-            Coordinate("gear.phi_b", 0.0, 2 * math.pi, (1.0,)),
-        ],
-        [Caption("gearbox", "gear.w_b", "rad/s"), Caption("load", "load.w", "rad/s")],
-        5.0,
-        NOTE,
-    )
     return Live(
         sliders=(
             Slider("speed", 10.0, 40.0),
@@ -406,7 +341,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
             Number("i_max", Reader("max", "motor.i")),
         ],
         charts=[LiveChart("From rest to the set speed", "time [s]", panels)],
-        motion=moving_part,
+        motion=live_motion(r),
     )
 
 

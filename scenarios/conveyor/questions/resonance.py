@@ -247,7 +247,7 @@ def in_band(f: Mapping[str, Figure]) -> str:
     if f["lag_operating"].error is None or abs(gap.value) <= (gap.error or 0.0):
         return ""
     positions = {"yes": "within", "no": "outside"}
-    return f", {positions.get(on_resonance(f), 'inside or outside')} its half-power band"
+    return f", which is {positions.get(on_resonance(f), 'inside or outside')} its half-power band"
 
 
 def unlocated(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:

@@ -16,18 +16,15 @@ import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import SetupError
 from cosim.result import partial
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.charts import model as colors
-from workbench.charts.model import Direction, Field, Level, Look, Span
+from workbench import Context, Figure, Findings, Show, Table, option
 from workbench.files import stream
 from workbench.options import check_fixed_starts
 
@@ -50,6 +47,7 @@ from ..parameter_plane import (
     shares,
     span,
 )
+from ..risk_map import NEARLY_ALL, SURE, Map, chart_of_rows, maps, stretches
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -70,19 +68,11 @@ TOLERANCES = {
     "conveyor.trough.m": 0.02,
     "conveyor.trough.d": 0.20,
 }
-#: Probability up to which nearly all machines stay clear; a convention.
-SURE = 0.01
 #: Speeds of the operating range at which built machines are judged, 0.25 rad/s apart by default; a convention.
 SPEEDS = 61
-NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
-RIDGE_STYLES: tuple[tuple[str, str, str, Look], ...] = (
-    ("formula", "formula (22)", "grey", "theory"),
-    ("lag_90", "90 deg lag", "sky", "points"),
-    ("peak", "largest torque ripple", "red", "points"),
-)
 RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
 FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 
@@ -109,39 +99,6 @@ class Options(RippleOptions):
     )
     check_runs: int = option(128, "machines to co-simulate at each check", least=1)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
-
-
-class Map(NamedTuple):
-    """The machines, how they are run, the tables of their points and rows, the operating range [rad/s]."""
-
-    plane: Plane
-    runner: OrbitRunner
-    points: DataFrame
-    rows: DataFrame
-    within: tuple[float, float] | None
-
-    def field(self, column: str) -> Real:
-        """A column of the points over the plane, shape (rows, columns)."""
-        return self.points[column].to_numpy().reshape(len(self.rows), -1)
-
-    def clear(self, column: str, most: float) -> str:
-        """The values of y for which the operating range keeps a column of the rows below a value."""
-        return stretches(self.plane.y.along, (self.rows[column] <= most).to_numpy())
-
-    def ridges(self, along: str) -> list[Curve]:
-        """The ridges of the rows that have them, their places on the axis "x" or "y" of a picture."""
-        curves = []
-        for column, name, color, look in RIDGE_STYLES:
-            present = self.rows[np.isfinite(self.rows[column])]
-            ends = present[column].to_numpy(), present[self.plane.y.name].to_numpy()
-            if len(present):
-                x, y = ends if along == "x" else ends[::-1]
-                curves.append(Curve(name, x, y, color, look))
-        return curves
-
-    def sure(self) -> str:
-        """The share of the map that nearly all machines stay clear of."""
-        return f"{np.nanmean(self.points['probability'] <= SURE):.0%}"
 
 
 def solve(o: Options, context: Context) -> Findings:
@@ -350,19 +307,6 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
     }
 
 
-def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
-    """The values of an axis that are good, as from .. to of those next to each other."""
-    groups = groupby(zip(good, along.values), lambda pair: pair[0])
-    runs = [[x for _, x in group] for ok, group in groups if ok]
-    texts = [
-        f"{run[0]:.3g} {along.unit}"
-        if len(run) == 1
-        else f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}"
-        for run in runs
-    ]
-    return " and ".join(texts)
-
-
 def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
     """The answer in plain words."""
     above = f"above {o.ripple_limit:g} N.m"
@@ -408,40 +352,3 @@ def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
         )
     turn = motion.revolution(r.runner.task(*r.plane.at(*worst)))
     return Show([*maps(r, o.ripple_limit), *chart_of_rows(r, o.ripple_limit)], *turn, title)
-
-
-def maps(r: Map, limit: float) -> list[Field]:
-    """The gain in colour with the ridges over it; the probability of too much ripple; on both the
-    line of the limit [N.m], and the operating range where the map is over the speed.
-    """
-    x, y, ripple = r.plane.x.along, r.plane.y.along, r.field("ripple")
-    over = r.ridges("x")
-    reached = np.nanmin(ripple) < limit < np.nanmax(ripple)
-    line = [Level(limit, f"torque ripple of {limit:g} N.m", ripple)] if reached else []
-    bounds = [Span(*r.within, "operating range", "green")] if r.within else []
-    formula = [curve for curve in over if curve.look == "theory"]
-    return [
-        Field("Gain: torque ripple over load ripple", x, y,
-              "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
-        Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
-              "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,
-              scale="risk"),
-    ]  # fmt: skip
-
-
-def chart_of_rows(r: Map, limit: float) -> list[Chart]:
-    """The ridges of every row; where there is an operating range, its ripple and probability."""
-    x, y, curves, title = r.plane.x, r.plane.y.along, r.ridges("y"), "The ridges"
-    panels = [Panel(x.name, x.along.unit, curves)] if curves else []
-    if r.within:
-        title = f"Anywhere in {r.within[0]:g} to {r.within[1]:g} rad/s"
-        share, ripple = 100 * r.rows["probability_in_range"], r.rows["ripple_in_range"]
-        above = Curve("machines above the limit", y.values, share.to_numpy(), "purple")
-        worst = Curve("nominal machine", y.values, ripple.to_numpy(), colors.TORQUE)
-        level = [Mark(limit, f"limit {limit:g} N.m")]
-        panels = [
-            Panel("machines above the limit", "%", [above], includes=(0.0, 100.0)),
-            Panel("largest torque ripple", "N.m", [worst], level, includes=(0.0,)),
-            *panels,
-        ]
-    return [Chart(title, " ".join(y.label.split()), panels, log=y.log)] if panels else []

@@ -15,32 +15,30 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.accuracy.extrapolation import bound_coupling_error
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Context, Figure, Findings, Show, option
 from workbench.answer import parameters
-from workbench.charts import model as colors
-from workbench.charts.model import Direction, Field, Level, Picture, SecondUnit
+from workbench.charts.model import Direction, Picture
 from workbench.figure import SHARE_DIGITS, concise, percent
 
 from .. import motion
 from ..features import LAG, TORQUE_PEAK, ResponseLine, locate
-from ..first_order import ANGLES, FIELDS, SETS, Machine, rod_force
+from ..first_order import FIELDS, SETS, Machine, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
 from ..orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
 from ..parameter_plane import SPEED, Axis, Plane, coupling_error
+from ..rod_force_map import SPRINGS, RodForceData, maps, over_angle, over_speed
 from ..rod_waveform import (
     CLOSE,
     ORDER,
     around,
-    between,
     largest_force_of,
     least,
     peak,
@@ -49,9 +47,6 @@ from ..rod_waveform import (
     waveform,
 )
 from ..rows import OPERATING, OVERDAMPED, orbit_figure, speed_row
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 Real = NDArray[np.float64]
 PARTS = DRIVE
@@ -68,7 +63,6 @@ WELL = 1.02
 #: Sampled coupling errors by which a point of the map may be below the largest deviation and still have it;
 #: a safety margin by convention, as a point's error may be larger than those of the sample.
 MARGIN = 3.0
-SPRINGS = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
 FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 DECISIVE = ("spring_unloaded",)
 
@@ -81,45 +75,11 @@ class Options(RippleOptions):
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
 
-class RodForceData(NamedTuple):
-    """How machines are run, the length of their rod, infinite if much longer than the crank [m]; the
-    plane and its table; the machine with its spring and, if it is known, the one that unloads the rod.
-    """
-
-    runner: OrbitRunner
-    length: float
-    plane: Plane
-    points: DataFrame
-    machines: Mapping[str, Machine]
-
-    @property
-    def speeds(self) -> list[float]:
-        """Those of the plane [rad/s]."""
-        return [float(nu) for nu in self.plane.x.along.values]
-
-    def field(self, column: str) -> Real:
-        """A column of the table over the plane, shape (springs, speeds); nan where it is 0."""
-        values = self.points[column].to_numpy().reshape(-1, len(self.speeds))
-        return np.where(values > 0.0, values, math.nan)
-
-    def sweep(self, machine: Machine) -> list[Orbit]:
-        """The orbits of a machine at the speeds of the plane."""
-        return list(
-            self.runner.orbits([OperatingPoint(machine, nu) for nu in self.speeds], "speeds")
-        )
-
-    def valley(self) -> list[tuple[float, float]]:
-        """Speeds of the plane, and the springs of the plane that unload the rod there [N/m]."""
-        springs, width = self.plane.y.along.values.tolist(), len(self.speeds)
-        points = list(self.runner.orbits(self.plane.points(), "map"))
-        optima = [between(springs, points[k::width]) for k in range(width)]
-        return [(nu, c) for nu, c in zip(self.speeds, optima) if isinstance(c, float)]
-
-
 def solve(o: Options, context: Context) -> Findings:
     """Run the plane, and more where the rod is unloaded; raises cosim.SetupError."""
-    for name, unit in (("speeds", "rad/s"), ("springs", "N/m")):
-        if len(values := getattr(o, name)) < FEWEST:
+    axes = (("speeds", "rad/s", o.speeds), ("springs", "N/m", o.springs))
+    for name, unit, values in axes:
+        if len(values) < FEWEST:
             raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
     present, nu = followed(context.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
     shifted_machine = {key: value for key, value in o.start.items() if key not in FIELDS}
@@ -364,89 +324,6 @@ def show(o: Options, f: Mapping[str, Figure], r: RodForceData) -> Show:
     """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
     best, nu = list(r.machines.values())[-1], r.plane.speed
     title = f"At {nu:g} rad/s the peak of the rod force is smallest with a spring of {1e-3 * best.c:.4g} kN/m"
-    pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(o, r)]
+    pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, o.ripple_limit)]
     turn = motion.revolution(r.runner.task(best, nu))
     return Show(pictures, *turn, title if len(r.machines) > 1 else "")
-
-
-def over_angle(r: RodForceData) -> Chart:
-    """The rod force over the crank angle at the operating speed: formula, theory, co-simulation."""
-    nu, deg, panels = r.plane.speed, np.degrees(ANGLES), []
-    for name, machine in r.machines.items():
-        (orbit,) = r.runner.orbits([OperatingPoint(machine, nu)], "operating speed")
-        steady, swinging = (1e-3 * waveform(machine, r.length, nu, kind) for kind in (True, False))
-        simulated = 1e-3 * np.array(orbit.waveform[::2])
-        curves = [
-            Curve("constant speed, formula (17)", deg, steady, colors.THEORY, "theory"),
-            Curve("with the speed ripple", deg, swinging, "green"),
-            Curve(
-                "co-simulation",
-                deg[:: len(deg) // len(simulated)],
-                simulated,
-                SPRINGS[name][1],
-                "points",
-            ),
-        ]
-        panels.append(Panel(f"rod force, {1e-3 * machine.c:.4g} kN/m", "kN", curves))
-    return Chart(f"Rod force over a revolution at {nu:g} rad/s", "crank angle [deg]", panels)
-
-
-def over_speed(r: RodForceData) -> Chart:
-    """Rod force and torque ripple over the speed with either spring, theory as lines."""
-    fine, forces, ripples = np.linspace(r.speeds[0], r.speeds[-1], 121), [], []
-    for name, machine in r.machines.items():
-        points, (label, color) = r.sweep(machine), SPRINGS[name]
-        theory = [1e-3 * peak(waveform(machine, r.length, nu)) for nu in fine.tolist()]
-        ripple, line = abs(machine.torque_ripple(fine)), f"theory, {label}"
-        forces += [
-            Curve(line, fine, theory, color, "theory"),
-            Curve(
-                label,
-                r.speeds,
-                [1e-3 * largest_force_of(point) for point in points],
-                color,
-                "points",
-            ),
-        ]
-        ripples += [
-            Curve(line, fine, ripple, color, "theory"),
-            Curve(label, r.speeds, [torque_amplitude(point) for point in points], color, "points"),
-        ]
-    nu, nu_res = r.plane.speed, r.plane.machine.nu_res
-    return Chart(
-        "Rod force and torque ripple over the speed", "operating speed [rad/s]",
-        [Panel("largest rod force", "kN", forces, includes=(0.0,)),
-         Panel("torque ripple", "N.m", ripples, includes=(0.0,))],
-        [Mark(nu, f"operating speed {nu:g} rad/s"), Mark(nu_res, f"resonance {nu_res:.4g} rad/s")],
-        second=SecondUnit("rpm", 30 / math.pi),
-    )  # fmt: skip
-
-
-def maps(o: Options, r: RodForceData) -> list[Field]:
-    """Rod force and torque ripple over speed and spring, with the springs that unload the rod."""
-    x, present, title = r.plane.x.along, r.plane.machine, "The torque ripple"
-    y = Direction("stiffness of the spring", "kN/m", 1e-3 * r.plane.y.along.values)
-    nu = np.linspace(x.values[0], x.values[-1], 121)
-    formula = 1e-3 * present.m * nu**2
-    inside = (y.values[0] <= formula) & (formula <= y.values[-1])
-    curves = [Curve("formula (17)", nu[inside], formula[inside], "sky", "theory")]
-    valley = r.valley()
-    if valley:
-        speeds, optima = zip(*valley)
-        curves.append(Curve("smallest rod force", speeds, 1e-3 * np.array(optima), "sky", "points"))
-    for name, machine in r.machines.items():
-        label, color = SPRINGS[name]
-        curves.append(Curve(label, [r.plane.speed], [1e-3 * machine.c], color, "points"))
-    mark, ripple = [Mark(present.nu_res, f"resonance {present.nu_res:.4g} rad/s")], r.field("tau2")
-    reached = np.nanmin(ripple) < o.ripple_limit < np.nanmax(ripple)
-    level = [Level(o.ripple_limit, f"torque ripple of {o.ripple_limit:g} N.m")] if reached else []
-    if valley:
-        along = [float(abs(replace(present, c=c).torque_ripple(nu))) for nu, c in valley]
-        title = f"With the springs that unload the rod the torque ripple is at most {max(along):.3g} N.m "
-        title += f"by theory; on the map it is up to {np.nanmax(ripple):.3g} N.m"
-    return [
-        Field(f"A spring of the map unloads the rod at {len(valley)} of {len(r.speeds)} speeds", x, y, "largest rod force [kN]",
-              1e-3 * r.field("f_rod"), curves, True, marks=mark),
-        Field(title, x, y,
-              "torque ripple [N.m]", ripple, curves, True, level, marks=mark),
-    ]  # fmt: skip

@@ -171,7 +171,7 @@ def figure(jumps: Sequence[Jump], name: str, direction: str, observed: Observed)
     unit, meaning = MEANINGS[name][0], f"{MEANINGS[name][1]}, {direction}"
     if not jumps:
         return Figure.undetermined(unit, no_jump(observed), meaning)
-    values = [float(getattr(x, name)) for x in jumps]
+    values = [float(x._asdict()[name]) for x in jumps]
     if not np.isfinite(values).all():
         reason = next(x.reason for x in jumps if x.reason)
         return Figure.undetermined(unit, reason, meaning)
@@ -263,7 +263,23 @@ def undamped(f: Mapping[str, Figure], observed: Observed) -> str:
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
     """Steady speed and displacement over the supply, and two starts from rest on either side."""
-    (case, _, theory), rows = r
+    up = f["supply_up"]
+    has_jump = up.error is not None and up.value <= o.supplies[-1]
+    takes = up.value if has_jump else o.supplies[-1]
+    runs = {f"{share * takes:.3g} V": r[0].case.run(share * takes, {}) for share in STARTS}
+    of = "voltage of the jump" if has_jump else "highest level"
+    title = f"Starts from rest with {' and '.join(f'{share:.0%}' for share in STARTS)} of the {of}"
+    curves = [
+        Curve(voltage, run["time"], run["exciter.w"], color)
+        for (voltage, run), color in zip(runs.items(), ("red", "blue"))
+    ]
+    starts = Chart(title, "time [s]", [Panel("speed", "rad/s", curves)])
+    return Show([steady_motion(o, f, r), starts], [motion.starts(title, runs)])
+
+
+def steady_motion(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Chart:
+    """Return speed and displacement of the levels over the supply, beside averaged theory."""
+    (_, _, theory), rows = r
     v, w, fastest = theory.supplies, theory.speeds, rows["speed"].max()
     inside = (v >= o.supplies[0]) & (v <= o.supplies[-1]) & (w < 1.1 * fastest)
     steady = [Curve("averaged theory", v[inside], w[inside], "grey", "theory")]
@@ -279,32 +295,23 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
         ends = f[f"before_{direction}"], f[f"after_{direction}"]
         if len(breaks) and all(end.error is not None for end in ends):
             arrows.append(Arrow(jump.value, ends[0].value, ends[1].value, color))
-    jumps = {word: f[f"supply_{direction}"] for direction, word in DIRECTIONS.items()}
-    marks = [
-        Mark.of(word, jump)
-        for word, jump in jumps.items()
-        if jump.error is not None and o.supplies[0] <= jump.value <= o.supplies[-1]
-    ]
     level = Mark.of("resonance", f["nu_res"])
     panels = [
         Panel("steady speed", "rad/s", steady, [level], arrows=arrows),
         Panel("displacement", "mm", shakes),
     ]
-    charts = [
-        Chart("Steady motion while the supply is raised and lowered", "supply [V]", panels, marks)
+    title = "Steady motion while the supply is raised and lowered"
+    return Chart(title, "supply [V]", panels, jump_marks(o, f))
+
+
+def jump_marks(o: Options, f: Mapping[str, Figure]) -> list[Mark]:
+    """Return the voltages of the jumps that lie among the levels."""
+    jumps = {word: f[f"supply_{direction}"] for direction, word in DIRECTIONS.items()}
+    return [
+        Mark.of(word, jump)
+        for word, jump in jumps.items()
+        if jump.error is not None and o.supplies[0] <= jump.value <= o.supplies[-1]
     ]
-    up = f["supply_up"]
-    has_jump = up.error is not None and up.value <= o.supplies[-1]
-    takes = up.value if has_jump else o.supplies[-1]
-    runs = {f"{share * takes:.3g} V": case.run(share * takes, {}) for share in STARTS}
-    of = "voltage of the jump" if has_jump else "highest level"
-    title = f"Starts from rest with {' and '.join(f'{share:.0%}' for share in STARTS)} of the {of}"
-    curves = [
-        Curve(voltage, run["time"], run["exciter.w"], color)
-        for (voltage, run), color in zip(runs.items(), ("red", "blue"))
-    ]
-    charts.append(Chart(title, "time [s]", [Panel("speed", "rad/s", curves)]))
-    return Show(charts, [motion.starts(title, runs)])
 
 
 def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Live:

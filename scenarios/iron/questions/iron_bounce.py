@@ -99,7 +99,7 @@ def solve(o: Options, context: Context) -> Findings:
     )
     all_figures = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
     for name, meaning in MEANINGS.items():
-        x, earlier, fine = (getattr(turn, name) for turn in (turn_figures, before, other))
+        x, earlier, fine = (turn._asdict()[name] for turn in (turn_figures, before, other))
         error = abs(x - earlier) + 2 * abs(x - fine) + ROUNDING * x
         if name == "landings":  # of which slower ends make more
             error = 0.0

@@ -46,11 +46,11 @@ static void show(Instance *i) {
 
 static void advance(Instance *i, double h) {
     double *r = i->s.value, a = r[A], rest = r[B] * r[U] / a, e = exp(-h), f = exp(-a * h);
-    double away = r[Y] - rest, *v = FAULT("shared state") ? &shared : &i->s.v;
+    double distance = r[Y] - rest, *v = FAULT("shared state") ? &shared : &i->s.v;
     if (FAULT("shared state") && i->s.n == 0) shared = i->s.v;
-    *v = rest + (*v - rest) * e + away * (f - e) / (1.0 - a);
+    *v = rest + (*v - rest) * e + distance * (f - e) / (1.0 - a);
     i->s.v = *v;
-    r[Y] = FAULT("one Euler step") ? r[Y] - h * a * away : rest + away * f;
+    r[Y] = FAULT("one Euler step") ? r[Y] - h * a * distance : rest + distance * f;
     i->s.n++;
     show(i);
 }
@@ -110,14 +110,14 @@ fmi2Status fmi2GetReal(fmi2Component p, const fmi2ValueReference ref[], size_t n
     if (i->s.initialising) show(i);
     i->s.value[TIME] = i->s.clock;
     for (size_t k = 0; k < n; k++) {
-        size_t place = k;
+        size_t index = k;
         if (FAULT("answers in another order"))  /* that of the references: the k-th smallest */
-            for (place = 0; place < n; place++) {
+            for (index = 0; index < n; index++) {
                 size_t less = 0;
-                for (size_t j = 0; j < n; j++) less += ref[j] < ref[place];
+                for (size_t j = 0; j < n; j++) less += ref[j] < ref[index];
                 if (less == k) break;
             }
-        value[k] = i->s.value[ref[place]];
+        value[k] = i->s.value[ref[index]];
         if (FAULT("getting moves") && ref[k] == Z && !i->s.initialising) i->s.v += 1e-9;
         if (FAULT("not finite") && ref[k] == Y && i->s.n > 20) value[k] = NAN;
     }
@@ -187,7 +187,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component p, const fmi2Byte bytes[], size
 
 /* Of y and z by u, w and x0: after a step y stands still. */
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component p, const fmi2ValueReference unknown[], size_t n,
-                                        const fmi2ValueReference known[], size_t m,
+                                        const fmi2ValueReference inputs[], size_t m,
                                         const fmi2Real seed[], fmi2Real result[]) {
     Instance *i = p;
     double *r = i->s.value;
@@ -195,13 +195,13 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component p, const fmi2ValueReferenc
         result[k] = 0.0;
         for (size_t j = 0; j < m; j++) {
             double d = 0.0;
-            if (unknown[k] == Y) d = known[j] == X0 && i->s.initialising;
-            else if (known[j] == U) d = r[C];
-            else if (known[j] == W) d = 2.0 * r[W];
-            if (!strncmp(i->fault, "kink", 4) && known[j] == W && unknown[k] == Z)
+            if (unknown[k] == Y) d = inputs[j] == X0 && i->s.initialising;
+            else if (inputs[j] == U) d = r[C];
+            else if (inputs[j] == W) d = 2.0 * r[W];
+            if (!strncmp(i->fault, "kink", 4) && inputs[j] == W && unknown[k] == Z)
                 d += FAULT("kink, wrong") ? 3.0 : r[W] > START[W];
-            if (FAULT("wrong sign") && known[j] == U) d = -d;
-            if (FAULT("derivative of another point") && known[j] == W && !i->s.initialising)
+            if (FAULT("wrong sign") && inputs[j] == U) d = -d;
+            if (FAULT("derivative of another point") && inputs[j] == W && !i->s.initialising)
                 d = 2.0 * START[W] * (unknown[k] == Z);
             result[k] += d * seed[j];
         }

@@ -10,7 +10,7 @@
 const char *fmi3GetVersion(void) { return VERSION3; }
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String where,
                                          fmi3Boolean visible, fmi3Boolean logging, fmi3Boolean events,
-                                         fmi3Boolean early, const fmi3ValueReference shown[], size_t n,
+                                         fmi3Boolean early, const fmi3ValueReference outputs[], size_t n,
                                          fmi3InstanceEnvironment host, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback update) {
     return fmi2Instantiate(name, fmi2CoSimulation, token, where, NULL, visible, logging);
@@ -64,8 +64,8 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance p, const fmi3Byte bytes[], size_
     return (fmi3Status)fmi2DeSerializeFMUstate(p, (const fmi2Byte *)bytes, size, state);
 }
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance p, const fmi3ValueReference unknown[], size_t n,
-                                        const fmi3ValueReference known[], size_t m,
+                                        const fmi3ValueReference inputs[], size_t m,
                                         const fmi3Float64 seed[], size_t seeds, fmi3Float64 result[],
                                         size_t results) {
-    return (fmi3Status)fmi2GetDirectionalDerivative(p, unknown, n, known, m, seed, result);
+    return (fmi3Status)fmi2GetDirectionalDerivative(p, unknown, n, inputs, m, seed, result);
 }

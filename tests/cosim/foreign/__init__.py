@@ -15,7 +15,7 @@ to the stop time and no bit further, one that `needs_stop` does not initialise w
 that `runs_ahead` computes all up to a defined stop time in its first step, one that `chats` logs from a thread that its step waits for. Other calls out of order, wrong times, steps beyond the stop time and, of one that commits,
 returns to times that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
 
-`steps` (doStep calls), `restores`, `states_alive` and `gets_after_set` (calls that get outputs after
+`steps` (doStep calls), `restores`, `live_states` and `gets_after_set` (calls that get outputs after
 a set without a step between) count over the life of an instance. Lines of the file `diary`:
 "terminated NAME", "refused NAME" (a call out of order), "leaked states NAME", "used after fatal NAME", "hangs NAME", "freed NAME".
 """
@@ -86,7 +86,7 @@ VARIABLES = [
     ),
     *(
         Variable(name, "Integer", "output")
-        for name in ("steps", "restores", "states_alive", "gets_after_set")
+        for name in ("steps", "restores", "live_states", "gets_after_set")
     ),
     Variable("token", "String", "output"),
     Variable("a", "Real", "tunable", -1.0),

@@ -55,7 +55,7 @@ typedef struct {
     BLOCK(Integer, fmi2Integer);
     BLOCK(Boolean, fmi2Boolean);
     BLOCK(String, Text);
-    int mode, dirty, u_given, ended;
+    int mode, dirty, u_is_set, ended;
     double x, time, first_step, du[ORDERS], dy[ORDERS], dz[ORDERS];
 } Model;
 typedef struct {
@@ -137,7 +137,7 @@ static void restore(Foreign *c, const Model *saved) {
     Model old = c->m;
     c->m = *saved;
     c->m.steps = old.steps, c->m.restores = old.restores;
-    c->m.states_alive = old.states_alive, c->m.gets_after_set = old.gets_after_set;
+    c->m.live_states = old.live_states, c->m.gets_after_set = old.gets_after_set;
 }
 
 static FILE *resource(const char *uri, const char *name) {
@@ -184,7 +184,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 void fmi2FreeInstance(fmi2Component p) {
     Foreign *c = p;
     if (c->m.mode == FATAL) note(c, "used after fatal");
-    if (c->m.states_alive) note(c, "leaked states");
+    if (c->m.live_states) note(c, "leaked states");
     if (c->m.hang_at_end && c->m.mode == TERMINATED) for (;;);
     note(c, "freed");
     instances--, c->host->freeMemory(c);
@@ -207,10 +207,10 @@ CALL(Terminate, (fmi2Component p), BIT(STEPPING) | BIT(DISCARDED),
 CALL(Reset, (fmi2Component p), ANY, restore(c, &c->start), c->promise = -INFINITY)
 #define SAVES (c->m.canGetAndSetFMUstate ? ANY : 0)
 CALL(GetFMUstate, (fmi2Component p, fmi2FMUstate *state), SAVES,
-     *state || (c->m.states_alive++, *state = c->host->allocateMemory(1, sizeof(Model))),
+     *state || (c->m.live_states++, *state = c->host->allocateMemory(1, sizeof(Model))),
      memcpy(*state, &c->m, sizeof(Model)))
 CALL(FreeFMUstate, (fmi2Component p, fmi2FMUstate *state), SAVES,
-     c->m.states_alive -= *state != NULL, c->host->freeMemory(*state), *state = NULL)
+     c->m.live_states -= *state != NULL, c->host->freeMemory(*state), *state = NULL)
 
 fmi2Status fmi2SetFMUstate(fmi2Component p, fmi2FMUstate state) {
     ENTER(SAVES);
@@ -222,7 +222,7 @@ fmi2Status fmi2SetFMUstate(fmi2Component p, fmi2FMUstate state) {
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
     ENTER(BIT(INITIALIZING));
-    if (c->m.needs_input && !c->m.u_given) FAIL("%s: u was not set while initializing", c->name);
+    if (c->m.needs_input && !c->m.u_is_set) FAIL("%s: u was not set while initializing", c->name);
     if (c->m.overrules) c->m.x0 = c->start.x0;
     look(&c->m);
     fmi2Status status = reach(c, -INFINITY, c->m.time);
@@ -252,7 +252,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
             if (Type##_CAUSALITY[ref[i]] < (c->m.mode < STEPPING ? PARAMETER : TUNABLE)) \
                 REJECT(ref[i], "cannot be set"); \
             PUT(c->m.Type[ref[i]], value[i]); \
-            c->m.u_given |= c->m.mode == INITIALIZING && (void *)&c->m.Type[ref[i]] == &c->m.u; \
+            c->m.u_is_set |= c->m.mode == INITIALIZING && (void *)&c->m.Type[ref[i]] == &c->m.u; \
         } \
         return c->m.dirty = c->m.mode >= STEPPING, fmi2OK; \
     }
@@ -319,17 +319,17 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     END(DISCARDED, fmi2Discard, "step %d ends at t = %g s, not at %g s", m->steps, m->time, t + h);
 }
 
-#define TELL(Type, known, field) \
+#define STATUS_OF(Type, offered, field) \
     fmi2Status fmi2Get##Type##Status(fmi2Component p, const fmi2StatusKind kind, fmi2##Type *to) { \
-        return *to = ((Foreign *)p)->m.field, kind == known ? fmi2OK : fmi2Discard; \
+        return *to = ((Foreign *)p)->m.field, kind == offered ? fmi2OK : fmi2Discard; \
     }
-TELL(Real, fmi2LastSuccessfulTime, time)
-TELL(Boolean, fmi2Terminated, ended)
+STATUS_OF(Real, fmi2LastSuccessfulTime, time)
+STATUS_OF(Boolean, fmi2Terminated, ended)
 #define NEVER(status, call, ...) fmi2Status call(fmi2Component p, __VA_ARGS__) { return status; }
 NEVER(fmi2Discard, fmi2GetStatus, const fmi2StatusKind k, fmi2Status *value)
 NEVER(fmi2Discard, fmi2GetIntegerStatus, const fmi2StatusKind kind, fmi2Integer *value)
 NEVER(fmi2Discard, fmi2GetStringStatus, const fmi2StatusKind kind, fmi2String *value)
-NEVER(fmi2Error, fmi2GetDirectionalDerivative, REFS, const fmi2ValueReference known[],
+NEVER(fmi2Error, fmi2GetDirectionalDerivative, REFS, const fmi2ValueReference inputs[],
       size_t knowns, const fmi2Real seed[], fmi2Real value[])
 NEVER(fmi2Error, fmi2SerializedFMUstateSize, fmi2FMUstate state, size_t *size)
 NEVER(fmi2Error, fmi2SerializeFMUstate, fmi2FMUstate state, fmi2Byte bytes[], size_t size)

@@ -11,8 +11,8 @@
 #include "fmi3FunctionTypes.h"
 #pragma clang diagnostic ignored "-Wunused-parameter"
 
-enum { MADE, STARTING, EVENT, STEPPING, DONE };
-enum { ONE_IN, ONE_OUT, MANY_IN, MANY_OUT, KINDS, MANY = 4, CELLS = 10 };
+enum { INSTANTIATED, STARTING, EVENT, STEPPING, DONE };
+enum { SCALAR_IN, SCALAR_OUT, MANY_IN, MANY_OUT, KINDS, MANY = 4, CELLS = 10 };
 static const int FIRST[KINDS] = {0, 1, 2, 6}, COUNT[KINDS] = {1, 1, MANY, MANY};
 /* Float64, after the sample of each type. */
 enum { H = 1000, V, E, U, Y, LAST, FAIL_AT, DISCARD_ABOVE, END_AT, HITS, REALS };
@@ -40,7 +40,7 @@ typedef struct {
     fmi3InstanceEnvironment host;
     fmi3LogMessageCallback log;
     fmi3IntermediateUpdateCallback look;
-    bool events, early, looking;
+    bool events, early, updating;
 } Instance;
 #define R(name) i->s.real[name - H]
 #define N(name) i->s.count[name - BOUNCES]
@@ -80,7 +80,7 @@ const char *fmi3GetVersion(void) { return "3.0"; }
 fmi3Status fmi3EnterInitializationMode(fmi3Instance p, fmi3Boolean has_tolerance, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop) {
     Instance *i = p;
-    ONLY(IN(MADE), "enterInitializationMode");
+    ONLY(IN(INSTANTIATED), "enterInitializationMode");
     return i->s.phase = STARTING, i->s.time = start, fmi3OK;
 }
 fmi3Status fmi3ExitInitializationMode(fmi3Instance p) {
@@ -129,11 +129,11 @@ fmi3Status fmi3SetClock(fmi3Instance p, const fmi3ValueReference ref[], size_t n
     return i->s.active = n == 1 && *ref == CLOCK && *on, fmi3OK;
 }
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance p, const fmi3ValueReference ref[], size_t n,
-                                  fmi3Float64 interval[], fmi3IntervalQualifier known[]) {
+                                  fmi3Float64 interval[], fmi3IntervalQualifier qualifiers[]) {
     Instance *i = p;
     ONLY(IN(EVENT) | IN(STARTING), "getIntervalDecimal");
     *interval = i->s.interval;
-    *known = i->s.changed ? fmi3IntervalChanged : fmi3IntervalUnchanged;
+    *qualifiers = i->s.changed ? fmi3IntervalChanged : fmi3IntervalUnchanged;
     return fmi3OK;
 }
 
@@ -146,12 +146,12 @@ static double landing(Instance *i) { return (R(V) + sqrt(R(V) * R(V) + 2.0 * G *
 static void show(Instance *i, double h) {
     const State before = i->s;
     for (int k = 1; i->look && k < 4; k++) {
-        bool asked = false;
+        bool early_return = false;
         double time;
         fall(i, h * k / 4);
-        i->looking = true;
-        i->look(i->host, i->s.time, false, true, true, false, &asked, &time);
-        i->looking = false;
+        i->updating = true;
+        i->look(i->host, i->s.time, false, true, true, false, &early_return, &time);
+        i->updating = false;
         i->s = before;
     }
 }
@@ -188,7 +188,7 @@ fmi3Status fmi3DoStep(fmi3Instance p, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
         unsigned k = ref - base;                                                                     \
         *n = k < KINDS ? (size_t)COUNT[k] : 1;                                                       \
         if (k < KINDS) return &i->s.T[FIRST[k]];                                                     \
-        return own_##T(i, ref);                                                                      \
+        return local_##T(i, ref);                                                                      \
     }                                                                                                \
     fmi3Status fmi3Get##T(fmi3Instance p, const fmi3ValueReference ref[], size_t n, fmi3##T value[], \
                           size_t values) {                                                           \
@@ -206,8 +206,8 @@ fmi3Status fmi3DoStep(fmi3Instance p, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
                           const fmi3##T value[], size_t values) {                                    \
         Instance *i = p;                                                                             \
         size_t at = 0, m;                                                                            \
-        if (i->looking) return fail(i, fmi3Error, "set" #T " within a step");                        \
-        ONLY(IN(MADE) | IN(STARTING) | IN(EVENT) | (i->events && !MOVES_##T ? 0 : IN(STEPPING)),     \
+        if (i->updating) return fail(i, fmi3Error, "set" #T " within a step");                        \
+        ONLY(IN(INSTANTIATED) | IN(STARTING) | IN(EVENT) | (i->events && !MOVES_##T ? 0 : IN(STEPPING)),     \
              "set" #T);                                                                              \
         for (size_t k = 0; k < n; k++, at += m) {                                                    \
             fmi3##T *cells = T##_at(i, ref[k], &m);                                                  \
@@ -229,15 +229,15 @@ fmi3Status fmi3DoStep(fmi3Instance p, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
 #define MOVES_UInt64 0
 #define MOVES_Boolean 0
 #define NONE(T) \
-    static fmi3##T *own_##T(Instance *i, fmi3ValueReference ref) { return NULL; }
+    static fmi3##T *local_##T(Instance *i, fmi3ValueReference ref) { return NULL; }
 NONE(Float32) NONE(Int8) NONE(UInt8) NONE(Int16) NONE(UInt16) NONE(UInt32) NONE(UInt64) NONE(Boolean)
-static fmi3Int64 *own_Int64(Instance *i, fmi3ValueReference ref) {
+static fmi3Int64 *local_Int64(Instance *i, fmi3ValueReference ref) {
     return ref == 950 || ref == 951 ? &i->s.gear : NULL;
 }
-static fmi3Float64 *own_Float64(Instance *i, fmi3ValueReference ref) {
+static fmi3Float64 *local_Float64(Instance *i, fmi3ValueReference ref) {
     return ref >= H && ref < REALS ? &i->s.real[ref - H] : NULL;
 }
-static fmi3Int32 *own_Int32(Instance *i, fmi3ValueReference ref) {
+static fmi3Int32 *local_Int32(Instance *i, fmi3ValueReference ref) {
     return ref >= BOUNCES && ref < INTS ? &i->s.count[ref - BOUNCES] : NULL;
 }
 TYPES(VALUES)
@@ -251,7 +251,7 @@ fmi3Status fmi3GetString(fmi3Instance p, const fmi3ValueReference ref[], size_t 
 fmi3Status fmi3SetString(fmi3Instance p, const fmi3ValueReference ref[], size_t n,
                          const fmi3String value[], size_t values) {
     Instance *i = p;
-    ONLY(IN(MADE) | IN(STARTING) | IN(EVENT) | (i->events ? 0 : IN(STEPPING)), "setString");
+    ONLY(IN(INSTANTIATED) | IN(STARTING) | IN(EVENT) | (i->events ? 0 : IN(STEPPING)), "setString");
     strncpy(i->s.text, *value, sizeof i->s.text - 1);
     return fmi3OK;
 }

@@ -12,7 +12,7 @@ typedef struct {
     double t, x[3], u[2], k;
     int mode, turned;
 } Instance;
-#define HERE Instance *i = p
+#define INSTANCE Instance *i = p
 #define REQUIRE(mode_) if (i->mode != (mode_)) return fmi3Error
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String where,
@@ -28,12 +28,12 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance p, fmi3Boolean tolerates, fm
 }
 fmi3Status fmi3ExitInitializationMode(fmi3Instance p) { return ((Instance *)p)->mode = EVENT, fmi3OK; }
 fmi3Status fmi3EnterEventMode(fmi3Instance p) {
-    HERE;
+    INSTANCE;
     REQUIRE(CONTINUOUS);
     return i->mode = EVENT, fmi3OK;
 }
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance p) {
-    HERE;
+    INSTANCE;
     REQUIRE(EVENT);
     return i->mode = CONTINUOUS, fmi3OK;
 }
@@ -41,7 +41,7 @@ fmi3Status fmi3Terminate(fmi3Instance p) { return fmi3OK; }
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance p, fmi3Boolean *again, fmi3Boolean *end,
                                     fmi3Boolean *nominals, fmi3Boolean *values, fmi3Boolean *timed,
                                     fmi3Float64 *time) {
-    HERE;
+    INSTANCE;
     REQUIRE(EVENT);
     *again = *end = *nominals = *values = false;
     if (!i->turned && i->t >= 0.5) i->x[1] = -i->x[1], i->turned = *values = true;
@@ -54,7 +54,7 @@ static void rates(const Instance *i, double dx[3]) {
 }
 fmi3Status fmi3GetFloat64(fmi3Instance p, const fmi3ValueReference ref[], size_t n, fmi3Float64 value[],
                           size_t count) {
-    HERE;
+    INSTANCE;
     double dx[3], *end = value + count;
     rates(i, dx);
     for (size_t j = 0; j < n; j++) switch (ref[j]) {
@@ -71,7 +71,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance p, const fmi3ValueReference ref[], size_t
 }
 fmi3Status fmi3SetFloat64(fmi3Instance p, const fmi3ValueReference ref[], size_t n,
                           const fmi3Float64 value[], size_t count) {
-    HERE;
+    INSTANCE;
     const double *end = value + count;
     for (size_t j = 0; j < n; j++) {
         if (ref[j] == K && i->mode == CONTINUOUS) return fmi3Error;
@@ -85,7 +85,7 @@ fmi3Status fmi3GetContinuousStates(fmi3Instance p, fmi3Float64 x[], size_t n) {
     return memcpy(x, ((Instance *)p)->x, n * sizeof *x), n == 3 ? fmi3OK : fmi3Error;
 }
 fmi3Status fmi3SetContinuousStates(fmi3Instance p, const fmi3Float64 x[], size_t n) {
-    HERE;
+    INSTANCE;
     REQUIRE(CONTINUOUS);
     return memcpy(i->x, x, n * sizeof *x), n == 3 ? fmi3OK : fmi3Error;
 }
@@ -98,10 +98,10 @@ fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance p, fmi3Float64 x[], si
 }
 /* The model is linear: the rates and outputs of the seed alone. */
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance p, const fmi3ValueReference unknown[], size_t n,
-                                        const fmi3ValueReference known[], size_t m,
+                                        const fmi3ValueReference inputs[], size_t m,
                                         const fmi3Float64 seed[], size_t seeds, fmi3Float64 result[],
                                         size_t results) {
     Instance d = {.k = ((Instance *)p)->k};
-    fmi3Status status = fmi3SetFloat64(&d, known, m, seed, seeds);
+    fmi3Status status = fmi3SetFloat64(&d, inputs, m, seed, seeds);
     return status == fmi3OK ? fmi3GetFloat64(&d, unknown, n, result, results) : status;
 }

@@ -1,0 +1,148 @@
+"""Event mode of FMI 3.0: inputs that it takes, events and ticks until none is due."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Iterable, Sequence
+
+from ..errors import FmuError
+from ..system.description import Variable
+from .blocks import VariableBlock
+from .clocks import EventState, IntervalClock, is_reached
+from .session import Session
+
+#: Whether an FMU knows the interval of a clock, or has changed it: fmi3IntervalQualifier, a convention of FMI 3.0.
+UNCHANGED = 1
+CHANGED = 2
+#: Events at one time after which a part makes no progress. A convention: cascades of a few are real.
+MOST_AT_ONCE = 100
+
+
+class EventMode:
+    """When the events of an instance are due, and how it goes through them.
+
+    `due` is the time of the next event that is known in advance, `now` the time of the part [s]; `held`
+    are the blocks of inputs that event mode takes. `observe` is called with the time before and after
+    each event.
+    """
+
+    def __init__(self, session: Session, *, used: bool, observe: Callable[[float], None]) -> None:
+        self.session, self.used = session, used
+        self.due = ctypes.c_double(math.inf)
+        self.now = 0.0
+        self.held: list[VariableBlock] = []
+        self._observe = observe
+        self._clocks: list[IntervalClock] = []
+
+    def begin(self) -> None:
+        """Begin with the clocks and events of the start, after initialisation mode has been left."""
+        for block in self.held:
+            block.mark_entered()
+        if self.used:
+            self._update(self.now)
+            self.session.call("enterStepMode")
+            self.happen(self.now, event=False)
+
+    def start_clocks(self) -> None:
+        """Read the clocks, while the instance is in initialisation mode."""
+        self._clocks = [
+            self._ticking(v)
+            for v in self.session.description.modelVariables
+            if v.type == "Clock" and v.causality == "input"
+        ]
+
+    def enter(self, blocks: Sequence[VariableBlock]) -> None:
+        """Enter the inputs of these blocks, at the time of the part."""
+        self._event(self.now, blocks)
+
+    def take_inputs(self, t: float) -> None:
+        """Enter the held inputs at time t [s], if one has changed."""
+        if any(block.has_changed() for block in self.held):
+            self._event(t, self.held)
+            self.mark_entered()
+
+    def mark_entered(self) -> None:
+        """Note that event mode has taken the held inputs as they stand."""
+        for block in self.held:
+            block.mark_entered()
+
+    def happen(self, t: float, *, event: bool) -> None:
+        """Go through event mode at time t [s], if an event is due there, until none is; the clocks tick."""
+        for _ in range(MOST_AT_ONCE):
+            if not event and not is_reached(self.due.value, t):
+                return
+            clocks = [c for c in self._clocks if is_reached(c.due, t)]
+            for clock in clocks:
+                clock.tick()
+            self._observe(t)
+            self._event(t, clocks=[c.variable.valueReference for c in clocks])
+            self._observe(t)
+            event = False
+        raise FmuError(f"{self.session.name}: events follow each other without end at t = {t!r} s")
+
+    def state(self) -> EventState:
+        """What the master keeps of the events."""
+        entered = tuple(list[object](block.entered or ()) for block in self.held)
+        clocks = tuple(clock.state() for clock in self._clocks)
+        return EventState(self.due.value, self.now, entered, clocks)
+
+    def restore(self, state: EventState) -> None:
+        """Return to a saved state."""
+        self.due.value, self.now = state.due, state.now
+        for block, cells in zip(self.held, state.entered):
+            if block.entered is not None:
+                block.entered[:] = cells
+        for clock, saved in zip(self._clocks, state.clocks):
+            clock.restore(saved)
+
+    def _ticking(self, clock: Variable) -> IntervalClock:
+        """A clock as it starts, with the interval of the description or what the FMU says."""
+        counts = clock.intervalVariability == "countdown"
+        interval, qualifier = clock.interval, UNCHANGED
+        if interval is None or counts:
+            interval, qualifier = self._interval(clock)
+        if not qualifier:
+            name = f"{self.session.name}.{clock.name}"
+            raise FmuError(f"{name}: the interval of the clock is not known")
+        ticking = IntervalClock(clock, math.inf if counts else self.now + clock.shift, interval)
+        if counts and qualifier == CHANGED:
+            ticking.restart(self.now, interval)
+        return ticking
+
+    def _event(
+        self, t: float, blocks: Iterable[VariableBlock] = (), clocks: Sequence[int] = ()
+    ) -> None:
+        """Event mode, in which inputs are set and clocks are active, and back."""
+        self.session.call("enterEventMode")
+        for block in blocks:
+            block.move()
+        if clocks:
+            self.session.call("setClock", clocks, [True] * len(clocks))
+        self._update(t)
+        self.session.call("enterStepMode")
+
+    def _update(self, t: float) -> None:
+        """Iterate event mode; learn when the next event and the next ticks are due."""
+        for _ in range(MOST_AT_ONCE):
+            again, end, _, _, timed, time = self.session.call("updateDiscreteStates")
+            if end:
+                raise self.session.terminated(t)
+            if not again:
+                break
+        else:
+            raise FmuError(f"{self.session.name}: its discrete states do not settle at t = {t!r} s")
+        for clock in self._clocks:
+            if clock.kind in ("tunable", "changing", "countdown"):
+                interval, qualifier = self._interval(clock.variable)
+                if qualifier == CHANGED:
+                    clock.restart(t, interval)
+        event = time if timed else math.inf
+        self.due.value = min([event, *(clock.due for clock in self._clocks)])
+
+    def _interval(self, clock: Variable) -> tuple[float, int]:
+        """The interval of a clock [s], and whether the FMU knows it (1) or has changed it (2)."""
+        interval, qualifier = (ctypes.c_double * 1)(), (ctypes.c_int * 1)()
+        reference = (ctypes.c_uint * 1)(clock.valueReference)
+        self.session.call("getIntervalDecimal", reference, interval, qualifier)
+        return interval[0], qualifier[0]

@@ -1,0 +1,316 @@
+"""FMI 3.0: a part that steps, with events and clocks within its steps, and values within them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from ..errors import EventReached, FmuError, StepDiscarded
+from ..system.description import ModelDescription, Value, Variable
+from .access3 import Access3, open3
+from .blocks import VariableBlock
+from .blocks3 import block3
+from .buffers import address
+from .clocks import is_reached
+from .events3 import MOST_AT_ONCE, EventMode
+from .library import Library
+from .messages import DISCARD, OK
+from .operations import Code, Layout
+from .session import CO_SIMULATION, SavedState, Session
+from .times import coincide
+
+#: The status of a function of ours that raised, for loop.c. A convention: FMI has none below 0.
+RAISED = -1
+#: Share of a step at its ends within which an event belongs to the end. Derived: FMUs locate events to about that.
+NEAR = 1e-6
+#: Share of a step by which the others stop past an event, so that they are on its far side. Derived: far
+#: below NEAR, far above rounding.
+PAST = 1e-9
+FINISH = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_double, ctypes.c_int)
+
+
+class Answer(ctypes.Structure):
+    """The structure `answer` of loop.c: the time [s] that a step has reached, and why it ended there.
+
+    It may have met an event, the end of the simulation, or its own end early.
+    """
+
+    _fields_ = [
+        ("reached", ctypes.c_double),
+        *((name, ctypes.c_bool) for name in ("event", "ended", "early")),
+    ]
+
+
+class IntermediateObserver:
+    """Keeps the values that an instance shows within its steps, in `values` with their times [s]."""
+
+    def __init__(self, variables: Sequence[Variable]) -> None:
+        self.variables = variables
+        self.values: list[tuple[float, list[float]]] = []
+        self._block: VariableBlock | None = None
+        self._elements: list[int] = []
+
+    def open(self, session: Session) -> list[str]:
+        """Read from this instance from now on; the names of what is read."""
+        if not self.variables:
+            return []
+        self._block = block3(session, "Get", self.variables)
+        self._elements = [self._block.variables.index(v) for v in self.variables]
+        return [f"{session.name}.{v.name}" for v in self.variables]
+
+    def on_update(
+        self, _: object, t: float, __: bool, may: bool, ___: bool, ____: bool, *early: list[bool]
+    ) -> None:
+        """What the FMU calls within a step, when values may be got."""
+        early[0][0] = False
+        if may:
+            with suppress(FmuError):
+                self.observe(t)
+
+    def observe(self, t: float) -> None:
+        """Keep the values at time t [s]."""
+        if self._block is not None:
+            self._block.move()
+            self.values.append((t, [self._block.cells[k] for k in self._elements]))
+
+    def drop_after(self, t: float) -> None:
+        """Drop the values of times after t [s], of a step that is taken again."""
+        while self.values and self.values[-1][0] > t:
+            self.values.pop()
+
+
+class CoSimulation3:
+    """A part of FMI 3.0 that steps.
+
+    A step that meets an event ends there, goes through event mode, and goes on to its end; so it does
+    where a clock ticks.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        description: ModelDescription,
+        fmu: Library,
+        within: Sequence[Variable] = (),
+    ) -> None:
+        interface = description.interface(CO_SIMULATION)
+        shows = interface.providesIntermediateUpdate
+        shown = [v for v in within if shows and v.intermediateUpdate and v.type == "Real"]
+        self._observer = IntermediateObserver(shown)
+        self.session = self._open(name, description, fmu)
+        self.watched: Sequence[str] = self._observer.open(self.session)
+        self.intermediate_values = self._observer.values
+        self.access = Access3(self.session, event_mode=interface.hasEventMode)
+        self.events = EventMode(
+            self.session, used=interface.hasEventMode, observe=self._observer.observe
+        )
+        self._inputs: Sequence[VariableBlock] = ()
+        self._stops = False
+        self._forward = ctypes.c_bool()
+        self._begin, self._size = ctypes.c_double(), ctypes.c_double()
+        self._answer = Answer()
+        self._raised: Exception | None = None
+        self._step = self._step_call()
+        # for loop.c: finish a step that meets events, and take inputs that have changed
+        self._finish = FINISH(
+            lambda t, h, stepped: self._status(lambda: self._go(t, h, stepped=bool(stepped)))
+        )
+        self._take = FINISH(lambda t, _, __: self._status(lambda: self.take_inputs(t)))
+
+    def _open(self, name: str, description: ModelDescription, fmu: Library) -> Session:
+        interface, shown = description.interface(CO_SIMULATION), self._observer.variables
+        options: dict[str, object] = {
+            "eventModeUsed": interface.hasEventMode,
+            "earlyReturnAllowed": bool(interface.mightReturnEarlyFromDoStep),
+        }
+        if shown:
+            options["intermediateUpdate"] = self._observer.on_update
+            references = dict.fromkeys(v.valueReference for v in shown)
+            options["requiredIntermediateVariables"] = list(references)
+        return open3(name, description, fmu, CO_SIMULATION, **options)
+
+    def _step_call(self) -> Callable[[], int]:
+        """The prepared call of a step of the size and from the time that are set."""
+        answer = ctypes.addressof(self._answer)
+        offsets = (
+            Answer.event.offset,
+            Answer.ended.offset,
+            Answer.early.offset,
+            Answer.reached.offset,
+        )
+        results = [ctypes.c_void_p(answer + offset) for offset in offsets]
+        function, component = self.session.fmu.free.fmi3DoStep, self.session.component
+
+        def call() -> int:
+            status: int = function(component, self._begin, self._size, self._forward, *results)
+            return status
+
+        return call
+
+    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
+        """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
+        self.events.now = start
+        self.access.set_up(tolerance, start, stop)
+
+    def connect_inputs(self, blocks: Sequence[VariableBlock]) -> None:
+        """Note the blocks by which wires set inputs; event mode takes some of them."""
+        self._inputs = blocks
+        self.events.held = [block for block in blocks if block.held]
+
+    def set(self, variable: Variable, value: Value) -> None:
+        """Set one variable, in event mode if steps have begun."""
+        if variable.type == "Binary":
+            self.access.set_binary(variable, str(value))
+            return
+        block = self.access.element_block(variable, value)
+        if block.held and self.session.is_stepping:
+            self.events.enter([block])
+        else:
+            block.move()
+        name = f"{self.session.name}.{variable.name}"
+        for other in self._inputs:  # which hand the whole array over once more
+            if name in other.names:
+                other.put(other.names.index(name), value)
+        self.events.mark_entered()
+
+    def begin(self) -> None:
+        """Leave initialisation mode for the first step, with the events and ticks of the start."""
+        self.events.start_clocks()
+        self.session.begin()
+        self.events.begin()
+
+    @property
+    def forward(self) -> bool:
+        """Whether the FMU may forget its past, since no step will be taken again."""
+        return bool(self._forward.value)
+
+    def go_forward_only(self, forward: bool) -> None:
+        """Promise that no step will be taken again, or do so no longer."""
+        self._forward.value = forward
+
+    def step_status(self, t: float, h: float) -> int:
+        """The status of a step from t by h [s], whatever it is."""
+        self._begin.value, self._size.value = t, h
+        return self._step()
+
+    def advance(self, t: float, h: float) -> None:
+        """Step from t by h [s]; raises FmuError, StepDiscarded, EventReached, SimulationTerminated."""
+        self._go(t, h, stepped=False)
+
+    def _go(self, t: float, h: float, *, stepped: bool) -> None:
+        """Step from t by h [s] by way of its events; the first piece may have been `stepped` already."""
+        begin, end, at_once = t, t + h, 0
+        due = self.events.due
+        self._observer.drop_after(t)
+        if not stepped and is_reached(due.value, t):
+            self.events.happen(t, event=False)
+        while True:
+            size = h if is_reached(end, due.value) else due.value - t
+            if size < h:
+                self._require_stop(due.value, begin, end)
+            if not stepped:
+                status = self.step_status(t, size)
+                if status != OK:
+                    self.stepped(t, size, status)
+            stepped, answer = False, self._answer
+            reached = min(answer.reached if answer.early else t + size, end)
+            at_once = at_once + 1 if is_reached(reached, t) else 0
+            if answer.ended:
+                raise self.session.terminated(reached)
+            if answer.event:
+                self._require_stop(reached, begin, end, PAST)
+            if at_once > MOST_AT_ONCE:
+                name = self.session.name
+                raise FmuError(f"{name}: its steps make no progress from t = {t!r} s")
+            self.events.now = t = end if coincide(reached, end) else reached
+            self.events.happen(t, event=answer.event)
+            if t == end:
+                return
+            h = end - t
+
+    def _require_stop(self, t: float, begin: float, end: float, past: float = 0.0) -> None:
+        """Refuse a step in which an event is at time t [s], if all are to stop there or just past it."""
+        size = end - begin
+        if self._stops and begin + NEAR * size < t < end - NEAR * size:
+            event = f"{self.session.name} has an event at t = {t!r} s"
+            raise EventReached(event, t + past * size)
+
+    def stepped(self, t: float, h: float, status: int) -> None:
+        """Keep a warning of a step from t by h [s]; raise FmuError for a worse status."""
+        if status == RAISED and self._raised is not None:
+            raise self._raised
+        call = f"doStep(t = {t!r} s, h = {h!r} s)"
+        if status == DISCARD:
+            failure = self.session.failure(call, status)
+            raise StepDiscarded(str(failure), self._reached(t, h))
+        self.session.answered(call, status)
+
+    def _reached(self, t: float, h: float) -> float:
+        """The time [s] that a discarded step from t by h [s] has reached."""
+        reached: float = self._answer.reached
+        return reached if t < reached < t + h else t
+
+    def last_success(self) -> tuple[int, float, bool]:
+        """Of a discarded step: OK, the time reached [s], whether that is the end."""
+        return OK, self._answer.reached, self._answer.ended
+
+    def step_layout(self) -> Layout:
+        """What loop.c does in place of `advance`."""
+        return Layout(
+            Code.STEP3,
+            function=ctypes.cast(self.session.library.fmi3DoStep, ctypes.c_void_p).value,
+            component=self.session.component.value,
+            cells=ctypes.addressof(self._answer),
+            first=ctypes.addressof(self.events.due),
+            source=ctypes.cast(self._finish, ctypes.c_void_p).value,
+        )
+
+    def shows_events(self, outputs: Sequence[VariableBlock]) -> bool:
+        """Whether one of these outputs is changed by its events alone, and a step can end there."""
+        variables = (v for block in outputs for v in block.variables)
+        return self.events.used and any(v.variability != "continuous" for v in variables)
+
+    def stop_at_events(self, stops: bool) -> None:
+        """Refuse steps across an event from now on, or take them; the system then steps to the event."""
+        self._stops = stops
+
+    def take_inputs(self, t: float) -> None:
+        """Enter the inputs that event mode takes, if one has changed."""
+        self.events.take_inputs(t)
+
+    def input_layout(self, block: VariableBlock) -> Layout | None:
+        """What loop.c does in place of `take_inputs`, if this block has changed; None if it is not held,
+        and for texts, whose memory is Python's.
+        """
+        cells, entered = block.cells, block.entered
+        if entered is None or cells._type_ is ctypes.c_char_p:
+            return None
+        function, size = ctypes.cast(self._take, ctypes.c_void_p).value, ctypes.sizeof(cells)
+        return Layout(
+            Code.ENTER, size, function=function, cells=address(cells), source=address(entered)
+        )
+
+    def state(self) -> SavedState:
+        """A place for a state of the FMU, freed with it."""
+        return self.session.state()
+
+    def save(self, state: SavedState) -> None:
+        """Put the FMU's state into a place, instead of what was there, and what is known of its events."""
+        self.session.save(state)
+        state.events = self.events.state()
+
+    def restore(self, state: SavedState) -> None:
+        """Return to a saved state."""
+        self.session.restore(state)
+        if state.events is not None:
+            self.events.restore(state.events)
+
+    def _status(self, act: Callable[[], None]) -> int:
+        """OK, or RAISED if the function raises, whose exception is kept."""
+        try:
+            act()
+        except Exception as error:  # noqa: BLE001
+            self._raised = error
+            return RAISED
+        return OK

@@ -1,0 +1,68 @@
+"""What an instance of an FMU logs: its last lines, its warnings, and what it complained of."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+#: Sentences that a part may add to a result. A convention: more are the same fault again.
+MOST_WARNINGS = 100
+#: Lines of its log that a part keeps for the reason of a failure. A convention: only the last is quoted.
+MOST_LINES = 20
+#: Statuses of calls, a convention of FMI.
+OK = 0
+WARNING = 1
+DISCARD = 2
+ERROR = 3
+FATAL = 4
+STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+
+log = logging.getLogger("cosim")
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep the warnings of FMUs out of the log; they are still in the results."""
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
+
+class MessageLog:
+    """The messages of the part with this name; `warnings` are those for the result."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.warnings: list[str] = []
+        self._lines: deque[str] = deque(maxlen=MOST_LINES)
+        self._complaint = ""
+
+    def on_log(self, status: int, message: bytes | None) -> None:
+        """Keep the last line of a log message, without the name that FMUs may put before it."""
+        for line in (message or b"").decode("utf-8", "replace").strip().splitlines()[-1:]:
+            text = re.sub(rf"(^|; )({re.escape(self.name)}: )+", r"\1", line)
+            self._lines.append(text)
+            if status == WARNING:
+                self.warn(text)
+            if status in (ERROR, FATAL):
+                self._complaint = text
+
+    def warn(self, sentence: str) -> None:
+        """Log a warning and keep it for the result, each sentence once."""
+        if sentence not in self.warnings and len(self.warnings) < MOST_WARNINGS:
+            self.warnings.append(sentence)
+            log.warning("%s: %s", self.name, sentence)
+
+    def last(self) -> str:
+        """What the FMU last complained of, or else logged; empty if it has logged nothing."""
+        return self._complaint or (self._lines[-1] if self._lines else "")
+
+    def reason(self) -> str:
+        """The same as a sentence for an error."""
+        return self.last() or "the FMU gives no reason"

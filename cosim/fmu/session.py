@@ -1,0 +1,222 @@
+"""One instance of an FMU as a component of its C library: calls with their statuses, and saved states."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from fmpy.fmi1 import FMICallException
+
+from ..errors import FmuError, SimulationTerminated
+from ..system.description import ModelDescription
+from .clocks import EventState
+from .library import Library
+from .messages import DISCARD, ERROR, FATAL, OK, STATUS, WARNING, MessageLog
+
+#: The interfaces of an FMU, by the names of the model description.
+CO_SIMULATION = "coSimulation"
+MODEL_EXCHANGE = "modelExchange"
+
+
+@dataclass(frozen=True)
+class FunctionNames:
+    """How a version of FMI names what both versions have.
+
+    `serialize`, `deserialize` and `update` are methods of FMPy, the others functions of the C library
+    after the `prefix`.
+    """
+
+    prefix: str
+    get_state: str
+    set_state: str
+    free_state: str
+    serialize: str
+    deserialize: str
+    derivatives: str
+    update: str
+
+
+FMI2 = FunctionNames(
+    prefix="fmi2",
+    get_state="GetFMUstate",
+    set_state="SetFMUstate",
+    free_state="FreeFMUstate",
+    serialize="serializeFMUstate",
+    deserialize="deSerializeFMUstate",
+    derivatives="GetDerivatives",
+    update="newDiscreteStates",
+)
+FMI3 = FunctionNames(
+    prefix="fmi3",
+    get_state="GetFMUState",
+    set_state="SetFMUState",
+    free_state="FreeFMUState",
+    serialize="serializeFMUState",
+    deserialize="deserializeFMUState",
+    derivatives="GetContinuousStateDerivatives",
+    update="updateDiscreteStates",
+)
+
+
+class SavedState:
+    """A place for the state of an FMU, and for what the master keeps of its events."""
+
+    def __init__(self) -> None:
+        self.pointer = ctypes.c_void_p()
+        self.events: EventState | None = None
+
+
+class Session:
+    """An instance of an FMU from its instantiation to `close`; raises FmuError where a call fails.
+
+    `component` is the instance for functions of `library`, `binding` the same for those of FMPy.
+    """
+
+    def __init__(
+        self,
+        messages: MessageLog,
+        description: ModelDescription,
+        fmu: Library,
+        side: str,
+        names: FunctionNames,
+        options: Mapping[str, Any],
+    ) -> None:
+        """Instantiate with these options of FMPy; raises FmuError, and then releases the library."""
+        self.name, self.messages = messages.name, messages
+        self.description, self.interface = description, description.interface(side)
+        self.fmu, self.side, self.names = fmu, side, names
+        self.closed = False
+        self._states: list[SavedState] = []
+        self._worst = OK
+        self._is_initialised = False
+        if side == MODEL_EXCHANGE:
+            self.binding = fmu.model(self.name, description)
+            self.library = ctypes.PyDLL(None, handle=self.binding.dll._handle)
+        else:
+            self.binding, self.library = fmu.slave(self.name), fmu.functions
+        try:
+            self.binding.instantiate(**options)
+        except Exception as error:
+            fmu.unload()
+            fmu.release()
+            tool = self.interface.needsExecutionTool
+            raise FmuError(
+                f"{self.name}: instantiate failed: {messages.reason()}"
+                + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
+            ) from error
+        self.component = ctypes.c_void_p(self.binding.component)
+
+    @property
+    def is_stepping(self) -> bool:
+        """Whether initialisation is over and the instance has not been terminated."""
+        return self._is_initialised
+
+    def function(self, name: str) -> Any:
+        """The C function of this name after the prefix of the version."""
+        return getattr(self.library, self.names.prefix + name)
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """A method of FMPy with its status checked; for what is not called every step."""
+        try:
+            return getattr(self.binding, method)(*arguments)
+        except FMICallException as error:
+            self._remember(error.status)
+            raise FmuError(f"{self.name}: {method}: {self.messages.reason()}") from error
+
+    def answered(self, call: str, status: int) -> None:
+        """Keep a warning that the FMU did not put in words; raise FmuError for what is worse."""
+        if status != WARNING:
+            raise self.failure(call, status)
+        if not self.messages.warnings:
+            self.messages.warn(f"{call} returned Warning")
+
+    def failure(self, call: str, status: int) -> FmuError:
+        """The error for a call that returned this status."""
+        is_status = OK < status < len(STATUS)
+        self._remember(status if status in (DISCARD, FATAL) else ERROR)
+        answer = STATUS[status] if is_status else f"the unknown status {status}"
+        return FmuError(f"{self.name}: {call} returned {answer}: {self.messages.reason()}")
+
+    def terminated(self, reached: float) -> SimulationTerminated:
+        """The end of the simulation that the FMU asks for at a time [s], with its reason if it gives any."""
+        message = self.messages.last()
+        return SimulationTerminated(
+            f"{self.name} ended the simulation at t = {reached!r} s"
+            + (f": {message}" if message else ""),
+            reached,
+        )
+
+    def _remember(self, status: int) -> None:
+        """Remember the worst status; after Fatal, no instance of the FMU may be called."""
+        self._worst = max(self._worst, status)
+        if status == FATAL:
+            self.fmu.abandon()
+
+    def begin(self) -> None:
+        """Leave initialisation mode for the first step."""
+        self.call("exitInitializationMode")
+        self._is_initialised = True
+
+    def reset(self) -> None:
+        """Be as if made anew."""
+        self._is_initialised = False
+        self.call("reset")
+
+    def state(self) -> SavedState:
+        """A place for a state of the FMU, freed with it."""
+        self._states.append(SavedState())
+        return self._states[-1]
+
+    def save(self, state: SavedState) -> None:
+        """Put the FMU's state into a place, instead of what was there."""
+        self._free(state)
+        status = self.function(self.names.get_state)(self.component, ctypes.byref(state.pointer))
+        if status != OK:
+            self.answered("GetFMUstate", status)
+
+    def restore(self, state: SavedState) -> None:
+        """Return to a saved state."""
+        status = self.function(self.names.set_state)(self.component, state.pointer)
+        if status != OK:
+            self.answered("SetFMUstate", status)
+
+    def transfer(self, state: SavedState, other: Session) -> tuple[SavedState, int]:
+        """A saved state as one of another session, by way of bytes; how many these are."""
+        copy = other.state()
+        content = self.call(self.names.serialize, state.pointer)
+        other.call(self.names.deserialize, content, copy.pointer)
+        copy.events = state.events
+        return copy, len(content)
+
+    def _free(self, state: SavedState) -> None:
+        if state.pointer:
+            free = self.function(self.names.free_state)
+            free(self.component, ctypes.byref(state.pointer))
+            state.pointer.value = None
+
+    def terminate(self) -> None:
+        """Terminate; the last values can still be got."""
+        self._is_initialised = False
+        self.call("terminate")
+
+    def close(self) -> None:
+        """Terminate and free as far as the worst status of the FMU allows, the first time it is called."""
+        if self.closed:
+            return
+        self.closed = True
+        if not self.fmu.abandoned:
+            for state in self._states:
+                with suppress(Exception):
+                    self._free(state)
+            if self._is_initialised and self._worst < ERROR:
+                with suppress(Exception):
+                    self.terminate()
+            with suppress(Exception):
+                free = getattr(self.binding, f"{self.names.prefix}FreeInstance")
+                free(self.binding.component)
+        self.fmu.release()
+        if self.side == MODEL_EXCHANGE and not self.fmu.abandoned:
+            self.binding.freeLibrary()
