@@ -44,8 +44,8 @@ class CustomBuildHook(BuildHookInterface[Any]):
             included[str(path)] = f"cosim/engine/compiled/{path.name}"
         for path in sorted((root / "components").glob("*/*")):
             if path.name in ("model.py", "page.md", "drawing.svg"):
-                place = path.relative_to(root / "components").as_posix()
-                included[str(path)] = f"fmukit/machines/{place}"
+                member = path.relative_to(root / "components").as_posix()
+                included[str(path)] = f"fmukit/machines/{member}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove the compiled loops, which are in the wheel now."""

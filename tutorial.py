@@ -38,11 +38,11 @@ for variable in read_model_description(motor).modelVariables:
 # prints: output tau_static [N.m]: Torque of the static characteristic
 # prints: output P [W]: Mechanical power given to the shaft
 
-# %% The motor alone: its speed jumps from 40 to 39 rad/s, and its torque follows with the lag T
+# %% The motor without a load: its speed jumps from 40 to 39 rad/s, and its torque follows with the lag T
 
-alone = run(System({"motor": motor}, start={"motor.w": 39.0}), stop=1.0, step=1e-3)
+motor_run = run(System({"motor": motor}, start={"motor.w": 39.0}), stop=1.0, step=1e-3)
 for t in (0.0, 0.0625, 1.0):
-    print(f"{t:.4f} s: {alone['motor.tau'][round(t / 1e-3)]:.1f} N m")
+    print(f"{t:.4f} s: {motor_run['motor.tau'][round(t / 1e-3)]:.1f} N m")
 # prints: 0.0000 s: 8.0 N m
 # prints: 0.0625 s: 133.7 N m
 # prints: 1.0000 s: 207.8 N m
@@ -73,8 +73,8 @@ def lag(machine: Machine, speed: float) -> float:
     step = 2 * math.pi / speed / 128
     system = System({"motor": motor, "conveyor": conveyor}, WIRES, machine.start(speed))
     end = run(system, stop=24 * 128 * step, step=step)
-    late = last_revolutions(end["conveyor.phi"], 6)
-    ripple = order(end["conveyor.phi"][late], end["motor.tau"][late], 2)
+    settled = last_revolutions(end["conveyor.phi"], 6)
+    ripple = order(end["conveyor.phi"][settled], end["motor.tau"][settled], 2)
     return math.degrees(cmath.phase(machine.load_ripple(speed) / ripple)) % 360.0
 
 
@@ -85,15 +85,15 @@ for speed in (36.0, 40.0, 44.0):
 # prints: 40.0 rad/s: the motor's ripple lags by 90 degrees
 # prints: 44.0 rad/s: the motor's ripple lags by 133 degrees
 
-found = brentq(lambda speed: lag(stiff, speed) - 90.0, 36.0, 44.0, xtol=0.01)
-print(f"90 degrees at {found:.1f} rad/s; the formula says {stiff.nu_res:.1f}")
+resonance = brentq(lambda speed: lag(stiff, speed) - 90.0, 36.0, 44.0, xtol=0.01)
+print(f"90 degrees at {resonance:.1f} rad/s; the formula says {stiff.nu_res:.1f}")
 # prints: 90 degrees at 40.0 rad/s; the formula says 40.0
 
 # %% Another motor: twice the lag
 
 slow = replace(stiff, T=0.125)
-found = brentq(lambda speed: lag(slow, speed) - 90.0, 25.0, 32.0, xtol=0.01)
-print(f"T = {slow.T} s: 90 degrees at {found:.1f} rad/s; the formula says {slow.nu_res:.1f}")
+resonance = brentq(lambda speed: lag(slow, speed) - 90.0, 25.0, 32.0, xtol=0.01)
+print(f"T = {slow.T} s: 90 degrees at {resonance:.1f} rad/s; the formula says {slow.nu_res:.1f}")
 # prints: T = 0.125 s: 90 degrees at 28.3 rad/s; the formula says 28.3
 
 # The resonance fell with the square root of the lag, from 40 to 28.3 rad/s. To sweep all speeds at

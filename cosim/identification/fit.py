@@ -16,8 +16,8 @@ from .parameters import Array
 from .problem import Evaluator, Problem
 
 Loss = Literal["linear", "huber"]
-#: Draws of the values that are fitted first, of which the best one is a start. Chosen: draws of
-#: an unknown angle are then 15 degrees apart on average.
+#: Draws of the values that are fitted first, of which the best one is a start. Chosen: there
+#: is a draw of an unknown angle in every 15 degrees.
 DRAWS = 24
 #: Starts that must end at the same minimum, if noise explains this. Chosen: two could agree by chance.
 AGREEING_STARTS = 3
@@ -90,21 +90,22 @@ def fit(problem: Problem, plan: SearchPlan, outliers: float = 0.0) -> Fit:
 def search(evaluator: Evaluator, plan: SearchPlan, enough: float, loss: Loss) -> list[Minimum]:
     """Where starts end, the best first: the guess, then others that are drawn.
 
-    From each, the values to be fitted first are fitted on their own, from the best of DRAWS draws of them. The
-    search is over when AGREEING_STARTS have ended at the same minimum with chi2 below `enough`, or nearly twice as
-    many at one with a larger chi2. Many machines look nearly the same half a turn further on, so the fit is tried
-    there too, unless it looks quite different.
+    The starts are a Latin hypercube, which puts one into each of as many equal strata of every value (McKay,
+    Beckman and Conover, Technometrics 21, 1979). From each, the values to be fitted first are fitted on their own,
+    from the best of DRAWS draws of them, which are a Latin hypercube too. The search is over when AGREEING_STARTS
+    have ended at the same minimum with chi2 below `enough`, or nearly twice as many at one with a larger chi2. Many
+    machines look nearly the same half a turn further on, so the fit is tried there too, unless it looks quite
+    different.
     """
     problem = evaluator.problem
     rng = np.random.default_rng(plan.seed)
     low, high = np.array([(f.start_low, f.start_high) for f in problem.parameters]).T
-    everything = range(len(problem.parameters))
+    everything, first = range(len(problem.parameters)), list(plan.first)
     minima: list[Minimum] = []
-    for k in range(plan.starts):
-        p = problem.guess if k == 0 else rng.uniform(low, high)
-        if plan.first:
-            candidates = _candidates(p, plan.first, DRAWS if k else DRAWS // 2, low, high, rng)
-            p = min(candidates, key=evaluator.chi2)
+    for p in [problem.guess, *latin_hypercube(plan.starts - 1, low, high, rng)]:
+        if first:
+            draws = latin_hypercube(DRAWS, low[first], high[first], rng)
+            p = min([p, *(_with_values(p, first, draw) for draw in draws)], key=evaluator.chi2)
             p = descend(evaluator, p, plan.first, FIRST_EVALUATIONS, loss).p
         minima.append(descend(evaluator, p, everything, ALL_EVALUATIONS, loss))
         minima.sort(key=lambda minimum: minimum.chi2)
@@ -116,21 +117,21 @@ def search(evaluator: Evaluator, plan: SearchPlan, enough: float, loss: Loss) ->
     return sorted(minima, key=lambda minimum: minimum.chi2)
 
 
-def _candidates(
-    p: Array,
-    first: Sequence[int],
-    number: int,
-    low: Array,
-    high: Array,
-    rng: np.random.Generator,
-) -> list[Array]:
-    """A start, and copies of it with other values of those that are fitted first."""
-    candidates = [p]
-    for _ in range(number):
-        candidate = p.copy()
-        candidate[list(first)] = rng.uniform(low, high)[list(first)]
-        candidates.append(candidate)
-    return candidates
+def latin_hypercube(number: int, low: Array, high: Array, rng: np.random.Generator) -> Array:
+    """Draw so many points between low and high, both of shape (n,): a Latin hypercube of shape (number, n).
+
+    Of as many equal strata of a coordinate each holds the coordinate of a point.
+    """
+    strata = rng.permuted(np.tile(np.arange(number), (len(low), 1)), axis=1).T
+    fractions = (strata + rng.random(strata.shape)) / max(number, 1)
+    return np.asarray(low + (high - low) * fractions)
+
+
+def _with_values(p: Array, indices: Sequence[int], values: Array) -> Array:
+    """Values p of the free parameters, with others at these indices."""
+    changed = p.copy()
+    changed[list(indices)] = values
+    return changed
 
 
 def _is_agreed(minima: Sequence[Minimum], rows: int, enough: float) -> bool:

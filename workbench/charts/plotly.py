@@ -45,9 +45,9 @@ def figure(picture: Picture, max_paper_px: float = math.inf) -> dict[str, Json]:
 
     Parameters
     ----------
-    picture
+    picture : Picture
         What to draw.
-    max_paper_px
+    max_paper_px : float
         Its height on paper at most.
 
     Returns

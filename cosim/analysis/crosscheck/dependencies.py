@@ -6,7 +6,7 @@ from contextlib import suppress
 
 from ...errors import FmuError
 from ...system import Value
-from ...system.description import Variable
+from ...system.description import Unknown, Variable
 from .subject import EXCITATION, CheckFailed, NotOffered, Subject, nudged
 from .tolerances import AGREEMENT, NO_CHANGE
 
@@ -27,45 +27,49 @@ DIRECT_SHARE = 0.5
 def outputs(s: Subject) -> str:
     """Which outputs an input moves in a step too short for any state to move."""
     s.needs("canHandleVariableCommunicationStepSize")
-    declared = {
-        u.variable.name: (u.dependencies, u.dependenciesKind) for u in s.description.outputs
-    }
+    declared = {u.variable.name: u for u in s.description.outputs}
     reals = [v for v in s.outputs if v.name in s.ranges and v.variability in (None, "continuous")]
-    coarse: set[str] = set()
+    short, long = s.h / SHORT_STEP_DIVISOR, s.h / LONG_STEP_DIVISOR
+    unresolved: set[str] = set()
     for n in (0, s.steps // 2):
         u = s.inputs_at(n)
-        coarse |= _unresolved(s, n)
-        reals = [v for v in reals if v.name not in coarse]
+        unresolved |= _unresolved(s, n)
+        reals = [v for v in reals if v.name not in unresolved]
         for j, driver in enumerate(s.inputs[:MOST_INPUTS]):
-            slopes = {
-                h: s.slopes(n, u, j, h, EXCITATION)
-                for h in (s.h / LONG_STEP_DIVISOR, s.h / SHORT_STEP_DIVISOR)
-            }
+            short_slopes, long_slopes = (s.slopes(n, u, j, h, EXCITATION) for h in (short, long))
             for v in reals:
-                (up, down), (long_up, _) = (
-                    slopes[s.h / SHORT_STEP_DIVISOR][v.name],
-                    slopes[s.h / LONG_STEP_DIVISOR][v.name],
-                )
                 resolution = NO_CHANGE * s.ranges[v.name] / s.size(driver)
-                responds = abs(up) > max(DIRECT_SHARE * abs(long_up), resolution)
-                names, kinds = declared.get(v.name, (None, None))
-                if responds and names is not None and driver not in names:
-                    raise CheckFailed(
-                        f"{v.name} depends on {driver.name} at once, with slope {up:.4g}, undeclared"
-                    )
-                kind = kinds[names.index(driver)] if kinds and names and driver in names else ""
-                if (
-                    kind in ("constant", "fixed")
-                    and abs(up - down) > AGREEMENT * abs(up) + resolution
-                ):
-                    raise CheckFailed(
-                        f"{v.name} by {driver.name} is declared {kind}, but its slope is {down:.6g} on one "
-                        f"side and {up:.6g} on the other"
-                    )
-    if coarse and not reals:
-        raise NotOffered(f"it takes no steps as short as {s.h / SHORT_STEP_DIVISOR:.3g} s")
+                least = max(DIRECT_SHARE * abs(long_slopes[v.name][0]), resolution)
+                if v.name in declared:
+                    _require_declared(declared[v.name], driver, short_slopes[v.name][0], least)
+                    _require_kind(declared[v.name], driver, short_slopes[v.name], resolution)
+    if unresolved and not reals:
+        raise NotOffered(f"it takes no steps as short as {short:.3g} s")
     tried = min(len(s.inputs), MOST_INPUTS)
     return f"{len(reals)} Real outputs by {tried} of {len(s.inputs)} Real inputs"
+
+
+def _require_declared(output: Unknown, driver: Variable, slope: float, least: float) -> None:
+    """Raise CheckFailed for a slope above the least that shows a dependence, where none is declared."""
+    names = output.dependencies
+    if abs(slope) > least and names is not None and driver not in names:
+        raise CheckFailed(
+            f"{output.variable.name} depends on {driver.name} at once, with slope {slope:.4g}, undeclared"
+        )
+
+
+def _require_kind(
+    output: Unknown, driver: Variable, slopes: tuple[float, float], resolution: float
+) -> None:
+    """Raise CheckFailed if the slopes above and below differ, where they are declared to be the same."""
+    names, kinds = output.dependencies, output.dependenciesKind
+    kind = kinds[names.index(driver)] if kinds and names and driver in names else ""
+    up, down = slopes
+    if kind in ("constant", "fixed") and abs(up - down) > AGREEMENT * abs(up) + resolution:
+        raise CheckFailed(
+            f"{output.variable.name} by {driver.name} is declared {kind}, but its slope is {down:.6g} on "
+            f"one side and {up:.6g} on the other"
+        )
 
 
 def _unresolved(s: Subject, n: int) -> set[str]:
