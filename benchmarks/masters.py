@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import subprocess
 import sys
 import time
@@ -29,6 +30,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -62,7 +64,7 @@ OURS: dict[str, dict[str, Any]] = {
 TITLES = {
     "fmpy": "FMPy, SSP", "pathsim-cs": "PathSim, co-simulation",
     "pathsim-me": "PathSim, model exchange (RK4)", "cofmupy-jacobi": "CoFMuPy, Jacobi",
-    "cofmupy-gauss-seidel": "CoFMuPy, Gauss-Seidel", "ecos": "Ecos", "libcosim": "libcosim",
+    "cofmupy-gauss-seidel": "CoFMuPy, Gauss-Seidel", "ecos": "Ecos", "libcosim": "libcosim", "omsimulator": "OMSimulator",
     "cosim-jacobi": "this project, Jacobi", "cosim-gauss-seidel": "this project, Gauss-Seidel",
     "cosim-strang": "this project, Strang",
     "cosim-gauss-seidel-order-2": "this project, Gauss-Seidel, inputs of order 2",
@@ -74,6 +76,9 @@ SHOWN = 1e-3
 JUDGED_STEPS = (2e-3, 1e-3, 5e-4)
 #: how many times as long a second run is, whose longer time tells what the steps take without the set-up
 LONGER = 20
+#: Seed of the hashes of texts in the programs of the others: chosen. CoFMuPy 1.0.0 steps the parts of a loop in the order
+#: of a set of their names (`GraphEngine._get_order`), which without a seed is another one in each process.
+HASH_SEED = "0"
 Array = NDArray[np.float64]
 
 
@@ -102,7 +107,7 @@ class Client:
             python = [*uv, "--python", "3.11", *packages, "python"]
         self.program = subprocess.Popen(
             [*python, str(CLIENTS), tool], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL, text=True,
+            stderr=subprocess.DEVNULL, text=True, env={**os.environ, "PYTHONHASHSEED": HASH_SEED},
         )  # fmt: skip
 
     def ask(self, task: Mapping[str, Any]) -> dict[str, Any]:
@@ -123,6 +128,41 @@ class Client:
         assert self.program.stdin
         self.program.stdin.close()
         self.program.wait()
+
+
+class OmSimulator:
+    """The program OMSimulator, which takes the SSP of a system and writes a table."""
+
+    def __init__(self, program: Path, folder: Path) -> None:
+        self.program, self.folder = program.absolute(), folder
+        done = subprocess.run(
+            [self.program, "--version"], check=True, capture_output=True, text=True
+        )
+        self.version = done.stdout.strip().removeprefix("OMSimulator ")
+
+    def ask(self, task: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer to a task, in which each row is there once, with what follows from an event at its time."""
+        result = self.folder / "omsimulator.csv"
+        result.unlink(missing_ok=True)
+        began = time.process_time()
+        subprocess.run(
+            [self.program, f"--stepSize={task['step']}", f"--stopTime={task['step'] * task['steps']}",
+             f"--resultFile={result}", Path(task["ssp"]).name],
+            check=False, cwd=Path(task["ssp"]).parent, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        if not result.is_file():
+            return {"failure": "no result"}
+        table = pd.read_csv(result, skipinitialspace=True).drop_duplicates("time", keep="last")
+        columns = [
+            next(x for x in map(str, table) if x.endswith(f".{port}")) for port in task["record"]
+        ]
+        return {
+            "rows": table[["time", *columns]].to_numpy().tolist(),
+            "seconds": time.process_time() - began, "versions": {"omsimulator": self.version},
+        }  # fmt: skip
+
+    def close(self) -> None:
+        """Nothing runs on."""
 
 
 def distance(rows: Array, step: float, truth: Result, ports: list[str]) -> float:
@@ -170,18 +210,20 @@ def task_for(case: Case, step: float, truth: Result, ssp: Path) -> dict[str, Any
     }  # fmt: skip
 
 
-def written_ssp(key: str, case: Case, folder: Path) -> Path:
-    """The SSP of a system."""
+def written_ssp(key: str, case: Case, step: float, folder: Path) -> Path:
+    """The SSP of a system with this step [s], which OMSimulator takes from there."""
     ssp = folder / f"{key.replace(' ', '_')}.ssp"
-    write_ssp(case.system, ssp, stop=case.stop, step=SHOWN)
+    write_ssp(case.system, ssp, stop=case.stop, step=step)
     return ssp
 
 
-def points(key: str, case: Case, clients: Mapping[str, Client], folder: Path) -> Iterable[Point]:
+def points(
+    key: str, case: Case, clients: Mapping[str, Client | OmSimulator], folder: Path
+) -> Iterable[Point]:
     """All runs of a system."""
     ports = exchanged(case.system)
-    ssp = written_ssp(key, case, folder)
     for step in case.steps:
+        ssp = written_ssp(key, case, step, folder)
         truth = oracle(case.system, stop=case.stop, output_step=step, record=ports)
         for name in OURS:
             try:
@@ -200,11 +242,11 @@ def points(key: str, case: Case, clients: Mapping[str, Client], folder: Path) ->
 
 
 def judgements(
-    key: str, case: Case, clients: Mapping[str, Client], folder: Path
+    key: str, case: Case, clients: Mapping[str, Client | OmSimulator], folder: Path
 ) -> Iterable[Judgement]:
     """What the referee says of each run of the others."""
-    ssp = written_ssp(key, case, folder)
     for step in case.steps:
+        ssp = written_ssp(key, case, step, folder)
         truth = oracle(case.system, stop=step, output_step=step)
         task = task_for(case, step, truth, ssp)
         for name, client in clients.items():
@@ -277,7 +319,10 @@ def draw(measured: Sequence[Point], systems: Mapping[str, Case], path: Path) -> 
 
 
 def measure(
-    systems: Mapping[str, Case], clients: Mapping[str, Client], folder: Path, out: Path
+    systems: Mapping[str, Case],
+    clients: Mapping[str, Client | OmSimulator],
+    folder: Path,
+    out: Path,
 ) -> None:
     """Run all masters on these systems, and write their errors and times."""
     measured: list[Point] = []
@@ -296,7 +341,10 @@ def measure(
 
 
 def judge_all(
-    systems: Mapping[str, Case], clients: Mapping[str, Client], folder: Path, out: Path
+    systems: Mapping[str, Case],
+    clients: Mapping[str, Client | OmSimulator],
+    folder: Path,
+    out: Path,
 ) -> None:
     """Let the referee judge the results of the others, and an integration the judgements."""
     judged: list[Judgement] = []
@@ -315,6 +363,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Compare co-simulation masters.")
     parser.add_argument("--environments", type=Path, help="folder of ready environments by package")
     parser.add_argument("--masters", default=",".join(REQUIREMENTS), help="which of the others")
+    parser.add_argument(
+        "--omsimulator",
+        type=Path,
+        help="the program OMSimulator, which is not on the package index",
+    )
     parser.add_argument("--systems", default="", help="which systems (default: all)")
     parser.add_argument(
         "--steps", default="", help="steps in ms (default: 4,2,1,0.5,0.25; with --referee 2,1,0.5)"
@@ -326,11 +379,15 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     masters = [name for name in options.masters.split(",") if name]
-    clients = {name: Client(name, options.environments) for name in masters}
+    clients: dict[str, Client | OmSimulator] = {
+        name: Client(name, options.environments) for name in masters
+    }
     steps = tuple(1e-3 * float(x) for x in options.steps.split(",") if x)
     if options.referee:
         steps = steps or JUDGED_STEPS
     with TemporaryDirectory() as folder:
+        if options.omsimulator:
+            clients["omsimulator"] = OmSimulator(options.omsimulator, Path(folder))
         models = Path(__file__).with_name("models")
         make_all([models / "wheel.py", models / "chassis.py"], "native", Path(folder))
         wanted = [name for name in options.systems.split(",") if name]

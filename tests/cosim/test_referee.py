@@ -522,3 +522,54 @@ def test_a_column_of_zeros_is_in_no_other_unit(native: Path) -> None:
     report = referee(drive(native), frame)
     assert report["motor.tau"].verdict is Verdict.DIFFERS
     assert report.causes == (), report.text()
+
+
+@pytest.mark.parametrize("fill", [math.nan, math.inf, "none"])
+@pytest.mark.parametrize("rows", ["one", "all"])
+def test_a_column_without_numbers_is_no_column_that_agrees(
+    native: Path, tmp_path: Path, fill: float | str, rows: str
+) -> None:
+    """A variable that a master failed to write must not make a result look right."""
+    frame = exact(drive(native), 0.1).astype(object)
+    frame.loc[50 if rows == "one" else slice(None), "motor.tau"] = fill
+    path = tmp_path / "theirs.csv"
+    frame.to_csv(path, index=False)
+    report = referee(drive(native), path)
+    assert report.verdict is Verdict.DIFFERS
+    assert "motor.tau has no finite value at" in report.sentence()
+    assert report.causes[0].kind == "no number"
+    first = "0.05 s" if rows == "one" else "at 0 s"
+    assert first in report.causes[0].text
+    assert report["conveyor.w"].verdict is Verdict.AGREES
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("none.csv", None, "No such file"),
+        ("empty.csv", b"", "No columns"),
+        ("binary.csv", bytes(range(256)), "no text in UTF-8"),
+        ("heading.csv", b"time,motor.tau\n", "needs two rows"),
+        ("not.mat", b"nothing", "cannot be read"),
+        ("untimed.csv", b"motor.tau,conveyor.w\n2,40\n1,41\n", "no column is called time"),
+        ("falls.csv", b"time,motor.tau\n0,8\n1,9\n0.5,8\n", "must not fall"),
+        ("unit.csv", b"time,motor.tau [furlong]\n0,8\n1,9\n", "in furlong"),
+        ("names.csv", b"time,torque\n0,8\n1,9\n", "--map NAME=COLUMN"),
+    ],
+)
+def test_what_is_no_result_is_refused_in_one_line(
+    native: Path, tmp_path: Path, name: str, content: bytes | None, words: str
+) -> None:
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(SetupError, match=words) as refusal:
+        referee(drive(native), path)
+    assert "\n" not in str(refusal.value)
+    assert name in str(refusal.value) or "motor.tau" in str(refusal.value)
+
+
+@pytest.mark.parametrize("setting", ["step", "timeout"])
+def test_times_of_settings_must_be_above_0(native: Path, setting: str) -> None:
+    with pytest.raises(SetupError, match=f"{setting} = -1.0 s must be above 0"):
+        referee(drive(native), exact(drive(native), 0.01), **{setting: -1.0})

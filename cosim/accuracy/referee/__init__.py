@@ -14,7 +14,7 @@ from ...engine.settings import RunSettings
 from ...errors import SetupError, pluralize
 from ...system import Network, Port, System, connect
 from ...units import multiples
-from .causes import Cause, table_causes
+from .causes import Cause, not_finite, table_causes
 from .report import RefereeReport
 from .signals import SignalJudgement, Verdict, judge_signal
 from .solution import ReferenceSolution, SolutionRequest, solve_reference
@@ -95,6 +95,9 @@ def referee(
     """
     if not 0.0 < tolerance < 1.0:
         raise SetupError(f"tolerance = {tolerance!r} must be above 0 and below 1")
+    for name, seconds in (("step", step), ("timeout", timeout)):
+        if seconds is not None and not seconds > 0.0:
+            raise SetupError(f"{name} = {seconds!r} s must be above 0")
     network = connect(system)
     table = read_foreign(result)
     label = Path(table.label).name
@@ -166,7 +169,7 @@ def _find_causes(
     references = [(port, solution.values[port.name]) for port in ports]
     unexplained = []
     for signal in differing:
-        best = max(
+        best = not_finite(signal) or max(
             table_causes(signal, network, references),
             key=lambda cause: cause.reduction,
             default=None,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...errors import pluralize
 from ...system import Network, Port
 from ...units import multiples
 from .signals import SignalJudgement, column_scale
@@ -38,7 +39,7 @@ class Cause:
     Attributes
     ----------
     kind : str
-        One of "unit", "sign", "columns crossed", "delay", "offset", "missed event", "time unit", "held inputs",
+        One of "no number", "unit", "sign", "columns crossed", "delay", "offset", "missed event", "time unit", "held inputs",
         "step too long", "lost start value", "lost wire", "wires crossed", "lost factor", "lost input",
         "integration in the FMUs".
     text : str
@@ -108,6 +109,18 @@ def table_causes(
             is_close = LEAST_REDUCTION * distance <= root_mean_square(reproduced)
             if better >= LEAST_REDUCTION and is_close:
                 yield Cause(kind, text, better, (signal.name,))
+
+
+def not_finite(signal: SignalJudgement) -> Cause | None:
+    """The cause of a column that has rows without a finite number; None if it has none."""
+    rows = np.flatnonzero(~np.isfinite(signal.values))
+    if not rows.size:
+        return None
+    text = (
+        f"{signal.column} has no finite number in {pluralize(rows.size, 'row')}, "
+        f"the first at {signal.t[rows[0]]:.6g} s"
+    )
+    return Cause("no number", text, MOST_REDUCTION, (signal.name,))
 
 
 def _units(signal: SignalJudgement, network: Network) -> Iterator[tuple[str, str, Array]]:

@@ -97,7 +97,13 @@ class RefereeReport:
         return {Verdict.AGREES: 0, Verdict.DIFFERS: 1, Verdict.UNDECIDED: 2}[self.verdict]
 
     def explained(self, name: str) -> Cause | None:
-        """The best cause for a signal, None if there is none."""
+        """The best cause for a signal, None if there is none.
+
+        Parameters
+        ----------
+        name : str
+            The dotted name of a signal.
+        """
         return next((cause for cause in self.causes if name in cause.signals), None)
 
     def sentence(self) -> str:
@@ -114,8 +120,7 @@ class RefereeReport:
         worst = max(differing, key=_severity)
         first = (
             f"{self.source} differs from the reference solution in {len(differing)} of "
-            f"{pluralize(len(self.signals), 'signal')}: {worst.name} is off by up to {_deviation(worst)} "
-            f"at {worst.time:.4g} s"
+            f"{pluralize(len(self.signals), 'signal')}: {worst.name} {_distance(worst)} at {worst.time:.4g} s"
         )
         cause = self.explained(worst.name)
         return f"{first}; {'probable cause: ' + cause.text if cause else NO_CAUSE}."
@@ -176,7 +181,7 @@ class RefereeReport:
             if signal.verdict is Verdict.DIFFERS:
                 cause = self.explained(signal.name)
                 failure = ElementTree.SubElement(
-                    case, "failure", message=f"off by {_deviation(signal)} {_since(signal)}"
+                    case, "failure", message=f"{_distance(signal)} {_since(signal)}"
                 )
                 failure.text = cause.text if cause else NO_CAUSE
             elif signal.verdict is Verdict.UNDECIDED:
@@ -256,6 +261,11 @@ class RefereeReport:
         """Write a .txt, .json, JUnit's .xml, a page .html, or a picture .png, .svg or .pdf.
 
         Raises SetupError for another suffix.
+
+        Parameters
+        ----------
+        path : path
+            The file, whose suffix decides the format.
         """
         path = Path(path)
         writer(path)(self, path)
@@ -315,7 +325,16 @@ def _with_error(value: float, error: float, unit: str) -> str:
     return f"{value:.6g} +- {error:.1g} {unit}".rstrip()
 
 
+def _distance(signal: SignalJudgement) -> str:
+    """How far a signal is off, as the rest of a sentence."""
+    if not math.isfinite(signal.deviation):
+        return "has no finite value"
+    return f"is off by up to {_deviation(signal)}"
+
+
 def _deviation(signal: SignalJudgement) -> str:
+    if not math.isfinite(signal.deviation):
+        return "no finite value"
     return f"{signal.deviation:.4g} +- {signal.error:.1g} {signal.unit}".rstrip()
 
 

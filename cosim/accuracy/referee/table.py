@@ -107,9 +107,16 @@ def read_foreign(source: Source) -> ForeignTable:
         if metadata.is_file():
             content = json.loads(metadata.read_text(encoding="utf-8"))
             units = content.get("units", {}) if isinstance(content, dict) else {}
-    except (OSError, ValueError, ImportError) as error:
-        raise SetupError(f"{path} cannot be read as a table: {error}") from error
+    except (OSError, ValueError, TypeError, LookupError, NotImplementedError, ImportError) as error:
+        raise SetupError(f"{path} cannot be read as a table: {_reason(error)}") from error
     return _table(str(path), frame, units)
+
+
+def _reason(error: Exception) -> str:
+    """Why a file cannot be read, without what only programmers know."""
+    if isinstance(error, UnicodeDecodeError):
+        return "it is no text in UTF-8"
+    return (isinstance(error, OSError) and error.strerror) or str(error)
 
 
 def _read_frame(path: Path) -> pd.DataFrame:
@@ -137,8 +144,12 @@ def _read_modelica(path: Path) -> ForeignTable:
     Names are columns of characters; `dataInfo` gives for each the matrix, and the row in it with its sign.
     """
     from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
 
-    content = loadmat(path, chars_as_strings=False)
+    try:
+        content = loadmat(path, chars_as_strings=False)
+    except MatReadError as error:
+        raise ValueError(str(error)) from error
     if not {"name", "dataInfo", "data_2"} <= content.keys():
         raise ValueError("it is no result of a Modelica tool")
     texts = {
@@ -168,11 +179,12 @@ def _table(label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> Foreign
     columns: dict[str, Array] = {}
     stated_units: dict[str, str] = {}
     headings = [str(heading) for heading in frame.columns]
-    clock = next((k for k, h in enumerate(headings) if _split(h)[0].lower() in TIMES), 0)
+    clocks = [k for k, heading in enumerate(headings) if _split(heading)[0].lower() in TIMES]
+    clock = clocks[0] if clocks else 0
     for k, heading in enumerate(headings):
         name, unit = (heading, units[heading]) if heading in units else _split(heading)
         values = np.asarray(pd.to_numeric(frame.iloc[:, k], errors="coerce"), float)
-        if k != clock and (name.lower() in COUNTERS or not np.isfinite(values).any()):
+        if k != clock and name.lower() in COUNTERS:
             continue
         if name in columns:
             raise SetupError(f"{label} has two columns named {name!r}")
@@ -185,7 +197,14 @@ def _table(label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> Foreign
         raise SetupError(
             f"{label}: the time must be in a unit of time, not in {stated_units[name]}"
         )
-    return _checked(ForeignTable(label, scale * columns.pop(name), columns, stated_units))
+    table = ForeignTable(label, scale * columns.pop(name), columns, stated_units)
+    if clocks:
+        return _checked(table)
+    try:
+        return _checked(table)
+    except SetupError as error:
+        reason = f"no column is called time, so that the first, {name}, is taken for it"
+        raise SetupError(f"{error}; {reason}") from error
 
 
 def _checked(table: ForeignTable) -> ForeignTable:
