@@ -125,6 +125,27 @@ class DenseSolution:
                     x[k + 1] = sign * highest
         return x
 
+    def start_extreme(self, width: Array, sign: float) -> tuple[int, float]:
+        """The row behind the first interval, and the largest value in it within a band of a width around the rows.
+
+        Multiplied by sign. The value at the start is exact, and the error grows from there, so that
+        the band may have an extreme of its own between the two rows; it is -inf where it has none.
+        """
+        k = int(np.argmax(np.diff(self.t) > 0.0))
+        edge = DenseSolution(self.t, self.x + sign * width, self.gaps, self.side)
+        edge.is_discrete = self.is_discrete
+        highest = edge.highest_in_gap(k, sign)
+        inside = highest > max(sign * edge.x[k], sign * edge.x[k + 1])
+        return k + 1, highest if inside else -np.inf
+
+    def with_start_extreme(self, width: Array, sign: float) -> Array:
+        """The values of the rows, of which the first behind the start has the extreme of `start_extreme`."""
+        x = self.x.copy()
+        k, highest = self.start_extreme(width, sign)
+        if highest > max(sign * x[k - 1], sign * x[k]):
+            x[k] = sign * highest
+        return x
+
     def with_top_lowered(self, width: Array, begin: float = 1.0, end: float = 1.0) -> Array:
         """The values of the rows, of which the highest are lower by a width and the lowest ones higher.
 
@@ -230,10 +251,25 @@ class DenseSolution:
         return Extreme(value, time)
 
     def maxima(self) -> tuple[Array, Array]:
-        """The times [s] and values of all rows that no neighbour exceeds, ends of gaps and of pieces too."""
+        """The times [s] and values of all rows that no neighbour exceeds, or of the polynomials beside them if those
+        are higher; ends of gaps and of pieces are among them.
+        """
         padded = np.concatenate([[-np.inf], self.x, [-np.inf]])
         at = np.flatnonzero((self.x >= padded[:-2]) & (self.x >= padded[2:]))
-        return self.t[at], self.x[at]
+        times, values = self.t[at], self.x[at]
+        for p in self.polynomials():
+            tops, top_times = (
+                found.reshape(-1, p.c.shape[1]) for found in _peaks(p.c, p.x[:-1], np.diff(p.x))
+            )
+            best = tops.argmax(axis=0), np.arange(p.c.shape[1])
+            tops, top_times = tops[best], top_times[best]
+            rows = np.flatnonzero((self.t[at] >= p.x[0]) & (self.t[at] <= p.x[-1]))
+            after = np.searchsorted(p.x, self.t[at[rows]], side="right") - 1
+            for piece in (np.maximum(after - 1, 0), np.minimum(after, len(tops) - 1)):
+                higher = tops[piece] > values[rows]
+                values[rows[higher]] = tops[piece[higher]]
+                times[rows[higher]] = top_times[piece[higher]]
+        return times, values
 
     def integral(self) -> float:
         """The integral over time from the first row to the last."""

@@ -50,6 +50,19 @@ def run_isolated(
     before the first step. Ctrl-C ends the child, a second one kills it, and so does SIGTERM or SIGHUP
     after a while; the rows are kept in each case. If this process dies, so does the child. As always
     with child processes, a script needs `if __name__ == "__main__"`.
+
+    Parameters
+    ----------
+    system : System
+        What is run.
+    csv : path
+        The file that takes the rows.
+    progress : callable, optional
+        Called with the fraction of the run that is done.
+    timeout : float
+        The longest time that a step may take [s].
+    **settings
+        Those of `run`.
     """
     if not timeout > 0.0:
         raise SetupError(f"timeout = {timeout!r} s must be above 0")

@@ -69,6 +69,49 @@ def run(
     `quiet` suppresses them. A run that an FMU ends itself is complete: `provenance` gives the time
     `reached` [s] and the `reason`. Raises SetupError before the first step, and later SimulationError or
     Interrupted with the rows so far.
+
+    Parameters
+    ----------
+    system : System
+        What is run: parts, wires, start values and inputs over time.
+    stop : float
+        When the run ends [s].
+    start : float
+        When it begins [s].
+    step : float or Adaptive
+        The communication step [s], or adaptive steps.
+    algorithm : str
+        The coupling algorithm, one of `ALGORITHMS`.
+    order : sequence of str, optional
+        The order in which the parts step.
+    input_order : int
+        The degree of the polynomials that inputs follow within a step; 0 holds them.
+    substeps : mapping, optional
+        Sub-steps of a communication step, by part.
+    tolerance : float, optional
+        The relative tolerance that FMUs get.
+    record : sequence of str, optional
+        The columns.
+    output_step : float, optional
+        The distance of the rows [s].
+    stop_time_defined : bool
+        Whether the FMUs get the stop time before the start.
+    csv : path, optional
+        The file that takes the rows as they are computed.
+    progress : callable, optional
+        Called with the fraction of the run that is done.
+    all_rows : Path, optional
+        The file that takes the rows of all communication points.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from cosim import System, run
+    >>> result = run(System({"motor": Path("fmus/DriveMotor.fmu")}), stop=0.1, step=0.01)
+    >>> result.columns
+    ['time', 'motor.tau', 'motor.tau_static', 'motor.P']
+    >>> len(result["time"])
+    11
     """
     network = connect(system)
     if tolerance is None and isinstance(step, Adaptive):

@@ -102,6 +102,13 @@ class PointValue(ColumnMetric):
         """The range of the column."""
         return float(np.ptp(self.stretch(solution).x))
 
+    def _start_doubt(self, solution: DenseSolution, band: DenseSolution, sign: float) -> float:
+        """By how much the extreme of the first interval's band exceeds the value."""
+        if self.begin > solution.t[0]:
+            return 0.0
+        _, highest = solution.start_extreme(band.x, sign)
+        return max(0.0, highest - sign * self.value(solution))
+
 
 @dataclass(frozen=True)
 class Last(PointValue):
@@ -124,6 +131,10 @@ class Largest(PointValue):
         """The largest value, at or between rows."""
         return solution.largest().value
 
+    def doubt(self, solution: DenseSolution, band: DenseSolution) -> float:
+        """How much higher the band is between the first two rows, if that is the highest of all."""
+        return self._start_doubt(solution, band, 1.0)
+
     def times(self, solution: DenseSolution) -> tuple[float, ...]:
         """The time of the peak."""
         return (self.stretch(solution).largest().time,)
@@ -136,6 +147,10 @@ class Smallest(PointValue):
     def measure(self, solution: DenseSolution) -> float:
         """The smallest value, at or between rows."""
         return -solution.with_values(-solution.x).largest().value
+
+    def doubt(self, solution: DenseSolution, band: DenseSolution) -> float:
+        """How much lower the band is between the first two rows, if that is the lowest of all."""
+        return self._start_doubt(solution, band, -1.0)
 
     def times(self, solution: DenseSolution) -> tuple[float, ...]:
         """The time of the trough."""
@@ -160,7 +175,7 @@ class TimeOfLargest(ColumnMetric):
         rivals = times[values + band(times) >= least]
         spacing = float(np.diff(solution.t).max())
         away = np.abs(rivals - peak.time)
-        return float(away[away > spacing].max(initial=0.0))
+        return float(away[away > spacing].max(initial=-spacing)) + spacing
 
 
 @dataclass(frozen=True)
@@ -215,7 +230,7 @@ class Crossing:
         near = times[turns][values[turns] + band(times[turns]) >= level]
         spacing = float(np.diff(solution.t).max())
         away = time - near
-        return float(away[away > spacing].max(initial=0.0))
+        return float(away[away > spacing].max(initial=-spacing)) + spacing
 
 
 @dataclass(frozen=True)
@@ -321,37 +336,123 @@ def _at(solution: DenseSolution, time: float) -> float:
 
 
 def largest(t: Rows, x: Rows) -> float:
-    """The largest value of x."""
+    """The largest value of x.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> round(largest(t, np.sin(2 * np.pi * t)), 6)
+    1.0
+    """
     return DenseSolution.from_rows(t, x).largest().value
 
 
 def smallest(t: Rows, x: Rows) -> float:
-    """The smallest value of x."""
+    """The smallest value of x.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+    """
     return -DenseSolution.from_rows(t, -x).largest().value
 
 
 def time_of_largest(t: Rows, x: Rows) -> float:
-    """When x is largest [s]."""
+    """When x is largest [s].
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> round(time_of_largest(t, np.sin(2 * np.pi * t)), 6)
+    0.25
+    """
     return DenseSolution.from_rows(t, x).largest().time
 
 
 def time_of_smallest(t: Rows, x: Rows) -> float:
-    """When x is smallest [s]."""
+    """When x is smallest [s].
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+    """
     return DenseSolution.from_rows(t, -x).largest().time
 
 
 def crossing(t: Rows, x: Rows, level: float) -> float:
-    """When x first passes a level [s], up or down; nan if it never does."""
+    """When x first passes a level [s], up or down; nan if it never does.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+    level : float
+        In the unit of x.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> round(crossing(t, t**2, 0.25), 6)
+    0.5
+    """
     return _first_crossing(DenseSolution.from_rows(t, x), level)
 
 
 def mean(t: Rows, x: Rows) -> float:
-    """The mean of x over time."""
+    """The mean of x over time.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> round(mean(t, t**2), 6)
+    0.333333
+    """
     return Mean("").measure(DenseSolution.from_rows(t, x))
 
 
 def rms(t: Rows, x: Rows) -> float:
-    """The square root of the mean of x squared over time."""
+    """The square root of the mean of x squared over time.
+
+    Parameters
+    ----------
+    t : array_like
+        Times of the rows [s].
+    x : array_like
+        Values at these times.
+    """
     return Rms("").measure(DenseSolution.from_rows(t, x))
 
 

@@ -121,6 +121,13 @@ class Result:
             For any other suffix or a part without columns.
         OSError
             If there is no room.
+
+        Parameters
+        ----------
+        path : path
+            The file, whose suffix decides the format.
+        part : str, optional
+            The part whose columns are written.
         """
         path, frame, units = Path(path), self.frame, self.units
         if part is not None:
@@ -169,6 +176,13 @@ class Result:
         -------
         Figure
             A figure of matplotlib.
+
+        Parameters
+        ----------
+        names : sequence of str or str, optional
+            The columns; by default all.
+        path : path or binary file, optional
+            Where the figure is written to.
         """
         from .picture import Picture
 

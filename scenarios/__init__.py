@@ -27,6 +27,21 @@ def ask(
     Python, and `jobs` are all cores where that is faster. Files are written to the folder `out` if it is given. Raises
     cosim.SetupError for what is refused, cosim.SimulationError for a run that fails, and
     workbench.question.QuestionError where a file of one's own raises.
+
+    Parameters
+    ----------
+    question : str
+        The name of a question, or a file NAME.py.
+    flavour : str
+        The kind of FMUs; "" for the default.
+    jobs : int, optional
+        How many processes do the runs.
+    scheduler : str, optional
+        The address of a Dask scheduler whose workers do the runs instead.
+    out : path, optional
+        The folder for files.
+    **options
+        The options of the question.
     """
     from scenarios.__main__ import PROGRAM, PROJECT
     from workbench.export import write
@@ -56,6 +71,19 @@ def study(
 
     `jobs` are all cores by default. Files go to the folder `out`, by default results/studies/NAME. Raises
     cosim.SetupError for a mistake in the file, before any run.
+
+    Parameters
+    ----------
+    file : path
+        The study, a TOML file.
+    flavour : str
+        The kind of FMUs; "" for the default.
+    jobs : int, optional
+        How many processes do the runs.
+    scheduler : str, optional
+        The address of a Dask scheduler whose workers do the runs instead.
+    out : path, optional
+        The folder for files.
     """
     from scenarios.__main__ import PROJECT
     from workbench import study

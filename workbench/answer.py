@@ -38,12 +38,26 @@ class Table(NamedTuple):
 
     @classmethod
     def of(cls, result: Result) -> Table:
-        """All that a run recorded."""
+        """All that a run recorded.
+
+        Parameters
+        ----------
+        result : Result
+            The rows of a run.
+        """
         return cls(result.frame, result.units)
 
     @classmethod
     def of_rows(cls, rows: Iterable[Sequence[Any]], units: Mapping[str, str]) -> Table:
-        """The table of rows, each with as many values as there are units."""
+        """The table of rows, each with as many values as there are units.
+
+        Parameters
+        ----------
+        rows : iterable of sequences
+            The values, row by row.
+        units : mapping
+            The unit of each column, by its name.
+        """
         import pandas as pd
 
         return cls(pd.DataFrame(list(rows), columns=list(units)), units)

@@ -78,6 +78,19 @@ class Context:
             What `cosim.run` raises, and for a step that is too long to determine errors.
         SimulationError
             What `cosim.run` raises, and where a run with a multiple of the step fails.
+
+        Parameters
+        ----------
+        system : System
+            What is run.
+        figures : callable
+            Gives the figures of a result by name.
+        o : Run
+            The options of the question, with its step and its stop [s].
+        record : sequence of str or None
+            The columns; None for all outputs.
+        csv : str
+            The name of the CSV file; "" for none.
         """
         if o.step > o.stop / MIN_STEPS:
             raise SetupError(
@@ -127,6 +140,17 @@ class Context:
         """Give function(task) for every task, in their sequence, wherever the runner does its runs.
 
         Warnings become those of the question, except for `probes`, which look for what FMUs warn of.
+
+        Parameters
+        ----------
+        function : callable
+            Does one task, in whatever process.
+        tasks : sequence
+            What the function is called with.
+        title : str
+            What the progress bar shows.
+        probes : bool
+            Whether the tasks look for what FMUs warn of.
         """
         call = partial(_with_warnings, function)
         for outcome, warnings in self.runner.map(call, tasks, title, self.journal()):
@@ -137,7 +161,17 @@ class Context:
     def record_rows(
         self, csv: str, units: Mapping[str, str], rows: Iterable[Sequence[Any]]
     ) -> Table:
-        """Return the table of rows, which go to NAME.partial.csv as they are computed."""
+        """Return the table of rows, which go to NAME.partial.csv as they are computed.
+
+        Parameters
+        ----------
+        csv : str
+            The name of the file, without a suffix.
+        units : mapping
+            The unit of each column, by its name.
+        rows : iterable of sequences
+            The values, row by row.
+        """
 
         def written() -> Iterator[Sequence[Any]]:
             for row in rows:

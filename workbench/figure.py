@@ -40,7 +40,24 @@ class Figure(NamedTuple):
 
     @classmethod
     def undetermined(cls, unit: str, reason: str, meaning: str = "") -> Figure:
-        """A figure that is not determined, and why."""
+        """A figure that is not determined, and why.
+
+        Parameters
+        ----------
+        unit : str
+            The unit that the value would have.
+        reason : str
+            Why there is no value, as a sentence without its end.
+        meaning : str
+            What the figure is.
+
+        Examples
+        --------
+        >>> Figure(40.123, "rad/s", 0.02).text()
+        '40.123 ± 0.020 rad/s'
+        >>> Figure.undetermined("rad/s", "no speed of the sweep is steady").text()
+        'not determined (no speed of the sweep is steady)'
+        """
         return cls(math.nan, unit, None, meaning, reason)
 
     def problem(self) -> str:

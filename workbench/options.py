@@ -36,7 +36,34 @@ def option(
     most: float | None = None,
     choices: Iterable[str] = (),
 ) -> Any:
-    """Declare an option of a dataclass of options; the default may be written with a unit, "2ms"."""
+    """Declare an option of a dataclass of options; the default may be written with a unit, "2ms".
+
+    Parameters
+    ----------
+    default : object
+        The value of an option that is not set; its type is that of the annotation.
+    meaning : str
+        What the option is, for the help.
+    unit : str
+        The SI unit of the value; "" for none.
+    above : float, optional
+        A lower bound that the value may not reach.
+    least : float, optional
+        A lower bound that the value may reach.
+    most : float, optional
+        An upper bound that the value may reach.
+    choices : iterable of str
+        The texts that are allowed; empty for any.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True, kw_only=True)
+    ... class Options:
+    ...     speed: float = option("300rpm", "mean speed of the crank", "rad/s", above=0.0)
+    >>> Options().speed
+    '300rpm'
+    """
     bounds = {"above": above, "at least": least, "at most": most}
     limits = {word: bound for word, bound in bounds.items() if bound is not None}
     declared = Option("", float, False, default, meaning, unit, limits, tuple(choices))

@@ -90,6 +90,25 @@ def answer(
         For a run that fails.
     QuestionError
         Where the question's own code raises.
+
+    Parameters
+    ----------
+    question : Question
+        What is asked.
+    o : dataclass
+        The question's options.
+    fmus : mapping
+        The FMU of each part.
+    flavour : str
+        What kind of FMUs these are, for the provenance.
+    runner : Runner
+        Does the runs of a sweep.
+    out : Path, optional
+        The folder for rows.
+    modules : mapping
+        The module for WebAssembly of each part.
+    command : str
+        The start of the command line that asks the same.
     """
     check_fixed_starts(o.start, question.fixed_starts)
     with (

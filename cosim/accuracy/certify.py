@@ -15,10 +15,10 @@ from ..metrics import Largest, Last, Mean, Metric, Smallest
 from ..result import Result
 from ..system import System
 from .estimate import Estimate
-from .extrapolation import DIVERGED, divergence
+from .extrapolation import DIVERGED, after_widened, divergence
 from .function_error import Function, function_errors
 from .metric_error import metric_error, rows_error
-from .three_runs import ThreeRuns, three_runs
+from .three_runs import ThreeRuns, not_converged, three_runs
 
 #: The metrics of `summary`, by what follows the name of a column.
 SUMMARY: dict[str, Callable[[str], Metric]] = {
@@ -88,6 +88,16 @@ def certify(
     ------
     SetupError, SimulationError, Interrupted
         Whatever `runner` raises; also what a function raises on the rows of a run.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from cosim import System, certify
+    >>> from cosim.metrics import Largest
+    >>> motor = System({"motor": Path("fmus/DriveMotor.fmu")})
+    >>> answer = certify(motor, {"torque": Largest("motor.tau")}, stop=0.1, step=0.01)
+    >>> list(answer.figures)
+    ['torque']
     """
     runs = three_runs(system, step, runner, settings)
     if metrics is None:
@@ -111,9 +121,10 @@ def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
     for column, group in by_column.items():
         columns = runs.column(column)
         late = bool(diverged[runs.finest.columns.index(column)])
+        slow = not_converged(runs, [column])
         for name, metric in group.items():
-            if late and not _is_over(metric, columns.finest, begin):
-                reason = f"{DIVERGED} from {begin:.4g} s on"
+            if slow or (late and not _is_over(metric, columns.finest, begin)):
+                reason = slow or f"{DIVERGED} from {begin:.4g} s on"
                 value = metric.value(columns.finest)
                 estimates[name] = Estimate(value, None, math.nan, reason=reason)
             else:
@@ -122,10 +133,14 @@ def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
 
 
 def _is_over(metric: Metric, solution: DenseSolution, begin: float) -> bool:
-    """Whether a metric is decided before a time [s]: the earlier rows alone have the same number."""
+    """Whether a metric is decided before a time [s]: it does not need the later rows, and no others like these
+    change it.
+    """
     if begin <= solution.t[1]:
         return False
-    return metric.value(solution.between(-math.inf, begin)) == metric.value(solution)
+    value = metric.value(solution)
+    others = solution.with_values(after_widened(solution.t, solution.x, begin))
+    return metric.value(solution.between(-math.inf, begin)) == value == metric.value(others)
 
 
 def summary_metrics(columns: Iterable[str]) -> dict[str, Metric]:
@@ -150,7 +165,18 @@ def _solution(result: Result, column: str) -> DenseSolution:
 
 
 def summary(result: Result) -> dict[str, float]:
-    """The last, smallest, largest and mean value of every column over time."""
+    """The last, smallest, largest and mean value of every column over time.
+
+    Parameters
+    ----------
+    result : Result
+        The rows of a run.
+
+    Returns
+    -------
+    dict
+        The values, in the unit of their column, by names such as "last motor.tau".
+    """
     return evaluate(summary_metrics(result.columns[1:]), result)
 
 

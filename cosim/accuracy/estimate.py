@@ -31,7 +31,13 @@ class Estimate(NamedTuple):
         return self.text("").replace("  ", " ").rstrip()
 
     def text(self, unit: str) -> str:
-        """Write the value with two digits of its error, rounded up, and a unit."""
+        """Write the value with two digits of its error, rounded up, and a unit.
+
+        Parameters
+        ----------
+        unit : str
+            Stands after the number; "" for none.
+        """
         if self.error is None:
             return f"{self.value:.5g} {unit} ({self.reason or self._unconverged()})"
         digits = MOST_DECIMALS

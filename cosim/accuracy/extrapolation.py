@@ -53,6 +53,11 @@ DISTANT_SHARE = 0.1
 #: Parts before and after one in which the coarser runs are looked at, too: convention. Where two runs differ in
 #: phase, their distance vanishes twice a period, and not at the same times for each pair.
 NEIGHBOURS = 2
+#: Share of the rows whose differences must fall too slowly for a column to be refused: convention, nearly all.
+SLOW_SHARE = 0.9
+#: By how much later values may be further from their middle than those of a run that has diverged: convention. Such
+#: values are draws from an attractor whose range one run need not show.
+DIVERGED_WIDTH = 2.0
 #: Runs from which an order is observed: derived, two differences need three.
 RUNS = 3
 #: Differences that do not fall by this factor are not extrapolated: a convention of this project, not derived.
@@ -73,6 +78,8 @@ UNSTABLE = "the run with four times the step is unstable, so that no error can b
 NOT_CONVERGED = "results do not converge as the step is halved"
 #: The reason why numbers are refused after trajectories have diverged.
 DIVERGED = "not converged: the runs diverge"
+#: The reason why all numbers of a column are refused.
+COLUMN_NOT_CONVERGED = "not converged: the error of {} falls with order {:.1f}"
 
 
 def estimate(
@@ -175,19 +182,11 @@ def error_band(
     Returns
     -------
     ErrorBand or None
-        None for a discrete column. Where less than half of the coarsest run's times are in all runs, as with
-        adaptive steps, the finer two are interpolated to them.
+        None for a discrete column.
     """
     if finest.is_discrete:
         return None
-    shared = runs[2][0]
-    for t, _ in runs[:2]:
-        shared = shared[_is_in(shared, t)]
-    if 2 * len(shared) < len(runs[2][0]) or len(shared) < 2:
-        shared, coarse = runs[2]
-        fine, middle = (DenseSolution.from_rows(*run)(shared) for run in runs[:2])
-    else:
-        fine, middle, coarse = (x[_last_index(t, shared)] for t, x in runs)
+    shared, fine, middle, coarse = _shared_values(runs)
     last, previous = fine - middle, middle - coarse
     with np.errstate(all="ignore"):
         falls = np.log(previous / last) / math.log(ratio)
@@ -206,6 +205,47 @@ def error_band(
         shared,
         regular | (np.maximum(np.abs(last), np.abs(previous)) <= rounding),
     )
+
+
+def _shared_values(runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, Array, Array]:
+    """The times [s] that all three runs have, and the values of each at these.
+
+    Where they are less than half of the coarsest run's times, the finer two are interpolated to those.
+    """
+    shared = runs[2][0]
+    for t, _ in runs[:2]:
+        shared = shared[_is_in(shared, t)]
+    if 2 * len(shared) < len(runs[2][0]) or len(shared) < 2:
+        shared, coarse = runs[2]
+        fine, middle = (DenseSolution.from_rows(*run)(shared) for run in runs[:2])
+    else:
+        fine, middle, coarse = (x[_last_index(t, shared)] for t, x in runs)
+    return shared, fine, middle, coarse
+
+
+def slow_order(runs: Sequence[tuple[Array, Array]], ratio: float = STEP_RATIO) -> float | None:
+    """The order, below LOWEST_ORDER, with which the error of a whole column falls; None if it is not so slow.
+
+    Differences of three runs count as slow where they keep their sign and fall with a lower order. A column is
+    slow where at least the share SLOW_SHARE of its rows is; noise of solvers has either sign, and runs that have
+    not yet come to their order fall fast in some rows.
+
+    Parameters
+    ----------
+    runs : sequence of three pairs of arrays
+        Times [s] and values of the column in each run, the finest first.
+    ratio : float
+        The ratio of the steps of two runs.
+    """
+    _, fine, middle, coarse = _shared_values(runs)
+    last, previous = fine - middle, middle - coarse
+    moved = np.abs(last) > ROUNDING_SHARE * float(np.abs(fine).max())
+    if not moved.any():
+        return None
+    with np.errstate(all="ignore"):
+        falls = np.log(previous[moved] / last[moved]) / math.log(ratio)
+    slow = (falls > 0.0) & (falls < LOWEST_ORDER)
+    return float(np.median(falls[slow])) if np.mean(slow) >= SLOW_SHARE else None
 
 
 def _is_in(times: Array, others: Array) -> NDArray[np.bool_]:
@@ -268,6 +308,28 @@ def divergence(
         return math.inf, np.zeros(fine.shape[1], dtype=bool)
     first = int(diverged.any(axis=1).argmax())
     return float(t[parts[first][0]]), distant[first:].any(axis=0)
+
+
+def after_widened(t: Array, x: Array, begin: float) -> Array:
+    """Values of which those from a time [s] on are DIVERGED_WIDTH times as far from their middle.
+
+    What a chaotic system does after its runs have diverged is not known; another trajectory may go further than
+    the one of a run.
+
+    Parameters
+    ----------
+    t : array of shape (rows,)
+        Times [s].
+    x : array of shape (rows,) or (rows, columns)
+        Values.
+    begin : float
+        The time [s].
+    """
+    widened, late = x.copy(), t >= begin
+    if late.any():
+        middle = 0.5 * (x[late].min(axis=0) + x[late].max(axis=0))
+        widened[late] = middle + DIVERGED_WIDTH * (x[late] - middle)
+    return widened
 
 
 def extrapolate(

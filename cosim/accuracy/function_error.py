@@ -11,7 +11,13 @@ import numpy as np
 
 from ..result import Result, Rows
 from .estimate import Estimate
-from .extrapolation import CONFIRMED_DISTANCE, DIVERGED, divergence, estimate_of_orders
+from .extrapolation import (
+    CONFIRMED_DISTANCE,
+    DIVERGED,
+    after_widened,
+    divergence,
+    estimate_of_orders,
+)
 from .metric_error import (
     BOTH_ROWS,
     NO_ROWS,
@@ -21,11 +27,14 @@ from .metric_error import (
     band_error,
     spacing_error,
 )
-from .three_runs import ThreeRuns
+from .three_runs import ThreeRuns, not_converged
 
 #: By how much of its width a peak is lowered at its begin and at its end: all of it or either end, derived: the top of
 #: a plateau lies at one end of it.
 TILTS = ((1.0, 1.0), (0.0, 1.0), (1.0, 0.0))
+
+#: The extremes of a band: the highest and the lowest.
+SIGNS = (1.0, -1.0)
 
 #: A function from a result to numbers by name.
 Function = Callable[[Result], Mapping[str, float]]
@@ -83,6 +92,8 @@ def function_errors(function: Function, runs: ThreeRuns) -> dict[str, Estimate]:
     observed = ObservedResult(runs.dense)
     value = dict(function(observed))
     columns = observed.columns_read()
+    if reason := not_converged(runs, columns):
+        return {name: Estimate(v, None, math.nan, reason=reason) for name, v in value.items()}
     of_runs = [function(result) for result in runs.results]
     try:
         sides, limits = _other_rows(runs, columns)
@@ -124,7 +135,7 @@ def _estimate(name: str, numbers: _Numbers, orders: Sequence[float], ratio: floa
     error = coupling.error
     if error is None and spread > BOTH_ROWS * rows:
         return coupling
-    unmoved = [*(side[name] for side in numbers.sides), *(value for _ in TILTS)]
+    unmoved = [*(side[name] for side in numbers.sides), *(value for _ in (*TILTS, *SIGNS))]
     moved = max(abs(limit[name] - v) for limit, v in zip(numbers.limits, unmoved))
     if math.isnan(moved):
         return coupling._replace(error=None, reason=SOME_RUNS)
@@ -146,6 +157,7 @@ def _other_rows(runs: ThreeRuns, columns: Sequence[str]) -> tuple[list[Rows], li
     names = runs.finest.columns
     high, low, limit_high, limit_low = (runs.all_rows.copy() for _ in range(4))
     lowered = [runs.all_rows.copy() for _ in TILTS]
+    started = [runs.all_rows.copy() for _ in SIGNS]
     for name in columns:
         k = names.index(name)
         column = runs.column(name, keep_rows=True)
@@ -156,9 +168,11 @@ def _other_rows(runs: ThreeRuns, columns: Sequence[str]) -> tuple[list[Rows], li
             limit_low[:, k] = column.band.solution.with_extremes(-1.0)
             for rows, tilt in zip(lowered, TILTS):
                 rows[:, k] = column.finest.with_top_lowered(column.band.width.x, *tilt)
+            for rows, sign in zip(started, SIGNS):
+                rows[:, k] = column.finest.with_start_extreme(column.band.width.x, sign)
         else:
             limit_high[:, k], limit_low[:, k] = high[:, k], low[:, k]
-    return [high, low], [limit_high, limit_low, *lowered]
+    return [high, low], [limit_high, limit_low, *lowered, *started]
 
 
 def _thinned(result: Result, n: int) -> Iterator[Result]:
@@ -186,7 +200,7 @@ def after_divergence(
         Makes values by name of a result.
     results : sequence of three results
         The runs, the finest first. A value that does not need the later rows is the same with those of the second
-        run in their place.
+        run in their place, and with rows that are further from their middle.
     ratio : float
         The ratio of the steps of two runs.
     """
@@ -200,9 +214,17 @@ def after_divergence(
         return {}
     reason = f"{DIVERGED} from {begin:.4g} s on"
     early, late = results[0].data, results[1].data
-    rows = np.vstack([early[early[:, 0] < begin], late[late[:, 0] >= begin]])
-    try:
-        others = function(_with_rows(results[0], rows))
-    except Exception:  # noqa: BLE001 - it depends on which of the rows it gets
-        others = {}
-    return {name: reason for name, value in values.items() if others.get(name) != value}
+    swapped = np.vstack([early[early[:, 0] < begin], late[late[:, 0] >= begin]])
+    widened = early.copy()
+    widened[:, is_diverged] = after_widened(early[:, 0], early[:, is_diverged], begin)
+    others: list[Mapping[str, Any]] = []
+    for rows in (swapped, widened):
+        try:
+            others.append(function(_with_rows(results[0], rows)))
+        except Exception:  # noqa: BLE001 - it depends on which of the rows it gets
+            others.append({})
+    return {
+        name: reason
+        for name, value in values.items()
+        if any(other.get(name) != value for other in others)
+    }

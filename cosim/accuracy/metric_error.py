@@ -90,7 +90,7 @@ def band_error(error: float, moved: float, doubt: float = 0.0) -> float:
     """
     agree = moved * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error
     factor = CONFIRMED_FACTOR if agree else UNCONFIRMED_FACTOR
-    return max(error, factor * moved + doubt)
+    return max(error, factor * moved, doubt)
 
 
 def replace_error(of: Estimate, error: float | None, reason: str) -> Estimate:

@@ -82,6 +82,25 @@ def oracle(
     Raises SetupError for a part without model exchange and for settings that cannot be run, and
     SimulationError if a part or the integrator fails, or if an integration takes longer than `timeout`
     [s] of real time.
+
+    Parameters
+    ----------
+    system : System
+        What is integrated; each part needs a model-exchange side.
+    stop : float
+        When the run ends [s].
+    start : float
+        When it begins [s].
+    output_step : float, optional
+        The distance of the rows [s].
+    record : sequence of str, optional
+        The columns.
+    method : str
+        A method of `scipy.integrate.solve_ivp`.
+    tolerance : float
+        The relative tolerance of the integration.
+    timeout : float
+        The most real time for each integration [s].
     """
     if not timeout > 0.0:
         raise SetupError(f"timeout = {timeout!r} s must be above 0")
@@ -155,6 +174,27 @@ def true_errors(
     The oracle's rows are as far apart as those of the runs, and each of its two integrations may take
     `timeout` [s] of real time. `settings` are those of `run`. Raises what
     `oracle` and `certify` raise; parts for model exchange only are refused, since they cannot be run.
+
+    Parameters
+    ----------
+    system : System
+        What is run and integrated.
+    metrics : mapping or function, optional
+        Those of `certify`.
+    stop : float
+        When the run ends [s].
+    start : float
+        When it begins [s].
+    step : float
+        The longest communication step [s].
+    record : sequence of str, optional
+        The columns; by default all outputs.
+    method : str
+        The oracle's method of integration.
+    timeout : float
+        The most real time for each integration [s].
+    **settings
+        Those of `run`.
     """
     require_cosimulation(connect(system).descriptions, system.parts)
     rows = settings.get("output_step", step)

@@ -17,7 +17,15 @@ from ..engine.row_file import read_row_file
 from ..result import Result, Rows
 from ..scratch import scratch
 from ..system import System
-from .extrapolation import RUNS, STEP_RATIO, TOLERANCE_RATIO, ErrorBand, error_band
+from .extrapolation import (
+    COLUMN_NOT_CONVERGED,
+    RUNS,
+    STEP_RATIO,
+    TOLERANCE_RATIO,
+    ErrorBand,
+    error_band,
+    slow_order,
+)
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,17 @@ class ThreeRuns:
         order = self.order(name)
         band = error_band(finest, runs, order, self.ratio)
         return ColumnRuns(finest, [_dense(t, x) for t, x in runs], band, order, self.ratio)
+
+
+def not_converged(runs: ThreeRuns, columns: Sequence[str]) -> str:
+    """Why no number of these columns is known: one of them has an error that falls too slowly; else nothing."""
+    for name in columns:
+        rows = [(r["time"], r[name]) for r in runs.results]
+        if not DenseSolution(*rows[0]).is_discrete:
+            order = slow_order(rows, runs.ratio)
+            if order is not None:
+                return COLUMN_NOT_CONVERGED.format(name, order)
+    return ""
 
 
 def _dense(t: Rows, x: Rows) -> DenseSolution:

@@ -195,6 +195,28 @@ def compare(
     SetupError
         If there is nothing to compare, for units of different quantities, and for values that are not
         finite numbers.
+
+    Parameters
+    ----------
+    result, reference : Result, DataFrame or path
+        What is checked, and what it is checked against.
+    columns : mapping or sequence of str, optional
+        Which columns are compared, and with which of the reference.
+    value : float
+        Half the height of the band, as a share.
+    time : float, optional
+        Half the width of the band [s].
+    errors : mapping, optional
+        Errors that add to the height, by the result's names.
+    gap : float
+        The longest distance of two rows of the reference between which values are compared [s].
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> reference = pd.DataFrame({"time": [0.0, 1.0, 2.0], "x": [0.0, 1.0, 2.0]})
+    >>> compare(reference.assign(x=reference["x"] + 0.001), reference).passed
+    True
     """
     ours, theirs = _read(result, "the result"), _read(reference, "the reference")
     start = float(max(ours.time[0], theirs.time[0]))

@@ -183,6 +183,25 @@ def diagnose(
     This also works on a steady motion: the modes are then those of the deviations from that motion. If
     the motion repeats, as that of a machine that turns does, they are its Floquet exponents.
     Raises SetupError for a system that cannot be run.
+
+    Parameters
+    ----------
+    system : System
+        What is examined.
+    step : float
+        The communication step [s].
+    algorithm : str
+        The coupling algorithm, one of `ALGORITHMS`.
+    share : float
+        The largest artificial damping, as a share of the real damping.
+    start : float
+        When the run begins [s].
+    settle : float
+        How long the system runs before it is perturbed [s].
+    order : sequence of str, optional
+        The order in which the parts step.
+    input_order : int
+        The degree of the polynomials that inputs follow within a step.
     """
     network = connect(system)
     settings = RunSettings(start + step, step, start, algorithm, order, input_order)

@@ -65,7 +65,13 @@ class Linear:
         return pd.DataFrame(columns | {"damping ratio": -s.real / size})
 
     def frame(self, matrix: str) -> pd.DataFrame:
-        """A, B, C or D with the names and units of its rows and columns."""
+        """A, B, C or D with the names and units of its rows and columns.
+
+        Parameters
+        ----------
+        matrix : str
+            "A", "B", "C" or "D".
+        """
         import pandas as pd
 
         rows = self.states if matrix in "AB" else self.outputs
@@ -79,6 +85,15 @@ class Linear:
         """C (i w - A)^-1 B + D from an input to an output at angular frequencies w [rad/s].
 
         In the output's unit per the input's; shape of w. Raises SetupError for an unknown name.
+
+        Parameters
+        ----------
+        input : str
+            The dotted name of an input.
+        output : str
+            The dotted name of an output.
+        w : array_like
+            Angular frequencies [rad/s].
         """
         b, c, d = self._between(input, output)
         s = 1j * np.asarray(w, float)[..., None, None]
@@ -87,7 +102,17 @@ class Linear:
         return response
 
     def step_response(self, input: str, output: str, t: Any) -> Array:
-        """What an output does after a unit step of an input at 0 s, at times t [s]; shape of t."""
+        """What an output does after a unit step of an input at 0 s, at times t [s]; shape of t.
+
+        Parameters
+        ----------
+        input : str
+            The dotted name of an input.
+        output : str
+            The dotted name of an output.
+        t : array_like
+            Times after the step [s].
+        """
         from scipy.linalg import expm
 
         b, c, d = self._between(input, output)
@@ -102,6 +127,17 @@ class Linear:
 
         The response lasts `span` [s], by default until the slowest mode has decayed, but at most some
         periods of the fastest.
+
+        Parameters
+        ----------
+        input : str
+            The dotted name of an input.
+        output : str
+            The dotted name of an output.
+        path : path, optional
+            The file that the figure is written to.
+        span : float, optional
+            How long the step response lasts [s].
         """
         from ..picture import Picture
 
@@ -166,6 +202,17 @@ def linearize(
     Derivatives come from the FMUs where they offer directional derivatives, else from central differences.
     Discrete variables, and the active side of each event, stay as they are. Raises SetupError for a part
     without model exchange, an unknown input, and an algebraic loop without a solution.
+
+    Parameters
+    ----------
+    system : System
+        What is linearised; each part needs a model-exchange side.
+    inputs : sequence of str, optional
+        The columns of B and D.
+    start : float
+        When the oracle's run begins [s].
+    at : float
+        How long after that the working point is [s].
     """
     if not 0.0 <= at < math.inf:
         raise SetupError(f"at = {at!r} s must be a finite number of at least 0")

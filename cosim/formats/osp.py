@@ -76,6 +76,11 @@ def read_osp(path: Path) -> Package:
     ------
     SetupError
         With file and line for what is invalid or not supported, such as FMUs that are not files.
+
+    Parameters
+    ----------
+    path : Path
+        The file or its folder.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
@@ -294,6 +299,19 @@ def write_osp(
     SetupError
         What `connect` raises, and for what libcosim cannot do: enumerations that differ from the FMU's
         start value, and enumerations on wires. Nothing is written then.
+
+    Parameters
+    ----------
+    system : System
+        What is written.
+    folder : Path
+        Where the files go.
+    step : float
+        The base step [s].
+    start : float
+        When a run begins [s].
+    stop : float, optional
+        When a run ends [s].
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")

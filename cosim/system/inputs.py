@@ -101,6 +101,17 @@ class Table:
         unit too, "torque [N.mm]", which applies unless another is given here. A table that is `held`
         may contain truth values and texts. Raises SetupError with file and line for anything else
         that is not a number.
+
+        Parameters
+        ----------
+        path : path
+            The CSV file.
+        column : str
+            The column, with a factor and a unit where needed.
+        unit : str, optional
+            The unit of the values.
+        held : bool
+            Whether a value holds from its row to the next.
         """
         header, *rows = read_table(path)
         (_, time), *heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
@@ -126,11 +137,23 @@ class Table:
         return cls(times, values, unit=declared if unit is None else unit, held=held, source=source)
 
     def after(self, value: Any) -> Table:
-        """The table with a value that holds before its first row."""
+        """The table with a value that holds before its first row.
+
+        Parameters
+        ----------
+        value : float, bool or str
+            In the unit of the table.
+        """
         return self._with([-math.inf, *self.times], [value, *self.values], "")
 
     def mapped(self, change: Callable[[Any], Any]) -> Table:
-        """The table with other values, in the input's unit."""
+        """The table with other values, in the input's unit.
+
+        Parameters
+        ----------
+        change : callable
+            Gives the new value for each value.
+        """
         return self._with([*self.times], [change(v) for v in self.values], "")
 
     def _with(self, times: list[float], values: list[Any], unit: str) -> Table:
@@ -139,7 +162,15 @@ class Table:
         return other
 
     def between(self, first: float, last: float) -> Table:
-        """The rows between two times [s]; raises SetupError if there are no such rows."""
+        """The rows between two times [s]; raises SetupError if there are no such rows.
+
+        Parameters
+        ----------
+        first : float
+            The time of the earliest row [s].
+        last : float
+            The time of the latest row [s].
+        """
         rows = [(t, v) for t, v in zip(self.times, self.values) if first <= t <= last]
         if not rows:
             raise SetupError(
@@ -149,11 +180,30 @@ class Table:
         return self._with([t for t, _ in rows], [v for _, v in rows], self.unit)
 
     def at(self, t: float) -> Any:
-        """The value at time t [s], after a jump there."""
+        """The value at time t [s], after a jump there.
+
+        Parameters
+        ----------
+        t : float
+            The time [s].
+
+        Examples
+        --------
+        >>> Table([0.0, 1.0, 1.0, 2.0], [0.0, 2.0, 5.0, 5.0]).at(0.5)
+        1.0
+        """
         return self._on(bisect_right(self.times, t) - 1, t)
 
     def mean(self, t: float, h: float) -> float:
-        """The mean value from t to t + h [s]."""
+        """The mean value from t to t + h [s].
+
+        Parameters
+        ----------
+        t : float
+            The beginning of the interval [s].
+        h : float
+            Its length [s].
+        """
         times, end = self.times, t + h
         k = bisect_right(times, t)
         if k == len(times) or times[k] >= end:
@@ -162,7 +212,15 @@ class Table:
         return float(total / h)
 
     def rise(self, t: float, h: float) -> float:
-        """By how much the value rises from t to t + h [s], not counting jumps."""
+        """By how much the value rises from t to t + h [s], not counting jumps.
+
+        Parameters
+        ----------
+        t : float
+            The beginning of the interval [s].
+        h : float
+            Its length [s].
+        """
         return float(sum(self._on(n, b) - self._on(n, a) for n, a, b in self._pieces(t, t + h)))
 
     def _pieces(self, begin: float, end: float) -> Iterator[tuple[int, float, float]]:
@@ -181,7 +239,15 @@ class Table:
         return low if begin == end else low + (high - low) * ((t - begin) / (end - begin))
 
     def jumps(self, start: float, stop: float) -> list[float]:
-        """The times [s] between start and stop at which the value changes at once."""
+        """The times [s] between start and stop at which the value changes at once.
+
+        Parameters
+        ----------
+        start : float
+            The beginning of the interval [s].
+        stop : float
+            Its end [s].
+        """
         return [
             b
             for a, b, u, v in zip(self.times, self.times[1:], self.values, self.values[1:])
@@ -189,7 +255,15 @@ class Table:
         ]
 
     def lacks(self, start: float, stop: float) -> str:
-        """What is missing of the table for a run from start to stop [s]; empty if nothing is."""
+        """What is missing of the table for a run from start to stop [s]; empty if nothing is.
+
+        Parameters
+        ----------
+        start : float
+            When the run begins [s].
+        stop : float
+            When it ends [s].
+        """
         near = 1e-9 * (stop - start)
         first, last = self.times[0], self.times[-1]
         if first > start + near:

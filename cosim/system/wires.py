@@ -44,7 +44,18 @@ class Wire(NamedTuple):
 
     @classmethod
     def read(cls, text: str) -> Wire:
-        """Read a wire from text; raises SetupError if it is not one."""
+        """Read a wire from text; raises SetupError if it is not one.
+
+        Parameters
+        ----------
+        text : str
+            Two dotted names with an arrow between them, and a factor and an offset where needed.
+
+        Examples
+        --------
+        >>> Wire.read("motor.w * 2 -> gearbox.w_a").factor
+        2.0
+        """
         match = WIRE.fullmatch(text)
         if match is None:
             raise SetupError(

@@ -89,7 +89,13 @@ def packed(lines: Iterable[str]) -> Iterator[str]:
 
 
 def real(value: float) -> str:
-    """A constant."""
+    """A constant.
+
+    Parameters
+    ----------
+    value : float
+        Any double, finite or not.
+    """
     if not math.isfinite(value):
         return {math.inf: "INFINITY", -math.inf: "-INFINITY"}.get(value, "NAN")
     return f"({value!r})" if math.copysign(1.0, value) < 0 else repr(value)

@@ -66,6 +66,7 @@ def definition(function: Function) -> str:
 
 
 def real(value: float) -> str:
+    """Write the `value` of a double, finite or not, as the names that the module imports."""
     if not math.isfinite(value):
         return {math.inf: "inf", -math.inf: "-inf"}.get(value, "nan")
     return repr(float(value))

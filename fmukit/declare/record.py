@@ -81,6 +81,40 @@ def real(
     `feedthrough` names the inputs that act on an output without delay. A `held` variable is part of the
     State and changes only at events. One that `follows` is computed by `settle` and cannot be set. A
     `tunable` parameter may be set between communication steps and in event mode.
+
+    Parameters
+    ----------
+    start : float
+        The start value, in the SI unit of the field's quantity.
+    meaning : str
+        What the variable is; hosts show it as its description.
+    min : float, optional
+        A lower bound that the value may reach; a value beyond it is refused.
+    max : float, optional
+        An upper bound, likewise.
+    nominal : float, optional
+        The order of magnitude, in the unit of the start value.
+    feedthrough : tuple of str
+        The inputs that act on an output without delay.
+    held : bool
+        Whether a variable of the State changes only at events.
+    positive : bool
+        Whether the value must be above 0.
+    follows : bool
+        Whether `settle` computes the variable, which therefore cannot be set.
+    tunable : bool
+        Whether a parameter may be set between communication steps and in event mode.
+
+    Returns
+    -------
+    Declaration
+        What a class under `@record` takes as the default of a field.
+
+    Examples
+    --------
+    >>> resistance = real(0.5, "Resistance of the winding", positive=True)
+    >>> resistance.start, resistance.min, resistance.meaning
+    (0.5, 0.0, 'Resistance of the winding')
     """
     if positive and min is not None:
         raise ValueError(f"positive=True means min = 0 without the 0 itself: leave out min={min!r}")
@@ -106,7 +140,29 @@ def discrete(
     *,
     tunable: bool = False,
 ) -> Any:
-    """Declare an Integer, Boolean, String or, with an IntEnum member, an Enumeration."""
+    """Declare an Integer, Boolean, String or, with an IntEnum member, an Enumeration.
+
+    Parameters
+    ----------
+    start : int, bool, str or IntEnum
+        The start value; its type decides the type of the variable.
+    meaning : str
+        What the variable is; hosts show it as its description.
+    feedthrough : tuple of str
+        The inputs that act on an output without delay.
+    tunable : bool
+        Whether a parameter may be set between communication steps and in event mode.
+
+    Returns
+    -------
+    Declaration
+        What a class under `@record` takes as the default of a field.
+
+    Examples
+    --------
+    >>> discrete(True, "Whether the rod has a finite length").kind
+    'Boolean'
+    """
     return Declaration(start, meaning, feedthrough=feedthrough, tunable=tunable)
 
 
@@ -114,6 +170,20 @@ def array(start: Any, meaning: str, **rest: Any) -> Any:
     """Declare a vector, or a matrix by its rows: a Real A[1,1] for every start value.
 
     `meaning` may contain the indices: {0} is the row, {1} the column.
+
+    Parameters
+    ----------
+    start : float or nested sequence of float
+        The start values; nested rows declare a matrix.
+    meaning : str
+        What each element is, with the indices where the text has {0} and {1}.
+    **rest
+        The options of `real`, the same for each element.
+
+    Examples
+    --------
+    >>> [[element.start for element in row] for row in array([[1.0, 2.0], [3.0, 4.0]], "A[{0},{1}]")]
+    [[1.0, 2.0], [3.0, 4.0]]
     """
     if not isinstance(start, Sequence):
         return real(start, meaning, **rest)
@@ -234,7 +304,15 @@ def declarations(cls: Any, prefix: str = "") -> Iterator[tuple[str, Declaration]
 
 
 def fill(cls: type[R], values: Sequence[Value]) -> R:
-    """The record of these values, given in the order of `declarations`."""
+    """The record of these values, given in the order of `declarations`.
+
+    Parameters
+    ----------
+    cls : type
+        A class under `@record`.
+    values : sequence
+        One value for each declaration.
+    """
     return cast(R, _fill(cls, iter(values)))
 
 
@@ -254,7 +332,15 @@ def _fill(cls: Any, values: Iterator[Value]) -> Any:
 
 
 def replace(record: R, **changes: Value) -> R:
-    """The record with some fields changed; raises AttributeError for an unknown one."""
+    """The record with some fields changed; raises AttributeError for an unknown one.
+
+    Parameters
+    ----------
+    record : record
+        The record, which stays as it is.
+    **changes
+        New values by field.
+    """
     for name in changes:
         if name not in cast(Any, record)._fields:
             getattr(record, name)

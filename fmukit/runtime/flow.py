@@ -17,7 +17,21 @@ def repeat(body: Callable[[T], tuple[bool, T]], carry: T) -> T:
 
 
 def attempted(function: Callable[[], T], otherwise: T) -> T:
-    """What the function returns, or `otherwise` where it has no value."""
+    """What the function returns, or `otherwise` where it has no value.
+
+    Parameters
+    ----------
+    function : callable
+        Takes no argument; it may fail by an ArithmeticError or a ValueError.
+    otherwise : object
+        The result where it fails.
+
+    Examples
+    --------
+    >>> import math
+    >>> attempted(lambda: math.sqrt(-1.0), 0.0)
+    0.0
+    """
     try:
         return function()
     except (ArithmeticError, ValueError):

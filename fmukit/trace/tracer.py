@@ -219,7 +219,15 @@ def note(sentence: str) -> None:
 
 
 def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
-    """`flow.attempted` for symbols."""
+    """`flow.attempted` for symbols.
+
+    Parameters
+    ----------
+    run : callable
+        Takes no argument, and is followed once.
+    otherwise : value or tuple of values
+        The result of the branch in which `run` has no value.
+    """
     path, unique = current().path, current().unique
     path.visit(unique(("attempt", path.mark()), lambda n: AttemptStart(n, "Real", ())))
     try:
@@ -238,7 +246,15 @@ def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
 
 
 def repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
-    """`flow.repeat` for symbols: the body is followed once, its state is in variables."""
+    """`flow.repeat` for symbols: the body is followed once, its state is in variables.
+
+    Parameters
+    ----------
+    body : callable
+        Takes the state of the loop, and returns whether the loop is done and the next state.
+    carry : value or tuple of values
+        The state before the first iteration.
+    """
     context, path = current(), current().path
     mark = path.mark()
     shape, start = flatten(carry)

@@ -33,13 +33,17 @@ FUNCTIONS = {
 }  # fmt: skip
 GROUPS = {
     "rocker": ("alpha_1", "alpha_2"), "link": ("beta_1", "beta_2"), "chain": ("H_1", "H_2"),
-    "A_1": ("A_1",), "B_1": ("B_1",), "C_1": ("C_1",),
+    "acceleration's coefficient A_1": ("A_1",), "squared speed's coefficient B_1": ("B_1",),
+    "torque of weights, spring, friction C_1": ("C_1",),
 }  # fmt: skip
 DIMENSIONS = {
-    "cam.R_b": "R_b", "cam.h": "h", "rocker.L": "L", "rocker.l": "l", "rocker.l_K": "l_K",
-    "rocker.alpha0": "alpha0", "link.l": "l_T", "chain.l": "l_c", "sprocket.A": "A",
-    "sprocket.C": "C", "sprocket.R": "R_z",
+    "cam.R_b": "cam to roller", "cam.h": "rise of the cam", "rocker.L": "cam to rocker",
+    "rocker.l": "small arm", "rocker.l_K": "large arm", "rocker.alpha0": "angle of the arms",
+    "link.l": "link", "chain.l": "chain", "sprocket.A": "sprocket, height",
+    "sprocket.C": "sprocket, distance", "sprocket.R": "sprocket, radius",
 }  # fmt: skip
+#: The function whose changes are drawn, that of the verdict; the table has those of all.
+DRAWN_FUNCTION = "H_1"
 #: Inertia of a rotor that imposes the speed [kg.m2]; it is taken out of A_1 again.
 ROTOR = 1e3
 #: Speed of the cam [rad/s], which the transfer functions do not depend on; a convention.
@@ -101,25 +105,22 @@ class Transfer:
         )
 
     def charts(self) -> list[Chart]:
-        """Return the functions over the cam angle, and the shares of the dimensions."""
-        rows, panels, bars = dict(zip(FUNCTIONS, self.values)), [], []
+        """Return the functions over the cam angle, and which dimensions move the iron, the largest first."""
+        rows, panels = dict(zip(FUNCTIONS, self.values)), []
         for group, names in GROUPS.items():
-            lines, columns = [], []
-            for name in names:
-                text, color = FUNCTIONS[name]
-                of_function = [x for x in self.shares if x.function == name]
-                where = [DIMENSIONS[x.dimension] for x in of_function]
-                changes, errors = zip(*((x.change, x.error) for x in of_function))
-                lines.append(Curve(text, self.phi, rows[name], color))
-                columns.append(Curve(text, where, changes, color, "bars", errors))
+            lines = [Curve(text, self.phi, rows[name], color) for name in names
+                     for text, color in [FUNCTIONS[name]]]  # fmt: skip
             panels.append(Panel(group, self.units[names[0]], lines))
-            bars.append(Panel(group, "%", columns, includes=(0.0,)))
+        by_size = ranked(self.shares, DRAWN_FUNCTION)
+        labels = [DIMENSIONS[x.dimension] for x in by_size]
+        changes, errors = zip(*((x.change, x.error) for x in by_size))
+        bars = Curve("chain", labels, changes, LIFT, "bars", errors)
         spans = iron.phases(self.result.provenance["parts"]["iron"]["parameters"])
         over = "What a radian of the cam moves, and the terms of A_1 eps + B_1 w^2 = M + C_1"
-        by = "Largest change for 1 % of a dimension, as a share of the largest value"
+        by = "What the iron's motion changes by for 1 % of a dimension"
         return [
             Chart(over, "cam angle [deg]", panels, spans=spans),
-            Chart(by, "dimension", bars),
+            Chart(by, "dimension", [Panel("largest change of H'", "%", [bars], includes=(0.0,))]),
         ]
 
 

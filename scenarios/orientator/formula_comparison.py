@@ -29,7 +29,13 @@ COLUMNS = {
     "d": "m", "h": "m", "mu": "1", "limit": "rpm", "error": "rpm", "formula": "rpm", "joint": "rpm",
 }  # fmt: skip
 RAISED = {"dimension": "1", "gain": "%", "gain_error": "%"}
-LENGTHS = ("cup.d", "cup.h", "cup.l", "catcher.l", "catcher.h", "catcher.phi", "chute.R", "chute.H")
+LABELS = {
+    "cup.d": "diameter of the cup", "cup.h": "height of the cup", "cup.l": "centre of mass",
+    "catcher.l": "arm of the catcher", "catcher.h": "hook of the catcher",
+    "catcher.phi": "angle of the catcher", "chute.R": "distance of the wall",
+    "chute.H": "height of the fall",
+}  # fmt: skip
+LENGTHS = tuple(LABELS)
 #: Relative change of a dimension on either side, whose halving shows the error of the derivative; a convention.
 CHANGE = 0.02
 #: Speeds at which the limit of a changed dimension is sought, over the unchanged limit, and their number; a
@@ -117,7 +123,10 @@ class FormulaComparison:
 
     def gain_chart(self) -> Chart:
         """Return what each dimension gains."""
-        names, gains, errors = (self.tables[RAISE].frame[x].to_list() for x in RAISED)
+        frame = self.tables[RAISE].frame
+        frame = frame.sort_values("gain", key=abs, ascending=False)
+        names, gains, errors = (frame[x].to_list() for x in RAISED)
+        names = [LABELS[name] for name in names]
         bars = Curve("simulated", names, gains, "blue", "bars", errors)
         title = f"Gain from 1 % more of each dimension at friction {self.friction:g}"
         return Chart(title, "dimension", [Panel("change of the limit", "%", [bars])])

@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 from cosim import Result, System, certify, diagnose, estimate, run, smallest
 from cosim.accuracy.extrapolation import divergence
 from cosim.analysis.coupling_theory import Ideal
-from cosim.metrics import Smallest, TimeOfLargest
+from cosim.dense import DenseSolution
+from cosim.metrics import Largest, Mean, Smallest, TimeOfLargest
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple
@@ -80,6 +81,19 @@ def test_a_dip_close_behind_the_start_is_in_the_error(native: Path) -> None:
         assert abs(estimate.value - exact) < estimate.error < widest
 
 
+@pytest.mark.parametrize("step", [1e-3, 5e-4])
+def test_a_dip_that_the_coupling_hides_is_in_the_error(step: float, native: Path) -> None:
+    """With Gauss-Seidel the motor pulls a step too early, so that the cam does not fall back in any run."""
+    parts = {"motor": native / "DriveMotor.fmu", "iron": native / "IronDrive.fmu"}
+    system = System(parts, iron.WIRES, iron.MOTOR)
+    settings: dict[str, Any] = {"stop": 0.02, "record": ["iron.w_cam"], "algorithm": "gauss-seidel"}
+    function = lambda r: r["iron.w_cam"].min()
+    for metric in (Smallest("iron.w_cam"), function):
+        figure = certify(system, {"least": metric}, step=step, **settings).figures["least"]
+        assert figure.value == 0.0 and figure.error is not None
+        assert 3.248e-6 < figure.error < 0.2 * step
+
+
 def certified_estimate(x: Any, metric: Any) -> Any:
     """What is certified of a figure of x(t, step) on 101 rows in a second, by order 1."""
     t = np.linspace(0.0, 1.0, 101)
@@ -130,6 +144,45 @@ def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_pla
     flat = certified_estimate(plateau, metric)
     assert flat.value == pytest.approx(0.2, abs=0.011) and flat.error >= 0.59
     assert certified_estimate(bell, metric).error < 0.02
+
+
+def test_peaks_are_as_high_as_between_their_rows() -> None:
+    """sin has peaks of the same height at 0.178 s and 0.678 s, which rows show by 0.001 and 0.0002 too low."""
+    t = np.linspace(0.0, 1.0, 100)
+    solution = DenseSolution(t, np.sin(4 * math.pi * t - 0.666))
+    times, values = solution.maxima()
+    inside = (times > 0.1) & (times < 0.9)
+    peaks = (0.5 * math.pi + 0.666) / (4 * math.pi) + np.array([0.0, 0.5])
+    assert times[inside] == pytest.approx(peaks, abs=1e-5)
+    assert values[inside] == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "metric",
+    [Mean("x"), Smallest("x"), *(lambda r, f=f: float(f(r["x"])) for f in (np.mean, np.max))],
+)
+def test_no_number_of_a_column_is_stated_whose_error_hardly_falls(metric: Any) -> None:
+    """An error of 1 / log(1000 / h) falls by 5 % with each halving; noise of solvers is no such error."""
+    slow = certified_estimate(lambda t, h: np.sin(7 * t) + (1 + t) / math.log(1e3 / h), metric)
+    assert slow.error is None
+    assert "not converged: the error of x falls with order 0.2" in slow.text("1")
+    noisy = certified_estimate(lambda t, h: np.sin(7 * t) + 1e-7 * np.sin(1e9 * (t + h)), metric)
+    assert noisy.error is not None
+
+
+@pytest.mark.parametrize("metric", [Largest("x"), lambda r: float(r["x"].max())])
+def test_a_peak_that_is_over_before_the_runs_diverge_needs_to_stand_out(metric: Any) -> None:
+    """The course of later rows is not known, and 1 in one run may be 1.2 in the truth, but not 5."""
+
+    def x(t: Any, h: float, peak: float) -> Any:
+        later = np.sin(60.0 * t + 2.0 * math.log2(h)) * (t > 0.4)
+        return peak * np.exp(-(((t - 0.15) / 0.04) ** 2)) * (1.0 + h) + later
+
+    assert certified_estimate(lambda t, h: x(t, h, 1.2), metric).reason.startswith(
+        "not converged: the runs"
+    )
+    clear = certified_estimate(lambda t, h: x(t, h, 5.0), metric)
+    assert clear.error is not None and abs(clear.value - 5.0) < clear.error < 0.6
 
 
 @pytest.mark.parametrize(("J", "w"), [(4.93, 50.4), (0.77, 60.0), (2.89, 58.7)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,7 +108,8 @@ def layout_of(
     has_key
         Whether labels that take many lines become letters with a key.
     """
-    x, letters = x_axis(picture), LETTERS_BY_SCREEN[screen]
+    letters = LETTERS_BY_SCREEN[screen]
+    x = with_short_ticks(x_axis(picture), letters)
     parts = [picture] if isinstance(picture, Field) else picture.panels
     panel_px = {1: STYLE.single_panel_px, 2: STYLE.double_panel_px}.get(len(parts), STYLE.panel_px)
     rows = [row_of(part, x, panel_px) for part in parts]
@@ -131,6 +132,15 @@ def layout_of(
         letters,
         sum(above) + sum(heights) + below,
     )
+
+
+def with_short_ticks(x: Axis, letters: int) -> Axis:
+    """Return an axis whose tick texts are broken into lines, if these have some length."""
+    width = letters // max(1, len(x.ticks)) - 1
+    if width < STYLE.min_tick_letters:
+        return x
+    texts = {at: textwrap.fill(text, width, break_long_words=False) for at, text in x.ticks.items()}
+    return replace(x, ticks=texts)
 
 
 def placed_rows(

@@ -134,7 +134,15 @@ class Mark(NamedTuple):
 
     @classmethod
     def of(cls, text: str, figure: Figure) -> Mark:
-        """Return a mark at a figure, with as many digits as its error allows."""
+        """Return a mark at a figure, with as many digits as its error allows.
+
+        Parameters
+        ----------
+        text : str
+            What the mark is called.
+        figure : Figure
+            Where it is.
+        """
         value = f"{figure.value:.4g} {figure.unit}" if figure.error is None else figure.text()
         return cls(figure.value, f"{text} {value}")
 

@@ -178,7 +178,8 @@ def _axis(axes: Axes, name: str, axis: Axis, label: str) -> None:
     scale = "log" if axis.is_log else "linear"
     axes.set(**{f"{name}label": label, f"{name}scale": scale})
     if axis.ticks:
-        of_axes.set_ticks(list(axis.ticks), labels=list(axis.ticks.values()))
+        texts = list(axis.ticks.values())
+        of_axes.set_ticks(list(axis.ticks), labels=texts, fontsize=STYLE.image_label_pt)
         of_axes.set_ticks([], minor=True)
     axes.set(**{f"{name}lim": axis.ends})
 

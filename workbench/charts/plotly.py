@@ -45,9 +45,9 @@ def figure(picture: Picture, max_paper_px: float = math.inf) -> dict[str, Json]:
 
     Parameters
     ----------
-    picture
+    picture : Picture
         What to draw.
-    max_paper_px
+    max_paper_px : float
         Its height on paper at most.
 
     Returns
@@ -253,7 +253,8 @@ def _named(element: Element) -> PlotlyDict:
 def _axis(axis: Axis, label: str, has_range: bool) -> PlotlyDict:
     """Title, type, range and ticks of an axis."""
     ends = np.log10(axis.ends) if axis.is_log else axis.ends
-    ticks: PlotlyDict = {"tickvals": list(axis.ticks), "ticktext": list(axis.ticks.values())}
+    texts = [text.replace("\n", "<br>") for text in axis.ticks.values()]
+    ticks: PlotlyDict = {"tickvals": list(axis.ticks), "ticktext": texts}
     standoff = 4 + 14 * label.count("\n")
     return {
         "title": {"text": label.replace("\n", "<br>"), "standoff": standoff},

@@ -116,6 +116,8 @@ class Style:
     free_at_points_share: float = 0.03
     #: most values of a grid that are ticks of their axis; chosen: so many numbers stand beside each other
     max_grid_ticks: int = 6
+    #: letters in a line of a tick's text at least; else a renderer turns the text. Chosen: a short word
+    min_tick_letters: int = 6
     #: the width that the bars of one place share, of the distance between places; chosen: bars of a place
     #: stand together
     bars_share: float = 0.8

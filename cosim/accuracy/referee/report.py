@@ -97,7 +97,13 @@ class RefereeReport:
         return {Verdict.AGREES: 0, Verdict.DIFFERS: 1, Verdict.UNDECIDED: 2}[self.verdict]
 
     def explained(self, name: str) -> Cause | None:
-        """The best cause for a signal, None if there is none."""
+        """The best cause for a signal, None if there is none.
+
+        Parameters
+        ----------
+        name : str
+            The dotted name of a signal.
+        """
         return next((cause for cause in self.causes if name in cause.signals), None)
 
     def sentence(self) -> str:
@@ -255,6 +261,11 @@ class RefereeReport:
         """Write a .txt, .json, JUnit's .xml, a page .html, or a picture .png, .svg or .pdf.
 
         Raises SetupError for another suffix.
+
+        Parameters
+        ----------
+        path : path
+            The file, whose suffix decides the format.
         """
         path = Path(path)
         writer(path)(self, path)

@@ -118,7 +118,13 @@ class Crosscheck:
         )  # fmt: skip
 
     def write(self, path: Path | str) -> None:
-        """Write `path`, a .txt, JUnit's .xml, a page .html or a badge .svg; raise SetupError for another suffix."""
+        """Write `path`, a .txt, JUnit's .xml, a page .html or a badge .svg; raise SetupError for another suffix.
+
+        Parameters
+        ----------
+        path : path
+            The file, whose suffix decides the format.
+        """
         path = Path(path)
         path.write_text(writer(path)(self), encoding="utf-8")
 

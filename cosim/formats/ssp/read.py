@@ -130,6 +130,24 @@ def read_ssp(path: Path, folder: Path) -> Package:
     ------
     SetupError
         For what is invalid, too large or not supported; the folder is then left as it was.
+
+    Parameters
+    ----------
+    path : Path
+        The package, its structure description, or its folder.
+    folder : Path
+        Where a package is unpacked.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from cosim import System, read_ssp, write_ssp
+    >>> with TemporaryDirectory() as name:
+    ...     write_ssp(System({"motor": Path("fmus/DriveMotor.fmu")}), Path(name, "drive.ssp"))
+    ...     package = read_ssp(Path(name, "drive.ssp"), Path(name, "unpacked"))
+    >>> list(package.system.parts)
+    ['motor']
     """
     path, folder = Path(path), Path(folder)
     existed = folder.exists()
