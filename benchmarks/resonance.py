@@ -41,11 +41,11 @@ import numpy as np
 from tests.scenarios.orbit_oracle import (
     Drive,
     NoOrbitError,
-    drawn,
     f_rod_peak,
     features,
     orbit,
     question,
+    random_drive,
 )
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
@@ -88,7 +88,7 @@ def judged(seed: int, limit: float, number: int) -> Row:
     rng = np.random.default_rng([seed, number])
     skipped: Counter[str] = Counter()
     while True:
-        drive = drawn(rng)
+        drive = random_drive(rng)
         sweep = question(rng, drive)
         try:
             truth = features(drive, *sweep[:2])

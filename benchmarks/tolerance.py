@@ -20,12 +20,12 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import Adaptive, run
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor import machine
 from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive
 from tests.oracle import monolithic
 
 START = SETS["A"].start(40.0) | {"motor.tau": 0.0, "conveyor.w": 0.0}
-SYSTEM = machine.conveyor_drive(PROJECT.fmus(machine, "native"), START)
+SYSTEM = conveyor_drive(PROJECT.fmus(PROJECT.load("resonance"), "native"), START)
 TOLERANCES = [10.0**-k for k in range(6)]
 VARIANTS = {
     "Strang, held inputs": {"algorithm": "strang"},
