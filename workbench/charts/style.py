@@ -41,7 +41,7 @@ SCALES = MappingProxyType(
 )
 #: Lines of levels, in this order; "dash" is left to theory.
 LEVEL_DASHES: tuple[Dash, ...] = ("dot", "dashdot", "longdash")
-#: Letters of the text that fit beside each other above a panel; measured in chromium with 11 px letters on a
+#: Letters of the text that fit beside each other above a panel; chosen by eye in chromium with 11 px letters on a
 #: phone of 390 px, a page of 960 px and paper of 680 px.
 LETTERS_BY_SCREEN: MappingProxyType[Screen, int] = MappingProxyType({
     "narrow": 44, "wide": 130, "paper": 100,
@@ -132,7 +132,7 @@ class Style:
     legend_gap_px: float = 6.0
     #: lines of labels above a picture; more become letters with a key. Chosen: three lines read as a paragraph
     max_label_lines: int = 2
-    #: letters that the line or point in a legend takes; measured in chromium, 40 px and 18 px beside it
+    #: letters that the line or point in a legend takes; chosen by eye in chromium, 40 px and 18 px beside it
     legend_symbol_letters: int = 8
     #: letters between the entries of a key; chosen
     key_gap_letters: int = 3
@@ -140,7 +140,7 @@ class Style:
     label_gap_letters: int = 2
     #: how far a label is from its line and from the picture below it; chosen: half a letter
     label_shift_px: float = 4.0
-    #: width of a letter of a rotated label; measured in chromium with 12 px letters
+    #: width of a letter of a rotated label; chosen by eye in chromium with 12 px letters
     rotated_letter_px: float = 7.7
     #: size of the letters of a page's axes; chosen: that of captions on the page
     axis_text_px: float = 12.0
@@ -159,9 +159,9 @@ class Style:
     plane_px: float = 380.0
     #: panels on paper keep at least this share of their height; chosen: curves stay legible
     least_panel_share: float = 0.3
-    #: height below the x axis for its ticks and label; measured in chromium
+    #: height below the x axis for its ticks and label; chosen by eye in chromium
     below_px: float = 52.0
-    #: height for an axis with the second unit; measured in chromium
+    #: height for an axis with the second unit; chosen by eye in chromium
     second_axis_px: float = 44.0
     #: width of the page's left margin before it grows with its labels; chosen
     left_px: float = 60.0

@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 MAX_TABLE_LETTERS = 250_000
 #: Rows of a list that is open from the beginning; chosen: half a screen.
 MAX_OPEN_ROWS = 12
-#: Height that title, verdict and a picture have on the first sheet [px]; measured in chromium on Letter, which is
+#: Height that title, verdict and a picture have on the first sheet [px]; chosen by eye in chromium on Letter, which is
 #: lower than A4.
 FIRST_SHEET_PX = 800.0
 #: Height of a picture that is worth a place on the first sheet [px]; chosen.
 MIN_FIRST_PICTURE_PX = 320.0
 #: Height of a picture on a later sheet [px]; chosen: a sheet with its title.
 LATER_PICTURE_PX = 640.0
-#: Height of a line of the title, and its letters; measured in chromium on paper.
+#: Height of a line of the title, and its letters; chosen by eye in chromium on paper.
 TITLE_LINE_PX = 24.0
-#: Letters in a line of the title on paper; measured in chromium.
+#: Letters in a line of the title on paper; chosen by eye in chromium.
 TITLE_LETTERS = 56
-#: Height of a line of text on paper; measured in chromium.
+#: Height of a line of text on paper; chosen by eye in chromium.
 TEXT_LINE_PX = 23.0
-#: Letters in a line of text on paper; measured in chromium.
+#: Letters in a line of text on paper; chosen by eye in chromium.
 TEXT_LETTERS = 95
 #: How hard gzip tries; a convention of gzip, whose higher levels take longer for less than 1 %.
 COMPRESSION = 6
