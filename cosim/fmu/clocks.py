@@ -25,8 +25,10 @@ class ClockState:
 
 @dataclass(frozen=True)
 class EventState:
-    """What the master keeps of a part's events: when the next is due and where the part is [s], the inputs
-    that event mode took last, block by block, and its clocks.
+    """What the master keeps of a part's events.
+
+    These are the times [s] at which the next is due and of the part now, the inputs that event mode took
+    last, block by block, and its clocks.
     """
 
     due: float

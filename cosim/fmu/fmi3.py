@@ -280,8 +280,9 @@ class CoSimulation3:
         self.events.take_inputs(t)
 
     def input_layout(self, block: VariableBlock) -> Layout | None:
-        """What loop.c does in place of `take_inputs`, if this block has changed; None if it is not held,
-        and for texts, whose memory is Python's.
+        """What loop.c does in place of `take_inputs`, if this block has changed.
+
+        None if it is not held, and for texts, whose memory is Python's.
         """
         cells, entered = block.cells, block.entered
         if entered is None or cells._type_ is ctypes.c_char_p:
