@@ -1,7 +1,4 @@
-"""Which limit cycle has the oscillator of van der Pol?
-
-It needs VanDerPol.fmu beside this file: that of the Reference FMUs, or one that fmukit builds.
-"""
+"""Which limit cycle has the oscillator of van der Pol, VanDerPol.fmu beside this file?"""
 
 from dataclasses import dataclass
 
@@ -25,10 +22,10 @@ def system(o, fmus):
 
 def figures(o, r):
     t, x = r["time"], r["oscillator.x0"]
-    last, middle, first = (crossing(t, x, 0.0, -k) for k in (1, 3, 5))
-    period, before = last.value - middle.value, middle.value - first.value
-    cycle = Measured(period, last.error + middle.error + abs(period - before))
-    top = largest(*since(t, x, middle.value)).figure("1", "amplitude")
+    end, mid, first = (crossing(t, x, 0.0, -k) for k in (1, 3, 5))
+    error = end.error + mid.error + abs(end.value - 2.0 * mid.value + first.value)
+    top = largest(*since(t, x, mid.value)).figure("1", "amplitude")
+    cycle = Measured(end.value - mid.value, error)
     return {"period": cycle.figure("s", "period"), "amplitude": top}
 
 

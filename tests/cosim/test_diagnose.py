@@ -98,8 +98,8 @@ def test_damping_is_that_of_the_ideal_algorithm(
     real = damping_ratio(100.0 if drive == "soft" else DAMP)
     ideal = ideal_damping(DRIVES[drive], algorithm, h)
     assert got.trusted
-    assert got.damping_at_step == pytest.approx(damping, rel=3e-3)
-    assert got.damping_at_step == pytest.approx(ideal, rel=1e-6)
+    assert got.damping_seen == pytest.approx(damping, rel=3e-3)
+    assert got.damping_seen == pytest.approx(ideal, rel=1e-6)
     assert got.frequency == pytest.approx(RESONANCE, rel=1e-3)
     assert abs(got.damping - real) <= got.error
     assert got.error < 0.05 * real
@@ -132,17 +132,17 @@ def test_gauss_seidel_coupled_by_speed_has_no_delay(fmus: Path) -> None:
     system = coupled(fmus, twisting_drive(DAMP))
     got = diagnose(system, step=1e-3, algorithm="gauss-seidel")
     assert abs(got.delay) < 1e-4 * got.step
-    assert got.damping_at_step == pytest.approx(0.0058386, abs=5e-8)
+    assert got.damping_seen == pytest.approx(0.0058386, abs=5e-8)
     assert (got.recommended_step, got.drift) == (got.step, 0.0)
     diagnosis = diagnose(system, step=1e-3, algorithm="jacobi", share=LOOSE)
-    assert diagnosis.damping_at_step == pytest.approx(-0.01360, abs=5e-6)
+    assert diagnosis.damping_seen == pytest.approx(-0.01360, abs=5e-6)
 
 
 def test_moving_inputs_are_measured_too(fmus: Path) -> None:
     """Extrapolating FMUs, a master that extrapolates means, and a wire with a factor."""
     extrapolates = coupled(fmus, DRIVES["two"], hold=1)
     extrapolating = diagnose(extrapolates, step=1e-3, algorithm="jacobi", share=1.0)
-    assert extrapolating.damping_at_step == pytest.approx(0.00564, abs=5e-6)
+    assert extrapolating.damping_seen == pytest.approx(0.00564, abs=5e-6)
     system = coupled(fmus, DRIVES["two"])
     doubled = {"shaft.C[1,1]": STIFF / 2, "shaft.C[1,2]": DAMP / 2}
     doubled |= {"shaft.D[1,1]": -STIFF / 2, "shaft.D[1,2]": -DAMP / 2}
@@ -150,7 +150,7 @@ def test_moving_inputs_are_measured_too(fmus: Path) -> None:
     geared = replace(system, wires=wires, start={**system.start, **doubled})
     got = diagnose(geared, step=1e-3, algorithm="jacobi", input_order=1, share=1.0)
     ideal = ideal_damping(DRIVES["two"], "jacobi", 1e-3, input_order=1)
-    assert got.damping_at_step == pytest.approx(ideal, rel=1e-6)
+    assert got.damping_seen == pytest.approx(ideal, rel=1e-6)
 
 
 @pytest.mark.parametrize(("algorithm", "delay"), [("jacobi", 1.0), ("gauss-seidel", 0.0)])
@@ -189,7 +189,7 @@ def test_model_exchange_gives_the_damping_itself(algorithm: str, fmus: Path, nat
     assert linear.damping == pytest.approx(damping_ratio(100.0), rel=1e-8)
     assert abs(runs.damping - linear.damping) <= runs.error
     assert linear.error < runs.error / 10
-    assert linear.damping_at_step == pytest.approx(runs.damping_at_step, rel=1e-6)
+    assert linear.damping_seen == pytest.approx(runs.damping_seen, rel=1e-6)
     assert "from derivatives of the FMUs." in linear.text()
     assert "from runs with shorter steps." in runs.text()
 
@@ -208,7 +208,7 @@ def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
     assert abs(got.damping) <= got.error < 1e-4
     s = rates(OSCILLATOR, Scheme("jacobi"), 0.01)
     growing = min(s[s.imag > 0.0], key=lambda s: -s.real / abs(s))
-    assert got.damping_at_step == pytest.approx(-growing.real / abs(growing), rel=1e-6)
+    assert got.damping_seen == pytest.approx(-growing.real / abs(growing), rel=1e-6)
     assert got.recommended_step is None
     assert "does not damp it" in got.text()
 
