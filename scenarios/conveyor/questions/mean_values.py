@@ -21,6 +21,7 @@ from scipy.interpolate import CubicSpline
 import cosim
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
+from workbench.figure import SHARE_DIGITS, concise
 from workbench.measure import Measured, Samples, measured
 from workbench.periodic import TURN, NoOrbitError, Revolutions
 
@@ -299,7 +300,7 @@ def step_response(f: Mapping[str, Figure], r: MeanData) -> Chart:
     deviations, second_order = f["off_16"], f["off_whole"]
     title = f"Mean speed after the supply is raised for {r.operating:g} rad/s"
     if deviations.error is not None and second_order.error is not None:
-        title += f": the settling formula (16) is off by up to {deviations.brief()} of the step, "
-        title += f"with the term that it neglects by {second_order.brief()}"
+        title += f": formula (16) is off by up to {concise(deviations, SHARE_DIGITS)} of the step, "
+        title += f"with its neglected term by {concise(second_order, SHARE_DIGITS)}"
     level = Mark(r.operating, f"nominal {r.operating:g} rad/s")
     return Chart(title, "time [ms]", [Panel("crank speed", "rad/s", curves, [level])])
