@@ -175,7 +175,7 @@ def summary(result: Result) -> dict[str, float]:
     Returns
     -------
     dict
-        The values, in the unit of their column, by names such as "last motor.tau".
+        The values, in the unit of their column, by names such as "motor.tau at the end".
     """
     return evaluate(summary_metrics(result.columns[1:]), result)
 

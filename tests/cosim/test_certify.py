@@ -14,7 +14,7 @@ from cosim import Result, System, certify, diagnose, estimate, run, smallest
 from cosim.accuracy.extrapolation import divergence
 from cosim.analysis.coupling_theory import Ideal
 from cosim.dense import DenseSolution
-from cosim.metrics import Largest, Mean, Smallest, TimeOfLargest
+from cosim.metrics import Largest, Mean, Smallest, TimeOfLargest, TimeOfSmallest
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple
@@ -144,6 +144,16 @@ def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_pla
     flat = certified_estimate(plateau, metric)
     assert flat.value == pytest.approx(0.2, abs=0.011) and flat.error >= 0.59
     assert certified_estimate(bell, metric).error < 0.02
+
+
+def test_the_time_of_the_smallest_value_is_that_of_the_largest_of_the_opposite() -> None:
+    def bell(t: Any, h: float) -> Any:
+        return (1.0 + h) * np.exp(-(((t - 0.3 - h) / 0.05) ** 2))
+
+    largest = certified_estimate(bell, TimeOfLargest("x"))
+    smallest = certified_estimate(lambda t, h: -bell(t, h), TimeOfSmallest("x"))
+    assert largest.error is not None and abs(largest.value - 0.3) < largest.error < 0.05
+    assert smallest == largest
 
 
 def test_peaks_are_as_high_as_between_their_rows() -> None:

@@ -491,6 +491,7 @@ def test_orientation_time_finds_the_limits() -> None:
         assert abs(float(text.removesuffix(" rpm")) - n) < 0.1
     assert answer.verdict.startswith("The orientator works up to ")
     assert "Orienting a product takes at least 0.2388 s." in answer.verdict
+    assert answer.figures["shortest_time"].text() == "0.238775 ± 0.000001 s"
     assert answer.figures["limit_mu_0_2"].meaning.endswith("beyond it: catcher back at stop")
     assert answer.warnings == []
 
@@ -501,6 +502,7 @@ def test_a_single_product_by_the_command_line(
     assert main("run", "orientator_cycle", "--out", tmp_path, *NATIVE) == 0
     output = capsys.readouterr().out
     assert output.startswith("The product is oriented after 0.2638 s. ")
+    assert "0.263805 ± 0.000001 s" in output
     for kind in ("png", "csv", "json"):
         assert (tmp_path / f"orientator_cycle.{kind}").is_file()
 
