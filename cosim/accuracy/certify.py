@@ -120,10 +120,10 @@ def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
     begin, diverged = divergence([result.data for result in runs.results], runs.ratio)
     for column, group in by_column.items():
         columns = runs.column(column)
-        late = bool(diverged[runs.finest.columns.index(column)])
+        has_diverged = bool(diverged[runs.finest.columns.index(column)])
         slow = not_converged(runs, [column])
         for name, metric in group.items():
-            if slow or (late and not _is_over(metric, columns.finest, begin)):
+            if slow or (has_diverged and not _is_over(metric, columns.finest, begin)):
                 reason = slow or f"{DIVERGED} from {begin:.4g} s on"
                 value = metric.value(columns.finest)
                 estimates[name] = Estimate(value, None, math.nan, reason=reason)
@@ -139,8 +139,8 @@ def _is_over(metric: Metric, solution: DenseSolution, begin: float) -> bool:
     if begin <= solution.t[1]:
         return False
     value = metric.value(solution)
-    others = solution.with_values(after_widened(solution.t, solution.x, begin))
-    return metric.value(solution.between(-math.inf, begin)) == value == metric.value(others)
+    widened = solution.with_values(after_widened(solution.t, solution.x, begin))
+    return metric.value(solution.between(-math.inf, begin)) == value == metric.value(widened)
 
 
 def summary_metrics(columns: Iterable[str]) -> dict[str, Metric]:

@@ -25,8 +25,15 @@ from ..system.inputs import Table
 
 #: A part that offers model exchange.
 ExchangePart = WiredPart[ModelExchange]
+#: Condition number from which on an algebraic loop counts as singular. Derived: a solution loses as many digits
+#: as the condition number has, and of the sixteen of a double four remain.
 SINGULAR = 1e12
-CLOSED, MOST_ITERATIONS = 1e-12, 20
+#: Change of an input, relative to 1 + |value|, below which it is settled. A convention: the tolerance of the
+#: reference solution, below which an error is none.
+SETTLED = 1e-12
+#: Newton iterations of an algebraic loop. A convention: the method doubles the right digits, so that a loop
+#: which it solves at all takes a few.
+MOST_ITERATIONS = 20
 
 
 class Blocks(NamedTuple):
@@ -42,7 +49,7 @@ class Blocks(NamedTuple):
     F: Array
 
 
-class Whole:
+class CoupledOde:
     """A coupled system at a time `t` [s], from `opened`.
 
     `states`, `inputs` and `outputs` are its Real ports, part by part; `stops` are the times at which
@@ -77,12 +84,12 @@ class Whole:
 
         FMI wants them above 0, and some tools give 0.
         """
-        found = []
+        values = []
         for part in self.parts:
             cells = (ctypes.c_double * len(part.instance.x))()
             part.instance.array("GetNominalsOfContinuousStates", cells)
-            found += list(cells)
-        sizes = np.abs(found)
+            values += list(cells)
+        sizes = np.abs(values)
         return np.where((sizes > 0.0) & (sizes < math.inf), sizes, 1.0)
 
     def at(self, t: float, x: Array) -> None:
@@ -114,16 +121,16 @@ class Whole:
         These are the indicators, as at least zero or not, and the outputs on wires that are not Real,
         in case no indicator guards them.
         """
-        found: list[float] = []
+        signs: list[float] = []
         for part in self.parts:
             indicators = part.instance.z
             part.instance.array("GetEventIndicators", indicators)
-            found += [value >= 0.0 for value in indicators]
+            signs += [value >= 0.0 for value in indicators]
             for block in part.outputs:
                 if not block.real:
                     block.move()
-                    found += list(block.cells)
-        return found
+                    signs += list(block.cells)
+        return signs
 
     def completed(self) -> bool:
         """Notify the parts that a step of the integrator is complete; returns whether one wants an event."""
@@ -140,7 +147,7 @@ class Whole:
         """An event at a time [s]: changes from outside, then discrete states until all agree."""
         self.t, again = t, True
         for part in self.parts:
-            if part.instance.has_begun:
+            if part.instance.is_started:
                 part.instance.session.call("enterEventMode")
         for change in self.changes:
             if change.time == t:
@@ -159,8 +166,8 @@ class Whole:
 
     def next_stop(self, stop: float) -> float:
         """The next time [s] of an event that is known in advance, at most `stop`."""
-        known = chain(self.stops, (part.instance.next_time for part in self.parts), [stop])
-        return min(time for time in known if time > self.t)
+        times = chain(self.stops, (part.instance.next_time for part in self.parts), [stop])
+        return min(time for time in times if time > self.t)
 
     def blocks(self) -> Blocks:
         """The derivatives of all parts as they stand."""
@@ -185,25 +192,25 @@ class Whole:
         from scipy.linalg import matrix_balance
 
         loop = blocks.F @ blocks.D
-        place = {port.name: k for k, port in enumerate(self.inputs)}
+        index_of = {port.name: k for k, port in enumerate(self.inputs)}
         for ring in algebraic_loops(self.network):
-            own = [place[w.target.name] for w in ring if w.target.name in place]
-            if not own:
+            indices = [index_of[w.target.name] for w in ring if w.target.name in index_of]
+            if not indices:
                 continue
-            inner, _ = matrix_balance(loop[np.ix_(own, own)])
-            if np.linalg.cond(np.eye(len(own)) - inner) > SINGULAR:
+            inner, _ = matrix_balance(loop[np.ix_(indices, indices)])
+            if np.linalg.cond(np.eye(len(indices)) - inner) > SINGULAR:
                 raise SetupError(f"the algebraic loop has no solution: {describe_loop(ring)}")
         return np.eye(len(self.inputs)) - loop
 
-    def _settle(self, moved: Callable[[VariableBlock], bool]) -> bool:
+    def _settle(self, is_exchanged: Callable[[VariableBlock], bool]) -> bool:
         """Bring outputs over the wires until the inputs agree with them; whether any has changed."""
         for feed in self.feeds:
             feed.cell[0] = float(
                 feed.profile.at(min(self.t, math.nextafter(self.until, -math.inf)))
             )
-        inputs = [(part, [b for b in part.inputs if moved(b)]) for part in self.parts]
-        shown = {p.name: [b for b in p.outputs if moved(b)] for p in self.parts}
-        for block in chain.from_iterable(shown.values()):
+        inputs = [(part, [b for b in part.inputs if is_exchanged(b)]) for part in self.parts]
+        outputs = {p.name: [b for b in p.outputs if is_exchanged(b)] for p in self.parts}
+        for block in chain.from_iterable(outputs.values()):
             block.move()
         entered = [list(block.cells) for _, blocks in inputs for block in blocks]
         changed = False
@@ -217,7 +224,7 @@ class Whole:
                     block.move()
                 if fresh:
                     again = True
-                    for block in shown[part.name]:
+                    for block in outputs[part.name]:
                         block.move()
             if not again:
                 return changed
@@ -225,7 +232,7 @@ class Whole:
         self._solve()
         left = [list(block.cells) for _, blocks in inputs for block in blocks]
         return any(
-            abs(new - old) > CLOSED * (1.0 + abs(old)) if isinstance(new, float) else new != old
+            abs(new - old) > SETTLED * (1.0 + abs(old)) if isinstance(new, float) else new != old
             for before, after in zip(entered, left)
             for old, new in zip(before, after)
         )
@@ -234,25 +241,25 @@ class Whole:
         """The Real inputs of an algebraic loop by Newton's method; raises FmuError."""
         blocks = [b for part in self.parts for b in part.inputs if b.real]
         names = [name for block in blocks for name in block.names]
-        place = {port.name: k for k, port in enumerate(self.inputs)}
-        own = [place[name] for name in names]
+        index_of = {port.name: k for k, port in enumerate(self.inputs)}
+        indices = [index_of[name] for name in names]
         for _ in range(MOST_ITERATIONS):
-            had = np.array([value for block in blocks for value in block.cells])
-            if not np.isfinite(had).all():
+            guess = np.array([value for block in blocks for value in block.cells])
+            if not np.isfinite(guess).all():
                 raise EvaluationError("the values of an algebraic loop are no longer finite")
             for part in self.parts:
                 part.apply_links()
-            off = np.array([value for block in blocks for value in block.cells]) - had
-            near = CLOSED * (1.0 + np.abs(had).max())
-            step = np.linalg.solve(self.closure(self.blocks())[np.ix_(own, own)], off)
-            values = iter((had + step).tolist())
+            residual = np.array([value for block in blocks for value in block.cells]) - guess
+            tolerance = SETTLED * (1.0 + np.abs(guess).max())
+            step = np.linalg.solve(self.closure(self.blocks())[np.ix_(indices, indices)], residual)
+            values = iter((guess + step).tolist())
             for block in blocks:
                 block.cells[:] = [next(values) for _ in block.cells]
                 block.move()
             for part in self.parts:
                 for block in part.outputs:
                     block.move()
-            if np.abs(step).max() <= near:
+            if np.abs(step).max() <= tolerance:
                 return
         loops = "; ".join(describe_loop(loop) for loop in algebraic_loops(self.network))
         raise FmuError(f"the algebraic loop was not solved at t = {self.t!r} s: {loops}")
@@ -265,7 +272,7 @@ class Whole:
 
 
 @contextmanager
-def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
+def opened(network: Network, start: float, stop: float) -> Iterator[CoupledOde]:
     """The system at `start` [s], its start values consistent.
 
     Raises SetupError for a part without model exchange or with a clock that is to tick, FmuError
@@ -281,4 +288,4 @@ def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
         sequence = stepping_order(network, None)
         settings = RunSettings(stop, math.inf, start)
         parts, _ = prepare(network, settings, sequence, stack, ModelExchange)
-        yield Whole(network, {name: parts[name] for name in network.system.parts}, start, stop)
+        yield CoupledOde(network, {name: parts[name] for name in network.system.parts}, start, stop)

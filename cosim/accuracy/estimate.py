@@ -47,8 +47,8 @@ class Estimate(NamedTuple):
         if units > LARGEST_TWO_DIGITS:
             digits -= 1
             value, units = self._rounded(digits)
-        places = max(0, digits)
-        return f"{value:.{places}f} +- {units * 10.0**-digits:.{places}f} {unit}"
+        decimals = max(0, digits)
+        return f"{value:.{decimals}f} +- {units * 10.0**-digits:.{decimals}f} {unit}"
 
     def _rounded(self, digits: int) -> tuple[float, int]:
         """The value with this many decimals, and its error in units of the last of them.

@@ -193,10 +193,10 @@ def error_band(
     regular = (
         (last * previous > 0.0) & (falls >= LOWEST_ORDER) & (falls <= order + ACCIDENTAL_EXCESS)
     )
-    remains = last / (ratio**order - 1.0)
-    shift = np.interp(finest.t, shared, np.where(regular, remains, 0.0))
+    correction = last / (ratio**order - 1.0)
+    shift = np.interp(finest.t, shared, np.where(regular, correction, 0.0))
     irregular = last / (math.pow(ratio, LOWEST_ORDER) - 1.0)
-    width = np.where(regular, CONFIRMED_FACTOR * np.abs(remains), np.abs(irregular))
+    width = np.where(regular, CONFIRMED_FACTOR * np.abs(correction), np.abs(irregular))
     width = np.interp(finest.t, shared, width)
     rounding = ROUNDING_SHARE * float(np.abs(finest.x).max())
     return ErrorBand(
@@ -239,20 +239,20 @@ def slow_order(runs: Sequence[tuple[Array, Array]], ratio: float = STEP_RATIO) -
     """
     _, fine, middle, coarse = _shared_values(runs)
     last, previous = fine - middle, middle - coarse
-    moved = np.abs(last) > ROUNDING_SHARE * float(np.abs(fine).max())
-    if not moved.any():
+    is_distinct = np.abs(last) > ROUNDING_SHARE * float(np.abs(fine).max())
+    if not is_distinct.any():
         return None
     with np.errstate(all="ignore"):
-        falls = np.log(previous[moved] / last[moved]) / math.log(ratio)
+        falls = np.log(previous[is_distinct] / last[is_distinct]) / math.log(ratio)
     slow = (falls > 0.0) & (falls < LOWEST_ORDER)
     return float(np.median(falls[slow])) if np.mean(slow) >= SLOW_SHARE else None
 
 
-def _is_in(times: Array, others: Array) -> NDArray[np.bool_]:
-    """Which times are among others, but for rounding."""
-    rounding = ROUNDING_SHARE * max(abs(float(others[0])), abs(float(others[-1])))
-    k = np.clip(np.searchsorted(others, times), 1, len(others) - 1)
-    nearest = np.minimum(np.abs(others[k] - times), np.abs(others[k - 1] - times))
+def _is_in(times: Array, sorted_times: Array) -> NDArray[np.bool_]:
+    """Which times are among sorted ones, but for rounding."""
+    rounding = ROUNDING_SHARE * max(abs(float(sorted_times[0])), abs(float(sorted_times[-1])))
+    k = np.clip(np.searchsorted(sorted_times, times), 1, len(sorted_times) - 1)
+    nearest = np.minimum(np.abs(sorted_times[k] - times), np.abs(sorted_times[k - 1] - times))
     return np.asarray(nearest <= rounding)
 
 
@@ -294,8 +294,8 @@ def divergence(
         np.column_stack([t, *(np.interp(t, rows[:, 0], x) for x in rows.T[1:])]) for rows in runs
     )
     last, previous = (
-        np.array([np.abs(finer - coarser)[part].mean(axis=0) for part in parts])
-        for finer, coarser in ((fine, middle), (middle, coarse))
+        np.array([np.abs(of_short_step - of_long_step)[part].mean(axis=0) for part in parts])
+        for of_short_step, of_long_step in ((fine, middle), (middle, coarse))
     )
     rounding = ROUNDING_SHARE * np.abs(fine).max(axis=0)
     least = np.maximum(DISTANT_SHARE * np.ptp(fine, axis=0), rounding)
@@ -325,10 +325,10 @@ def after_widened(t: Array, x: Array, begin: float) -> Array:
     begin : float
         The time [s].
     """
-    widened, late = x.copy(), t >= begin
-    if late.any():
-        middle = 0.5 * (x[late].min(axis=0) + x[late].max(axis=0))
-        widened[late] = middle + DIVERGED_WIDTH * (x[late] - middle)
+    widened, is_after = x.copy(), t >= begin
+    if is_after.any():
+        middle = 0.5 * (x[is_after].min(axis=0) + x[is_after].max(axis=0))
+        widened[is_after] = middle + DIVERGED_WIDTH * (x[is_after] - middle)
     return widened
 
 
@@ -366,10 +366,10 @@ def extrapolate(
         return Estimate(fine, UNORDERED_FACTOR * most + errors[0], math.nan)
     observed = math.log2(abs(previous / last)) if last else math.inf
     gain = STEP_RATIO**order - 1.0
-    limit, limit_of_coarser = fine + last / gain, middle + previous / gain
-    error = abs(limit - limit_of_coarser) + EXTRAPOLATION_SHARE * abs(last)
-    own = errors[0] + (errors[0] + errors[1]) / gain
-    return Estimate(limit, error + own, observed)
+    limit, coarse_limit = fine + last / gain, middle + previous / gain
+    error = abs(limit - coarse_limit) + EXTRAPOLATION_SHARE * abs(last)
+    error_of_values = errors[0] + (errors[0] + errors[1]) / gain
+    return Estimate(limit, error + error_of_values, observed)
 
 
 def bound_coupling_error(values: Sequence[float], order: float) -> float:

@@ -53,8 +53,8 @@ class ObservedResult(Result):
 
     def columns_read(self) -> list[str]:
         """The columns asked for by name; all, if the rows were taken as a whole."""
-        whole = "data" in vars(self) or not self._read
-        return [name for name in self.columns[1:] if whole or name in self._read]
+        reads_all = "data" in vars(self) or not self._read
+        return [name for name in self.columns[1:] if reads_all or name in self._read]
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,8 @@ def _estimate(name: str, numbers: _Numbers, orders: Sequence[float], ratio: floa
     coarse = _rows_share(name, series[0], numbers.fewer_of_result)
     rows = _rows_share(name, value, numbers.fewer)
     confirmed = any(abs(coupling.order - p) <= CONFIRMED_DISTANCE * p for p in orders)
-    beside = max(abs(side[name] - value) for side in numbers.sides)
-    rows = max(rows, ROWS_FACTOR * beside, abs(value - series[0]))
+    hidden = max(abs(side[name] - value) for side in numbers.sides)
+    rows = max(rows, ROWS_FACTOR * hidden, abs(value - series[0]))
     rows = rows if confirmed else max(rows, coarse)
     if not math.isfinite(rows):
         return coupling._replace(error=None, reason=NO_ROWS)
@@ -135,13 +135,13 @@ def _estimate(name: str, numbers: _Numbers, orders: Sequence[float], ratio: floa
     error = coupling.error
     if error is None and spread > BOTH_ROWS * rows:
         return coupling
-    unmoved = [*(side[name] for side in numbers.sides), *(value for _ in (*TILTS, *SIGNS))]
-    moved = max(abs(limit[name] - v) for limit, v in zip(numbers.limits, unmoved))
-    if math.isnan(moved):
+    unshifted = [*(side[name] for side in numbers.sides), *(value for _ in (*TILTS, *SIGNS))]
+    shift = max(abs(limit[name] - v) for limit, v in zip(numbers.limits, unshifted))
+    if math.isnan(shift):
         return coupling._replace(error=None, reason=SOME_RUNS)
-    moved = moved if moved > rows else 0.0  # to the next row, which the rows' share has
+    shift = shift if shift > rows else 0.0  # to the next row, which the rows' share has
     error = spread if error is None else error
-    return coupling._replace(error=band_error(error, moved) + rows, rows=rows)
+    return coupling._replace(error=band_error(error, shift) + rows, rows=rows)
 
 
 def _rows_share(
@@ -179,8 +179,8 @@ def _thinned(result: Result, n: int) -> Iterator[Result]:
     """The result with the rows first, first + n, ..., and the ends, for each first row."""
     count = len(result.data)
     for first in range(n):
-        kept = np.unique([0, *range(first, count, n), count - 1])
-        yield _with_rows(result, result.data[kept])
+        indices = np.unique([0, *range(first, count, n), count - 1])
+        yield _with_rows(result, result.data[indices])
 
 
 def _with_rows(result: Result, rows: Rows) -> Result:
@@ -213,18 +213,18 @@ def after_divergence(
     if not any(is_diverged[names.index(name)] for name in observed.columns_read()):
         return {}
     reason = f"{DIVERGED} from {begin:.4g} s on"
-    early, late = results[0].data, results[1].data
-    swapped = np.vstack([early[early[:, 0] < begin], late[late[:, 0] >= begin]])
-    widened = early.copy()
-    widened[:, is_diverged] = after_widened(early[:, 0], early[:, is_diverged], begin)
-    others: list[Mapping[str, Any]] = []
+    finest, second = results[0].data, results[1].data
+    swapped = np.vstack([finest[finest[:, 0] < begin], second[second[:, 0] >= begin]])
+    widened = finest.copy()
+    widened[:, is_diverged] = after_widened(finest[:, 0], finest[:, is_diverged], begin)
+    alternatives: list[Mapping[str, Any]] = []
     for rows in (swapped, widened):
         try:
-            others.append(function(_with_rows(results[0], rows)))
+            alternatives.append(function(_with_rows(results[0], rows)))
         except Exception:  # noqa: BLE001 - it depends on which of the rows it gets
-            others.append({})
+            alternatives.append({})
     return {
         name: reason
         for name, value in values.items()
-        if any(other.get(name) != value for other in others)
+        if any(alternative.get(name) != value for alternative in alternatives)
     }

@@ -61,22 +61,22 @@ def _with_band(
     the spread of the runs or what the extrapolation moves, with the larger factor of safety.
     """
     behind = metric.value(finest.filled(Side.AFTER))
-    moved = max(
+    shift = max(
         abs(metric.value(band.solution) - value),
         abs(metric.value(band.solution.filled(Side.AFTER)) - behind),
     )
-    if math.isnan(moved):
+    if math.isnan(shift):
         return replace_error(coupling, None, SOME_RUNS)
     error = coupling.error
     if error is None:
         times = [*metric.times(finest), *metric.times(band.solution)]
         if not times or not all(band.converges_at(t) for t in times):
             return coupling
-        error = max(spread, UNCONFIRMED_FACTOR * moved)
-    return coupling._replace(error=band_error(error, moved, metric.doubt(finest, band.width)))
+        error = max(spread, UNCONFIRMED_FACTOR * shift)
+    return coupling._replace(error=band_error(error, shift, metric.doubt(finest, band.width)))
 
 
-def band_error(error: float, moved: float, doubt: float = 0.0) -> float:
+def band_error(error: float, shift: float, doubt: float = 0.0) -> float:
     """The error of a number, or the one that the band makes if that is larger.
 
     Parameters
@@ -88,9 +88,9 @@ def band_error(error: float, moved: float, doubt: float = 0.0) -> float:
     doubt : float
         See `Metric.doubt`.
     """
-    agree = moved * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error
+    agree = shift * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error
     factor = CONFIRMED_FACTOR if agree else UNCONFIRMED_FACTOR
-    return max(error, factor * moved, doubt)
+    return max(error, factor * shift, doubt)
 
 
 def replace_error(of: Estimate, error: float | None, reason: str) -> Estimate:

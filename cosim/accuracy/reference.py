@@ -22,11 +22,20 @@ from ..master import versions
 from ..result import Result, SimulationError
 from ..system import System, connect, require_cosimulation
 from .certify import Metrics, certify, evaluate, summary_metrics
-from .coupled_ode import Whole, opened
+from .coupled_ode import CoupledOde, opened
 from .estimate import Estimate
 
 METHODS = ("DOP853", "Radau", "LSODA")
-TOLERANCE, LOOSER, ROWS, MOST_AT_ONCE = 1e-12, 10.0, 1000, 100
+#: Relative tolerance of the integration. A convention: somewhat above the least that SciPy takes, which is
+#: 100 times the machine precision, 2e-14, and leaves no room for the rounding of the rates.
+TOLERANCE = 1e-12
+#: Ratio of the tolerances of the two integrations. Derived: where errors are in proportion to the tolerance, the
+#: distance of the two results is nine times the error of the better one.
+TOLERANCE_RATIO = 10.0
+#: Intervals between rows unless their distance is set. A convention: about one for each point across a chart.
+ROW_INTERVALS = 1000
+#: Events at one time after which the system makes no progress. A convention: cascades of a few are real.
+MOST_AT_ONCE = 100
 
 
 class Piece(NamedTuple):
@@ -75,7 +84,7 @@ def oracle(
     columns (default: all outputs).
 
     The system is integrated twice. `provenance["errors"]` gives, by column, the largest distance of the
-    rows from those with a tolerance LOOSER times as large; `provenance["events"]` gives the times [s] of
+    rows from those with a tolerance TOLERANCE_RATIO times as large; `provenance["events"]` gives the times [s] of
     all events. Inputs over time act continuously, as do the wires. An event that begins and ends within
     half a step of the integrator may be missed.
 
@@ -105,7 +114,7 @@ def oracle(
     if not timeout > 0.0:
         raise SetupError(f"timeout = {timeout!r} s must be above 0")
     network = connect(system)
-    spacing = (stop - start) / ROWS if output_step is None else output_step
+    spacing = (stop - start) / ROW_INTERVALS if output_step is None else output_step
     RunSettings(stop, 1.0, start, output_step=output_step).check()
     plan = RunSettings(stop, spacing, start, record=record)
     ports = plan.ports(network)
@@ -124,35 +133,39 @@ def oracle(
     }  # fmt: skip
 
     def once(allowed: float) -> Result:
-        with opened(network, start, stop) as whole:
-            whole.deadline = clock.monotonic() + timeout
+        with opened(network, start, stop) as ode:
+            ode.deadline = clock.monotonic() + timeout
             rows: list[list[float]] = []
             events: list[float] = []
-            told = {"status": "complete", "reason": "", "reached": stop, "events": events}
+            outcome = {"status": "complete", "reason": "", "reached": stop, "events": events}
             try:
-                pieces = travel(whole, stop, method, allowed)
-                rows.extend(_rows(whole, RowReader(whole.parts, ports), plan, pieces, events))
+                pieces = travel(ode, stop, method, allowed)
+                rows.extend(_rows(ode, RowReader(ode.parts, ports), plan, pieces, events))
             except FmuError as failure:
-                told |= {"status": "failed", "reason": str(failure), "reached": whole.t}
-            told["warnings"] = [
-                f"{part.name}: {text}" for part in whole.parts for text in part.messages.warnings
+                outcome |= {"status": "failed", "reason": str(failure), "reached": ode.t}
+            outcome["warnings"] = [
+                f"{part.name}: {text}" for part in ode.parts for text in part.messages.warnings
             ]
         units = {"time": "s"} | {port.name: port.unit for port in ports}
         result = Result(
-            [*units], units, provenance | told, lambda: np.array(rows).reshape(-1, len(units))
+            [*units], units, provenance | outcome, lambda: np.array(rows).reshape(-1, len(units))
         )
-        if told["status"] == "failed":
-            raise SimulationError(f"{told['reason']}; stopped at t = {told['reached']!r} s", result)
+        if outcome["status"] == "failed":
+            raise SimulationError(
+                f"{outcome['reason']}; stopped at t = {outcome['reached']!r} s", result
+            )
         return result
 
     try:
-        loose, result = once(LOOSER * tolerance), once(tolerance)
+        loose, result = once(TOLERANCE_RATIO * tolerance), once(tolerance)
     except FmuError as failure:
         raise SetupError(str(failure)) from failure
-    ours, theirs = result.data, loose.data
-    _, here, there = np.intersect1d(ours[:, 0], theirs[:, 0], return_indices=True)
-    off = np.abs(ours[here] - theirs[there]).max(axis=0)
-    result.provenance["errors"] = dict(zip(result.columns[1:], off[1:].tolist()))
+    tight_rows, loose_rows = result.data, loose.data
+    _, tight_index, loose_index = np.intersect1d(
+        tight_rows[:, 0], loose_rows[:, 0], return_indices=True
+    )
+    distances = np.abs(tight_rows[tight_index] - loose_rows[loose_index]).max(axis=0)
+    result.provenance["errors"] = dict(zip(result.columns[1:], distances[1:].tolist()))
     result.provenance["wall_time"] = clock.perf_counter() - began
     return result
 
@@ -210,54 +223,54 @@ def true_errors(
     if metrics is None:
         metrics = summary_metrics(exact.columns[1:])
     truth = evaluate(metrics, exact)
-    found = certify(
+    certified = certify(
         system, metrics, stop=stop, step=step, start=start, record=record, **settings
     ).figures
-    return Judged(exact, {name: Compared(e, float(truth[name])) for name, e in found.items()})
+    return Judged(exact, {name: Compared(e, float(truth[name])) for name, e in certified.items()})
 
 
-def travel(whole: Whole, stop: float, method: str, tolerance: float) -> Iterator[Piece]:
+def travel(ode: CoupledOde, stop: float, method: str, tolerance: float) -> Iterator[Piece]:
     """Integrate to `stop` [s], piece by piece; after an event, the state that it left."""
     from scipy import integrate
 
     at_once = 0
-    floor = tolerance * whole.nominals
-    while whole.t < stop:
-        begin, x = whole.t, whole.x
-        whole.until = end = whole.next_stop(stop)
+    floor = tolerance * ode.nominals
+    while ode.t < stop:
+        begin, x = ode.t, ode.x
+        ode.until = end = ode.next_stop(stop)
         if not len(x):
             raise FmuError("no part has a continuous state")
-        solver = getattr(integrate, method)(whole.slopes, begin, x, end, rtol=tolerance, atol=floor)
-        whole.at(begin, x)
-        signs, found = whole.signs(), None
-        while solver.status == "running" and found is None:
+        solver = getattr(integrate, method)(ode.slopes, begin, x, end, rtol=tolerance, atol=floor)
+        ode.at(begin, x)
+        signs, event_time = ode.signs(), None
+        while solver.status == "running" and event_time is None:
             message = solver.step()
             if solver.status == "failed":
                 raise FmuError(f"{method} stopped at t = {solver.t!r} s: {message}")
             curve = solver.dense_output()
-            found = _crossing(whole, signs, curve, float(solver.t_old), float(solver.t))
-            last = float(solver.t) if found is None else found
+            event_time = _crossing(ode, signs, curve, float(solver.t_old), float(solver.t))
+            last = float(solver.t) if event_time is None else event_time
             yield Piece(float(solver.t_old), last, curve)
-            whole.at(last, solver.y if found is None else curve(last))
-            if found is None and whole.completed():
-                found = last
-        if found is not None or end < stop or end in whole.stops:
-            at_once = at_once + 1 if whole.t - begin <= 64 * math.ulp(whole.t) else 0
+            ode.at(last, solver.y if event_time is None else curve(last))
+            if event_time is None and ode.completed():
+                event_time = last
+        if event_time is not None or end < stop or end in ode.stops:
+            at_once = at_once + 1 if ode.t - begin <= 64 * math.ulp(ode.t) else 0
             if at_once > MOST_AT_ONCE:
-                raise FmuError(f"events follow each other without end at t = {whole.t!r} s")
-            whole.until = math.inf
-            whole.jump(whole.t)
-            yield Piece(whole.t, whole.t, None)
+                raise FmuError(f"events follow each other without end at t = {ode.t!r} s")
+            ode.until = math.inf
+            ode.jump(ode.t)
+            yield Piece(ode.t, ode.t, None)
 
 
 def _crossing(
-    whole: Whole, signs: list[float], curve: Callable[[float], Array], a: float, b: float
+    ode: CoupledOde, signs: list[float], curve: Callable[[float], Array], a: float, b: float
 ) -> float | None:
     """The first time [s] after `a`, to the last digits, at which an indicator has changed its sign."""
 
     def changed(t: float) -> bool:
-        whole.at(t, curve(t))
-        return whole.signs() != signs
+        ode.at(t, curve(t))
+        return ode.signs() != signs
 
     if not signs:
         return None
@@ -272,30 +285,30 @@ def _crossing(
 
 
 def _rows(
-    whole: Whole, row: RowReader, plan: RunSettings, pieces: Iterable[Piece], events: list[float]
+    ode: CoupledOde, row: RowReader, plan: RunSettings, pieces: Iterable[Piece], events: list[float]
 ) -> Iterator[list[float]]:
     """The rows of a plan, and those at which a discrete column changes."""
     assert not isinstance(plan.step, Adaptive)
 
-    def look(t: float) -> list[float]:
-        for part in whole.parts:
+    def read_row(t: float) -> list[float]:
+        for part in ode.parts:
             for block in part.outputs:
                 block.move()
         return row(t)
 
-    before = look(plan.start)
+    before = read_row(plan.start)
     yield before
     times = iter([*(plan.start + k * plan.step for k in range(1, plan.number())), plan.stop])
     due = next(times)
     for _, end, curve in pieces:
         while curve is not None and due <= end:
-            whole.at(due, curve(due))
-            before = look(due)
+            ode.at(due, curve(due))
+            before = read_row(due)
             yield before
             due = next(times, math.inf)
         if curve is None:
             events.append(end)
-            now = look(end)
+            now = read_row(end)
             if end != before[0] and any(now[k] != before[k] for k in row.discrete):
                 before = now
                 yield now

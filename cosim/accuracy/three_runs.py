@@ -91,8 +91,8 @@ def not_converged(runs: ThreeRuns, columns: Sequence[str]) -> str:
 
 def _dense(t: Rows, x: Rows) -> DenseSolution:
     """The solution of a column without the rows that say nothing new."""
-    kept = distinct_rows(t, x)
-    return DenseSolution(np.array(t[kept]), np.array(x[kept]))
+    distinct = distinct_rows(t, x)
+    return DenseSolution(np.array(t[distinct]), np.array(x[distinct]))
 
 
 def three_runs(

@@ -43,7 +43,7 @@ class Perturbation(NamedTuple):
 class ModelExchange:
     """A part by model exchange: continuous states `x`, rates `dx`, event indicators `z`.
 
-    `has_begun` once continuous-time mode has been entered; `next_time` is the next event that the FMU
+    `is_started` once continuous-time mode has been entered; `next_time` is the next event that the FMU
     knows in advance [s].
     """
 
@@ -69,7 +69,7 @@ class ModelExchange:
         self.x = (ctypes.c_double * len(self.states))()
         self.dx = (ctypes.c_double * len(self.states))()
         self.z = (ctypes.c_double * (description.numberOfEventIndicators or 0))()
-        self.has_begun = False
+        self.is_started = False
         self.next_time = math.inf
 
     def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
@@ -123,7 +123,7 @@ class ModelExchange:
     def enter_continuous_time(self) -> None:
         """Leave event mode, and get the states."""
         self.session.call("enterContinuousTimeMode")
-        self.has_begun = True
+        self.is_started = True
         self.get_states()
 
     def continuous_inputs(self) -> list[Variable]:
