@@ -12,7 +12,6 @@ from .analysis.compare import Comparison, Deviation, compare
 from .analysis.crosscheck import crosscheck
 from .analysis.crosscheck.checks import Verdict
 from .analysis.crosscheck.report import Crosscheck
-from .analysis.damping import Diagnosis, diagnose
 from .analysis.linearize import Linear, linearize
 from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
 from .engine.control import Adaptive
@@ -30,6 +29,7 @@ from .system import System, Wire
 from .system.inputs import Table
 
 if TYPE_CHECKING:
+    from .analysis.damping import Diagnosis, diagnose
     from .identification.design import Advice, Experiment, advise
     from .identification.identify import Identified, identify
     from .identification.intervals import Interval
@@ -37,9 +37,12 @@ if TYPE_CHECKING:
 
 __version__ = "1.0.0rc1"
 
+#: the modules whose parts of SciPy take longer to import than most runs, loaded on request
 HOMES = {
-    "Advice": "design", "Experiment": "design", "advise": "design",
-    "Identified": "identify", "Interval": "intervals", "identify": "identify", "measured": "record",
+    "Advice": "identification.design", "Experiment": "identification.design", "advise": "identification.design",
+    "Diagnosis": "analysis.damping", "diagnose": "analysis.damping",
+    "Identified": "identification.identify", "Interval": "identification.intervals",
+    "identify": "identification.identify", "measured": "identification.record",
 }  # fmt: skip
 
 __all__ = [
@@ -55,7 +58,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Load the identification only on request: importing its parts of scipy takes longer than most runs."""
+    """Load a name of `HOMES` from its module."""
     if name in HOMES:
-        return getattr(import_module(f"{__name__}.identification.{HOMES[name]}"), name)
+        return getattr(import_module(f"{__name__}.{HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -334,3 +334,14 @@ def test_a_command_is_added_by_a_single_file(
     monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
     assert command_output("greet", "Ada") == "hello Ada\n"
     assert next(iter(parser()._actions[-1].choices or ())) == "greet"
+
+
+def test_help_imports_nothing_that_only_a_command_needs() -> None:
+    code = (
+        "import sys; from cosim.cli.main import parser; parser().format_help();"
+        "print(sorted({'matplotlib', 'pandas', 'rich', 'scipy'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "[]"

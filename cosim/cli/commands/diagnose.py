@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-from ...analysis.damping import diagnose
 from ..command import Command
 from ..options import Parser
 from ..system_file import add_shared_options, open_system
@@ -12,6 +11,10 @@ from ..system_file import add_shared_options, open_system
 
 def print_diagnosis(options: argparse.Namespace) -> int:
     """Print the diagnosis of a system in plain words."""
+    from ...analysis.damping import (
+        diagnose,
+    )  # its parts of SciPy take longer to import than `--help`
+
     with open_system(options) as file:
         diagnosis = diagnose(
             file.system, step=file.step(options.step), algorithm=options.algorithm,

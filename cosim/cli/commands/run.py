@@ -16,7 +16,6 @@ from ...accuracy.estimate import Estimate
 from ...errors import pluralize
 from ...fmu.messages import quiet
 from ...isolated import run_isolated
-from ...progress import bar
 from ...result import Interrupted, Result, SimulationError
 from ...result import partial as partial_file
 from ...scratch import scratch
@@ -70,6 +69,8 @@ def _run_and_write(
     file: SystemFile, options: argparse.Namespace, arguments: dict[str, Any], runner: Any
 ) -> RunOutcome:
     """Run with a progress bar; a run that breaks off leaves the rows that it has."""
+    from ...progress import bar  # rich takes longer to import than `--help`
+
     is_streamed = options.out is not None and options.part is None and options.out.suffix == ".csv"
     path_at_end = None if is_streamed else options.out
     if is_streamed:
