@@ -39,6 +39,7 @@ MACHINES = {file.parent.name: file for file in sorted(ROOT.glob("components/*/mo
 
 
 def main() -> int:
+    """Build the FMUs that the command line asks for; returns the exit status."""
     parser = argparse.ArgumentParser(description="Build and validate the FMUs.")
     parser.add_argument("component", nargs="*", help=f"one of {', '.join(MACHINES)} (default: all)")
     default = "both" if find_spec("ziglang") else "python"

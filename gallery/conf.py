@@ -51,6 +51,7 @@ def no_aliases(_app: Sphinx, _what: str, _name: str, member: object, skip: bool,
 
 
 def setup(app: Sphinx) -> None:
+    """Register what Sphinx leaves to this site: formulas as MathML, members without aliases."""
     app.add_html_math_renderer("mathml", (formula, None), (formula, None))
     app.connect("source-read", plain_formulas)
     app.connect("autodoc-skip-member", no_aliases)

@@ -70,6 +70,7 @@ def write(answers: Sequence[Answered], folder: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
+    """Write a page, and the folders above it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
 
@@ -254,6 +255,7 @@ def thumbnail(picture: Image.Image) -> Image.Image:
 
 
 def deck(cards: Sequence[str]) -> str:
+    """A list of cards, side by side where the window is wide enough."""
     return f'<ul class="cards">{"".join(cards)}</ul>'
 
 

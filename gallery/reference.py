@@ -54,6 +54,7 @@ def commands() -> str:
 
 
 def section(title: str, help_text: str) -> str:
+    """The help of a command, below its name."""
     return f"## `{title}`\n\n```text\n{help_text.strip()}\n```"
 
 
@@ -101,6 +102,7 @@ def first(member: object) -> str:
 
 
 def directive(package: str, name: str) -> Iterator[str]:
+    """The lines that have Sphinx document a public name, by its docstring or by its value."""
     member = getattr(import_module(package), name)
     if inspect.isclass(member) or callable(member):
         yield f".. auto{'class' if inspect.isclass(member) else 'function'}:: {package}.{name}"

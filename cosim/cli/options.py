@@ -37,6 +37,7 @@ class Parser(argparse.ArgumentParser):
     """Reports bad input as one line, as everything else does."""
 
     def error(self, message: str) -> NoReturn:
+        """Raise SetupError, where argparse would print its usage and exit."""
         raise SetupError(message)
 
     def path(self, name: str, text: str, **more: Any) -> None:

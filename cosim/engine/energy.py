@@ -35,6 +35,7 @@ class Bond(NamedTuple):
 
     @property
     def name(self) -> str:
+        """The outputs whose product is the power, as they stand in a report."""
         return f"{self.forth.source.name} * {self.back.source.name}"
 
 
@@ -71,6 +72,7 @@ class BondSide(Operation):
         totals[BEFORE] = now
 
     def layout(self) -> Layout:
+        """The trapezoidal rule in C, on the same totals."""
         return Layout(
             Code.BOOK,
             cells=address(self.totals),

@@ -61,6 +61,7 @@ class Iteration:
         self._snapshot = Snapshot(parts)
 
     def __call__(self, t: float, h: float) -> None:
+        """Repeat the step from t by h [s] until its outputs agree; raises as the class says."""
         self._snapshot.take()
         begin = _values(self._real)
         z = self._prediction(t, h, begin)

@@ -41,6 +41,7 @@ class Link(Operation):
         return self.target.kind is ctypes.c_double
 
     def __call__(self, t: float, h: float) -> None:
+        """Set the input, or add to what other links have brought to it."""
         if self.adds:
             self._cells[self._i] += self.factor * self._source[self._j] + self.offset
         elif self.factor == 1.0 and self.offset == 0.0:
@@ -76,6 +77,7 @@ class CastLink(Link):
     """A link between two types of whole numbers or truth values, which must be able to hold the value."""
 
     def __call__(self, t: float, h: float) -> None:
+        """Set the input; raises FmuError if its type cannot hold the value."""
         super().__call__(t, h)
         if self.target.value != (value := self.source.value):
             raise FmuError(

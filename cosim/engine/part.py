@@ -116,6 +116,7 @@ class EventModeEntry(Operation):
         self.instance, self.block = instance, block
 
     def __call__(self, t: float, h: float) -> None:
+        """Enter the inputs at the time t [s]."""
         self.instance.take_inputs(t)
 
     def layout(self) -> Layout | None:
@@ -123,6 +124,7 @@ class EventModeEntry(Operation):
         return self.instance.input_layout(self.block)
 
     def answered(self, t: float, h: float, status: int) -> None:
+        """Leave the status of the FMU's call to the instance, which knows what it allows."""
         self.instance.stepped(t, h, status)
 
 
@@ -137,6 +139,7 @@ class StepOperation(Operation):
         self._nearly = part.stop - 64 * math.ulp(part.stop)
 
     def __call__(self, t: float, h: float) -> None:
+        """Step the part from t by h [s], at a stop time exactly onto it; raises FmuError."""
         part = self.part
         size = h / part.substeps
         for k in range(part.substeps):
@@ -167,4 +170,5 @@ class StepOperation(Operation):
         return layout
 
     def answered(self, t: float, h: float, status: int) -> None:
+        """Leave the status of the FMU's step to the instance, which knows what it allows."""
         self.part.instance.stepped(t, h, status)

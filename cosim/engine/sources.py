@@ -30,6 +30,7 @@ class InputSource(Operation):
         return Layout(Code.FEED, checked=1, cells=address(self.cell))
 
     def answered(self, t: float, h: float, status: int) -> None:
+        """Raise NonFiniteValueError with the mean that is not finite."""
         value = self.cell[0]
         raise NonFiniteValueError(f"{self.name} = {value!r} at t = {t!r} s must be a finite number")
 

@@ -72,6 +72,7 @@ class VariableBlock(Operation):
         self._transfer, self._run = transfer, transfer.run
 
     def __call__(self, t: float, h: float = 0.0) -> None:
+        """Move the values, and check that Reals which are read are finite; raises FmuError."""
         self.move()
         if self.reads and self.real and not all(map(isfinite, self.cells)):
             self.answered(t, h, NOT_FINITE)
@@ -122,6 +123,7 @@ class VariableBlock(Operation):
         )
 
     def answered(self, t: float, h: float, status: int) -> None:
+        """Raise an error for a value that is not finite, or leave the status to the session."""
         if status != NOT_FINITE:
             self.session.answered(self._transfer.name, status)
             return

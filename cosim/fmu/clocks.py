@@ -47,6 +47,7 @@ class IntervalClock:
 
     @property
     def due(self) -> float:
+        """The time of the next tick [s], without the rounding errors of a sum of intervals."""
         return self.begin + self.count * self.interval if self.count else self.begin
 
     def tick(self) -> None:

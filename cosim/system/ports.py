@@ -23,18 +23,22 @@ class Port(NamedTuple):
 
     @property
     def name(self) -> str:
+        """The name that wires, start values and results give it: part.variable."""
         return f"{self.part}.{self.variable.name}"
 
     @property
     def type(self) -> str:
+        """The type as FMI 2.0 names it, whichever version the FMU has."""
         return self.variable.type
 
     @property
     def native(self) -> str:
+        """The type as the FMU's own version of FMI names it."""
         return self.variable.native
 
     @property
     def unit(self) -> str:
+        """The unit of the model description; empty if it gives none."""
         return self.variable.unit or ""
 
     def text(self, value: Value) -> str:

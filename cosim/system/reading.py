@@ -53,6 +53,7 @@ def describe_fmu(name: str, path: Path, *, runnable: bool = True) -> ModelDescri
 
 
 def read_fmu(name: str, path: Path, *, runnable: bool = True) -> Fmu:
+    """A part's FMU as its file describes it; raises SetupError as `describe_fmu` does."""
     if PART.fullmatch(name) is None:
         raise SetupError(
             f"part name {name!r} must begin with a letter, then letters, digits, _, - and [], "

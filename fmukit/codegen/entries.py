@@ -115,6 +115,7 @@ def nominals(interface: Interface) -> str:
 
 
 def row(v: Variable) -> list[str]:
+    """The initialiser of one variable in the C table of variables."""
     texts = (v.name, v.unit, v.declaration.kind, v.causality, v.variability)
     settable = str(int(v.settable_before_start))
     items = v.declaration.items

@@ -57,6 +57,7 @@ def module(functions: list[Function], entries: tuple[str, ...]) -> str:
 
 
 def definition(function: Function) -> str:
+    """A function in Python, printed twice: only the first print shows what is read once."""
     names = [n for n, shape in function.parameters.items() if size(shape) or function.entry]
     parameters = map(printed_name, names)
     head = f"def {function.name}({', '.join(['note', *parameters])}):"

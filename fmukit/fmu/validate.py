@@ -92,6 +92,7 @@ def play(
 
 
 def value_of(unit: FMU2Slave | FMU3Slave, variable: ScalarVariable) -> float:
+    """The value of a variable in a running FMU, whatever its type."""
     number = "Integer" if isinstance(unit, FMU2Slave) else "Int64"
     kind = number if variable.type == "Enumeration" else variable.type
     (value,) = getattr(unit, f"get{kind}")([variable.valueReference])

@@ -68,6 +68,7 @@ class Dependencies:
         return self.at_end(tree)
 
     def at_end(self, leaf: Leaf) -> list[Dependency] | None:
+        """The results of a path; None where it fails."""
         if leaf.error is not None:
             return None
         return [Dependency(self.of(value), key(value)) for value in leaf.values]
@@ -89,11 +90,13 @@ class Dependencies:
         ]
 
     def join(self, node: Join) -> None:
+        """Note what the values depend on that a condition selects."""
         ends = [self.along(arm) for arm in node.arms]
         for phi, result in zip(node.phis, self.either(node.condition, *ends) or []):
             self.arguments_by_node[phi.number] = result.arguments
 
     def call(self, node: Call) -> list[Arguments]:
+        """The results of a call, in terms of the arguments of the calling function."""
         function, groups = node.function, node.groups
         if function.name not in self.functions:
             inner = Dependencies(self.functions).along(function.tree) or []
@@ -110,6 +113,7 @@ class Dependencies:
         ]
 
     def of_all(self, values: Any) -> Arguments:
+        """What any of the values depends on."""
         return NOTHING.union(*(self.of(value) for value in values))
 
     def of(self, value: Any) -> Arguments:

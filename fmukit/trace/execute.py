@@ -53,12 +53,14 @@ class Path:
         return (*self.token, self.answers[: self.decided], self.marks)
 
     def visit(self, node: Node) -> Node:
+        """The node itself, which is listed when the path first comes to it."""
         if node.number not in self.visited:
             self.visited.add(node.number)
             self.nodes.append(node)
         return node
 
     def decide(self, condition: Operation) -> bool:
+        """The truth of a condition on this path; raises Fork where it has not been answered."""
         if condition.number not in self.facts:
             if self.decided == MOST_CONDITIONS:
                 raise UntraceableError(
@@ -72,6 +74,7 @@ class Path:
         return self.facts[condition.number]
 
     def learn(self, condition: Operation, answer: bool) -> None:
+        """Note the answer, and which items are left for a variable that is compared with one."""
         self.facts[condition.number] = answer
         left, right = condition.operands
         if condition.op == "==" and left.items and not isinstance(right, Node):
@@ -96,6 +99,7 @@ def flatten(value: Any) -> tuple[Any, list[Any]]:
 
 
 def has_static(shape: Any) -> bool:
+    """Whether the arrangement contains a value that is no number."""
     if shape == "number":
         return False
     return shape[0] == "static" or any(map(has_static, shape[1]))

@@ -130,6 +130,7 @@ class Tracer:
                 setattr(module, name, value)
 
     def replacement(self, module: ModuleType, name: str, value: Any) -> Any:
+        """What records the calls of a module's function under this name; None if nothing has to."""
         if isinstance(value, FunctionType | BuiltinFunctionType | ModuleType) and value in REPLACED:
             return REPLACED[value]
         value = getattr(value, "__wrapped__", value)

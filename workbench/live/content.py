@@ -176,6 +176,7 @@ class Content:
         return self.index(formula)
 
     def index(self, formula: Formula) -> int:
+        """Return the place of a formula in the list of the page, where it stands once."""
         if formula.source not in self.sources:
             self.sources.append(formula.source)
         return self.sources.index(formula.source)
@@ -185,6 +186,7 @@ class Content:
         return "const formulas = [\n{}];\n".format("".join(f"v=>{x},\n" for x in self.sources))
 
     def positive(self, text: Any, where: str) -> None:
+        """Check that a formula is a time above 0 [s] with the values of the options."""
         self.formula(text, where)
         value = Formula.read(text)(self.values)
         if not value > 0.0 or not math.isfinite(value):
@@ -199,6 +201,7 @@ class Content:
                 raise SetupError(f"LIVE: {where}: {error}") from error
 
     def pairs(self, formulas: Mapping[str, Any], where: str) -> list[list[Any]]:
+        """Return names, each with the number of its formula."""
         return [[name, self.formula(text, f"{where}: {name}")] for name, text in formulas.items()]
 
     def record(self, name: str, where: str) -> None:

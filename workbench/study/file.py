@@ -326,6 +326,7 @@ def _sampling(table: Spec) -> Sampling:
 
 
 def check_keys(prefix: str, table: Spec, expected: Iterable[str]) -> None:
+    """Raise SetupError if a table has a key that is not expected."""
     for name in table:
         if name not in expected:
             raise SetupError(f"{prefix}unknown key {name!r}, expected {', '.join(expected)}")

@@ -14,4 +14,5 @@ class GaussSeidel(Algorithm):
     summary = "One part steps after the other, each with the newest values of those before it."
 
     def stages(self, parts: Sequence[str]) -> list[Stage]:
+        """A stage for each part, in the order of the parts."""
         return [(Turn(part),) for part in parts]

@@ -15,4 +15,5 @@ class Iterated(Algorithm):
     end_weight = 1.0
 
     def stages(self, parts: Sequence[str]) -> list[Stage]:
+        """One stage with all parts; an iteration repeats it until its outputs agree."""
         return [tuple(Turn(part) for part in parts)]

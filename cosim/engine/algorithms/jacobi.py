@@ -14,4 +14,5 @@ class Jacobi(Algorithm):
     summary = "All parts step side by side, with the values of the step's beginning."
 
     def stages(self, parts: Sequence[str]) -> list[Stage]:
+        """One stage in which all parts step."""
         return [tuple(Turn(part) for part in parts)]

@@ -22,6 +22,7 @@ class Strang(Algorithm):
     held_order = 2
 
     def stages(self, parts: Sequence[str]) -> list[Stage]:
+        """Half steps of the parts before the last, its whole step, the other halves in reverse."""
         *first, last = parts
         forwards: list[Stage] = [(Turn(part, 0.0, 0.5),) for part in first]
         backwards: list[Stage] = [(Turn(part, 0.5, 0.5),) for part in reversed(first)]

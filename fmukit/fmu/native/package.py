@@ -81,10 +81,12 @@ class NativeBuild(NamedTuple):
 
     @property
     def name(self) -> str:
+        """The name of the FMU, as its model description gives it."""
         return class_name(self.model)
 
     @property
     def guid(self) -> str:
+        """The identifier that changes whenever a source of the FMU does."""
         return guid_of(self.digest)
 
     @property

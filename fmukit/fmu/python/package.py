@@ -41,10 +41,12 @@ class Build(NamedTuple):
 
     @property
     def name(self) -> str:
+        """The name of the FMU, as its model description gives it."""
         return class_name(self.model)
 
     @property
     def guid(self) -> str:
+        """The identifier that changes whenever a source of the FMU does."""
         return guid_of(self.digest)
 
     @property
@@ -54,6 +56,7 @@ class Build(NamedTuple):
 
     @property
     def module(self) -> str:
+        """The module's name, other than that of any other build that one process may import."""
         return f"{component_name(self.model)}_{self.digest[:12]}"
 
     @property

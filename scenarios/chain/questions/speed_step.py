@@ -76,6 +76,8 @@ ANGLES = 720
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Run):
+    """The step of the set speed, the gear ratio, and how the run is made."""
+
     speed: float = option(20.0, "set speed of the load", "rad/s", above=0.0)
     ratio: float = option(5.0, "ratio of the gearbox", "1", above=0.0)
     stop: float = option(3.0, "simulated time", "s", above=0.0)

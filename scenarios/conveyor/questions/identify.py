@@ -49,6 +49,8 @@ NOISE = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class Options(RecordOptions, RippleOptions):
+    """The record to fit, and the speed at which the machine that fits is judged."""
+
     speed: float | None = option(
         None, "operating speed, the mean of the record by default", "rad/s", above=0.0
     )

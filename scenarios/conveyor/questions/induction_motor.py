@@ -58,6 +58,8 @@ COLUMNS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
+    """The supply, and the points of the two series: resistances and breakdown slips."""
+
     frequency: float = option(
         50.0, "supply frequency that gives motor.kloss.w_s without load", "Hz", above=0.0
     )

@@ -54,6 +54,8 @@ MEANT = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options(SweepOptions):
+    """The sweep over speeds, and the speed of the tables."""
+
     speed: float | None = option(
         None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
     )

@@ -67,6 +67,8 @@ FIXED_STARTS = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
 @dataclass(frozen=True, kw_only=True)
 class Options(RippleOptions):
+    """The operating speed, the speeds of the sweep, and the theory to compare with."""
+
     speed: float | None = option(
         None,
         f"operating speed, {by_set(OPERATING)}; it is on the resonance if the torque ripple lags its load by "

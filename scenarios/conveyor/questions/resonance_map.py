@@ -79,6 +79,8 @@ FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(RippleOptions):
+    """The axes of the map, what stays fixed, and how many machines are drawn and checked."""
+
     x: str = option(X, f"NAME=FROM:TO:NUMBER[:log] of `speed` [rad/s], {', '.join(FIELDS)}")
     y: str = option(Y, "the same for the other axis, without `speed`")
     speed: float | None = option(

@@ -69,6 +69,8 @@ DECISIVE = ("spring_unloaded",)
 
 @dataclass(frozen=True, kw_only=True)
 class Options(RippleOptions):
+    """The operating speed, the plane of speeds and springs, and the rows of a revolution."""
+
     speed: float | None = option(None, f"operating speed, {by_set(OPERATING)}", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("15:75:17", "speeds of the map", "rad/s", above=0.0)
     springs: tuple[float, ...] = option("0:1.2e6:11", "springs of the map", "N/m", least=0.0)

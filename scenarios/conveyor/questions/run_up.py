@@ -54,6 +54,8 @@ BELOW = "the crank does not stay above the resonance"
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Run):
+    """The machine, the mean speed that its linear motor is set for, and how the run is made."""
+
     set: str = option("B", "parameter set", choices=SETS)
     speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
 

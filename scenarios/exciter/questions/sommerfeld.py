@@ -57,6 +57,8 @@ STARTS = (0.8, 1.05)
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
+    """The voltages, how long each is held, and the longest step."""
+
     supplies: tuple[float, ...] = option("14:32:19", "voltage levels", "V", above=0.0)
     hold: float = option(5.0, "time over which the speed is compared", "s", above=0.0)
     step: float = option("10ms", "longest communication step", "s", above=0.0)

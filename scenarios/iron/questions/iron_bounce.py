@@ -72,6 +72,8 @@ class Flight(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
+    """The speeds, the stiffness of the contact, and the rows of a turn."""
+
     speed: float = option("90rpm", "speed of the cam, for the figures", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("70:120rpm:11", "speeds of the sweep", "rad/s", above=0.0)
     stiffness: float = option("10000N/mm", "stiffness of the contact", "N/m", above=0.0)

@@ -45,6 +45,8 @@ PANELS: dict[str, Mapping[str, tuple[str, ...] | str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
+    """The speed, the rows of a turn, and the machines to compare with."""
+
     speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
     samples: int = option(1440, "rows per turn", least=180)
     compare: str = option(

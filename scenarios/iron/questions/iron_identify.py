@@ -56,6 +56,8 @@ DERIVED = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options(RecordOptions):
+    """The record to fit, and the torque that the noise of further records is measured by."""
+
     rated_torque: float = option(
         2.0,
         "rated torque of the motor, for the noise of a torque not yet measured",

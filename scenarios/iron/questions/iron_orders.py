@@ -61,6 +61,8 @@ UNITS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
+    """The mean speeds at which the orders are found."""
+
     speeds: tuple[float, ...] = option("2:7.5:23", "mean speeds of the cam", "rad/s", above=0.0)
 
 

@@ -34,6 +34,8 @@ FIRST = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Run):
+    """The motor that starts the drive, and how the run is made."""
+
     motor_A: float = option(4.0, "torque of the motor at rest", "N.m")
     motor_B: float = option(0.025, "slope of the motor line", "N.m.s/rad", least=0.0)
     motor_T: float = option("12ms", "lag of the motor", "s", above=0.0)

@@ -61,6 +61,8 @@ SLOW_SPEEDS = tuple(5.0 * k for k in range(15))
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
+    """The frictions and speeds of the series, and what else they are compared with."""
+
     frictions: tuple[float, ...] = option(
         (), "friction on the wall, by default 0.2, 0.35 and 0.5, or as the comparison needs it", "1",
         least=0.0,

@@ -46,6 +46,8 @@ WALL = {"orientator.N_K": ("wall", FORCE)}
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Run):
+    """The rotor's speed, the friction of its wall, and how the run is made."""
+
     speed: float = option("40rpm", "speed of the rotor", "rad/s", least=0.0)
     friction: float = option(0.35, "friction between cup and wall", "1", least=0.0)
     stop: float = option(orientator.LONGEST, "longest simulated time", "s", above=0.0)
@@ -53,6 +55,7 @@ class Options(Run):
 
 
 def system(o: Options, fmus: Mapping[str, Path]) -> System:
+    """Return the orientator that turns at the speed of the options."""
     return orientator.system(fmus, o.speed, o.friction, o.start)
 
 

@@ -47,7 +47,7 @@ NEXT = (0.5, 0.8, 0.9, 0.95)
 
 @dataclass(frozen=True, kw_only=True)
 class Options(RecordOptions):
-    pass
+    """The record to fit; the question asks nothing else."""
 
 
 class IdentifiedOrientator(NamedTuple):

@@ -35,6 +35,8 @@ AROUND = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Run):
+    """The speeds of rotor, cam and crank on one line, and how the run is made."""
+
     gear: float = option(1.25, "speed of the rotor over speed of the cam", "1", above=0.0)
     iron_speed: float = option(iron.NOMINAL, "no-load speed of the cam", "rad/s", above=0.0)
     set: str = option("B", "parameter set of the conveyor's drive", choices=SETS)
