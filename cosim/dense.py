@@ -251,8 +251,10 @@ class DenseSolution:
         return Extreme(value, time)
 
     def maxima(self) -> tuple[Array, Array]:
-        """The times [s] and values of all rows that no neighbour exceeds, or of the polynomials beside them if those
-        are higher; ends of gaps and of pieces are among them.
+        """The times [s] and values of all maxima.
+
+        They are those of rows that no neighbour exceeds, or of the polynomials beside them if those are
+        higher; ends of gaps and of pieces are among them.
         """
         padded = np.concatenate([[-np.inf], self.x, [-np.inf]])
         at = np.flatnonzero((self.x >= padded[:-2]) & (self.x >= padded[2:]))

@@ -1,7 +1,7 @@
-"""The drawings of machines: poses of the mechanisms that the pages of questions animate, with the
-symbols of the equations.
+"""The drawings of machines.
 
-A machine that no question animates has a separate drawing.
+They are poses of the mechanisms that the pages of questions animate, with the symbols of the equations. A
+machine that no question animates has a separate drawing.
 """
 
 from __future__ import annotations

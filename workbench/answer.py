@@ -168,8 +168,9 @@ class Answer(Findings):
 
 
 def parameters(system: System, fixed_starts: Iterable[str] = ()) -> dict[str, Parameter]:
-    """All parameters of a system's FMUs and all other variables that are given a start value, by dotted
-    name, except for `fixed_starts`, which the question sets itself.
+    """All parameters of a system's FMUs and other variables with a start value, by dotted name.
+
+    Those of `fixed_starts`, which the question sets itself, are not among them.
 
     Raises SetupError for what `cosim.run` refuses in a system.
     """

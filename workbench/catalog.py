@@ -130,8 +130,9 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
 
 @contextmanager
 def attribute_errors(page: ModuleType) -> Iterator[None]:
-    """Turn what a page's own code raises into a QuestionError with its file and line, and also what a
-    user's own file makes other code raise.
+    """Turn what a page's own code raises into a QuestionError with its file and line.
+
+    What a user's own file makes other code raise is turned into one, too.
     """
     try:
         yield

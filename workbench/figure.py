@@ -141,8 +141,10 @@ def listed(texts: Sequence[str]) -> str:
 
 
 def drop_undetermined(verdict: str, figures: Mapping[str, Figure]) -> str:
-    """A verdict without the sentences in which a refused figure leaves a hole, "It takes not determined
-    (..)", and at its end the reason; "It is not determined (..)." and "With it: not determined (..)." stay.
+    """Return a verdict without the sentences in which a refused figure leaves a hole.
+
+    Such a sentence is "It takes not determined (..)"; its reason stands at the end instead. "It is not
+    determined (..)." and "With it: not determined (..)." stay.
     """
     refused = {f.text(): f.reason for f in figures.values() if f.error is None}
     lines: list[str] = []
@@ -211,8 +213,10 @@ def concise(figure: Figure, digits: int) -> str:
 
 
 def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str, str]:
-    """Value and error as texts: the error rounded up to two digits, the value as far as it reaches,
-    and no further than so many `digits`; the error then covers the rounding, too.
+    """Return value and error as texts, the error rounded up to two digits.
+
+    The value has the digits that the error reaches, and no more than so many `digits`; the error then
+    covers the rounding, too.
     """
     if not math.isfinite(error):
         return f"{value:.6g}", "?"

@@ -58,8 +58,9 @@ class RecordOptions(Options):
     starts: int = option(12, "largest number of starts of the search", least=2)
 
     def columns(self, *wanted: str, timed: bool = True) -> dict[str, Measured]:
-        """The measured columns by variable, those that are wanted among them; against the number of
-        the row where they are not timed.
+        """Return the measured columns by variable, those that are wanted among them.
+
+        They stand against the number of the row where they are not timed.
 
         Raises SetupError for a file or a map that cannot be read, and for a column that lacks.
         """
@@ -83,8 +84,10 @@ class RecordOptions(Options):
         return {name: table.between(first, last) for name, table in tables.items()}
 
     def turned(self, speed: Measured, what: str, gear: float = 1.0) -> tuple[Samples, Samples]:
-        """Speeds [rad/s] of a column but for its gaps, and how far what turns `gear` times slower has
-        turned at each [rad]; raises SetupError if that is less than once in the end.
+        """Return the speeds [rad/s] of a column but for its gaps, and the angle [rad] at each.
+
+        The angle is that of what turns `gear` times slower. Raises SetupError if it has not turned once in
+        the end.
         """
         w = np.array(speed.values) * multiples("rad/s").get(speed.unit, 1.0)
         is_measured = np.isfinite(w)
@@ -164,8 +167,9 @@ def fitted_figures(fit: Identified) -> dict[str, Figure]:
 
 
 def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> dict[str, Table]:
-    """Measured and fitted values and what is between them, by time; what the error of a quantity in
-    this unit would be after further records.
+    """Return the measured and the fitted values, and the errors after further records.
+
+    Values stand by time, with what is between them; errors are those of a quantity in this unit.
     """
     frame, units = None, {"time": "s"}
     for column, residual in fit.residuals.items():
@@ -205,8 +209,10 @@ def planned_experiments(
     noise: Mapping[str, float],
     torque: Mapping[str, float],
 ) -> dict[str, Experiment]:
-    """Further records from these starts over `stop` [s], in columns with this `noise`, and with the
-    noise of `torque` too where the record is without it; a start that names the `supply` sets it.
+    """Return further records from these starts over `stop` [s], in columns with this `noise`.
+
+    They have the noise of `torque`, too, where the record is without it; a start that names the `supply`
+    sets it.
     """
     experiments = {}
     for word, start in starts.items():

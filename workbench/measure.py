@@ -26,8 +26,9 @@ TOUCHED = 1e-3
 
 
 class Measured(NamedTuple):
-    """A value read from rows and its error; nan for what does not happen, with an infinite error where
-    that is not certain.
+    """A value read from rows and its error.
+
+    The value is nan for what does not happen, with an infinite error where that is not certain.
     """
 
     value: float
@@ -57,8 +58,10 @@ class Peak(NamedTuple):
 
 
 def measured(quantity: Callable[..., float], *columns: Samples) -> Measured:
-    """What `tell` returns for columns of shape (n,). Its error is how much it would change with every
-    second row alone, of either half. The first and the last row are in both halves.
+    """Return the `quantity` of columns of shape (n,), with its error.
+
+    The error is how much it would change with every second row alone, of either half. The first and the
+    last row are in both halves.
     """
     value = float(quantity(*columns))
     half_values = [
@@ -107,8 +110,9 @@ def _largest_change(value: float, half_values: Sequence[float]) -> Measured:
 
 
 def largest(t: Samples, x: Samples) -> Peak:
-    """The largest value of x and its time, on the spline through its rows, which rises no further
-    above them than at a smooth peak.
+    """Return the largest value of x and its time, on the spline through its rows.
+
+    The spline rises no further above the rows than at a smooth peak.
     """
     return Peak(*measured(metrics.largest, t, x), measured(metrics.time_of_largest, t, x))
 
@@ -127,8 +131,10 @@ def since(t: Samples, x: Samples, begin: float) -> tuple[Samples, Samples]:
 
 
 def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
-    """When x passes a level, on the spline through its rows: the first time, or with which = 1, 2, ..
-    a later one, and with -1 the last one; nan where x does not pass it that often.
+    """Return when x passes a level, on the spline through its rows.
+
+    That is the first time, or with which = 1, 2, .. a later one, and with -1 the last one; nan where x
+    does not pass it that often.
 
     The error is infinite where x turns so near to the level before that (after it for which < 0) that
     a small error of x decides which time it is.

@@ -217,8 +217,9 @@ class OldName(NamedTuple):
 
 
 class Project(NamedTuple):
-    """A package of questions, by its folder, and the folders of the FMUs they use, by flavour, and of
-    their modules for WebAssembly, under "wasm".
+    """A package of questions, by its folder, with the folders of the FMUs they use.
+
+    The folders are by flavour; that of their modules for WebAssembly is under "wasm".
 
     `problem` says for the name of an FMU and a flavour why it cannot be used, "" if it can. `old_names` are
     those of questions that have become part of others.

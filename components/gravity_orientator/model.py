@@ -284,8 +284,9 @@ def loads(p: Parameters, phi1: float, w: float) -> tuple[float, float, float]:
 
 
 def anchored(p: Parameters, phi1: float) -> tuple[float, float]:
-    """Pull of the spring across the arm, less the weight that it balances at the stop, and their
-    energy, with its upper end fixed above the middle of the arm at the stop.
+    """Pull of the spring across the arm, less the weight balanced at the stop, and their energy.
+
+    The upper end of the spring is fixed above the middle of the arm at the stop.
     """
     half, phi10, weight, length = (
         p.catcher.l / 2,
@@ -308,8 +309,9 @@ def over_speed(p: Parameters, vx: float, vy: float) -> float:
 
 
 def sides(p: Parameters, x: State, w: float) -> tuple[float, float, float]:
-    """Force and moment on the product from friction at the side walls, against which Coriolis forces
-    press the rim and the end of the cylinder.
+    """Force and moment on the product from friction at the side walls.
+
+    Coriolis forces press the rim and the end of the cylinder against them.
     """
     h, l2, m, e, mu = p.cup.h, p.cup.l, p.cup.m, p.cup.h - p.cup.l, p.neglected.mu_side
     c2, s2 = cos(x.phi2), sin(x.phi2)

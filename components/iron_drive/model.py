@@ -625,8 +625,11 @@ def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs
 
 
 def event_indicators(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, float, float]:
-    """Below zero where what drives the iron leaves its direction or its rest; where the model loses
-    or regains validity; where the follower leaves or meets the cam.
+    """Below zero where the motion of the iron, the validity of the model or the contact changes.
+
+    The first is that of what drives the iron, which leaves its direction or its rest; the second that
+    of the model, which loses or regains validity; the third that of the follower, which leaves or
+    meets the cam.
     """
     _, iron_position, w, M, d = instant(p, x, u, lowest(p))
     f = forces(p, iron_position, w, d)

@@ -133,8 +133,9 @@ def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
 
 
 def _is_over(metric: Metric, solution: DenseSolution, begin: float) -> bool:
-    """Whether a metric is decided before a time [s]: it does not need the later rows, and no others like these
-    change it.
+    """Whether a metric is decided before a time [s].
+
+    It is if it does not need the later rows, and no others like these change it.
     """
     if begin <= solution.t[1]:
         return False

@@ -76,8 +76,9 @@ def columns(
 
 
 def line(*points: Point) -> Samples:
-    """Points, pairs or complex numbers x + i y, with one value or one per frame, shape
-    (frames or 1, n, 2).
+    """Return points as an array of shape (frames or 1, n, 2).
+
+    They are pairs or complex numbers x + i y, with one value or one per frame.
     """
     plane = [point[0] + 1j * point[1] if isinstance(point, tuple) else point for point in points]
     flat = np.stack(np.broadcast_arrays(*map(np.atleast_1d, plane)), axis=-1)

@@ -38,8 +38,9 @@ SCREENS = {"wide": (928.0, 12.0), "narrow": (358.0, 9.0)}
 
 
 class Symbol(NamedTuple):
-    """A symbol of the equations, "l_K", beside the middle of some points of a shape, shifted
-    so many pixels to the right and up.
+    """A symbol of the equations, "l_K", beside the middle of some points of a shape.
+
+    It is shifted so many pixels to the right and up.
     """
 
     text: str
@@ -93,8 +94,9 @@ def still(motion: Motion, frame: int, pixels: float) -> str:
 
 
 def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
-    """The first frame over its ghosts, which have words beside them, as a picture that stands alone;
-    symbols take the place of the names of their shapes.
+    """Return the first frame over its ghosts, as a picture that stands alone.
+
+    The ghosts have words beside them; symbols take the place of the names of their shapes.
     """
     size, _, shapes = placed_shapes(motion)
     unit = (1.2 if motion.ghosts else 1.0) * size[0] / DRAWING_WIDTH
@@ -128,8 +130,9 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
 
 
 def placed_shapes(motion: Motion) -> tuple[Samples, float, list[tuple[Shape, Samples]]]:
-    """Width and height of the drawing, its units in a metre, and every shape with its points there,
-    of shape (frames or 1, n, 2).
+    """Return the size of the drawing, its units in a metre, and every shape with its points there.
+
+    The size is width and height; points have the shape (frames or 1, n, 2).
     """
     (low, high), scale = motion.bounds, scale_of(motion)
     corner, directions = np.array([low[0], high[1]]), np.array([scale, -scale])

@@ -29,8 +29,10 @@ DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
 
 
 def computation(where: str, fmus: Mapping[str, Path], *packages: str) -> dict[str, Any]:
-    """What runs of the question that `where` loads, on these FMUs by part, depend on besides their
-    options; `packages` are those that it lies in.
+    """Return what the runs of a question depend on besides their options.
+
+    The question is the one that `where` loads, with these FMUs by part; `packages` are those that it lies
+    in.
     """
     is_file = where.endswith(".py")
     return {

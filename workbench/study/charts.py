@@ -100,8 +100,9 @@ def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> F
 
 
 def sensitivity(study: Study, indices: pd.DataFrame, units: Units) -> list[Picture]:
-    """Shares with 95 % confidence: over the grid if it has one input, the last index of each; else as
-    bars, a mean over it.
+    """Return the shares of the inputs with 95 % confidence.
+
+    They stand over the grid if it has one input, the last index of each; else as bars, a mean over it.
     """
     over = next(iter(study.grid)) if len(study.grid) == 1 else ""
     panels = []

@@ -42,9 +42,10 @@ def conclude(
     identity: Mapping[str, Any],
     session: tuple[int, float],
 ) -> tuple[Answer, Sequence[str]]:
-    """The answer of a study whose runs are all done, in their order, and the figures that they have;
-    `units` are those of the varied inputs, `session` is how many runs were done now and how long it
-    took [s].
+    """Return the answer of a study whose runs are all done, in their order, and their figures.
+
+    `units` are those of the varied inputs, `session` is how many runs were done now and how long it took
+    [s].
     """
     table, names = frame(study, outcomes, units)
     figures = [names[name] for name in study.figures or names if name in names]
@@ -137,8 +138,9 @@ def _causes(indices: pd.DataFrame) -> dict[str, str]:
 
 
 def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
-    """How runs failed, what FMUs warned of and which figures were refused: how often, and where
-    first; texts that differ in their numbers alone are one remark.
+    """Return how runs failed, what FMUs warned of and which figures were refused.
+
+    Each remark says how often, and where first; texts that differ in their numbers alone are one remark.
     """
     runs_by_remark: dict[str, dict[int, str]] = {}
     for number, outcome in enumerate(outcomes):
