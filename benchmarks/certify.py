@@ -27,7 +27,7 @@ from scipy.optimize import brentq, minimize_scalar
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from benchmarks.certify_cases import MadeCase, made_cases
+from benchmarks.certify_cases import SyntheticCase, synthetic_cases
 from cosim import (
     Result,
     SimulationError,
@@ -61,11 +61,11 @@ from scenarios.packing_line.questions import packing_line as line
 FMUS = ROOT / "fmus"
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 HALVINGS = 5
-FINE, SHOWN = 20001, 4001
+FINE, REFERENCE_ROWS = 20001, 4001
 EARLY, CLOSE = 1e-3, 401
 """The share of the time in which what starts from rest is looked at as closely as this."""
-KNOWN = 1e-7
-#: What the made cases must keep to: conventions of this project.
+TRUTH_ERROR = 1e-7
+#: What the synthetic cases must keep to: conventions of this project.
 LEAST_COVERAGE = 0.995
 WORST_RATIO = 2.0
 MOST_REFUSED = 0.05
@@ -95,7 +95,7 @@ class Half(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Whole:
+class HalvedSystem:
     """Two halves, a stop and a longest step [s]; a period of the fastest motion has 20 of them."""
 
     parts: Mapping[str, Half]
@@ -104,7 +104,7 @@ class Whole:
     columns: Sequence[str]
 
 
-def nonlinear(draw: Callable[[float, float], float]) -> dict[str, Whole]:
+def nonlinear(draw: Callable[[float, float], float]) -> dict[str, HalvedSystem]:
     """Systems with parameters that are drawn between bounds."""
     a, b = draw(0.8, 1.4), draw(0.8, 1.4)
     mu = draw(0.5, 2.0)
@@ -114,19 +114,19 @@ def nonlinear(draw: Callable[[float, float], float]) -> dict[str, Whole]:
     pull, slip = draw(2.0, 4.0), draw(8.0, 15.0)
     tune = draw(1.8, 2.6)
     return {
-        "Lotka-Volterra": Whole(
+        "Lotka-Volterra": HalvedSystem(
             {
                 "prey": Half(f"x1 * ({a} - u1)", "0.0", (1.5, 0.0), ("hunter.x1",)),
                 "hunter": Half(f"x1 * (u1 - {b})", "0.0", (0.7, 0.0), ("prey.x1",)),
             }, 5.0, 0.25, ("prey.x1", "hunter.x1"),
         ),
-        "van der Pol": Whole(
+        "van der Pol": HalvedSystem(
             {
                 "place": Half("u1", "0.0", (0.5, 0.0), ("speed.x1",)),
                 "speed": Half(f"{mu} * (1 - u1 * u1) * x1 - u1", "0.0", (1.0, 0.0), ("place.x1",)),
             }, 8.0, 0.1, ("place.x1", "speed.x1"),
         ),
-        "Duffing": Whole(
+        "Duffing": HalvedSystem(
             {
                 "place": Half("u1", "0.0", (0.3, 0.0), ("speed.x1",)),
                 "speed": Half(
@@ -135,13 +135,13 @@ def nonlinear(draw: Callable[[float, float], float]) -> dict[str, Whole]:
                 ),
             }, 5.0, 0.15, ("place.x1", "speed.x1"),
         ),
-        "pendulum on a motor": Whole(
+        "pendulum on a motor": HalvedSystem(
             {
                 "motor": Half(f"(5.0 * (4.0 - u1) - x1) / {lag}", "0.0", (0.0, 0.0), ("arm.x1",)),
                 "arm": Half(f"(u1 - 9.81 * sin(x2)) / {load}", "x1", (0.0, 0.2), ("motor.x1",)),
             }, 3.0, 0.02, ("motor.x1", "arm.x1"),
         ),
-        "two tanks": Whole(
+        "two tanks": HalvedSystem(
             {
                 "upper": Half(
                     f"{flow} * (1 + 0.5 * sin(2 * t)) - sqrt(x1) * (1 + 0.2 * u1)", "0.0",
@@ -150,7 +150,7 @@ def nonlinear(draw: Callable[[float, float], float]) -> dict[str, Whole]:
                 "lower": Half("sqrt(u1) - 0.8 * sqrt(x1)", "0.0", (1.2, 0.0), ("upper.x1",)),
             }, 6.0, 0.2, ("upper.x1", "lower.x1"),
         ),
-        "Kloss motor": Whole(
+        "Kloss motor": HalvedSystem(
             {
                 "motor": Half(
                     f"(2 * 20 / ((1 - u1 / 100) / 0.2 + 0.2 / (1 - u1 / 100)) - x1) * {slip}",
@@ -160,7 +160,7 @@ def nonlinear(draw: Callable[[float, float], float]) -> dict[str, Whole]:
                             ("motor.x1",)),
             }, 4.0, 0.02, ("motor.x1", "fan.x1"),
         ),
-        "Brusselator": Whole(
+        "Brusselator": HalvedSystem(
             {
                 "maker": Half(f"1 + x1 * x1 * u1 - {tune + 1} * x1", "0.0", (1.2, 0.0),
                               ("other.x1",)),
@@ -170,33 +170,33 @@ def nonlinear(draw: Callable[[float, float], float]) -> dict[str, Whole]:
     }  # fmt: skip
 
 
-def coupled(whole: Whole, fmu: Path) -> Case:
+def coupled(halved: HalvedSystem, fmu: Path) -> Case:
     """The halves as FMUs, and their solution as one."""
     wires, start = [], {}
-    for name, half in whole.parts.items():
+    for name, half in halved.parts.items():
         start |= {f"{name}.f1": half.f1, f"{name}.f2": half.f2}
         start |= {f"{name}.x1": half.x[0], f"{name}.x2": half.x[1]}
         wires += [f"{source} -> {name}.u{k}" for k, source in enumerate(half.u, 1)]
         start |= {f"{name}.u{k}": 0.0 for k in range(len(half.u) + 1, 3)}
-    names = [f"{name}.x{k}" for name in whole.parts for k in (1, 2)]
+    names = [f"{name}.x{k}" for name in halved.parts for k in (1, 2)]
     rates = {
         name: eval(f"lambda t, x1, x2, u1, u2: ({half.f1}, {half.f2})", vars(math).copy())
-        for name, half in whole.parts.items()
+        for name, half in halved.parts.items()
     }
 
     def rhs(t: float, y: Any) -> list[float]:
         values = dict(zip(names, y))
-        found: list[float] = []
-        for name, half in whole.parts.items():
+        derivatives: list[float] = []
+        for name, half in halved.parts.items():
             u = [values[source] for source in half.u] + [0.0] * (2 - len(half.u))
-            found += rates[name](t, values[f"{name}.x1"], values[f"{name}.x2"], *u)
-        return found
+            derivatives += rates[name](t, values[f"{name}.x1"], values[f"{name}.x2"], *u)
+        return derivatives
 
-    y0 = [x for half in whole.parts.values() for x in half.x]
-    solution = solved(rhs, y0, whole.stop)
-    exact = {c: partial(column, solution, names.index(c)) for c in whole.columns}
-    system = System(dict.fromkeys(whole.parts, fmu), wires, start)
-    return Case(system, whole.stop, whole.step, exact)
+    y0 = [x for half in halved.parts.values() for x in half.x]
+    solution = solved(rhs, y0, halved.stop)
+    exact = {c: partial(column, solution, names.index(c)) for c in halved.columns}
+    system = System(dict.fromkeys(halved.parts, fmu), wires, start)
+    return Case(system, halved.stop, halved.step, exact)
 
 
 def column(solution: Callable[[Any], Any], k: int, t: Any) -> Any:
@@ -237,8 +237,8 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
     rates = x @ (ideal.A + ideal.B @ loop @ ideal.L @ ideal.C).T + ideal.B @ loop @ ideal.given
     solution = CubicHermiteSpline(np.linspace(0, stop, FINE), x, rates)
     names = linear.states(units)
-    shown = [names[0], names[-1]]
-    exact = {c: partial(column, lambda t: solution(t).T, names.index(c)) for c in shown}
+    columns = [names[0], names[-1]]
+    exact = {c: partial(column, lambda t: solution(t).T, names.index(c)) for c in columns}
 
     def runner(
         _: System, *, step: float, output_step: float, algorithm: str, all_rows: Path | None = None,
@@ -247,13 +247,13 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
         every, count = round(output_step / step), round(stop / step)
         x = ideal.states(Scheme(algorithm), [stop / count] * count)
         t = np.linspace(0.0, stop, len(x))
-        dense = np.column_stack([t, *(x[:, names.index(c)] for c in shown)])
+        dense = np.column_stack([t, *(x[:, names.index(c)] for c in columns)])
         if all_rows is not None:
             dense.tofile(all_rows)
         rows = dense[::every]
         fed = any(unit.D is not None for unit in units.values())
         order = 2 if algorithm == "strang" and not fed else 1
-        return Result(["time", *shown], {}, {"convergence_order": order}, lambda: rows)
+        return Result(["time", *columns], {}, {"convergence_order": order}, lambda: rows)
 
     return Case(linear.couple(units, FMUS / "LinearSystem.fmu"), stop, step, exact, runner)
 
@@ -337,7 +337,7 @@ def integrated(
 ) -> Case:
     """Parts for model exchange, and the oracle's solution."""
     record, early = [*columns, *levels], EARLY * stop
-    got = oracle(system, stop=stop, output_step=stop / (SHOWN - 1), record=record)
+    got = oracle(system, stop=stop, output_step=stop / (REFERENCE_ROWS - 1), record=record)
     first = oracle(system, stop=early, output_step=early / (CLOSE - 1), record=record)
     later = got["time"] > early
     times = np.append(first["time"], got["time"][later])
@@ -355,28 +355,28 @@ def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
     """The figures of a column in continuous time; the level is at 0.6 of its range."""
     t = np.linspace(0.0, stop, FINE)
     values = np.asarray(x(t))
-    found = {"end": float(values[-1])}
-    places = np.union1d(t, np.linspace(0.0, EARLY * stop, CLOSE))
-    seen = np.asarray(x(places))
+    figures = {"end": float(values[-1])}
+    times = np.union1d(t, np.linspace(0.0, EARLY * stop, CLOSE))
+    samples = np.asarray(x(times))
     for name, sign in (("max", 1.0), ("min", -1.0)):
-        top = int(np.argmax(sign * seen))
-        place = float(places[top])
-        if 0 < top < len(places) - 1:
-            near = (places[top - 1], places[top + 1])
-            place = minimize_scalar(lambda s, sign=sign: -sign * float(x(s)), bounds=near, method="bounded",
+        top = int(np.argmax(sign * samples))
+        time = float(times[top])
+        if 0 < top < len(times) - 1:
+            near = (times[top - 1], times[top + 1])
+            time = minimize_scalar(lambda s, sign=sign: -sign * float(x(s)), bounds=near, method="bounded",
                                     options={"xatol": 1e-12 * stop}).x  # fmt: skip
-        found[name] = max(sign * float(x(place)), sign * float(seen[top])) * sign
-        found[f"time of {name}"] = place
+        figures[name] = max(sign * float(x(time)), sign * float(samples[top])) * sign
+        figures[f"time of {name}"] = time
     h = stop / (FINE - 1)
     weights = np.ones(FINE)
     weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
-    found["mean"] = float(weights @ values) * h / 3 / stop
-    found["rms"] = math.sqrt(float(weights @ values**2) * h / 3 / stop)
-    level = 0.4 * found["min"] + 0.6 * found["max"]
+    figures["mean"] = float(weights @ values) * h / 3 / stop
+    figures["rms"] = math.sqrt(float(weights @ values**2) * h / 3 / stop)
+    level = 0.4 * figures["min"] + 0.6 * figures["max"]
     passed = np.flatnonzero((values[1:] > level) != (values[:-1] > level))
     k = int(passed[0])
-    found["crossing"] = float(brentq(lambda s: float(x(s)) - level, t[k], t[k + 1], xtol=1e-14))
-    return {"level": level} | found
+    figures["crossing"] = float(brentq(lambda s: float(x(s)) - level, t[k], t[k + 1], xtol=1e-14))
+    return {"level": level} | figures
 
 
 def column_metrics(column: str, level: float) -> dict[str, Metric]:
@@ -412,7 +412,7 @@ class Verdict(NamedTuple):
     system: str
     algorithm: str
     step: float
-    way: str
+    method: str
     figure: str
     true: float
     value: float
@@ -422,12 +422,12 @@ class Verdict(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """True over stated error; the truth itself is known to KNOWN of the largest value, when a discrete
+        """True over stated error; the truth itself is known to TRUTH_ERROR of the largest value, when a discrete
         column changes to half the distance of the oracle's rows.
         """
         assert self.error is not None
-        known = 0.5 / (SHOWN - 1) if self.figure == "event" else KNOWN
-        return max(0.0, abs(self.value - self.true) - known * self.size) / self.error
+        truth_error = 0.5 / (REFERENCE_ROWS - 1) if self.figure == "event" else TRUTH_ERROR
+        return max(0.0, abs(self.value - self.true) - truth_error * self.size) / self.error
 
 
 def judged(
@@ -456,16 +456,16 @@ def judged(
             except SimulationError as error:  # a step beyond the limit of stability
                 print(name, algorithm, h, error, file=sys.stderr)
                 continue
-            found = estimates_of(metrics, runs)
+            estimates = estimates_of(metrics, runs)
             for column, true in truths.items():
-                found |= function_errors(partial(_by_rows, column, true["level"]), runs)
-            for key, got in found.items():
-                way, column, figure = key.split("|")
+                estimates |= function_errors(partial(_by_rows, column, true["level"]), runs)
+            for key, got in estimates.items():
+                method, column, figure = key.split("|")
                 true = truths.get(column) or {"event": case.changes[column][1]}
                 size = case.stop if figure in ("crossing", "event") or "time" in figure else max(
                     abs(true["max"]), abs(true["min"]))  # fmt: skip
                 yield Verdict(
-                    f"{name} {column}", algorithm, h, way, figure, true[figure], got.value,
+                    f"{name} {column}", algorithm, h, method, figure, true[figure], got.value,
                     got.error, got.order, size,
                 )  # fmt: skip
 
@@ -476,42 +476,46 @@ def _by_rows(column: str, level: float, result: Result) -> dict[str, float]:
     return {f"by rows|{column}|{figure}": value for figure, value in figures.items()}
 
 
-def judged_made(seed: int, halvings: int = HALVINGS) -> Iterator[tuple[MadeCase, Verdict]]:
-    """Every figure of the made cases."""
-    for made in made_cases(drawn(seed)):
-        case = Case(System({}), made.stop, made.step, {"x": made.truth}, made.run)
-        for verdict in judged(made.name, case, ("jacobi",), halvings):
-            yield made, verdict
+def judged_synthetic(
+    seed: int, halvings: int = HALVINGS
+) -> Iterator[tuple[SyntheticCase, Verdict]]:
+    """Every figure of the synthetic cases."""
+    for synthetic in synthetic_cases(uniform_sampler(seed)):
+        case = Case(
+            System({}), synthetic.stop, synthetic.step, {"x": synthetic.truth}, synthetic.run
+        )
+        for verdict in judged(synthetic.name, case, ("jacobi",), halvings):
+            yield synthetic, verdict
 
 
-def complaints(verdicts: Sequence[tuple[MadeCase, Verdict]]) -> Iterator[str]:
-    """What the made cases promise and is not so."""
-    stated = [(made, v) for made, v in verdicts if v.error is not None]
+def complaints(verdicts: Sequence[tuple[SyntheticCase, Verdict]]) -> Iterator[str]:
+    """What the synthetic cases promise and is not so."""
+    stated = [(case, v) for case, v in verdicts if v.error is not None]
     for hides in (False, True):
-        within = [v.ratio <= 1.0 for made, v in stated if made.hides is hides]
+        within = [v.ratio <= 1.0 for case, v in stated if case.hides is hides]
         if within and np.mean(within) < LEAST_COVERAGE:
             yield f"coverage {np.mean(within):.2%}, hidden impacts {hides}"
-    for made, v in stated:
-        if v.figure in made.undeterminable:
+    for case, v in stated:
+        if v.figure in case.undeterminable:
             yield f"not refused: {v}"
         if v.ratio > WORST_RATIO:
             yield f"off by {v.ratio:.2f} times its error: {v}"
-    sure = [v.error is None for made, v in verdicts if v.figure in made.determinable]
+    sure = [v.error is None for case, v in verdicts if v.figure in case.determinable]
     if np.mean(sure) > MOST_REFUSED:
         yield f"{np.mean(sure):.1%} refused of what can be determined"
 
 
 def cases(seed: int, half: Path) -> Iterator[tuple[str, Case]]:
     """Systems whose solution is known, with parameters drawn by a seed."""
-    draw = drawn(seed)
+    draw = uniform_sampler(seed)
     yield "conveyor", conveyor(draw, FMUS / "native")
-    for name, whole in nonlinear(draw).items():
-        yield name, coupled(whole, half)
+    for name, halved in nonlinear(draw).items():
+        yield name, coupled(halved, half)
     for name, (units, stop, step) in matrices(draw).items():
         yield name, exact_units(units, stop, step)
 
 
-def drawn(seed: int) -> Callable[[float, float], float]:
+def uniform_sampler(seed: int) -> Callable[[float, float], float]:
     """Numbers between bounds; their middle for a seed of 0."""
     random = np.random.default_rng(seed)
     return lambda low, high: float(random.uniform(low, high)) if seed else (low + high) / 2
@@ -524,11 +528,11 @@ def table(verdicts: Sequence[Verdict], key: Callable[[Verdict], str]) -> Iterato
         groups[key(v)].append(v)
     yield f"{'':40} stated refused  within  worst  median error/true"
     for name, group in groups.items():
-        told = [v for v in group if v.error is not None]
-        ratios = np.array([v.ratio for v in told]) if told else np.array([0.0])
+        stated = [v for v in group if v.error is not None]
+        ratios = np.array([v.ratio for v in stated]) if stated else np.array([0.0])
         wide = np.median(1.0 / np.maximum(ratios, 1e-9))
         yield (
-            f"{name:40} {len(told):6} {len(group) - len(told):7} {np.mean(ratios <= 1):7.1%} "
+            f"{name:40} {len(stated):6} {len(group) - len(stated):7} {np.mean(ratios <= 1):7.1%} "
             f"{ratios.max():6.2f} {wide:8.1f}"
         )
 
@@ -549,23 +553,23 @@ def main() -> None:
             if options.only in name:
                 verdicts += judged(name, case)
                 print(name, len(verdicts), file=sys.stderr, flush=True)
-        for name, machine in machines(drawn(options.seed), FMUS / "native").items():
+        for name, machine in machines(uniform_sampler(options.seed), FMUS / "native").items():
             if options.only in name:
                 verdicts += judged(name, integrated(*machine))
                 print(name, len(verdicts), file=sys.stderr, flush=True)
-    made = list(judged_made(options.seed)) if options.only in "made cases" else []
-    verdicts += [v for _, v in made]
+    synthetic = list(judged_synthetic(options.seed)) if options.only in "made cases" else []
+    verdicts += [v for _, v in synthetic]
     for key in (
-        lambda v: f"{v.system}, {v.way}",
-        lambda v: f"{v.figure}, {v.way}",
-        lambda v: f"{v.algorithm}, {v.way}",
-        lambda v: v.way,
+        lambda v: f"{v.system}, {v.method}",
+        lambda v: f"{v.figure}, {v.method}",
+        lambda v: f"{v.algorithm}, {v.method}",
+        lambda v: v.method,
     ):
         print("\n".join(table(verdicts, key)), end="\n\n")
-    told = sorted((v for v in verdicts if v.error is not None), key=lambda v: -v.ratio)
-    for v in told[: options.worst]:
+    stated = sorted((v for v in verdicts if v.error is not None), key=lambda v: -v.ratio)
+    for v in stated[: options.worst]:
         print(f"{v.ratio:6.2f} {v}")
-    for complaint in complaints(made):
+    for complaint in complaints(synthetic):
         print(complaint)
 
 

@@ -1,4 +1,4 @@
-"""Made cases for benchmarks/certify.py: solutions that are known, and what of them can be determined.
+"""Synthetic cases for benchmarks/certify.py: solutions that are known, and what of them can be determined.
 
 Each case is a function of time and of the step, whose limit for a step of zero is the truth. It says beforehand
 which figures can be determined, and which cannot be, so that they must be refused; of the others either is
@@ -30,7 +30,7 @@ NONE: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
-class MadeCase:
+class SyntheticCase:
     """A column x(t, h) over time t [s] and the step h [s], with x(t, 0) the truth.
 
     `events` are times of rows beside those of the grid. `hides` says that extremes lie between rows, at
@@ -67,10 +67,10 @@ class MadeCase:
         return Result(["time", "x"], {}, report, partial(rows, output_step))
 
 
-def made_cases(draw: Draw) -> Iterator[MadeCase]:
+def synthetic_cases(draw: Draw) -> Iterator[SyntheticCase]:
     """Twelve cases with parameters drawn between bounds."""
     a, w = draw(0.05, 0.2), draw(5.0, 9.0)
-    yield MadeCase(
+    yield SyntheticCase(
         "chaotic",
         _lorenz(draw(0.9, 1.1)),
         20.0,
@@ -79,7 +79,7 @@ def made_cases(draw: Draw) -> Iterator[MadeCase]:
         frozenset({"crossing"}),
         ALL - {"crossing", "min"},
     )
-    yield MadeCase(
+    yield SyntheticCase(
         "no order",
         lambda t, h: np.sin(w * t) + _slow(h) * (1.0 + t),
         1.0,
@@ -89,9 +89,9 @@ def made_cases(draw: Draw) -> Iterator[MadeCase]:
         POINTS | MEANS,
     )
     rate = draw(500.0, 1000.0)
-    yield MadeCase("stiff", partial(_stiff, rate=rate), 1.0, 0.01, 1, MEANS | {"end"})
-    yield MadeCase("dead time", partial(_dead_time, gain=draw(1.5, 2.5)), 1.2, 0.02)
-    yield MadeCase(
+    yield SyntheticCase("stiff", partial(_stiff, rate=rate), 1.0, 0.01, 1, MEANS | {"end"})
+    yield SyntheticCase("dead time", partial(_dead_time, gain=draw(1.5, 2.5)), 1.2, 0.02)
+    yield SyntheticCase(
         "ties of peaks",
         lambda t, h: np.abs(np.sin(2.0 * math.pi * t)) * (1.0 - a * h),
         1.0,
@@ -100,7 +100,7 @@ def made_cases(draw: Draw) -> Iterator[MadeCase]:
         POINTS | MEANS | {"crossing"},
     )
     bounce = draw(0.5, 0.8)
-    yield MadeCase(
+    yield SyntheticCase(
         "hidden impacts",
         partial(_ball, restitution=bounce, slope=a),
         1.0,
@@ -110,16 +110,16 @@ def made_cases(draw: Draw) -> Iterator[MadeCase]:
         hides=True,
     )
     at = draw(0.3, 0.6)
-    beside = round(at, 2) + 1e-6
-    yield MadeCase(
+    event = round(at, 2) + 1e-6
+    yield SyntheticCase(
         "events beside rows",
         lambda t, h: np.sin(w * t) * (1.0 + a * h),
         1.0,
         0.01,
-        events=(beside,),
+        events=(event,),
     )
     lag = draw(0.03, 0.08)
-    yield MadeCase(
+    yield SyntheticCase(
         "jump of an input",
         lambda t, h: -np.expm1(-np.maximum(t - at - 0.5 * h, 0.0) / lag),
         1.0,
@@ -127,7 +127,7 @@ def made_cases(draw: Draw) -> Iterator[MadeCase]:
         1,
         POINTS | MEANS | {"crossing"},
     )
-    yield MadeCase(
+    yield SyntheticCase(
         "play",
         lambda t, h: np.maximum(np.sin(w * t) * (1.0 + a * h) - 0.3, 0.0),
         1.0,
@@ -135,7 +135,7 @@ def made_cases(draw: Draw) -> Iterator[MadeCase]:
         1,
         POINTS | MEANS,
     )
-    yield MadeCase(
+    yield SyntheticCase(
         "beats",
         lambda t, h: np.sin(5.0 * w * t * (1.0 + h * h)) + np.sin(5.2 * w * t),
         2.0,
@@ -143,10 +143,10 @@ def made_cases(draw: Draw) -> Iterator[MadeCase]:
         2,
         POINTS | MEANS,
     )
-    yield MadeCase(
+    yield SyntheticCase(
         "rounding", lambda t, h: 1e8 + 1e-3 * (1.0 + h) * np.sin(w * t), 1.0, 0.01, 1, NONE
     )
-    yield MadeCase(
+    yield SyntheticCase(
         "solver noise",
         lambda t, h: np.sin(w * t) * (1.0 + a * h * h) + 1e-7 * _noise(t, h),
         1.0,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.certify import Verdict, cases, complaints, judged, judged_made
+from benchmarks.certify import Verdict, cases, complaints, judged, judged_synthetic
 from cosim import (
     Estimate,
     Result,
@@ -44,13 +44,13 @@ def test_stated_errors_hold_the_true_ones_of_random_systems(part: int, half: Pat
     assert np.mean([v.ratio <= 1.0 for v in stated]) >= 0.95
     worst = max(stated, key=lambda v: v.ratio)
     assert worst.ratio <= 3.0, worst
-    between = [v for v in stated if v.way == "between rows" and v.ratio > 0.0]
+    between = [v for v in stated if v.method == "between rows" and v.ratio > 0.0]
     assert np.median([1.0 / v.ratio for v in between]) < 4.0
 
 
 def test_constructed_cases_keep_what_they_promise() -> None:
     """But for a stiff part whose first rows are coarser than what relaxes there: 3 of 70 errors are missed."""
-    verdicts = [(case, v) for case, v in judged_made(SEED, 1) if case.name != "stiff"]
+    verdicts = [(case, v) for case, v in judged_synthetic(SEED, 1) if case.name != "stiff"]
     assert len(verdicts) == 11 * 14
     assert not list(complaints(verdicts))
 

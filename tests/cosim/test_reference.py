@@ -143,7 +143,7 @@ def test_a_coupled_drive_that_sticks_and_falls_back_is_inside_its_interval(nativ
 @pytest.mark.parametrize("only", ["orientator", pytest.param("", marks=pytest.mark.slow)])
 def test_stated_errors_of_the_machines_hold_in_95_of_100_figures(native: Path, only: str) -> None:
     """Three algorithms, ends, extremes, means, crossings and events, against the oracle."""
-    machines = benchmark.machines(benchmark.drawn(0), native)
+    machines = benchmark.machines(benchmark.uniform_sampler(0), native)
     verdicts = [
         verdict
         for name, machine in machines.items()
