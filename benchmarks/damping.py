@@ -179,24 +179,26 @@ def judged(kind: str, seed: int, stated: Callable[[], Diagnosis], modes: Any, st
     s = diagnosis.frequency * complex(-zeta, math.sqrt(1.0 - zeta**2))
     near = min(modes, key=lambda mode: abs(mode - s))
     truth = float(-near.real / abs(near))
-    seen_ratio = nan
+    step_ratio = nan
     if steps is not None:
-        seen = min((-s.real / abs(s) for s in steps), key=lambda x: abs(x - diagnosis.damping_seen))
+        step_damping = min(
+            (-s.real / abs(s) for s in steps), key=lambda x: abs(x - diagnosis.damping_seen)
+        )
         error = max(diagnosis.damping_seen_error, 1e-12)
-        seen_ratio = float(abs(seen - diagnosis.damping_seen) / error)
+        step_ratio = float(abs(step_damping - diagnosis.damping_seen) / error)
     ratio = float(abs(zeta - truth) / diagnosis.error)
-    return Case(kind, seed, True, zeta, truth, ratio, seen_ratio, "")
+    return Case(kind, seed, True, zeta, truth, ratio, step_ratio, "")
 
 
 def summary(kind: str, cases: list[Case]) -> str:
     """One line of the table."""
     stated = [case for case in cases if case.stated]
     outside = [case for case in stated if not case.ratio <= 1.0]
-    seen = [case for case in stated if case.seen_ratio > 1.0]
+    outside_at_step = [case for case in stated if case.seen_ratio > 1.0]
     worst = max((case.ratio for case in stated), default=math.nan)
     return (
         f"{kind:10} {len(cases):4} systems, {len(stated):4} stated, {len(outside):3} outside their "
-        f"error (worst {worst:.2g} times), {len(seen):3} outside at the step"
+        f"error (worst {worst:.2g} times), {len(outside_at_step):3} outside at the step"
     )
 
 

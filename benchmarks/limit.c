@@ -46,10 +46,10 @@ static void conveyor(double *x, double tau, double h)
     x[0] = y[0], x[1] = y[1];
 }
 
-int main(int count, char **words)
+int main(int argc, char **argv)
 {
-    if (count != 3) return 2;
-    long steps = atol(words[1]), substeps = atol(words[2]);
+    if (argc != 3) return 2;
+    long steps = atol(argv[1]), substeps = atol(argv[2]);
     double x[2] = {0.0, 40.0}, M = 8.0, h = 1e-3;
     struct timespec begin, end;
     clock_gettime(CLOCK_MONOTONIC, &begin);

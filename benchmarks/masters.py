@@ -70,7 +70,7 @@ TITLES = {
     "cosim-gauss-seidel-order-2": "this project, Gauss-Seidel, inputs of order 2",
 }  # fmt: skip
 #: the step that the short table shows [s]
-SHOWN = 1e-3
+TABLE_STEP = 1e-3
 #: Steps with which the others run for the referee [s]: chosen, so that each master has results that agree and results
 #: that differ.
 JUDGED_STEPS = (2e-3, 1e-3, 5e-4)
@@ -168,7 +168,7 @@ class OmSimulator:
 def distance(rows: Array, step: float, truth: Result, ports: list[str]) -> float:
     """The largest error of the rows in ranges of the signals, as labelled or one step later."""
 
-    def off(shift: int) -> float:
+    def largest_error(shift: int) -> float:
         at = np.rint(rows[:, 0] / step).astype(int) + shift
         inside = (at >= 0) & (at < len(truth.data))
         differences = [
@@ -177,7 +177,7 @@ def distance(rows: Array, step: float, truth: Result, ports: list[str]) -> float
         ]
         return float(max(differences))
 
-    return min(off(0), off(1)) if np.isfinite(rows).all() else math.inf
+    return min(largest_error(0), largest_error(1)) if np.isfinite(rows).all() else math.inf
 
 
 def ours(name: str, case: Case, step: float) -> tuple[Array, float]:
@@ -258,14 +258,14 @@ def judgements(
 
 
 def certified(case: Case) -> dict[str, float]:
-    """What `certify` states for the signal at the end with SHOWN, and how far that is from the truth."""
+    """What `certify` states for the signal at the end with TABLE_STEP, and how far that is from the truth."""
     port = case.figure
 
     def last(result: Result) -> dict[str, float]:
         return {"last": float(result[port][-1])}
 
     estimate = certify(
-        case.system, last, step=SHOWN, stop=case.stop, record=[port], algorithm="strang"
+        case.system, last, step=TABLE_STEP, stop=case.stop, record=[port], algorithm="strang"
     ).figures["last"]
     truth = oracle(case.system, stop=case.stop, record=[port])
     return {
@@ -282,14 +282,14 @@ def cell(point: Point) -> str:
 
 
 def table(measured: Sequence[Point], systems: Iterable[str]) -> str:
-    """Masters by systems at the step SHOWN."""
+    """Masters by systems at the step TABLE_STEP."""
     names = list(systems)
     lines = [
-        f"| master, step {1e3 * SHOWN:g} ms | {' | '.join(names)} |",
+        f"| master, step {1e3 * TABLE_STEP:g} ms | {' | '.join(names)} |",
         "|---" * (len(names) + 1) + "|",
     ]
     for master, title in TITLES.items():
-        cells = {p.system: cell(p) for p in measured if p.master == master and p.step == SHOWN}
+        cells = {p.system: cell(p) for p in measured if p.master == master and p.step == TABLE_STEP}
         if cells:
             row = " | ".join(cells.get(name, "") for name in names)
             lines.append(f"| {title} | {row} |")
@@ -302,13 +302,13 @@ def draw(measured: Sequence[Point], systems: Mapping[str, Case], path: Path) -> 
     axes = figure.subplots(2, 3).ravel()
     for axis, (key, case) in zip(axes, systems.items()):
         for k, (master, title) in enumerate(TITLES.items()):
-            shown = [
+            plotted = [
                 p for p in measured
                 if (p.system, p.master) == (key, master) and p.error < LARGEST_SHARE
             ]  # fmt: skip
             style = "-o" if master in OURS else "--s"
             axis.loglog(
-                [1e3 * p.step for p in shown], [100 * p.error for p in shown], style,
+                [1e3 * p.step for p in plotted], [100 * p.error for p in plotted], style,
                 color=f"C{k % 10}", markersize=3, label=title,
             )  # fmt: skip
         axis.set(title=case.title, xlabel="step (ms)", ylabel="largest error (% of range)")

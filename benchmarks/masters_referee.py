@@ -110,22 +110,22 @@ def contradictions(key: str, case: Case, report: RefereeReport) -> tuple[tuple[s
     wrong, margins = [], [0.0]
     for signal in report.signals:
         true, doubt = truth[signal.name], doubts[signal.name]
-        off = np.abs(signal.values - true)
+        error = np.abs(signal.values - true)
         allowed = signal.errors + doubt + ROUNDING * np.abs(signal.values)
-        ratios = np.abs(np.abs(signal.values - signal.reference) - off) / allowed
+        ratios = np.abs(np.abs(signal.values - signal.reference) - error) / allowed
         margins.append(float(np.nanmax(ratios)))
         if margins[-1] > 1.0:
             wrong.append(
                 f"the difference of {signal.name} is {margins[-1]:.2g} times its error off"
             )
-        if signal.verdict not in allowed_verdicts(signal, off, true):
+        if signal.verdict not in allowed_verdicts(signal, error, true):
             wrong.append(f"{signal.name} {signal.verdict}")
     return tuple(wrong), max(margins)
 
 
-def allowed_verdicts(signal: SignalJudgement, off: Array, true: Array) -> set[Verdict]:
+def allowed_verdicts(signal: SignalJudgement, error: Array, true: Array) -> set[Verdict]:
     """The verdicts that are right for a signal that is off by this much."""
-    beyond = np.count_nonzero(~(off <= TOLERANCE * np.ptp(true))) / len(off)
+    beyond = np.count_nonzero(~(error <= TOLERANCE * np.ptp(true))) / len(error)
     if beyond == 0.0:
         return {Verdict.AGREES}
     return {Verdict.DIFFERS} if beyond > LASTING else {Verdict.AGREES, Verdict.DIFFERS}

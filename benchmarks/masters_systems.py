@@ -24,7 +24,7 @@ class Case:
 def cases(models: Path) -> dict[str, Case]:
     """The five systems; `models` is a folder for FMUs that are made here."""
     native = ROOT / "fmus" / "native"
-    made = models / "native"
+    built = models / "native"
     turn = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
     conveyor = {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}
     inertia = {"i": 1.0, "eta": 1.0}
@@ -71,7 +71,7 @@ def cases(models: Path) -> dict[str, Case]:
         "quarter car": Case(
             "quarter car on a step of the road",
             System(
-                {"wheel": made / "Wheel.fmu", "chassis": made / "Chassis.fmu"},
+                {"wheel": built / "Wheel.fmu", "chassis": built / "Chassis.fmu"},
                 ["wheel.z -> chassis.z_w", "wheel.v -> chassis.v_w", "chassis.z -> wheel.z_c",
                  "chassis.v -> wheel.v_c"],
             ),

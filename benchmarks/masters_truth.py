@@ -174,10 +174,10 @@ def _solve(
         u = system.inputs(p, x, values)
         rows.append({})
         for name, model in system.models.items():
-            own = getattr(x, name)
-            records = [own]
+            state = getattr(x, name)
+            records = [state]
             if hasattr(model, "outputs"):
-                records.append(model.outputs(getattr(p, name), t, own, u[name]))
+                records.append(model.outputs(getattr(p, name), t, state, u[name]))
             rows[-1] |= {
                 f"{name}.{field}": value
                 for record in records

@@ -56,19 +56,19 @@ Row = dict[str, Any]
 
 def command(drive: Drive, sweep: tuple[float, float, int], out: Path | None = None) -> list[str]:
     """The words that ask the scenario, after the interpreter."""
-    words = ["-m", "scenarios", "run", "resonance", "--flavour", "native"]
-    words += ["--speeds", ":".join(map(repr, sweep))]
+    arguments = ["-m", "scenarios", "run", "resonance", "--flavour", "native"]
+    arguments += ["--speeds", ":".join(map(repr, sweep))]
     for name, value in drive.start.items():
-        words += ["--start", f"{name}={json.dumps(value)}"]
-    return words + (["--out", str(out)] if out else [])
+        arguments += ["--start", f"{name}={json.dumps(value)}"]
+    return arguments + (["--out", str(out)] if out else [])
 
 
-def asked(words: Sequence[str], limit: float) -> tuple[dict[str, Any], str]:
+def stated_figures(arguments: Sequence[str], limit: float) -> tuple[dict[str, Any], str]:
     """The figures that the scenario states, or none and its sentence."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             run = subprocess.run(
-                [sys.executable, *words, "--out", folder],
+                [sys.executable, *arguments, "--out", folder],
                 cwd=ROOT,
                 capture_output=True,
                 text=True,
@@ -97,13 +97,13 @@ def judged(seed: int, limit: float, number: int) -> Row:
             break
         except NoOrbitError as error:
             skipped["unstable" if "unstable" in str(error) else "not found"] += 1
-    words = command(drive, sweep)
+    arguments = command(drive, sweep)
     began = time.perf_counter()
-    stated, sentence = asked(words, limit)
+    stated, sentence = stated_figures(arguments, limit)
     return {
         "seed": seed,
         "number": number,
-        "command": shlex.join(["python", *words]),
+        "command": shlex.join(["python", *arguments]),
         "zeta": drive.zeta,
         "ripple": ripple,
         "finite": drive.finite,
@@ -126,10 +126,10 @@ def ratio(row: Row, name: str) -> float | None:
         return None
     if truth is None:
         return math.inf
-    off = max(0.0, abs(stated["value"] - truth) - TRUTH_ERROR * abs(truth))
+    error = max(0.0, abs(stated["value"] - truth) - TRUTH_ERROR * abs(truth))
     if not stated["error"]:
-        return math.inf if off else 0.0
-    return off / stated["error"]
+        return math.inf if error else 0.0
+    return error / stated["error"]
 
 
 def line(row: Row) -> str:
@@ -138,14 +138,14 @@ def line(row: Row) -> str:
     existing = [name for name in FIGURES if row["truth"][name] is not None]
     refused = [name for name in existing if ratios[name] is None]
     worst = max(FIGURES, key=lambda name: ratios[name] or 0.0)
-    words = (
+    text = (
         f"{row['number']:>4}  zeta {row['zeta']:<7.3g} ripple {row['ripple']:<8.2g} "
         f"{'finite' if row['finite'] else 'long':<6} {row['seconds']:6.1f} s  "
     )
     if row["sentence"]:
-        return words + row["sentence"]
-    words += f"worst {ratios[worst] or 0.0:.3g} ({worst})"
-    return words + (f", refused {', '.join(refused)}" if refused else "")
+        return text + row["sentence"]
+    text += f"worst {ratios[worst] or 0.0:.3g} ({worst})"
+    return text + (f", refused {', '.join(refused)}" if refused else "")
 
 
 def table(rows: Sequence[Row]) -> Iterator[str]:
@@ -157,42 +157,44 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
     for names in (*((name,) for name in FIGURES), FIGURES):
         cases = [(row, name) for row in rows for name in names]
         existing = [case for case in cases if case[0]["truth"][case[1]] is not None]
-        stated = [(case, off) for case in existing if (off := ratio(*case)) is not None]
+        stated = [
+            (case, error_ratio) for case in existing if (error_ratio := ratio(*case)) is not None
+        ]
         invented = sum(
             ratio(*case) is not None for case in cases if case[0]["truth"][case[1]] is None
         )
-        missed = sum(off > 1 for _, off in stated)
+        missed = sum(error_ratio > 1 for _, error_ratio in stated)
         relative = [
             row["stated"][name]["error"] / abs(row["truth"][name]) for (row, name), _ in stated
         ]
         yield (
             f"{names[0] if len(names) == 1 else 'all':<12}{len(existing):>6}"
             f"{percent(len(stated) - missed, len(stated)):>8}{missed:>8}"
-            f"{max((off for _, off in stated), default=math.nan):>10.3g}"
+            f"{max((error_ratio for _, error_ratio in stated), default=math.nan):>10.3g}"
             f"{percent(len(existing) - len(stated), len(existing)):>9}{invented:>9}"
             f"{statistics.median(relative) if relative else math.nan:>10.1e}"
         )
 
 
-def percent(part: int, whole: int) -> str:
+def percent(part: int, total: int) -> str:
     """A share in words."""
-    return f"{100 * part / whole:.1f} %" if whole else "-"
+    return f"{100 * part / total:.1f} %" if total else "-"
 
 
 def worst(rows: Sequence[Row]) -> Iterator[str]:
     """The drives with the worst figures, and how to ask them again."""
-    offs = [(ratio(row, name) or 0.0, name, row) for row in rows for name in FIGURES]
-    shown: set[int] = set()
-    for off, name, row in sorted(offs, key=lambda one: -one[0]):
-        if off > 1 and row["number"] not in shown and len(shown) < LISTED:
-            shown.add(row["number"])
+    error_ratios = [(ratio(row, name) or 0.0, name, row) for row in rows for name in FIGURES]
+    listed: set[int] = set()
+    for error_ratio, name, row in sorted(error_ratios, key=lambda entry: -entry[0]):
+        if error_ratio > 1 and row["number"] not in listed and len(listed) < LISTED:
+            listed.add(row["number"])
             truth, stated = row["truth"][name], row["stated"][name]
             exact = "none" if truth is None else f"{truth:.9g}"
-            said = f"{stated['value']:.9g} +- {stated['error']:.2g}"
-            yield f"{off:.3g} times: {name} = {said}, exact: {exact}\n    {row['command']}"
+            statement = f"{stated['value']:.9g} +- {stated['error']:.2g}"
+            yield f"{error_ratio:.3g} times: {name} = {statement}, exact: {exact}\n    {row['command']}"
 
 
-def rows_kept(path: Path | None, seed: int, number: int) -> list[Row]:
+def read_rows(path: Path | None, seed: int, number: int) -> list[Row]:
     """The rows of this seed that a file holds."""
     if path is None or not path.exists():
         return []
@@ -210,9 +212,9 @@ def main() -> None:
         "--out", type=Path, help="file of the rows; those it holds are not repeated"
     )
     options = parser.parse_args()
-    rows = rows_kept(options.out, options.seed, options.number)
-    there = {row["number"] for row in rows}
-    wanted = [number for number in range(options.number) if number not in there]
+    rows = read_rows(options.out, options.seed, options.number)
+    present = {row["number"] for row in rows}
+    wanted = [number for number in range(options.number) if number not in present]
     judge = partial(judged, options.seed, options.limit)
     with ProcessPoolExecutor(options.jobs) as pool:
         runs = [pool.submit(judge, number) for number in wanted]
@@ -228,10 +230,10 @@ def main() -> None:
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)
     skipped = sum((Counter(row["skipped"]) for row in rows), Counter())
-    told = ", ".join(f"{count} {why}" for why, count in skipped.items()) or "none"
+    reasons = ", ".join(f"{count} {why}" for why, count in skipped.items()) or "none"
     failed = sum(bool(row["sentence"]) for row in rows)
     print(
-        f"\n{len(rows)} drives of seed {options.seed}, {failed} refused as a whole; skipped: {told}"
+        f"\n{len(rows)} drives of seed {options.seed}, {failed} refused as a whole; skipped: {reasons}"
     )
     print("\n".join(table(rows)))
     print("\n".join(worst(rows)))

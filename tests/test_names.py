@@ -26,7 +26,14 @@ BANNED = frozenset(BANNED_LIST.split())
 EMPTY = frozenset({"obj", "res", "stuff", "thing", "things", "tmp"})
 #: names that others gave: fixtures of pytest, exceptions of Python, the papers' symbol of the resonance
 FOREIGN = frozenset(
-    {"tmp_path", "tmp_path_factory", "FileNotFoundError", "ModuleNotFoundError", "nu_res"}
+    {
+        "tmp_path",
+        "tmp_path_factory",
+        "FileNotFoundError",
+        "ModuleNotFoundError",
+        "PackageNotFoundError",
+        "nu_res",
+    }
 )
 
 
