@@ -60,14 +60,23 @@ from scenarios.packing_line.questions import packing_line as line
 
 FMUS = ROOT / "fmus"
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
+#: Step sizes of a case, each half as long as the one before: a convention, which limits the time of a run.
 HALVINGS = 5
-FINE, REFERENCE_ROWS = 20001, 4001
-EARLY, CLOSE = 1e-3, 401
-"""The share of the time in which what starts from rest is looked at as closely as this."""
+#: Times at which a known solution is computed: a convention, odd as Simpson's rule demands.
+FINE = 20001
+#: Rows of a reference solution: a convention, whose spacing limits how exactly the time of an event is known.
+REFERENCE_ROWS = 4001
+#: Share of the time in which what starts from rest is looked at more closely: a convention.
+EARLY = 1e-3
+#: Times in that share: a convention, at a 20th of the spacing of FINE.
+CLOSE = 401
+#: Error of the truth, relative to the largest value: a convention, which limits the stated errors that are tested.
 TRUTH_ERROR = 1e-7
-#: What the synthetic cases must keep to: conventions of this project.
+#: Least share of the stated errors of the synthetic cases that must hold: a convention of this project.
 LEAST_COVERAGE = 0.995
+#: Largest ratio of true to stated error in the synthetic cases: a convention of this project.
 WORST_RATIO = 2.0
+#: Largest share that may be refused of what can be determined in them: a convention of this project.
 MOST_REFUSED = 0.05
 
 

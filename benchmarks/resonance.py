@@ -49,7 +49,9 @@ from tests.scenarios.orbit_oracle import (
 )
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
+#: Error of an exact figure, relative: a convention, which limits the stated errors that are tested.
 TRUTH_ERROR = 1e-9
+#: Drives that are listed with their commands: a convention, which limits the output.
 LISTED = 10
 Row = dict[str, Any]
 

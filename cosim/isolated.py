@@ -29,8 +29,13 @@ from .scratch import scratch
 from .signals import collect_interrupts
 from .system import System
 
+#: Longest wait for a message before signals and time limits are looked at [s]: a convention of this project,
+#: which limits how soon Ctrl-C is passed on.
 PATIENCE = 0.1
+#: Time for the child to close its files or to react to a signal [s]: a convention of this project, which
+#: limits how long a stuck FMU holds up the end.
 GRACE = 10.0
+#: Least time between two messages on the progress [s]: a convention of this project, which limits their number.
 BETWEEN = 0.05
 CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL")
 

@@ -28,36 +28,44 @@ from .linearize import linearize
 from .multipliers import Multiplier, Spectrum, step_spectrum
 from .perturbation import PerturbedRuns
 
-#: Steps of the first record and of the longest: a convention; 256 steps of a quarter of the step in
-#: question are 64 of those.
-FIRST_STEPS, MAX_STEPS = 256, 1 << 12
+#: Steps of the first record: a convention; 256 steps of a quarter of the step in question are 64 of those.
+FIRST_STEPS = 256
+#: Steps of the longest record: a convention of this project, which limits the time for a slow mode.
+MAX_STEPS = 1 << 12
 #: Periods of the mode that are recorded: derived from the halves of a record, which show two each.
 RECORDED_PERIODS = 4.0
 #: Parts of the recorded time that one perturbation lasts: an eighth of a period of the mode.
 PERTURBATIONS_IN_RECORD = 32
-#: Least share of a signal's energy that makes a mode one of the coupling, and that is followed: a
-#: convention.
-MIN_SHARE, MIN_FOLLOWED_SHARE = 0.1, 1e-3
+#: Least share of a signal's energy that makes a mode one of the coupling: a convention.
+MIN_SHARE = 0.1
+#: Least share of a signal's energy with which a mode is followed to other steps: a convention.
+MIN_FOLLOWED_SHARE = 1e-3
 #: Least part of its period for which a mode has been recorded when it is chosen: a convention.
 MIN_RECORDED_PERIODS = 0.25
 #: Largest share left unexplained by modes that are trusted: a convention.
 MAX_RESIDUAL = 0.02
-#: Largest error of a damping ratio that is stated, relative and absolute: conventions.
-MAX_RELATIVE_ERROR, MAX_SMALL_ERROR = 0.1, 1e-4
+#: Largest error of a damping ratio that is stated, relative to it: a convention.
+MAX_RELATIVE_ERROR = 0.1
+#: Absolute error with which a damping ratio is stated, however small it is: a convention.
+MAX_SMALL_ERROR = 1e-4
 #: Damping ratios below are called none: the accuracy of a measured ratio.
 MIN_DAMPING = 1e-6
-#: Part of the allowed change of the damping that the recommended step uses up, and the accuracy with
-#: which the step is found, relative: a convention.
-USED_SHARE, STEP_ACCURACY = 0.95, 0.02
+#: Part of the allowed change of the damping that the recommended step uses up: a convention.
+USED_SHARE = 0.95
+#: Accuracy of the recommended step, relative: a convention, which limits the runs of its search.
+STEP_ACCURACY = 0.02
 #: Longest search for a step: derived from 2^5 = 32 times below the shortest step of the record.
 MAX_HALVINGS = 5
-#: Least growth over the record that is called a drift, and how far it may be from proportional to the
-#: step: conventions.
-MIN_GROWTH, PROPORTIONAL = 0.05, 0.1
+#: Least growth over the record that is called a drift: a convention.
+MIN_GROWTH = 0.05
+#: How far the rate of a drift may be from proportional to the step, relative to it: a convention.
+PROPORTIONAL = 0.1
 #: Shares of the recorded time at which the linearised system must be the same.
 MOMENTS = (0.0, 0.382, 1.0)
-#: Largest change of the linearised system between them, relative to each entry and to the largest.
-MAX_CHANGE, MAX_ABSOLUTE_CHANGE = 1e-6, 1e-9
+#: Largest change of an entry of the linearised system between them, relative to it: a convention.
+MAX_CHANGE = 1e-6
+#: The same, relative to the largest entry: a convention, for entries that are zero but for rounding.
+MAX_ABSOLUTE_CHANGE = 1e-9
 #: Most time constants over which a stiff motion is followed by the reference solution.
 MAX_STIFFNESS = 1e5
 #: The step sizes, relative to the one in question, from which the damping is continued to zero.

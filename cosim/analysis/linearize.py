@@ -22,8 +22,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Complex = NDArray[np.complex128]
+#: Relative size below which a rate, an eigenvalue or its real part counts as zero: a convention of this
+#: project, which limits how slow a motion beside the fastest one may be.
 STILL = 1e-9
-DECADES, SAMPLES, SPAN, MOST_PERIODS = 1.0, 2000, 7.0, 20
+#: Decades that a frequency response is drawn beyond the slowest and the fastest mode: a convention.
+DECADES = 1.0
+#: Points of a drawn curve: a convention, 100 for each of MOST_PERIODS.
+SAMPLES = 2000
+#: Time constants of the slowest mode that a step response is drawn for: derived from exp(-7) = 0.0009, as
+#: little as a chart shows.
+SPAN = 7.0
+#: Most periods of the fastest mode in a step response: a convention, so that each can be seen.
+MOST_PERIODS = 20
 
 
 @dataclass(frozen=True, repr=False)

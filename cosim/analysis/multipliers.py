@@ -37,9 +37,10 @@ MIN_LASTING = 1e-3
 #: Amplitudes that several modes add and take away again, relative to what they leave, are no share of
 #: either: a convention.
 MIN_INDEPENDENT_SHARE = 1e-4
-#: Most growth or decay over the record, and most difference from the rate of the motion, of a mode that
-#: is a shift of the motion in time: conventions.
-MAX_SHIFT_DECAY, MAX_SHIFT_DIFFERENCE = 0.1, 0.02
+#: Most growth or decay over the record of a mode that is a shift of the motion in time: a convention.
+MAX_SHIFT_DECAY = 0.1
+#: Most difference of such a mode from the rate of the motion, relative to the mode: a convention.
+MAX_SHIFT_DIFFERENCE = 0.02
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,11 @@ ACCEPT = 1.2
 #: The shortest step over the run, below which the tolerance cannot be met. A convention: a run of 1e9 steps
 #: does not end.
 LEAST = 1e-9
-#: Exponents of the errors of this step and of the one before, over the order. A convention: PI control
-#: after Gustafsson, ACM Trans. Math. Softw. 17 (1991), whose pair is 0.7 and 0.4.
+#: Exponent of the error of this step, over the order. A convention: PI control after Gustafsson, ACM Trans.
+#: Math. Softw. 17 (1991), whose pair is 0.7 and 0.4.
 THIS_ERROR = 0.7
+#: Exponent of the error of the step before, over the order: a convention of this project, less than the 0.4
+#: of Gustafsson.
 PREVIOUS_ERROR = 0.3
 
 

@@ -12,8 +12,9 @@ from .blocks import VariableBlock
 from .clocks import EventState, IntervalClock, is_reached
 from .session import Session
 
-#: Whether an FMU knows the interval of a clock, or has changed it: fmi3IntervalQualifier, a convention of FMI 3.0.
+#: The interval of a clock is known and as it was: fmi3IntervalUnchanged, a convention of FMI 3.0.
 UNCHANGED = 1
+#: The interval of a clock is new: fmi3IntervalChanged, a convention of FMI 3.0.
 CHANGED = 2
 #: Events at one time after which a part makes no progress. A convention: cascades of a few are real.
 MOST_AT_ONCE = 100

@@ -27,8 +27,9 @@ from .messages import DISCARD, OK, WARNING, MessageLog
 from .operations import Code, Layout
 from .session import CO_SIMULATION, FMI2, SavedState, Session
 
-#: Kinds of fmi2StatusKind, a convention of FMI 2.0.
+#: Asks how far a step came: fmi2LastSuccessfulTime of fmi2StatusKind, a convention of FMI 2.0.
 LAST_SUCCESSFUL_TIME = 2
+#: Asks whether an FMU wants to end: fmi2Terminated of fmi2StatusKind, a convention of FMI 2.0.
 TERMINATED = 3
 
 #: The logs of the instances in this process, by the number that their messages carry.

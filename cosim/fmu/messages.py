@@ -12,12 +12,17 @@ from contextlib import contextmanager
 MOST_WARNINGS = 100
 #: Lines of its log that a part keeps for the reason of a failure. A convention: only the last is quoted.
 MOST_LINES = 20
-#: Statuses of calls, a convention of FMI.
+#: The call did what it should: fmi2OK and fmi3OK, a convention of FMI.
 OK = 0
+#: It did, and a message says what may be wrong: fmi2Warning and fmi3Warning, a convention of FMI.
 WARNING = 1
+#: It could not be done for these values: fmi2Discard and fmi3Discard, a convention of FMI.
 DISCARD = 2
+#: The instance cannot go on: fmi2Error and fmi3Error, a convention of FMI.
 ERROR = 3
+#: No instance of the FMU can go on: fmi2Fatal and fmi3Fatal, a convention of FMI.
 FATAL = 4
+#: The names of the statuses in messages, by number.
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 
 log = logging.getLogger("cosim")
