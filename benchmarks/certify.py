@@ -566,7 +566,7 @@ def main() -> None:
             if options.only in name:
                 verdicts += judged(name, integrated(*machine))
                 print(name, len(verdicts), file=sys.stderr, flush=True)
-    synthetic = list(judged_synthetic(options.seed)) if options.only in "made cases" else []
+    synthetic = list(judged_synthetic(options.seed)) if options.only in "synthetic cases" else []
     verdicts += [v for _, v in synthetic]
     for key in (
         lambda v: f"{v.system}, {v.method}",
