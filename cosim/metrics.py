@@ -23,6 +23,9 @@ Rows = NDArray[np.float64]
 #: Gauss points of each polynomial in the integral of a harmonic: derived, four are exact up to degree 7, so
 #: that a cubic leaves degree 4 for the sine, whose next term is below (w h)^5 / 120.
 GAUSS_POINTS = 4
+#: Relative amount by which a stretch may fall short of whole periods and still have them: a convention of this project,
+#: far more than the rounding of a product.
+PERIOD_ROUNDING = 1e-9
 
 
 @runtime_checkable
@@ -274,7 +277,9 @@ class Harmonic:
         """Twice the absolute value of the Fourier coefficient; nan if there is not one whole period."""
         solution = ColumnMetric(self.column, self.begin, self.end).stretch(solution)
         end = float(solution.t[-1])
-        periods = math.floor((end - float(solution.t[0])) * self.frequency * (1.0 + 1e-9))
+        periods = math.floor(
+            (end - float(solution.t[0])) * self.frequency * (1.0 + PERIOD_ROUNDING)
+        )
         if periods < 1:
             return math.nan
         span = periods / self.frequency

@@ -10,6 +10,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+#: Least time between two changes of the bar [s]: a convention of this project, which limits the time that it takes.
+REFRESH_INTERVAL = 0.1
+
 
 class Pace(ProgressColumn):
     """Simulated time, and how many times faster it passes than real time."""
@@ -34,7 +37,7 @@ def bar(title: str, start: float, stop: float) -> Iterator[Callable[[float], Non
         def show(fraction: float) -> None:
             nonlocal last_update
             now = time.monotonic()
-            if now - last_update > 0.1 or fraction >= 1.0:
+            if now - last_update > REFRESH_INTERVAL or fraction >= 1.0:
                 last_update = now
                 progress.update(task, completed=fraction * (stop - start))
 

@@ -29,6 +29,10 @@ METHODS = ("DOP853", "Radau", "LSODA")
 #: Relative tolerance of the integration. A convention: somewhat above the least that SciPy takes, which is
 #: 100 times the machine precision, 2e-14, and leaves no room for the rounding of the rates.
 TOLERANCE = 1e-12
+#: Least tolerance that may be asked for: a convention of this project, five times what SciPy takes at least.
+LEAST_TOLERANCE = 1e-13
+#: Largest tolerance that may be asked for: a convention of this project, which limits how rough a reference may be.
+LARGEST_TOLERANCE = 1e-3
 #: Ratio of the tolerances of the two integrations. Derived: where errors are in proportion to the tolerance, the
 #: distance of the two results is nine times the error of the better one.
 TOLERANCE_RATIO = 10.0
@@ -120,8 +124,10 @@ def oracle(
     ports = plan.ports(network)
     if method not in METHODS:
         raise SetupError(f"method {method!r} must be one of {', '.join(METHODS)}")
-    if not 1e-13 <= tolerance <= 1e-3:
-        raise SetupError(f"tolerance = {tolerance!r} must be at least 1e-13 and at most 1e-3")
+    if not LEAST_TOLERANCE <= tolerance <= LARGEST_TOLERANCE:
+        raise SetupError(
+            f"tolerance = {tolerance!r} must be at least {LEAST_TOLERANCE} and at most {LARGEST_TOLERANCE}"
+        )
     for port, profile in network.inputs:
         if lack := profile.lacks(start, stop):
             raise SetupError(f"{port.name}: its table {lack}")

@@ -33,6 +33,12 @@ THIS_ERROR = 0.7
 #: Exponent of the error of the step before, over the order: a convention of this project, less than the 0.4
 #: of Gustafsson.
 PREVIOUS_ERROR = 0.3
+#: Least share of the permitted error that counts as used: a convention of this project, far below the share at
+#: which GROW limits the next step, so that a step without an error is no division by zero.
+LEAST_USED = 1e-12
+#: Share of what is left to the next time that a step may fall short of and still end there: a convention of this
+#: project, far more than the rounding of a sum of steps.
+END_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -134,14 +140,14 @@ class Controller:
                 later = (time for time in ends if time > self.t and not coincide(time, self.t))
                 end = next(later, stop)
             rest = end - self.t
-            is_last = self.h >= rest * (1 - 1e-9)
+            is_last = self.h >= rest * (1 - END_ROUNDING)
             self.h = rest if is_last else min(self.h, rest / 2)
             self.end = end if coincide(self.t + self.h, end) else self.t + self.h
             yield self.t, self.h
 
     def accept(self, used: float) -> float:
         """Go on from a step that used this share of what it may; its end [s]."""
-        used = max(used, 1e-12)
+        used = max(used, LEAST_USED)
         factor = SAFETY * used ** (-THIS_ERROR / self.order)
         factor *= self.before ** (PREVIOUS_ERROR / self.order)
         self.before = used

@@ -31,6 +31,9 @@ from .snapshot import Snapshot, drop_nodes_after
 CHECKPOINT = 1000
 #: The shortest piece of a step that parts discard, over the step. Derived: twenty halvings.
 SHORTEST = 2.0**-20
+#: Longest piece that is tried after a discarded step because the part came so far, over that step: a convention of
+#: this project; a longer one is halved instead, since little less would be discarded again.
+LONGEST_RETRY = 0.9
 #: Seconds between two looks at signals and progress. A convention: people notice a tenth of a second.
 PATIENCE = 0.05
 #: Rows that the compiled loop gives at once. A convention: a page or two of memory for each column.
@@ -291,7 +294,7 @@ class Driver:
                     snapshot.restore()
                     drop_nodes_after(self.parts, t)
                     reached = discarded.reached - t
-                    most = 1.0 if isinstance(discarded, EventReached) else 0.9
+                    most = 1.0 if isinstance(discarded, EventReached) else LONGEST_RETRY
                     size = reached if SHORTEST * h < reached < most * size else size / 2
                     if size < SHORTEST * h:
                         raise FmuError(

@@ -31,6 +31,9 @@ from .settings import RunSettings
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
+#: Relative difference up to which a start value counts as kept: a convention of this project, which allows for an
+#: FMU that converts units.
+START_ROUNDING = 1e-9
 #: What makes a part that steps, by the version of its FMU.
 OPENERS: dict[str, Opener[CoSimulation]] = {"2.0": CoSimulation2, "3.0": CoSimulation3}
 
@@ -157,7 +160,7 @@ def _warn_of_other_starts(
         now = instance.access.values([port.variable for port, _ in fixed])
         for port, value in fixed:
             has = now[port.variable.name]
-            real = port.type == "Real" and isclose(float(value), float(has), rel_tol=1e-9)
+            real = port.type == "Real" and isclose(float(value), float(has), rel_tol=START_ROUNDING)
             if has != value and not real:
                 instance.session.messages.warn(
                     f"{port} = {value!r} was given, but the FMU starts with {has!r}"

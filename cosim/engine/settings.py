@@ -13,6 +13,12 @@ from .control import Adaptive
 #: The shortest step over the largest time of a run. Derived: 64 units in the last place of a double,
 #: the distance below which two times are the same.
 SHORTEST_TIME = 2.0**-46
+#: Share of a step that may be left at the stop without a step of its own: a convention of this project, far more than
+#: the rounding of a quotient of two times.
+LEFT_OVER = 1e-6
+#: Relative difference up to which a distance of rows is a multiple of the step: a convention of this project, far more
+#: than the rounding of a quotient.
+MULTIPLE_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -69,14 +75,18 @@ class RunSettings:
     def number(self) -> int:
         """Fixed steps from start to stop, the last one as long as what is left."""
         assert not isinstance(self.step, Adaptive)
-        return max(1, math.ceil((self.stop - self.start) / self.step - 1e-6))
+        return max(1, math.ceil((self.stop - self.start) / self.step - LEFT_OVER))
 
     def every(self) -> int | None:
         """After how many fixed steps a row is due; None if rows lie between steps."""
         if isinstance(self.step, Adaptive):
             return 1 if self.output_step is None else None
         ratio = 1.0 if self.output_step is None else self.output_step / self.step
-        return round(ratio) if ratio > 0.5 and abs(ratio / round(ratio) - 1) < 1e-9 else None
+        return (
+            round(ratio)
+            if ratio > 0.5 and abs(ratio / round(ratio) - 1) < MULTIPLE_ROUNDING
+            else None
+        )
 
     def text(self) -> str:
         """How the run steps."""

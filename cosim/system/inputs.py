@@ -24,7 +24,12 @@ SCALED = re.compile(
     rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?\s*"
 )
 DECIMAL = re.compile(r"^\s*([+-]?\d*),(\d+)")
+#: Distance of the points of Gauss' rule from the middle, over the interval: derived, the roots of the Legendre
+#: polynomial of degree 2.
 GAUSS = 0.5 / math.sqrt(3.0)
+#: Share of the run that a table may lack at its ends: a convention of this project, far more than the rounding of
+#: a time that is written with ten digits.
+END_ROUNDING = 1e-9
 
 
 class Reading(NamedTuple):
@@ -264,7 +269,7 @@ class Table:
         stop : float
             When it ends [s].
         """
-        near = 1e-9 * (stop - start)
+        near = END_ROUNDING * (stop - start)
         first, last = self.times[0], self.times[-1]
         if first > start + near:
             return f"begins at {first!r} s, after the start at {start!r} s"

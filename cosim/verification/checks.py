@@ -19,6 +19,9 @@ from ..result import Result
 from .systems import (
     BENCHMARKS,
     DUAL_MASS,
+    FIRST_INERTIA,
+    SECOND_INERTIA,
+    SHAFT_STIFFNESS,
     SPRING_AND_MASS,
     UNDAMPED,
     Benchmark,
@@ -34,6 +37,12 @@ ORDER = 0.1
 #: How far below and above the stability limit runs are made, over this. Chosen: growth and decay both show, and
 #: between them the growth rate is straight.
 MARGIN = 0.02
+#: First step of the search for a stability limit [s]. Chosen: all systems are stable with it.
+FIRST_STEP = 1e-3
+#: Ratio of a step of that search to the one before. Chosen: a narrower unstable range would be passed over.
+STEP_RATIO = 1.05
+#: Accuracy of the limit [s]. Chosen: near the rounding of a step of some ms.
+LIMIT_ACCURACY = 1e-15
 
 SCHEMES = {name: Scheme(name) for name in ALGORITHMS}
 SCHEMES |= {f"{name}, input order 1": Scheme(name, input_order=1) for name in ALGORITHMS}
@@ -197,10 +206,10 @@ def longest_step(ideal: Ideal, scheme: Scheme) -> float:
     def growth(h: float) -> float:
         return ideal.radius(scheme, h) - 1.0
 
-    h = 1e-3
+    h = FIRST_STEP
     while growth(h) < 0.0:
-        h *= 1.05
-    return float(brentq(growth, h / 1.05, h, xtol=1e-15))
+        h *= STEP_RATIO
+    return float(brentq(growth, h / STEP_RATIO, h, xtol=LIMIT_ACCURACY))
 
 
 def limit(fmu: Path, name: str, units: Mapping[str, Unit], title: str, scheme: Scheme) -> Row:
@@ -253,7 +262,7 @@ def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
         result = simulate(fmu, UNDAMPED.units, scheme, UNDAMPED.stop, h, UNDAMPED.bond)
         matches.append(deviation(result.data[:, 1:], ideal.states(scheme, [h] * count)))
         twist, w_1, w_2 = result.data[:, 1:].T
-        energy = (1e4 * twist**2 + 1.1 * w_1**2 + 2.2 * w_2**2) / 2
+        energy = (SHAFT_STIFFNESS * twist**2 + FIRST_INERTIA * w_1**2 + SECOND_INERTIA * w_2**2) / 2
         created = -next(iter(result.energy.values()))["residual"]
         gaps.append(float(energy[-1] - energy[0]) - created)
     measured = slope(gaps, 2)

@@ -72,9 +72,17 @@ DC_MOTOR = {
 }
 
 
+#: Inertia at one end of the shaft of the drive [kg.m2]: chosen, half of the other.
+FIRST_INERTIA = 1.1
+#: Inertia at the other end [kg.m2]: chosen, see FIRST_INERTIA.
+SECOND_INERTIA = 2.2
+#: Stiffness of the shaft [N.m/rad]: chosen, for a natural frequency of 117 rad/s.
+SHAFT_STIFFNESS = 1e4
+
+
 def drive(damping: float) -> dict[str, Unit]:
     """Two inertias on an elastic shaft [N.m.s/rad], torque against angle and speed."""
-    J_1, J_2, c, d = 1.1, 2.2, 1e4, damping
+    J_1, J_2, c, d = FIRST_INERTIA, SECOND_INERTIA, SHAFT_STIFFNESS, damping
     return {
         "shaft": Unit(
             [[0, 1], [-c / J_1, -d / J_1]], [[0, 0], [c / J_1, d / J_1]],
@@ -94,7 +102,7 @@ def lagging_motor(lag: float, inertia: float, slope: float) -> dict[str, Unit]:
 
 def twisting_drive(damping: float) -> dict[str, Unit]:
     """The two inertias, torque against speed: the shaft keeps its twist to itself."""
-    J_1, J_2, c, d = 1.1, 2.2, 1e4, damping
+    J_1, J_2, c, d = FIRST_INERTIA, SECOND_INERTIA, SHAFT_STIFFNESS, damping
     return {
         "shaft": Unit(
             [[0, 1], [-c / J_1, -d / J_1]], [[-1], [d / J_1]], [[c, d]], [0, 1], ["load.1"],
