@@ -3,7 +3,9 @@
 A process that is killed leaves its folder behind. The next process that needs a folder removes it, but only
 if the folder carries the mark of this module: a file that names the folder and its number in the file
 system (so that a copy carries no valid mark), in a folder of this user that nobody else may open. The folder
-is locked as long as its process lives. A folder without a mark is somebody else's, whatever its name.
+is locked as long as its process lives. A process may be killed before it has written the mark: a folder with
+the whole name of this module, in which nothing is yet, is removed too. Any other folder without a mark is
+somebody else's, whatever its name.
 """
 
 from __future__ import annotations
@@ -21,6 +23,10 @@ from tempfile import gettempdir, mkdtemp
 
 #: A convention of this module: what the names of its folders begin with.
 PREFIX = "cosim_"
+#: A convention of this module: what the names of its folders end with, which nobody else takes by chance.
+SUFFIX = ".cosim-scratch"
+#: A convention of this module: the file that Windows locks, in place of its folder.
+LOCK = "lock"
 #: A convention of this module: the file in a folder that says whose it is.
 MARK = ".cosim-scratch"
 #: A convention of POSIX and of `mkdtemp`: only its user may open the folder.
@@ -38,7 +44,7 @@ def _folder_of(process: int) -> Path:
         with suppress(OSError):
             _remove_leftover(folder)
     while True:
-        folder = Path(mkdtemp(prefix=PREFIX))
+        folder = Path(mkdtemp(prefix=PREFIX, suffix=SUFFIX))
         lock: int | None = None
         try:
             lock = _locked(folder)
@@ -60,27 +66,41 @@ def _content(folder: Path) -> str:
 
 
 def _remove_leftover(folder: Path) -> None:
-    """Remove a folder if its mark is valid and its process has ended.
+    """Remove a folder if it is one of this module's and its process has ended.
 
     Raises
     ------
     OSError
-        If the folder has no mark, or if its process lives and locks the folder.
+        If the folder cannot be read, or if its process lives and locks the folder.
     """
-    status, mark = folder.lstat(), folder / MARK
-    if not _belongs_to_user(status, stat.S_ISDIR) or not _belongs_to_user(
-        mark.lstat(), stat.S_ISREG
-    ):
+    status = folder.lstat()
+    if not _belongs_to_user(status, stat.S_ISDIR):
         return
     if sys.platform != "win32" and stat.S_IMODE(status.st_mode) != PRIVATE:
         return
-    if not mark.read_text(encoding="utf-8", errors="replace").startswith(_content(folder)):
+    if not _is_begun(folder) and not _is_marked(folder):
         return
     lock = _locked(folder)
     if folder.is_dir() and os.path.samestat(status, folder.lstat()):
         _remove(folder, lock)
     else:  # another process has removed it meanwhile
         os.close(lock)
+
+
+def _is_begun(folder: Path) -> bool:
+    """Whether a folder has the whole name of this module, and nothing in it but what comes before the mark."""
+    return folder.name.endswith(SUFFIX) and all(
+        file.name == LOCK or (file.name == MARK and file.lstat().st_size == 0)
+        for file in folder.iterdir()
+    )
+
+
+def _is_marked(folder: Path) -> bool:
+    """Whether a folder carries a valid mark; raises OSError if it carries none."""
+    mark = folder / MARK
+    return _belongs_to_user(mark.lstat(), stat.S_ISREG) and mark.read_text(
+        encoding="utf-8", errors="replace"
+    ).startswith(_content(folder))
 
 
 def _belongs_to_user(status: os.stat_result, has_kind: Callable[[int], bool]) -> bool:
@@ -101,7 +121,7 @@ def _locked(folder: Path) -> int:
     if sys.platform == "win32":
         import msvcrt
 
-        lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
+        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT)
     else:
         lock = os.open(folder, os.O_RDONLY)
     try:

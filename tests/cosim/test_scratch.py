@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from cosim.scratch import MARK
+from cosim.scratch import MARK, PREFIX, SUFFIX
 from tests.conftest import ROOT
 
 WAIT = "from cosim.scratch import scratch; print(scratch(), flush=True); input()"
@@ -52,6 +52,24 @@ def test_a_folder_goes_with_its_process_or_with_the_next_process(tmp_path: Path)
     end(ends)
     end(lives)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_whose_process_was_killed_before_the_mark_was_written_goes(tmp_path: Path) -> None:
+    """Nothing is in it yet; a folder with anything in it, or without the whole name, stays."""
+    names = (
+        f"{PREFIX}empty{SUFFIX}",
+        f"{PREFIX}half{SUFFIX}",
+        f"{PREFIX}full{SUFFIX}",
+        f"{PREFIX}empty",
+    )
+    empty, half, full, other = (tmp_path / name for name in names)
+    for folder in (empty, half, full, other):
+        folder.mkdir(0o700)
+    (half / MARK).touch()
+    (full / "week.csv").write_text("time,x\n")
+    process, _ = begin(tmp_path)
+    end(process)
+    assert {*tmp_path.iterdir()} == {full, other}
 
 
 def test_what_belongs_to_somebody_else_stays(tmp_path: Path) -> None:
