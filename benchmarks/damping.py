@@ -47,7 +47,7 @@ MAX_REFUSED = 0.05
 class Case:
     """What was stated of a system, and what is true: all NaN where nothing was stated.
 
-    `ratio` is the difference of the damping ratio from the truth by its error, `seen_ratio` that of the
+    `ratio` is the difference of the damping ratio from the truth by its error, `step_ratio` that of the
     damping ratio at the step.
     """
 
@@ -57,7 +57,7 @@ class Case:
     damping: float
     truth: float
     ratio: float
-    seen_ratio: float
+    step_ratio: float
     reason: str
 
 
@@ -201,7 +201,7 @@ def row(case: Case) -> str:
     """One line for one system, shown as soon as it is judged."""
     if not case.stated:
         return f"{case.kind:10} {case.seed:6} nothing stated: {case.reason}"
-    at_step = "" if math.isnan(case.seen_ratio) else f", at the step {case.seen_ratio:.2g}"
+    at_step = "" if math.isnan(case.step_ratio) else f", at the step {case.step_ratio:.2g}"
     return (
         f"{case.kind:10} {case.seed:6} damping ratio {case.damping:.6g}, true {case.truth:.6g}: "
         f"{case.ratio:.2g} of its error{at_step}"
@@ -212,7 +212,7 @@ def summary(kind: str, cases: list[Case]) -> str:
     """One line of the table."""
     stated = [case for case in cases if case.stated]
     outside = [case for case in stated if not case.ratio <= 1.0]
-    outside_at_step = [case for case in stated if case.seen_ratio > 1.0]
+    outside_at_step = [case for case in stated if case.step_ratio > 1.0]
     worst = max((case.ratio for case in stated), default=math.nan)
     return (
         f"{kind:10} {len(cases):4} systems, {len(stated):4} stated, {len(outside):3} outside their "

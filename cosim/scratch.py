@@ -78,7 +78,7 @@ def _remove_leftover(folder: Path) -> None:
         return
     if sys.platform != "win32" and stat.S_IMODE(status.st_mode) != PRIVATE:
         return
-    if not _is_begun(folder) and not _is_marked(folder):
+    if not _is_empty(folder) and not _is_marked(folder):
         return
     lock = _locked(folder)
     if folder.is_dir() and os.path.samestat(status, folder.lstat()):
@@ -87,7 +87,7 @@ def _remove_leftover(folder: Path) -> None:
         os.close(lock)
 
 
-def _is_begun(folder: Path) -> bool:
+def _is_empty(folder: Path) -> bool:
     """Whether a folder has the whole name of this module, and nothing in it but what comes before the mark."""
     return folder.name.endswith(SUFFIX) and all(
         file.name == LOCK or (file.name == MARK and file.lstat().st_size == 0)
