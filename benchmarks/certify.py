@@ -72,6 +72,17 @@ EARLY = 1e-3
 CLOSE = 401
 #: Error of the truth, relative to the largest value: a convention, which limits the stated errors that are tested.
 TRUTH_ERROR = 1e-7
+#: Tolerance of the solution of a nonlinear system, relative and absolute: a convention, far below TRUTH_ERROR.
+SOLUTION_TOLERANCE = 1e-12
+#: Accuracy of the time of an extreme, over the duration: a convention, far below TRUTH_ERROR.
+EXTREME_ACCURACY = 1e-12
+#: Accuracy of the time at which a level is crossed [s]: a convention, near the rounding of the time.
+CROSSING_ACCURACY = 1e-14
+#: Level whose crossing is timed, over the range from the least to the largest value: a convention, off the middle,
+#: at which many motions have a symmetry.
+CROSSED_LEVEL = 0.6
+#: Least ratio of true to stated error in the table: a convention, which keeps exact figures from a division by zero.
+LEAST_RATIO = 1e-9
 #: Least share of the stated errors of the synthetic cases that must hold: a convention of this project.
 LEAST_COVERAGE = 0.995
 #: Largest ratio of true to stated error in the synthetic cases: a convention of this project.
@@ -215,7 +226,12 @@ def column(solution: Callable[[Any], Any], k: int, t: Any) -> Any:
 
 def solved(rhs: Callable[[float, Any], Any], y0: Sequence[float], stop: float) -> Any:
     """The solution as a function of time."""
-    settings = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12, "dense_output": True}
+    settings = {
+        "method": "DOP853",
+        "rtol": SOLUTION_TOLERANCE,
+        "atol": SOLUTION_TOLERANCE,
+        "dense_output": True,
+    }
     return solve_ivp(rhs, (0.0, stop), y0, **settings).sol
 
 
@@ -361,7 +377,7 @@ def integrated(
 
 
 def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
-    """The figures of a column in continuous time; the level is at 0.6 of its range."""
+    """The figures of a column in continuous time; the level is at CROSSED_LEVEL of its range."""
     t = np.linspace(0.0, stop, FINE)
     values = np.asarray(x(t))
     figures = {"end": float(values[-1])}
@@ -373,7 +389,7 @@ def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
         if 0 < top < len(times) - 1:
             near = (times[top - 1], times[top + 1])
             time = minimize_scalar(lambda s, sign=sign: -sign * float(x(s)), bounds=near, method="bounded",
-                                    options={"xatol": 1e-12 * stop}).x  # fmt: skip
+                                    options={"xatol": EXTREME_ACCURACY * stop}).x  # fmt: skip
         figures[name] = max(sign * float(x(time)), sign * float(samples[top])) * sign
         figures[f"time of {name}"] = time
     h = stop / (FINE - 1)
@@ -381,10 +397,12 @@ def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
     weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
     figures["mean"] = float(weights @ values) * h / 3 / stop
     figures["rms"] = math.sqrt(float(weights @ values**2) * h / 3 / stop)
-    level = 0.4 * figures["min"] + 0.6 * figures["max"]
+    level = (1.0 - CROSSED_LEVEL) * figures["min"] + CROSSED_LEVEL * figures["max"]
     passed = np.flatnonzero((values[1:] > level) != (values[:-1] > level))
     k = int(passed[0])
-    figures["crossing"] = float(brentq(lambda s: float(x(s)) - level, t[k], t[k + 1], xtol=1e-14))
+    figures["crossing"] = float(
+        brentq(lambda s: float(x(s)) - level, t[k], t[k + 1], xtol=CROSSING_ACCURACY)
+    )
     return {"level": level} | figures
 
 
@@ -539,7 +557,7 @@ def table(verdicts: Sequence[Verdict], key: Callable[[Verdict], str]) -> Iterato
     for name, group in groups.items():
         stated = [v for v in group if v.error is not None]
         ratios = np.array([v.ratio for v in stated]) if stated else np.array([0.0])
-        wide = np.median(1.0 / np.maximum(ratios, 1e-9))
+        wide = np.median(1.0 / np.maximum(ratios, LEAST_RATIO))
         yield (
             f"{name:40} {len(stated):6} {len(group) - len(stated):7} {np.mean(ratios <= 1):7.1%} "
             f"{ratios.max():6.2f} {wide:8.1f}"

@@ -28,6 +28,8 @@ sys.path.insert(0, str(ROOT))
 
 #: Communication step [s]. Chosen: that of the FMUs' default experiment.
 H = 1e-3
+#: Relative and absolute tolerance of the drive as one differential equation: a convention, which limits its speed.
+EXACT_TOLERANCE = 1e-10
 PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
 WIRES = (("motor", "tau", "conveyor", "tau"), ("conveyor", "w", "motor", "w"))
 
@@ -140,7 +142,12 @@ def dop853(steps: int, _: Path) -> Callable[[], object]:
         return [*conveyor.derivatives(q, t, x, u), *lag]
 
     start_values = [0.0, 40.0, 8.0]
-    settings = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-10, "max_step": 1.0}
+    settings = {
+        "method": "DOP853",
+        "rtol": EXACT_TOLERANCE,
+        "atol": EXACT_TOLERANCE,
+        "max_step": 1.0,
+    }
     return lambda: solve_ivp(rates, (0.0, steps * H), start_values, **settings)
 
 

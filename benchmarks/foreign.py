@@ -31,6 +31,12 @@ from cosim import System, run
 PATIENCE = 60.0
 #: Most steps of a run. Chosen: a table of hundreds of FMUs is made in minutes.
 MOST = 1000
+#: Share of a step that may be left at the stop without a step of its own. Chosen: far more than rounding adds up to.
+LEFT_OVER = 1e-9
+#: Largest relative difference of two masters that is called rounding. Chosen: some thousand roundings of a double.
+ROUNDING = 1e-12
+#: Least size that a difference is compared with. Chosen: near the smallest double, so that outputs of zero are compared.
+LEAST_SCALE = 1e-300
 Columns = dict[str, list[float]]
 Task = tuple[str, float, float, list[str]]
 
@@ -87,7 +93,7 @@ def at_same_times(task: Task) -> Columns:
         unit.exitInitializationMode()
         samples = [unit.getReal([refs[name] for name in outputs])]
         times = [0.0]
-        while times[-1] < stop - 1e-9 * step:
+        while times[-1] < stop - LEFT_OVER * step:
             unit.doStep(times[-1], min(step, stop - times[-1]))
             times.append(min(len(times) * step, stop))
             samples.append(unit.getReal([refs[name] for name in outputs]))
@@ -129,7 +135,7 @@ def deviation(ours: Columns, theirs: Columns) -> float:
     worst = 0.0
     for name in set(ours) - {"time"}:
         a, b = np.array(ours[name][:points]), np.array(theirs[name][:points])
-        scale = max(float(np.abs(a).max()), float(np.abs(b).max()), 1e-300)
+        scale = max(float(np.abs(a).max()), float(np.abs(b).max()), LEAST_SCALE)
         worst = max(worst, float(np.nanmax(np.abs(a - b), initial=0.0)) / scale)
     return worst
 
@@ -152,7 +158,7 @@ def row(path: Path, folder: Path) -> list[str]:
         return [label, tool, f"runs; FMPy: {theirs}"]
     worst = deviation(ours, theirs)
     text = f"{worst:.1e}" if len(task[3]) else "no output to compare"
-    if worst > 1e-12:
+    if worst > ROUNDING:
         again = isolated("same times", task)
         text += (
             f"; same times: {again if isinstance(again, str) else f'{deviation(ours, again):.1e}'}"

@@ -43,6 +43,13 @@ GUESS_ERROR = 0.2
 R = 0.010
 #: Length of the rod where it is finite [m]. Convention of the FMU's default.
 ROD = 0.4
+#: Relative tolerance of the motion that is measured. Chosen: far below the noise of the measurements.
+RELATIVE_TOLERANCE = 1e-8
+#: Absolute tolerance of that motion, in the units of its states. Chosen: a tenth of the relative one.
+ABSOLUTE_TOLERANCE = 1e-9
+#: Half of the difference of two speeds from which a motor's slope is computed [rad/s]. Chosen: its square, the error of
+#: the slope, is small, and rounding is still smaller.
+SPEED_DIFFERENCE = 1e-4
 Samples = NDArray[np.float64]
 Machine = dict[str, float]
 
@@ -129,7 +136,9 @@ def electromechanical(p: Mapping[str, float]) -> float:
         if pull_out <= 0.0 or static(p, pull_out) <= load * pull_out:
             return math.nan
         w = brentq(lambda w: static(p, w) - load * w, pull_out, w_s)
-        slope = (static(p, w - 1e-4) - static(p, w + 1e-4)) / 2e-4
+        slope = (static(p, w - SPEED_DIFFERENCE) - static(p, w + SPEED_DIFFERENCE)) / (
+            2 * SPEED_DIFFERENCE
+        )
     else:
         slope = p["motor.B"]
     return math.sqrt((slope + load) / (inertia * p["motor.T"])) / 2
@@ -250,8 +259,8 @@ def make_record(record: Record, rng: np.random.Generator, **error: float) -> dic
         start,
         "DOP853",
         t,
-        rtol=1e-8,
-        atol=1e-9,
+        rtol=RELATIVE_TOLERANCE,
+        atol=ABSOLUTE_TOLERANCE,
     )
     data = {}
     for name, (state, noise, grid) in record.columns.items():

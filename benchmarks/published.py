@@ -24,6 +24,9 @@ from cosim import Adaptive, System, run
 from fmukit.fmu.make import make_all
 
 MODELS = Path(__file__).with_name("models")
+#: Relative and absolute tolerance of the exact motion. Chosen: far below the least of TOLERANCES.
+EXACT_TOLERANCE = 1e-12
+#: Tolerances of the runs: a convention, two for each decade.
 TOLERANCES = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 ALGORITHMS = {
     "Gauss-Seidel, inputs of order 6": {"algorithm": "gauss-seidel", "input_order": 6},
@@ -106,8 +109,8 @@ def cost(case: Case, coupled: System, tolerance: float, **settings: object) -> C
     """What a run by this tolerance costs, and its error against one solver for the whole."""
     result = run(coupled, stop=case.stop, step=Adaptive(tolerance), record=case.states, **settings)
     exact = solve_ivp(
-        case.slopes, (0.0, case.stop), case.start, "DOP853", t_eval=result["time"], rtol=1e-12,
-        atol=1e-12,
+        case.slopes, (0.0, case.stop), case.start, "DOP853", t_eval=result["time"], rtol=EXACT_TOLERANCE,
+        atol=EXACT_TOLERANCE,
     ).y  # fmt: skip
     error = case.norm(np.array([result[name] for name in case.states]) - exact)
     steps = max(result.provenance["do_steps"].values())

@@ -26,13 +26,19 @@ from fmukit.runtime import ode
 LENGTH = 1e-3
 #: Duration of the motion [s]. Chosen: a few revolutions.
 SPAN = 0.5
+#: Share of a step that may be left over without one more. Chosen: far more than the rounding of a quotient.
+LEFT_OVER = 1e-9
+#: Relative tolerance of the exact motion. Chosen: near the least that SciPy takes, 2e-14.
+RELATIVE_TOLERANCE = 1e-13
+#: Absolute tolerance of the exact motion [rad, rad/s]. Chosen: a tenth of the relative one, since an angle starts at 0.
+ABSOLUTE_TOLERANCE = 1e-14
 Slope = Callable[[float, Sequence[float]], Sequence[float]]
 Rule = Callable[[Slope, Sequence[float], float], Sequence[float]]
 
 
 def fixed(slope: Slope, x: Sequence[float], h: float) -> Sequence[float]:
     """Runge-Kutta of order 4 in the fewest equal steps of LENGTH at most."""
-    count = math.ceil(h / LENGTH - 1e-9)
+    count = math.ceil(h / LENGTH - LEFT_OVER)
     size = h / count
     for _ in range(count):
         k1 = slope(0.0, x)
@@ -50,7 +56,9 @@ def adaptive(slope: Slope, x: Sequence[float], h: float) -> Sequence[float]:
 
 def exact(slope: Slope, x: Sequence[float], h: float) -> Sequence[float]:
     """As precise as doubles allow."""
-    done = solve_ivp(slope, (0.0, h), x, method="DOP853", rtol=1e-13, atol=1e-14)
+    done = solve_ivp(
+        slope, (0.0, h), x, method="DOP853", rtol=RELATIVE_TOLERANCE, atol=ABSOLUTE_TOLERANCE
+    )
     return [float(y) for y in done.y[:, -1]]
 
 
