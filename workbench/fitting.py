@@ -20,7 +20,7 @@ from cosim.units import QUANTITY, multiples
 
 from .answer import Table
 from .charts.model import Chart, Curve, Mark, Panel
-from .figure import Figure
+from .figure import Figure, listed
 from .measure import Samples
 from .options import Options, option
 
@@ -162,8 +162,13 @@ def figure_name(name: str) -> str:
 
 
 def fitted_figures(fit: Identified) -> dict[str, Figure]:
-    """All values that were free, by name."""
-    return {figure_name(name): figure_of(x, f"{name}, fitted") for name, x in fit.values.items()}
+    """All values that were free, by name; the meaning says which others the record cannot tell one from."""
+    meanings = {name: f"{name}, fitted" for name in fit.values}
+    for group in fit.correlated_groups:
+        for name in meanings.keys() & set(group):
+            correlated = listed([member for member in group if member != name])
+            meanings[name] += f"; the record cannot tell it apart from {correlated}"
+    return {figure_name(name): figure_of(x, meanings[name]) for name, x in fit.values.items()}
 
 
 def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> dict[str, Table]:

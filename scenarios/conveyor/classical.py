@@ -233,35 +233,36 @@ def limits_of(
     return figures
 
 
-def sentences(comparison: Comparison) -> list[str]:
-    """Say up to which speed each calculation holds."""
-    return [sentence(comparison, method) for method in LOAD_TEXTS]
+def sentence(comparison: Comparison) -> str:
+    """Say up to which speed both calculations hold."""
+    first = clause(comparison, "spring", "the classical calculation")
+    return f"{first[0].upper()}{first[1:]}; {clause(comparison, 'whole')}."
 
 
-def sentence(r: Comparison, method: str) -> str:
-    """Say up to which speed a calculation is within the tolerance, and what leaves it first."""
+def clause(r: Comparison, method: str, subject: str = "it") -> str:
+    """Say up to which speed a calculation is within the tolerance."""
     limits = {load: r.figures[f"limit_{method}_{load}"] for load in QUANTITIES}
-    subject = f"{LOAD_TEXTS[method].capitalize()} as its load, the classical calculation"
-    names = {load: f"the {QUANTITIES[load].name}" for load in QUANTITIES}
-    inaccurate = [names[load] for load, end in limits.items() if end.reason == NOWHERE]
+    subject = f"{LOAD_TEXTS[method]} as its load, {subject}"
+    inaccurate = [
+        f"the {QUANTITIES[load].name}" for load, end in limits.items() if end.reason == NOWHERE
+    ]
     if inaccurate:
         return (
             f"{subject} is off by more than {r.tolerance:g} % for {listed(inaccurate)} already at {r.slowest:g} "
-            "rad/s, the lowest speed of the sweep."
+            "rad/s, the lowest speed of the sweep"
         )
     for load, end in limits.items():
         top = r.figures[f"worst_{method}_{load}"]
         holds = top.error is not None and abs(top.value) + top.error <= r.tolerance
         if end.error is None and not holds:
-            reason = top.reason or end.reason
-            what = f"How far the classical calculation {LOAD_TEXTS[method]} can be trusted"
-            return f"{what} is not determined: {reason}."
-    ends = {load: end for load, end in limits.items() if end.error is not None}
+            return (
+                f"{subject} holds up to a speed that is not determined: {top.reason or end.reason}"
+            )
+    ends = [end for end in limits.values() if end.error is not None]
     if not ends:
-        return f"{subject} is within {r.tolerance:g} % at every speed of the sweep."
-    first = min(ends, key=lambda load: ends[load].value)
-    up_to = f"{subject} is within {r.tolerance:g} % up to {ends[first].brief()}"
-    return f"{up_to}; {names[first]} leaves that first."
+        return f"{subject} is within {r.tolerance:g} % at every speed of the sweep"
+    first = min(ends, key=lambda end: end.value)
+    return f"{subject} is within {r.tolerance:g} % up to {first.brief()}"
 
 
 def curves(machine: Machine, load: str, nu: Any) -> list[Curve]:

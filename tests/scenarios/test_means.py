@@ -320,12 +320,13 @@ def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
     assert (end.error, end.reason) == (None, "not even at the lowest speed of the sweep")
     assert (
         "With the spring alone as its load, the classical calculation is off by more than 1 % for the torque "
-        "ripple, the speed ripple and the largest rod force already at 20 rad/s, the lowest speed of the sweep."
+        "ripple, the speed ripple and the largest rod force already at 20 rad/s, the lowest speed of the sweep; "
     ) in answer.verdict
     reason = "the sweep has too few speeds near the speed where the error passes the tolerance"
     assert answer.figures["limit_whole_force"].reason == reason
     assert answer.figures["limit_whole_torque"].error is not None
-    assert f"with spring and inertia can be trusted is not determined: {reason}." in answer.verdict
+    unsure = "with spring and inertia as its load, it holds up to a speed that is not determined"
+    assert f"{unsure}: {reason}." in answer.verdict
 
 
 def test_what_steps_too_long_leave_of_the_classical_calculation_is_a_reason() -> None:
@@ -333,9 +334,14 @@ def test_what_steps_too_long_leave_of_the_classical_calculation_is_a_reason() ->
     answer = ask("classical", speeds="10:30:4", steps_per_rev=128, start={"motor.T": 0.00625})
     why = "the coupling error of an orbit is not known; take more steps per revolution"
     assert answer.figures["limit_spring_torque"].reason == why
-    for variant in ("the spring alone", "spring and inertia"):
-        sentence = f"How far the classical calculation with {variant} can be trusted is not determined: {why}."
-        assert sentence in answer.verdict.splitlines()
+    for variant, subject in (
+        ("the spring alone", "the classical calculation"),
+        ("spring and inertia", "it"),
+    ):
+        holds = (
+            f"{variant} as its load, {subject} holds up to a speed that is not determined: {why}"
+        )
+        assert holds in answer.verdict
 
 
 def test_a_largest_error_covers_another_as_large() -> None:

@@ -124,7 +124,7 @@ def test_the_classical_calculation_holds_in_the_verdict_where_all_of_it_does() -
     rng, outcomes = np.random.default_rng(5), set()
     for _ in range(200):
         comparison = random_comparison(rng)
-        text = classical.sentence(comparison, "spring")
+        text = classical.clause(comparison, "spring", "the classical calculation")
         ends = [comparison.figures[f"limit_spring_{load}"] for load in classical.QUANTITIES]
         nowhere = [end for end in ends if end.reason == classical.NOWHERE]
         unsure = [end for end in ends if end.reason == classical.TOO_COARSE]
@@ -134,13 +134,17 @@ def test_the_classical_calculation_holds_in_the_verdict_where_all_of_it_does() -
             assert "is off by more than 5 %" in text and "already at 20 rad/s" in text
         elif unsure:
             outcomes.add("open")
-            assert text.endswith(f"is not determined: {classical.TOO_COARSE}.")
+            assert text.endswith(f"is not determined: {classical.TOO_COARSE}")
         elif speeds:
             outcomes.add("up to")
-            assert f"is within 5 % up to {Figure(min(speeds), 'rad/s', 1e-3).brief()}; " in text
+            assert text.endswith(
+                f"is within 5 % up to {Figure(min(speeds), 'rad/s', 1e-3).brief()}"
+            )
         else:
             outcomes.add("everywhere")
-            assert text.endswith("is within 5 % at every speed of the sweep.")
+            assert text.endswith("is within 5 % at every speed of the sweep")
+        second = classical.clause(comparison, "whole")
+        assert classical.sentence(comparison) == f"W{text[1:]}; {second}."
     assert outcomes == {"nowhere", "open", "up to", "everywhere"}
 
 

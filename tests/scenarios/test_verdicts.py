@@ -264,9 +264,7 @@ def test_how_far_a_spring_moves_the_resonance_is_computed() -> None:
     present, recommended = Figure(40.0, "rad/s", 0.001), Figure(44.0, "rad/s", 0.001)
     data: Any = SimpleNamespace(plane=SimpleNamespace(machine=SETS["A"]))
     text = rod_force.shifted(data, present, recommended)
-    assert text.startswith(
-        "The other spring moves the resonance up by 10.0 %, from 40.00 rad/s to 44.00"
-    )
+    assert text == "The other spring moves the resonance up by 10.0 %."
     assert "down by 9.09 %" in rod_force.shifted(data, recommended, present)
     assert rod_force.shifted(data, present, present).startswith(
         "The resonance stays at 40.00 rad/s"

@@ -152,20 +152,24 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> str:
     """Where the resonance is, whether the ripple is above its limit, what to change, what to record next."""
     if r.fit.misfit:
         return "\n".join(["No drive of this kind fits this record:", *r.fit.misfit])
-    gap, nu = f["away"], r.operating
-    side = "above" if gap.value > 0 else "below"
-    lines = [
-        f"The resonance is at {f['nu_res'].text()}, and the operating speed of {nu:.4g} rad/s "
-        f"lies {gap._replace(value=abs(gap.value)).text()} {side} it.",
-        f"The torque ripple there is {f['tau2'].text()}; the limit is {o.ripple_limit:g} N.m.",
-        *about_limit(o, f, nu),
-    ]
-    lines.extend(
-        f"The record cannot tell {' and '.join(group)} apart." for group in r.fit.correlated_groups
-    )
+    lines = [about_speed(o, f, r.operating), *about_limit(o, f, r.operating)]
     now = f["nu_res"].error or math.inf
     lines.append(fitting.next_record(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)
+
+
+def about_speed(o: Options, f: Mapping[str, Figure], nu: float) -> str:
+    """Say where the operating speed [rad/s] lies beside the resonance, and the torque ripple there."""
+    gap, ripple = f["away"], f["tau2"]
+    side = "above" if gap.value > 0 else "below"
+    where = (
+        f"{gap._replace(value=abs(gap.value)).text()} {side} the resonance at {f['nu_res'].text()}"
+    )
+    if ripple.error is None:
+        speed = f"The operating speed of {nu:.4g} rad/s lies {where}."
+        return f"{speed} The torque ripple there is not determined: {ripple.reason}."
+    at = f"At the operating speed of {nu:.4g} rad/s, {where}, the torque ripple is {ripple.text()}"
+    return f"{at}; the limit is {o.ripple_limit:g} N.m."
 
 
 def about_limit(o: Options, f: Mapping[str, Figure], nu: float) -> list[str]:
@@ -179,23 +183,20 @@ def about_limit(o: Options, f: Mapping[str, Figure], nu: float) -> list[str]:
                 changes.append(moving_clear(name, f[f"change_{key}"], f[f"clear_{key}"]))
         if not changes:
             return ["No change gets it clear."]
-        at = f"The ripple is at its limit with {' or '.join(changes)}."
-        return [f"{at} These are limits, not targets."]
+        return [f"It falls to the limit, and no further, with {' or '.join(changes)}."]
     if all(end.error is not None for end in ends):
         return [f"Avoid speeds from {ends[0].text()} to {ends[1].text()}."]
     return []
 
 
 def moving_clear(name: str, change: Figure, clear: Figure) -> str:
-    """A change of a parameter and the value it leads to, in words."""
+    """A change of a parameter in words; the value it leads to if the change is not determined."""
     if change.error is None:
         return f"{name} = {clear.text()}"
     if abs(change.value) <= change.error:
-        return f"{name} within {change.text()} of its value, {clear.text()}"
+        return f"{name} within {change.text()} of its value"
     turned = "raised" if change.value > 0.0 else "lowered"
-    return (
-        f"{name} {turned} by {change._replace(value=abs(change.value)).text()}, to {clear.text()}"
-    )
+    return f"{name} {turned} by {change._replace(value=abs(change.value)).text()}"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> Show:

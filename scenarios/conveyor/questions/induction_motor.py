@@ -284,7 +284,9 @@ def fluxed(motor: Motor, where: str) -> Figure:
 def verdict(o: Options, f: Mapping[str, Figure], r: MotorData) -> str:
     """Where the resonance is, how far the data sheet's formula is off, and what moves it."""
     text = {name: figure.brief() for name, figure in f.items()}
-    name = "resonance" if f["zeta"].value <= OVERDAMPED else "90 degree lag"
+    name = "resonance"
+    if f["zeta"].value > OVERDAMPED:
+        name = f"90 degree lag, which is no resonance with a damping ratio of {text['zeta']},"
     lines = []
     if f["nu_kloss"].error is None:
         lines.append(
@@ -295,37 +297,19 @@ def verdict(o: Options, f: Mapping[str, Figure], r: MotorData) -> str:
             f"The {name} is at {text['nu_kloss']} with the full characteristic; the resonance formula (22) is "
             f"{deviation_text(f['nu_res'], f['nu_kloss'])}."
         )
-    if name != "resonance":
+    cases = {
+        "heavy_kloss": f"with a trough resistance of {text['most_resistance']}",
+        "small_kloss": f"with a breakdown slip of {text['least_slip']}",
+    }
+    speeds = [f"at {text[x]} {case}" for x, case in cases.items() if f[x].error is not None]
+    if speeds:
+        lines.append(f"It is {' and '.join(speeds)}.")
+    reasons = dict.fromkeys(f[x].reason for x in cases if f[x].error is None)
+    if reasons:
         lines.append(
-            f"That is no resonance: by formula the damping ratio is {text['zeta']}, and above {OVERDAMPED:.4f} "
-            f"the ratio of torque to load has no peak over the speed."
+            f"That of another load or breakdown slip is not determined: {'; '.join(reasons)}."
         )
-    if f["shift"].error is not None:
-        lines.append(
-            f"A linear motor of this slope has it at {text['nu_linear']}: the curvature of the characteristic "
-            f"moves it by {text['shift']}."
-        )
-    if f["heavy_kloss"].error is not None:
-        lines.append(
-            f"With a trough resistance of {text['most_resistance']} it is at {text['heavy_kloss']}; formula (22) is "
-            f"{deviation_text(f['heavy_res'], f['heavy_kloss'])}{rotor_flux(f['heavy_flux'], f['heavy_kloss'])}."
-        )
-    if f["small_kloss"].error is not None:
-        lines.append(
-            f"With a breakdown slip of {text['least_slip']} it is at {text['small_kloss']}."
-        )
-    reasons = {f[x].reason: 0 for x in ("heavy_kloss", "small_kloss") if f[x].error is None}
-    lines += [
-        f"That of another load or breakdown slip is not determined: {reason}." for reason in reasons
-    ]
     return "\n".join(lines)
-
-
-def rotor_flux(theory: Figure, truth: Figure) -> str:
-    """How far the theory with the flux of the rotor as a state is off, in words."""
-    if theory.error is None:
-        return ""
-    return f", and theory with the flux of the rotor as a state is {deviation_text(theory, truth)}"
 
 
 def deviation_text(theory: Figure, truth: Figure) -> str:

@@ -213,10 +213,11 @@ def on_resonance(f: Mapping[str, Figure]) -> str:
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
-    """The answer in plain words: on the resonance, above the limit, speeds to avoid."""
-    theory = classical.sentences(r.classical) if r.classical else []
-    lines = [about_resonance(f, r), about_limit(o, f, r), *r.limit.sentences(), *theory]
-    return "\n".join(lines)
+    """The answer in plain words: on the resonance, above the limit; speeds to avoid, or how far classical
+    theory holds.
+    """
+    last = [classical.sentence(r.classical)] if r.classical else r.limit.sentences()
+    return "\n".join([about_resonance(f, r), about_limit(o, f, r), *last])
 
 
 def about_resonance(f: Mapping[str, Figure], r: ResonanceData) -> str:

@@ -273,9 +273,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: RodForceData) -> str:
     if spring.error is None:
         why = f"The spring that unloads the rod {at} is not determined: {spring.reason}."
         return f"{why}\nWith {present.brief()} the largest rod force is {f['f_rod'].brief()}.\n{formula_text}"
-    force, ripple, lag = (
-        [f[f"{key}{name}"] for name in SPRINGS] for key in ("f_rod", "tau2", "nu_90")
-    )
+    force, lag = ([f[f"{key}{name}"] for name in SPRINGS] for key in ("f_rod", "nu_90"))
     if any(figure.error is None for figure in force):
         advice = (
             f"Use a spring of {spring.brief()} instead of {present.brief()} {at}. With it the largest rod force is "
@@ -284,17 +282,15 @@ def verdict(o: Options, f: Mapping[str, Figure], r: RodForceData) -> str:
     elif force[0].value <= WELL * force[1].value:
         advice = (
             f"Keep the spring of {present.brief()}: {at} its largest rod force is {force[0].brief()}, and no "
-            f"spring gives less than {force[1].brief()}, which takes {spring.brief()}. The torque ripple is "
-            f"{ripple[0].brief()}."
+            f"spring gives less than {force[1].brief()}."
         )
     else:
         advice = (
             f"Use a spring of {spring.brief()} instead of {present.brief()}: {at} it lowers the largest rod force "
-            f"from {force[0].brief()} to {force[1].brief()}. The torque ripple changes from "
-            f"{ripple[0].brief()} to {ripple[1].brief()}."
+            f"from {force[0].brief()} to {force[1].brief()}."
         )
     lines = [advice, formula_text]
-    if all(figure.error is not None for figure in lag):
+    if all(figure.error is not None for figure in (*force, *lag)):
         lines.append(shifted(r, *lag))
     return "\n".join(lines)
 
@@ -312,14 +308,11 @@ def shifted(r: RodForceData, present: Figure, other: Figure) -> str:
             f"The {name} stays at {present.brief()}: the other spring moves it by at most "
             f"{percent((abs(shift) + error) / present.value)}."
         )
-    ends = [present.brief(), other.brief()]
-    if ends[0] == ends[1]:
-        ends = [present.text(), other.text()]
     word = "up" if shift > 0.0 else "down"
     size = concise(
         Figure(100.0 * abs(shift) / present.value, "%", 100.0 * error / present.value), SHARE_DIGITS
     )
-    return f"The other spring moves the {name} {word} by {size}, from {ends[0]} to {ends[1]}."
+    return f"The other spring moves the {name} {word} by {size}."
 
 
 def show(o: Options, f: Mapping[str, Figure], r: RodForceData) -> Show:

@@ -203,15 +203,12 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> str:
     if r.fit.misfit:
         return "\n".join(["No drive of this kind fits this record:", *r.fit.misfit])
     lines = [
-        f"The guide friction is {f['mu'].text()} of the pull of the chain and takes "
-        f"{f['loss'].text()} per turn.",
-        f"The iron has a mass of {f['iron_iron_m'].text()} and its spring a stiffness of "
-        f"{f['iron_spring_c'].text()}.",
+        f"The guide friction is {f['mu'].text()} of the pull of the chain, the iron has a mass of "
+        f"{f['iron_iron_m'].text()}, and its spring has a stiffness of {f['iron_spring_c'].text()}.",
         f"The follower lifts off at {f['follower_limit'].text()}, "
         f"{f['away']._replace(value=abs(f['away'].value)).text()} "
         f"{'above' if f['away'].value > 0 else 'below'} the speed of the record.",
     ]
-    lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.correlated_groups]
     now = f["mu"].error or math.inf
     return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 

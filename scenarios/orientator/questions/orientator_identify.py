@@ -201,7 +201,6 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> str
             f"With it the rotor may turn at up to {limit.text()}, {f['away'].text()} above the fastest "
             "product of the record."
         )
-    lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.correlated_groups]
     now = mu.error or math.inf
     return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
