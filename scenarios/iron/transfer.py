@@ -99,9 +99,10 @@ class Transfer:
         """Say how the iron follows the cam, and which dimensions to make with care."""
         first, second = ranked(self.shares, "H_1")[:2]
         return (
-            f"A radian of the cam moves the iron by up to {f['h_1_max'].brief()}. That depends most on "
-            f"{first.dimension} ({concise(f['h_1_change'], SHARE_DIGITS)} for 1 % of it) and "
-            f"{second.dimension} ({concise(f['h_1_next'], SHARE_DIGITS)})."
+            f"A radian of the cam moves the iron by up to {f['h_1_max'].brief()}. The dimensions "
+            f"that change this most are {DIMENSIONS[first.dimension]} "
+            f"({concise(f['h_1_change'], SHARE_DIGITS)} for 1 % of it) and {DIMENSIONS[second.dimension]} "
+            f"({concise(f['h_1_next'], SHARE_DIGITS)})."
         )
 
     def charts(self) -> list[Chart]:
@@ -181,5 +182,5 @@ def ranked(shares: Sequence[Share], name: str) -> list[Share]:
 def change(shares: Sequence[Share], name: str, rank: int) -> Figure:
     """The change of a function by the dimension at this place of the ranking."""
     of_function, text = ranked(shares, name), FUNCTIONS[name][0]
-    meaning = f"largest change of {text} for 1 % of {of_function[rank].dimension}"
+    meaning = f"largest change of {text} for 1 % of {DIMENSIONS[of_function[rank].dimension]}"
     return Figure(of_function[rank].change, "%", of_function[rank].error, meaning)
