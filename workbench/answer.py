@@ -128,7 +128,7 @@ class Answer(Findings):
 
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
     is what the page needs to ask again. It is `refused` if the figures that it hangs on are not
-    determined. As text it is what the command line prints; `picture` gives the picture that a notebook shows as well.
+    determined. `sources` are papers and where they are described. As text it is what the command line prints; `picture` gives the picture that a notebook shows as well.
     """
 
     scenario: str
@@ -140,6 +140,7 @@ class Answer(Findings):
     show: Callable[[], Show] = Show
     live: LivePart | None = None
     refused: bool = False
+    sources: Sequence[tuple[str, str]] = ()
     picture: Callable[[Answer], str] = _no_picture
 
     @property

@@ -65,6 +65,8 @@ class Question:
         Start values that it sets itself, and nobody else may.
     decisive : tuple of str
         Figures without which the answer is refused.
+    sources : tuple of pairs of str
+        The papers whose formulas it names, and where they are described.
     is_parallel : bool
         Whether its runs are spread over all cores by default with native FMUs, too.
     preset : mapping
@@ -83,6 +85,7 @@ class Question:
     parts: Mapping[str, str] = field(default_factory=dict)
     fixed_starts: tuple[str, ...] = ()
     decisive: tuple[str, ...] = ()
+    sources: tuple[tuple[str, str], ...] = ()
     is_parallel: bool = False
     preset: Mapping[str, Any] = field(default_factory=dict)
     old_name: str = ""
@@ -158,6 +161,7 @@ def read(module: ModuleType, locator: str = "") -> Question:
         parts=parts,
         fixed_starts=tuple(content.get("FIXED_STARTS", ())),
         decisive=tuple(content.get("DECISIVE", ())),
+        sources=tuple(content.get("SOURCES", ())),
         is_parallel=bool(content.get("PARALLEL", False)),
     )
 

@@ -158,6 +158,7 @@ def answer(
         show=show,
         live=live_part,
         refused=is_refused(question, findings.figures),
+        sources=question.sources,
         picture=export.picture,
     )
 

@@ -34,8 +34,10 @@ from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed, induction, linearised
 from ..motion import moving
 from ..options import RippleOptions
+from ..papers import cited
 
 PARTS = DRIVE
+SOURCES = cited(22)
 SPEED, TORQUE = "conveyor.w", "motor.tau"
 STATES = ("conveyor.phi", SPEED, TORQUE)
 LINEAR, KLOSS = ("motor.A", "motor.B"), ("motor.kloss.w_s", "motor.kloss.s_b")

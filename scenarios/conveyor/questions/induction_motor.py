@@ -30,9 +30,11 @@ from ..first_order import SETS, Machine, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised
 from ..machine import PARTS as DRIVE
 from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
+from ..papers import cited
 from ..rows import OVERDAMPED, rows_of
 
 PARTS = DRIVE
+SOURCES = cited(2, 22)
 PARALLEL = True
 DECISIVE = ("nu_kloss",)
 FIXED_STARTS = (

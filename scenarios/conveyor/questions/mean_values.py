@@ -32,11 +32,13 @@ from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive
 from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
 from ..orbits import EDGE_ROWS, OrbitRunner, OrbitTask, run_to_orbit
+from ..papers import cited
 from ..rows import SPEEDS
 from ..second_order import Means, means
 from ..step_response import DRIFT, STARTS, drifts
 
 PARTS = DRIVE
+SOURCES = cited(16, 18, 19, 22, 24)
 PARALLEL = True
 FIXED_STARTS = LINEAR_MOTOR_STARTS
 DECISIVE = ("torque", "supply_more")

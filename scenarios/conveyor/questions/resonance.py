@@ -48,10 +48,12 @@ from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed, linearised, start_values
 from ..options import RippleOptions, by_set, speeds_of
 from ..orbits import OrbitRunner
+from ..papers import cited
 from ..ripple_limit import UNDETERMINED, LimitCrossing, RippleLimit, above_limit
 from ..rows import OPERATING, OVERDAMPED, SPEEDS, SpeedSweep, row_figure, sweep_speeds
 
 PARTS = DRIVE
+SOURCES = cited(22, 26)
 TABLE = "resonance.csv"
 DECISIVE = ("lag_operating", "tau2_operating")
 #: Lags [deg] at the two ends of the half-power band. At 90 degrees -+ 45 degrees the two parts of load

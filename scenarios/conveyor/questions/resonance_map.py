@@ -35,6 +35,7 @@ from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions
 from ..orbits import STEP_MULTIPLES, OrbitRunner
+from ..papers import cited
 from ..parameter_plane import (
     SPEED,
     Built,
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 
 Real = NDArray[np.float64]
 PARTS = DRIVE
+SOURCES = cited(22)
 PARALLEL = True
 X, Y = "speed=15:80:60", "motor.T=0.015:0.16:40:log"
 #: Default operating range [rad/s], above the resonance of set A; a convention.

@@ -33,6 +33,7 @@ from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
 from ..orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
+from ..papers import cited
 from ..parameter_plane import SPEED, Axis, Plane, coupling_error
 from ..rod_force_map import SPRINGS, RodForceData, maps, over_angle, over_speed
 from ..rod_waveform import (
@@ -50,6 +51,7 @@ from ..rows import OPERATING, OVERDAMPED, orbit_figure, speed_row
 
 Real = NDArray[np.float64]
 PARTS = DRIVE
+SOURCES = cited(17)
 PARALLEL = True
 TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
 UNITS = {

@@ -27,9 +27,11 @@ from ..first_order import SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..motion import live_motion, moving
+from ..papers import cited
 from ..rows import OVERDAMPED
 
 PARTS = DRIVE
+SOURCES = cited(22)
 FIXED_STARTS = ("motor.characteristic",)
 MOTORS = {"linear": 0, "kloss": 1}
 LABELS = {"linear": "linear motor", "kloss": "induction motor"}
