@@ -65,6 +65,9 @@ STEADY = 0.01
 SLOWEST = 0.9
 #: Smallest overshoot of the mean, over the set speed, whose time is named; a flat top has none.
 LEAST_OVERSHOOT = 1e-3
+#: Fewest rows whose peak is named: derived from its error, for which every second row must hold a cubic, of
+#: four points.
+LEAST_ROWS = 2 * 4
 #: Smallest ripple, over the mean speed, that is named; a convention.
 LEAST_RIPPLE = 1e-4
 #: Frequencies over a natural one between which an undamped oscillator responds at least twice: derived
@@ -138,6 +141,12 @@ def means(o: Options, r: Result) -> dict[str, Figure]:
             "mean_max_time": Figure.undetermined("s", why, ending),
         }
     later = phi >= phi[0] + TURN
+    if np.count_nonzero(later) < LEAST_ROWS:
+        why = f"the load makes its first whole turn only just before {o.stop:g} s"
+        return {
+            "mean_max": Figure.undetermined(rad, why, meaning),
+            "mean_max_time": Figure.undetermined("s", why, ending),
+        }
     mean = TURN / (t[later] - CubicSpline(phi, t)(phi[later] - TURN))
     peak = largest(t[later], mean)
     at = peak.at.figure("s", ending)
