@@ -60,14 +60,16 @@ class WiredPart(Generic[I]):
         """What its FMU logs."""
         return self.instance.session.messages
 
-    def direct_feedthrough(self, driver: Mapping[str, str]) -> dict[str, frozenset[str]]:
+    def drivers_of_outputs(self, part_of_output: Mapping[str, str]) -> dict[str, frozenset[str]]:
         """The outputs on which driven inputs act directly, as far as declared, and the parts that drive them.
 
-        `driver` is the part of each wired output; an empty name stands for an input over time.
+        `part_of_output` is the part of each wired output; an empty name stands for an input over time.
         """
         by_input: dict[str, set[str]] = {}
         for link in self.links:
-            by_input.setdefault(link.target.name, set()).add(driver.get(link.source.name, ""))
+            by_input.setdefault(link.target.name, set()).add(
+                part_of_output.get(link.source.name, "")
+            )
         acting = {
             f"{self.name}.{output}": frozenset[str]().union(
                 *(by_input.get(f"{self.name}.{name}", ()) for name in inputs)

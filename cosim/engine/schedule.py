@@ -54,7 +54,7 @@ def coupling_context(parts: Sequence[Part], input_degree: int) -> CouplingContex
         wired = {n for block in part.outputs if block.real for n in block.names}
         feedthroughs += (
             Feedthrough(output, part.name, sources, output in wired)
-            for output, sources in part.direct_feedthrough(driver).items()
+            for output, sources in part.drivers_of_outputs(driver).items()
         )
     interpolates = all(part.curves is None or part.curves.capable for part in parts)
     return CouplingContext([p.name for p in parts], feedthroughs, input_degree, interpolates)

@@ -171,7 +171,7 @@ def compare(
     return NeglectedComparison(kinds, mu, speeds[0], all_figures, {TABLE: table})
 
 
-def creeping(system: System) -> list[System]:
+def with_slower_creep(system: System) -> list[System]:
     """The machine with a quarter, a half and all of the speed below which what would stick creeps; the
     machine alone where nothing does.
     """
@@ -183,14 +183,14 @@ def creeping(system: System) -> list[System]:
 
 
 def crept(values: Sequence[float]) -> float:
-    """What the creep still makes of the first of values of `creeping` machines: they are linear in it."""
+    """What the creep still makes of the first of values of `with_slower_creep` machines: they are linear in it."""
     return bound_coupling_error(values, 1.0) if len(values) > 1 else 0.0
 
 
 def takes(mu: float, case: tuple[System, float]) -> Measured:
     """A time of orientation; its error is what half the step changes, and what is left of the creep."""
     system, n = case
-    machines = creeping(system)
+    machines = with_slower_creep(system)
     times = [simulate(machine, mu, n).orientation_time for machine in machines]
     halved = simulate(machines[0], mu, n, STEP / 2).orientation_time
     if not np.isfinite([*times, halved]).all():
@@ -202,7 +202,7 @@ def ending(mu: float, system: System) -> Figure:
     """The fastest rotor that orients, sought below where friction holds cups in the chute; its error
     is the bracket, and what is left of the creep.
     """
-    first, *more_machines = creeping(system)
+    first, *more_machines = with_slower_creep(system)
     speeds = np.arange(SLOWEST, FASTEST, SPACING) * rpm(Machine.of(system).sticks)
     fastest_rotor = fastest(first, speeds.tolist(), mu)
     near = (np.linspace(*NEAR_LIMIT) * fastest_rotor.value).tolist()

@@ -195,7 +195,7 @@ def variant_causes(reproduction: Reproduction) -> list[Cause]:
         return [cause]
     causes = [] if cause is None else [cause]
     scores: list[tuple[float, Variant]] = []
-    for variant in variants(reproduction.network):
+    for variant in wrongly_connected(reproduction.network):
         columns = reproduction.columns(variant.system)
         scores.append((reproduction.distance(columns), variant))
         if (cause := reproduction.cause(variant.kind, variant.text, columns)) is not None:
@@ -277,7 +277,7 @@ def couplings(reproduction: Reproduction) -> Iterator[Coupling]:
         yield Coupling("strang", step)
 
 
-def variants(network: Network) -> Iterator[Variant]:
+def wrongly_connected(network: Network) -> Iterator[Variant]:
     """Systems in which something has been lost, crossed or not converted."""
     for make in (
         _missing_values,
