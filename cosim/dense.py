@@ -88,8 +88,8 @@ class DenseSolution:
     @classmethod
     def from_rows(cls, t: Array, x: Array) -> DenseSolution:
         """The solution of rows of which some may repeat the one before, or nearly."""
-        kept = distinct_rows(t, x)
-        return cls(t, x) if kept.all() else cls(t[kept], x[kept])
+        distinct = distinct_rows(t, x)
+        return cls(t, x) if distinct.all() else cls(t[distinct], x[distinct])
 
     def with_values(self, x: Array) -> DenseSolution:
         """Other values at the same times, with the same gaps, such as the square of this column."""
@@ -171,9 +171,9 @@ class DenseSolution:
 
     def thinned(self, n: int, first: int) -> DenseSolution:
         """The solution of the rows first, first + n, ..., of the first and the last row."""
-        kept = np.unique(np.concatenate([[0], np.arange(first, len(self.t), n), [len(self.t) - 1]]))
-        gaps = np.unique(np.searchsorted(kept, self.gaps, side="right") - 1)
-        other = DenseSolution(self.t[kept], self.x[kept], gaps, self.side)
+        rows = np.unique(np.concatenate([[0], np.arange(first, len(self.t), n), [len(self.t) - 1]]))
+        gaps = np.unique(np.searchsorted(rows, self.gaps, side="right") - 1)
+        other = DenseSolution(self.t[rows], self.x[rows], gaps, self.side)
         other.is_discrete = self.is_discrete
         return other
 
@@ -261,7 +261,7 @@ class DenseSolution:
         times, values = self.t[at], self.x[at]
         for p in self.polynomials():
             tops, top_times = (
-                found.reshape(-1, p.c.shape[1]) for found in _peaks(p.c, p.x[:-1], np.diff(p.x))
+                extrema.reshape(-1, p.c.shape[1]) for extrema in _peaks(p.c, p.x[:-1], np.diff(p.x))
             )
             best = tops.argmax(axis=0), np.arange(p.c.shape[1])
             tops, top_times = tops[best], top_times[best]
@@ -338,12 +338,12 @@ def distinct_rows(t: Array, x: Array) -> NDArray[np.bool_]:
     if not len(gaps):
         return np.ones(len(t), dtype=bool)
     least = REPEATED_FRACTION * float(np.median(gaps[gaps > 0.0])) if (gaps > 0.0).any() else 0.0
-    kept = np.ones(len(t), dtype=bool)
-    kept[1:] = (gaps > least) | ((gaps == 0.0) & (np.diff(x) != 0.0))
-    kept[-1] = True
+    distinct = np.ones(len(t), dtype=bool)
+    distinct[1:] = (gaps > least) | ((gaps == 0.0) & (np.diff(x) != 0.0))
+    distinct[-1] = True
     if len(t) > 2 and not gaps[-1] > least and gaps[-1] > 0.0:
-        kept[-2] = len(t) == 2
-    return kept
+        distinct[-2] = len(t) == 2
+    return distinct
 
 
 def hidden_gaps(t: Array, x: Array) -> Indices:
@@ -383,13 +383,14 @@ def _leaps(t: Array, x: Array, floor: float) -> Indices:
     predicted = np.zeros(many)
     with np.errstate(all="ignore"):
         for i in range(CUBIC_ROWS):
-            others = [j for j in range(CUBIC_ROWS) if j != i]
+            other_nodes = [j for j in range(CUBIC_ROWS) if j != i]
             weight = np.prod(
-                [(t[:many] - nodes[:, j]) / (nodes[:, i] - nodes[:, j]) for j in others], axis=0
+                [(t[:many] - nodes[:, j]) / (nodes[:, i] - nodes[:, j]) for j in other_nodes],
+                axis=0,
             )
             predicted += weight * values[:, i]
         error = np.abs(predicted - x[:many])
-    calm = windows(error, SMOOTH_STENCILS)[1:].max(axis=1)
-    leaps = np.flatnonzero(error[:-SMOOTH_STENCILS] > np.maximum(GAP_RATIO * calm, floor))
+    smooth_error = windows(error, SMOOTH_STENCILS)[1:].max(axis=1)
+    leaps = np.flatnonzero(error[:-SMOOTH_STENCILS] > np.maximum(GAP_RATIO * smooth_error, floor))
     # The stencils of the next rows reach over the same gap; the one that begins right behind it is the last.
     return leaps[np.append(np.diff(leaps) > CUBIC_ROWS, True)] if len(leaps) else leaps

@@ -73,7 +73,7 @@ def run_isolated(
         raise SetupError(f"timeout = {timeout!r} s must be above 0")
     csv = Path(csv).absolute()
     before = _stamps(csv)
-    heard: list[logging.LogRecord] = []
+    log_records: list[logging.LogRecord] = []
     ended = ""
     with (
         collect_interrupts() as pressed,
@@ -83,7 +83,7 @@ def run_isolated(
             if kind == "progress" and progress is not None:
                 progress(content)
             elif kind == "log":
-                heard.append(content)
+                log_records.append(content)
                 if (logger := logging.getLogger(content.name)).isEnabledFor(content.levelno):
                     logger.handle(content)
             elif kind == "end":
@@ -103,9 +103,9 @@ def run_isolated(
         if pressed:
             raise KeyboardInterrupt(dead)
         raise SetupError(f"{dead} before the first step")
-    warnings = [record.getMessage() for record in heard if record.name == log.name]
+    warnings = [record.getMessage() for record in log_records if record.name == log.name]
     path = csv if before[1] != after[1] else partial(csv)
-    raise _remains(path, dead, warnings, pressed=bool(pressed))
+    raise _error_with_rows(path, dead, warnings, pressed=bool(pressed))
 
 
 @contextmanager
@@ -120,7 +120,7 @@ def child(
     with TemporaryDirectory(dir=scratch()) as folder:
         ours, its = context.Pipe(duplex=False)
         process = context.Process(target=_begin, args=(folder, work, its, *arguments))
-        with _deaf():
+        with _ignore_sigint():
             process.start()
         its.close()
         try:
@@ -142,14 +142,14 @@ def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any])
     """Run in the child and tell the parent of the progress, the log and the end."""
     signal.signal(signal.SIGINT, lambda *_: None)
     logging.getLogger().addHandler(_Forward(pipe))
-    told = clock.perf_counter()
+    last_sent = clock.perf_counter()
     pipe.send(("progress", 0.0))
 
     def progress(share: float) -> None:
-        nonlocal told
-        if clock.perf_counter() > told + BETWEEN:
+        nonlocal last_sent
+        if clock.perf_counter() > last_sent + BETWEEN:
             pipe.send(("progress", share))
-            told = clock.perf_counter()
+            last_sent = clock.perf_counter()
 
     with suppress(BrokenPipeError):
         ended: SimulationError | Interrupted | None = None
@@ -191,7 +191,7 @@ class _Forward(logging.Handler):
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
+def _ignore_sigint() -> Iterator[None]:
     """Ignore Ctrl-C, as a child that is started then does until it is ready to hear it."""
     try:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -213,19 +213,19 @@ def _messages(
     before: list[int],
 ) -> Iterator[Any]:
     """What the child sends until it ends, or that it is silent; passes Ctrl-C on until it reacts."""
-    asked = heard = math.inf
+    stop_requested_at = last_message_at = math.inf
     while True:
         ready = wait([pipe, process.sentinel], PATIENCE)
-        silent = clock.monotonic() - heard
+        silent = clock.monotonic() - last_message_at
         if ready:
-            heard = clock.monotonic()
+            last_message_at = clock.monotonic()
         elif silent > timeout:
             yield "silent", timeout
         elif silent > GRACE and _over(csv, before):
             yield "silent", GRACE
         if pressed and pressed[0] != signal.SIGINT:
-            asked = min(asked, clock.monotonic())
-        if len(pressed) > 1 or clock.monotonic() > asked + GRACE:
+            stop_requested_at = min(stop_requested_at, clock.monotonic())
+        if len(pressed) > 1 or clock.monotonic() > stop_requested_at + GRACE:
             process.kill()
         elif pressed and process.pid is not None:
             os.kill(process.pid, signal.SIGINT)
@@ -264,14 +264,14 @@ def _over(csv: Path, before: list[int]) -> bool:
     return False
 
 
-def _remains(
+def _error_with_rows(
     path: Path, dead: str, warnings: list[str], *, pressed: bool
 ) -> SimulationError | Interrupted:
     """The error for a child that died, with the rows in its file, which is left readable."""
     content = path.read_bytes()
-    whole = content[: content.rfind(b"\n") + 1]
-    path.write_bytes(whole)
-    header, *rows = whole.decode().splitlines()
+    complete_lines = content[: content.rfind(b"\n") + 1]
+    path.write_bytes(complete_lines)
+    header, *rows = complete_lines.decode().splitlines()
     facts = json.loads(path.with_suffix(".json").read_text())
     facts = {"bonds": {}, "warnings": warnings} | facts
     reached = float(rows[-1].split(",")[0]) if rows else facts["start"]

@@ -177,8 +177,8 @@ class TimeOfLargest(ColumnMetric):
         least = peak.value - _at(band, peak.time)
         rivals = times[values + band(times) >= least]
         spacing = float(np.diff(solution.t).max())
-        away = np.abs(rivals - peak.time)
-        return float(away[away > spacing].max(initial=-spacing)) + spacing
+        distances = np.abs(rivals - peak.time)
+        return float(distances[distances > spacing].max(initial=-spacing)) + spacing
 
 
 @dataclass(frozen=True)
@@ -232,8 +232,8 @@ class Crossing:
         turns = (times < time) & (times > solution.t[0])
         near = times[turns][values[turns] + band(times[turns]) >= level]
         spacing = float(np.diff(solution.t).max())
-        away = time - near
-        return float(away[away > spacing].max(initial=-spacing)) + spacing
+        distances = time - near
+        return float(distances[distances > spacing].max(initial=-spacing)) + spacing
 
 
 @dataclass(frozen=True)

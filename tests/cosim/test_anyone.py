@@ -33,7 +33,7 @@ from cosim import (
     run_isolated,
 )
 from cosim.fmu.library import LOADED
-from cosim.isolated import _remains
+from cosim.isolated import _error_with_rows
 from cosim.scratch import MARK, _folder_of
 from tests.conftest import DESCRIPTION, ROOT, described, restore_ctrl_c, rewritten, until
 from tests.cosim.foreign import BINARY, Value, library, pack
@@ -862,7 +862,7 @@ def test_a_row_that_was_being_written_is_removed(tmp_path: Path) -> None:
     path = tmp_path / "run.partial.csv"
     path.write_text("time,A.y\n0.0,1.0\n0.5,2.0\n1.")
     path.with_suffix(".json").write_text('{"status": "running", "start": 0.0, "units": {}}')
-    error = _remains(path, "killed", ["A: hot"], pressed=True)
+    error = _error_with_rows(path, "killed", ["A: hot"], pressed=True)
     assert str(error) == "killed after t = 0.5 s, 2 rows in run.partial.csv"
     assert isinstance(error, Interrupted)
     assert error.result.warnings == ["A: hot"]
