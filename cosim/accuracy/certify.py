@@ -1,4 +1,4 @@
-"""Certify: a run with every number in continuous time and its error."""
+"""Certify: run a system with three steps, and give every number with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -69,20 +69,22 @@ def certify(
     metrics : mapping or function, optional
         By name, metrics such as `cosim.metrics.Largest("motor.tau")`, or functions from a result to a number; or
         one function from a result to several numbers by name. By default the last, smallest, largest and
-        mean value of every column. A function gets the rows of all communication points, and
-        fewer of them, and should select rows by their time.
+        mean value of every column. A function is called several times: with the rows of each run, with
+        fewer rows, and with values changed by their estimated errors. It must therefore select rows by
+        their time, never by their index.
     step : float or Adaptive
         The longest communication step [s], or adaptive steps with the largest tolerance.
     runner : callable
         Runs a system, as `run` does.
     **settings
-        Those of `run`; rows are `step` apart in the results of all runs unless they say otherwise.
+        Those of `run`. With fixed steps the rows of all three results are `step` apart unless `output_step` is given.
 
     Returns
     -------
     Certified
-        The result of the finest run, and estimates by name. Errors are those of the coupling and of the rows; what
-        the solver inside an FMU adds is the same in all runs and is not among them.
+        The result of the finest run, and estimates by name; a number whose error cannot be estimated has the
+        error None and a reason. Errors are those of the coupling and of the spacing of rows; the error of the
+        solver inside an FMU is the same in all runs and is not included.
 
     Raises
     ------
@@ -133,9 +135,10 @@ def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
 
 
 def _is_over(metric: Metric, solution: DenseSolution, begin: float) -> bool:
-    """Whether a metric is decided before a time [s].
+    """Whether a metric depends only on the rows before a time [s].
 
-    It is if it does not need the later rows, and no others like these change it.
+    That is so if it has the same value without the later rows, and with later values spread further from
+    their middle, as those of another chaotic trajectory might be.
     """
     if begin <= solution.t[1]:
         return False

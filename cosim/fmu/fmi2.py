@@ -38,7 +38,7 @@ NUMBERS = count(1)
 
 
 def _message(environment: int | None, _: bytes, status: int, __: bytes, message: bytes) -> None:
-    """Hand a log message to the part of that number."""
+    """Pass a log message to the log whose number the instance carries as its environment."""
     messages = LOGS.get(environment or 0)
     if messages is not None:
         messages.on_log(status, message)
@@ -54,12 +54,13 @@ FUNCTIONS = (
 def _callbacks(messages: MessageLog) -> fmi2CallbackFunctions:
     """What an instance with this log may call.
 
-    Made anew for each: the proxy of fmpy, which formats the messages, has room for one logger, and
-    others in this process may have put theirs there. The functions themselves stay for good, since
-    the proxy goes on calling the logger for those that come later.
+    Made anew for each instance, because fmpy's proxy, which formats the messages, keeps only one logger, and
+    other code in this process may have replaced it. FUNCTIONS is never freed, because the proxy may call its
+    logger for any later instance.
     """
     number = next(NUMBERS)
     LOGS[number] = messages
+    # FMI passes this pointer back unread, so that a number can stand in its place.
     callbacks = fmi2CallbackFunctions(*FUNCTIONS, componentEnvironment=number)
     addLoggerProxy(ctypes.byref(callbacks))
     return callbacks
@@ -164,11 +165,11 @@ class CoSimulation2:
 
     @property
     def forward(self) -> bool:
-        """Whether the FMU may forget its past, since no step will be taken again."""
+        """Whether the master has promised never to return to an earlier time."""
         return bool(self._forward.value)
 
     def go_forward_only(self, forward: bool) -> None:
-        """Promise that no step will be taken again, or do so no longer."""
+        """Promise never to return to an earlier time, or withdraw the promise."""
         self._forward.value = forward
 
     def step_status(self, t: float, h: float) -> int:
@@ -184,7 +185,10 @@ class CoSimulation2:
             self.stepped(t, h, status)
 
     def stepped(self, t: float, h: float, status: int) -> None:
-        """Keep a warning of a step from t by h [s]; raise FmuError for a worse status."""
+        """Keep a warning of a step from t by h [s]; raise FmuError for a worse status.
+
+        For Discard it raises SimulationTerminated if the FMU asks for the end, else StepDiscarded.
+        """
         call = f"doStep(t = {t!r} s, h = {h!r} s)"
         if status != DISCARD:
             self.session.answered(call, status)
@@ -207,7 +211,7 @@ class CoSimulation2:
         return status, time.value, answer in (OK, WARNING) and bool(ended.value)
 
     def step_layout(self) -> Layout:
-        """What loop.c does in place of `advance`."""
+        """The same step as `advance`, for the loop in cosim/engine/loop.c."""
         function = ctypes.cast(self.session.library.fmi2DoStep, ctypes.c_void_p).value
         return Layout(Code.STEP, function=function, component=self.session.component.value)
 

@@ -1,8 +1,9 @@
 """Features of the response over a speed or a parameter: 90 degrees lag, largest ripples, limits passed.
 
 All are looked for on load over response, 1 / H, which is smooth even where the response has a sharp
-resonance: first-order theory has a parabola there. A sweep of orbits gives its interpolant, that gives a
-first guess and a slope, and a secant search or a few Chebyshev nodes go to the feature on orbits of its own.
+resonance: by first-order theory it is a quadratic polynomial of the speed for the torque ripple, and that over
+a linear one for the speed ripple. A spline through the orbits of a sweep gives a first guess and a slope; a
+secant search, or Chebyshev nodes for a peak, then asks for orbits of its own.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ SMALLEST_HEIGHT = 1e-300
 #: Half width of the nodes around a peak, over damping ratio and speed. The part of the height that four of
 #: five nodes miss falls with its fourth power: 1.3e-5 of the torque peak of set A with 0.5, 8e-7 with 0.25.
 PEAK_WIDTH = 0.25
-#: Largest half width over x, for overdamped drives.
+#: Largest half width over x, for drives with much damping.
 WIDEST_PEAK = 0.1
 NEED_TWO_SPEEDS = "fewer than two speeds reached a steady state"
 AT_EDGE = "the maximum lies at the edge of the swept range; extend the speeds"
@@ -142,12 +143,12 @@ class ResponseLine:
         return (free.load_ripple(nu) + 0.0 * x) / feature.theory(free, nu)
 
     def correction(self, feature: Feature, x: Any, orbits: Sequence[Orbit]) -> Any:
-        """Return load over response of orbits at x, above that by theory."""
+        """Return load over response of orbits at x, minus that by theory."""
         inverse = self.load(x) / [feature.amplitude(orbit) for orbit in orbits]
         return inverse - self.theory_inverse(feature, x)
 
     def inverse_response(self, feature: Feature, sweep: Sweep) -> Curve:
-        """Return load over response as a function of x: theory, and a spline through what orbits say beside it."""
+        """Return load over response as a function of x: theory, plus a spline through the differences of orbits."""
         if not sweep:
             return lambda x: self.theory_inverse(feature, x)
         if problem := next((orbit.problem for _, orbit in sweep if orbit.problem), ""):
@@ -169,7 +170,10 @@ class ResponseLine:
 
     @cached_property
     def peak_half_width(self) -> float:
-        """How far the nodes around a peak reach: a share of the width of the resonance."""
+        """Half the range of the nodes around a peak: PEAK_WIDTH of the width of the resonance in x.
+
+        That width is zeta x / |d ln(nu_res / nu) / d ln x|; a neighbour 0.1 % away gives the derivative.
+        """
         x = self.theory(LAG)
         x = math.sqrt(self.first * self.last) if math.isnan(x) else x
         (machine, nu), (neighbour, nu_neighbour) = self.at(x), self.at(1.001 * x)
@@ -200,7 +204,7 @@ class ResponseLine:
         return falling_roots(self.grid, self.residual(feature, self.grid, inverse))
 
     def expected(self, feature: Feature, sweep: Sweep = ()) -> Crossing:
-        """Return where the feature is by theory and what a sweep says beside it.
+        """Return where the feature is by theory, corrected by the orbits of a sweep.
 
         Raises
         ------

@@ -33,7 +33,7 @@ SPEEDS = {
 #: Operating speeds of the sets [rad/s].
 OPERATING = {"A": 40.0, "B": 60.0}
 #: Damping ratio above which torque over load, 1 / (1 - x^2 + 2 i zeta x), has no peak at any x > 0.
-OVERDAMPED = math.sqrt(0.5)
+LARGEST_PEAKED_ZETA = math.sqrt(0.5)
 #: Relative error of the mean speed of an orbit, which settling leaves.
 MEAN_SPEED_ERROR = 2e-9
 NO_COUPLING_ERROR = "the coupling error is not known; take more steps per revolution"

@@ -10,7 +10,7 @@ import pytest
 
 from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import mean_values, resonance, rod_force
-from scenarios.conveyor.rows import OPERATING, OVERDAMPED
+from scenarios.conveyor.rows import LARGEST_PEAKED_ZETA, OPERATING
 from scenarios.iron.questions import iron_orders
 from scenarios.orientator.questions import orientation_time
 from tests.conftest import ask
@@ -65,7 +65,7 @@ def test_the_resonance_moves_up_down_or_stays_with_the_other_spring() -> None:
         outcome = "stays" if abs(difference) <= error else "up" if difference > 0.0 else "down"
         outcomes.add(outcome)
         assert {"stays": "stays at", "up": " up by ", "down": " down by "}[outcome] in text
-        assert ("no resonance" in text) == (machine.zeta > OVERDAMPED)
+        assert ("no resonance" in text) == (machine.zeta > LARGEST_PEAKED_ZETA)
     assert outcomes == {"stays", "up", "down"}
 
 
@@ -115,4 +115,4 @@ def test_help_texts_have_the_defaults_that_the_questions_use() -> None:
             assert f"{speed:g} in set {name}" in meaning
     meaning = declared(resonance.Options)["speed"].meaning
     assert all(f"{x:g}" in meaning for x in resonance.BAND)
-    assert math.isclose(OVERDAMPED**2, 0.5)
+    assert math.isclose(LARGEST_PEAKED_ZETA**2, 0.5)

@@ -31,7 +31,7 @@ from ..machine import KLOSS, conveyor_drive, followed, linearised
 from ..machine import PARTS as DRIVE
 from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
 from ..papers import cited
-from ..rows import OVERDAMPED, rows_of
+from ..rows import LARGEST_PEAKED_ZETA, rows_of
 
 PARTS = DRIVE
 SOURCES = cited(2, 22)
@@ -287,7 +287,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: MotorData) -> str:
     """Where the resonance is, how far the data sheet's formula is off, and what moves it."""
     text = {name: figure.brief() for name, figure in f.items()}
     name = "resonance"
-    if f["zeta"].value > OVERDAMPED:
+    if f["zeta"].value > LARGEST_PEAKED_ZETA:
         name = f"90 degree lag, which is no resonance with a damping ratio of {text['zeta']},"
     lines = []
     if f["nu_kloss"].error is None:

@@ -50,14 +50,15 @@ from ..options import RippleOptions, by_set, speeds_of
 from ..orbits import OrbitRunner
 from ..papers import cited
 from ..ripple_limit import UNDETERMINED, LimitCrossing, RippleLimit, above_limit
-from ..rows import OPERATING, OVERDAMPED, SPEEDS, SpeedSweep, row_figure, sweep_speeds
+from ..rows import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, sweep_speeds
 
 PARTS = DRIVE
 SOURCES = cited(22, 26)
 TABLE = "resonance.csv"
 DECISIVE = ("lag_operating", "tau2_operating")
-#: Lags [deg] at the two ends of the half-power band. At 90 degrees -+ 45 degrees the two parts of load
-#: over response are equal, so the power that the ripple dissipates is half of that at 90 degrees.
+#: Lags [deg] at the two ends of the half-power band. There the real and the imaginary part of load over
+#: response are equal. With little damping load and imaginary part hardly change within the band, so that the
+#: power that the ripple dissipates is half of that at 90 degrees.
 BAND = (45.0, 135.0)
 #: Points of a curve of theory, of which a line of 1 px needs about as many as the chart is wide; a convention.
 CURVE_POINTS = 400
@@ -127,6 +128,7 @@ def solve(o: Options, context: Context) -> Findings:
     line = ResponseLine(lambda nu: (linearised(base, o.start, nu), nu), speeds[0], speeds[-1])
     runner = OrbitRunner(context, o.start, o.algorithm, o.steps_per_rev)
     all_speeds = sorted({*speeds, speed})
+    # All orbits are run here, side by side; the two sweeps below take them from what the runner keeps.
     for nu in all_speeds:
         runner.check(*line.at(nu))
     multiples = runner.step_multiples(*line.at(all_speeds[0]))
@@ -173,7 +175,7 @@ def warn_unsteady(sweep: SpeedSweep) -> None:
 
 def formula_figures(machine: Machine) -> dict[str, Figure]:
     """Return the figures of formulas."""
-    name = "resonance" if machine.zeta <= OVERDAMPED else "90 deg lag"
+    name = "resonance" if machine.zeta <= LARGEST_PEAKED_ZETA else "90 deg lag"
     return {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, f"{name} by formula (22)"),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
@@ -203,7 +205,7 @@ def distance(lag: Figure, speed: float) -> Figure:
 
 def on_resonance(f: Mapping[str, Figure]) -> str:
     """Whether the operating speed is on the resonance: yes, no, or not determined."""
-    if f["zeta"].value > OVERDAMPED:
+    if f["zeta"].value > LARGEST_PEAKED_ZETA:
         return "no"
     lag, (first, last) = f["lag_operating"], BAND
     if lag.error is None:
@@ -225,18 +227,18 @@ def verdict(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
 def about_resonance(f: Mapping[str, Figure], r: ResonanceData) -> str:
     """Say whether the operating speed is on the resonance, and how far it is from it."""
     lag, resonance, answer = f["lag_operating"], f["nu_90"], on_resonance(f)
-    overdamped = f["zeta"].value > OVERDAMPED
+    has_no_peak = f["zeta"].value > LARGEST_PEAKED_ZETA
     sentences = [f"On resonance: {answer}"]
-    if overdamped:
+    if has_no_peak:
         sentences.append(
             f"The drive has no resonance: by formula its damping ratio is {f['zeta'].brief()}, and above "
-            f"{OVERDAMPED:.4f} the ratio of torque to load has no peak over the speed"
+            f"{LARGEST_PEAKED_ZETA:.4f} the ratio of torque to load has no peak over the speed"
         )
     elif lag.error is None:
         sentences[0] += f", because {lag.reason}"
     if resonance.error is None:
         sentences += unlocated(f, r)
-    elif overdamped:
+    elif has_no_peak:
         where = f"at {resonance.brief()}, {side(f, r)}"
         sentences.append(
             f"The torque ripple lags its load by 90 degrees {where}; that is no resonance"
@@ -258,7 +260,7 @@ def in_band(f: Mapping[str, Figure]) -> str:
 def unlocated(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
     """Say what is known where the speed of the 90 degree lag is not."""
     lag, sentences = f["lag_operating"], []
-    if lag.error is not None and f["zeta"].value <= OVERDAMPED:
+    if lag.error is not None and f["zeta"].value <= LARGEST_PEAKED_ZETA:
         positions = {"yes": "within", "no": "outside"}
         position = positions.get(on_resonance(f), "and that may be inside or outside")
         band = f"{position} the half-power band of {BAND[0]:g} to {BAND[1]:g} degrees"
@@ -281,8 +283,10 @@ def operating_speed(r: ResonanceData) -> str:
 
 
 def side(f: Mapping[str, Figure], r: ResonanceData) -> str:
-    """How far the resonance is from the operating speed, in words: in percent and, where the two speeds
-    differ in the digits of a sentence, in rad/s, with the digits that are certain.
+    """How far the resonance is from the operating speed, in words, with the digits that are certain.
+
+    Within its error it is the operating speed. Else it is told in rad/s and percent; in percent alone if both
+    speeds read the same, in rad/s alone if it is more than 100 %.
     """
     gap, resonance = f["nu_90_away"], f["nu_90"]
     error = gap.error or 0.0

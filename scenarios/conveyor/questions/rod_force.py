@@ -47,7 +47,7 @@ from ..rod_waveform import (
     unloading_points,
     waveform,
 )
-from ..rows import OPERATING, OVERDAMPED, orbit_figure, speed_row
+from ..rows import LARGEST_PEAKED_ZETA, OPERATING, orbit_figure, speed_row
 
 Real = NDArray[np.float64]
 PARTS = DRIVE
@@ -302,7 +302,7 @@ def shifted(r: RodForceData, present: Figure, other: Figure) -> str:
     shift, error = other.value - present.value, (present.error or 0.0) + (other.error or 0.0)
     name = (
         "resonance"
-        if r.plane.machine.zeta <= OVERDAMPED
+        if r.plane.machine.zeta <= LARGEST_PEAKED_ZETA
         else "90 degree lag, which is no resonance,"
     )
     if abs(shift) <= error:

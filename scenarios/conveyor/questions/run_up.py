@@ -28,7 +28,7 @@ from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..motion import live_motion, moving
 from ..papers import cited
-from ..rows import OVERDAMPED
+from ..rows import LARGEST_PEAKED_ZETA
 
 PARTS = DRIVE
 SOURCES = cited(22)
@@ -140,7 +140,7 @@ def stalls(r: Result) -> bool:
 def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
     """Whether each motor passes the resonance, and how large its torque gets."""
     name = f"resonance at {f['nu_res'].brief()} by formula (22)"
-    if f["zeta"].value > OVERDAMPED:
+    if f["zeta"].value > LARGEST_PEAKED_ZETA:
         name = f"90 degree lag at {f['nu_res'].brief()} by formula (22), which is no resonance with this damping,"
     lines = []
     for motor, word in LABELS.items():
