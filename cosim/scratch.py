@@ -27,8 +27,8 @@ PREFIX = "cosim_"
 SUFFIX = ".cosim-scratch"
 #: A convention of this module: the file that Windows locks, in place of its folder.
 LOCK = "lock"
-#: A convention of this module: the file in a folder that says whose it is.
-MARK = ".cosim-scratch"
+#: The file in a folder that says whose it is: derived from the end of the folder's name.
+MARK = SUFFIX
 #: A convention of POSIX and of `mkdtemp`: only its user may open the folder.
 PRIVATE = 0o700
 

@@ -48,9 +48,8 @@ def test_the_quick_tests_pass_at_an_end_of_the_ranges(end: str, tmp_path: Path) 
     """In a copy, since FMUs are made again where their pages come from other versions."""
     python = environment(end, tmp_path)
     tree = tmp_path / "tree"
-    left = shutil.ignore_patterns(
-        ".[!g]*", "results", "dist", "__pycache__"
-    )  # .git stays: tests ask it
+    # .git stays, because tests ask for the history
+    left = shutil.ignore_patterns(".[!g]*", "results", "dist", "__pycache__")
     shutil.copytree(ROOT, tree, ignore=left)
     clean = {name: text for name, text in os.environ.items() if not name.startswith("PYTEST")}
     for arguments in (["-m", "pytest", "-q", "-n0", "-m", "quick"], ["-c", CELL]):

@@ -128,7 +128,8 @@ class Answer(Findings):
 
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
     is what the page needs to ask again. It is `refused` if the figures that it hangs on are not
-    determined. `sources` are papers and where they are described. As text it is what the command line prints; `picture` gives the picture that a notebook shows as well.
+    determined. `sources` are papers whose formulas the question names, and where they are described.
+    As text it is what the command line prints; `picture` gives the picture that a notebook shows as well.
     """
 
     scenario: str

@@ -19,6 +19,7 @@ from components.iron_drive import model as iron
 from cosim import SetupError
 from fmukit.declare.record import declarations, start
 from scenarios.iron import transfer as kinematics
+from scenarios.iron.questions import iron_orders
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
 from tests.components.iron_oracle import by_material_points, tables
 from tests.conftest import QUICK, ask
@@ -205,3 +206,29 @@ def test_iron_bounce_says_where_nothing_bounces_and_where_no_turn_is_like_the_ne
         "iron_bounce", speeds="70rpm", speed="9", samples=360, start={"iron.follower.e": 0.02}
     )
     assert near.verdict.endswith("more samples are needed to separate them.")
+
+
+def test_an_order_without_an_orbit_at_half_the_steps_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One lag whose motion does not settle with coarser steps than those of the sweep."""
+    simulate, unsettled_lag = iron_orders.simulate, 0.08
+
+    def unsettled(machine: Any, case: tuple[float, float, int]) -> Any:
+        rows = simulate(machine, case)
+        if case[0] == unsettled_lag and case[2] < iron_orders.PER_REV:
+            return [[*row[:3], *(math.nan for _ in row[3:])] for row in rows]
+        return rows
+
+    stated = ask("iron_orders", **QUICK["iron_orders"]).figures
+    monkeypatch.setattr(iron_orders, "simulate", unsettled)
+    answer = ask("iron_orders", **QUICK["iron_orders"])
+    reason = "there is no steady motion with half the steps where the lag adds most"
+    assert stated["added_80ms"].error is not None
+    assert (answer.figures["added_80ms"].error, answer.figures["added_80ms"].reason) == (
+        None,
+        reason,
+    )
+    assert f"With 80 ms, {reason}." in answer.verdict
+    for name in ("added_12ms", "gain_200ms"):
+        assert answer.figures[name] == stated[name]

@@ -124,6 +124,17 @@ def test_what_was_not_observed_is_not_stated() -> None:
     assert answer.figures["mean_max"].error is None
 
 
+def test_a_turn_that_ends_with_the_rows_has_no_largest_mean() -> None:
+    """Two rows behind the first whole turn hold no curve, a tenth of a second holds one."""
+    rows = ask("speed_step", stop=0.6).tables["speed_step.csv"].frame
+    t = rows["time"].to_numpy()
+    first_row = int(np.flatnonzero(rows["load.phi"].to_numpy() >= 2 * math.pi)[0])
+    short, long = (ask("speed_step", stop=float(t[first_row + n])).figures for n in (1, 100))
+    assert "makes its first whole turn only just before" in short["mean_max"].reason
+    assert short["mean_max_time"].error is None
+    assert long["mean_max"].error is not None
+
+
 def test_the_load_of_a_swinging_link_has_its_mean_inertia() -> None:
     """The mean of (dx / dphi)^2 over a turn, integrated here."""
     values = SWINGS | {"load.link.l": 0.012, "load.load.m": 30.0}

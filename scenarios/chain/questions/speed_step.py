@@ -134,15 +134,11 @@ def means(o: Options, r: Result) -> dict[str, Figure]:
     rad = r.units["load.w"]
     meaning = f"largest mean speed of the load over a turn, up to {o.stop:g} s"
     ending = "end of the turn with this mean"
-    if phi[-1] - phi[0] <= TURN:
-        why = f"the load does not make a whole turn up to {o.stop:g} s"
-        return {
-            "mean_max": Figure.undetermined(rad, why, meaning),
-            "mean_max_time": Figure.undetermined("s", why, ending),
-        }
     later = phi >= phi[0] + TURN
     if np.count_nonzero(later) < LEAST_ROWS:
-        why = f"the load makes its first whole turn only just before {o.stop:g} s"
+        why = f"the load does not make a whole turn up to {o.stop:g} s"
+        if later.any():
+            why = f"the load makes its first whole turn only just before {o.stop:g} s"
         return {
             "mean_max": Figure.undetermined(rad, why, meaning),
             "mean_max_time": Figure.undetermined("s", why, ending),
