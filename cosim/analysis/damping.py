@@ -367,6 +367,10 @@ def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
     if eigenmode is not None:
         model = DampingModel(tracker.modes, eigenmode)
     recommended = _recommended_step(tracker, model, share)
+    refined = DampingModel(tracker.modes, eigenmode)
+    if refined.error < model.error:  # the search has measured shorter steps, from which less is continued
+        model = refined
+        recommended = _recommended_step(tracker, model, share)
     mode = tracker.modes[step]
     delay = -2 * (mode.damping - model.damping) / model.frequency
     delay_error = 2 * (mode.error + model.error) / model.frequency
