@@ -89,6 +89,9 @@ class Diagnosis:
     `frequency_error` [rad/s], `damping_seen_error`, `delay_error` [s], `drift_error` [1/s] and
     `recommended_step_error` [s] are the errors of these figures; the last one says how much longer the
     step could be.
+
+    `event_change` says how a perturbation has changed the sequence of events, so that there are no
+    linear deviations and thus no damping; it is empty if none has.
     """
 
     algorithm: str
@@ -108,6 +111,7 @@ class Diagnosis:
     delay_error: float = math.nan
     drift_error: float = math.nan
     recommended_step_error: float = math.nan
+    event_change: str = ""
 
     @property
     def damped(self) -> bool:
@@ -132,6 +136,12 @@ class Diagnosis:
         return " ".join(self._sentences())
 
     def _sentences(self) -> Iterator[str]:
+        if self.event_change:
+            yield (
+                f"The damping cannot be determined: a perturbation {self.event_change}, and where the "
+                "sequence of events changes, deviations are not small; try another start or settling time."
+            )
+            return
         if math.isnan(self.frequency):
             yield f"No oscillation shows on the wires with {self.algorithm} and steps of {self.step:.4g} s."
         elif self.damped:
@@ -160,13 +170,13 @@ class Diagnosis:
         )
         if self.damping_seen < 0.0 < self.damping:
             yield "That is unstable: the oscillation grows by itself."
-        kept = f"the damping within {100 * self.share:.3g} % of its value"
+        aim = f"the damping within {100 * self.share:.3g} % of its value"
         if self.recommended_step is None:
-            yield f"No step that could be tried keeps {kept}: choose another algorithm."
+            yield f"No step that could be tried keeps {aim}: choose another algorithm."
         elif self.recommended_step == self.step:
-            yield f"This step keeps {kept}."
+            yield f"This step keeps {aim}."
         else:
-            yield f"Steps of {self.recommended_step:.3g} s keep {kept}."
+            yield f"Steps of {self.recommended_step:.3g} s keep {aim}."
 
 
 def diagnose(
@@ -232,6 +242,7 @@ class ModeTracker:
     """Follows one mode over the step: `modes` and `spectra` by the step [s] at which they were measured.
 
     `chosen` is the least damped oscillation that the wires show well at `step`, None without any.
+    `event_change` says how a perturbation has changed the sequence of events; it is empty if none has.
     """
 
     def __init__(self, runs: PerturbedRuns, step: float) -> None:
@@ -239,6 +250,7 @@ class ModeTracker:
         self.modes: dict[float, Multiplier] = {}
         self.spectra: dict[float, Spectrum] = {}
         self.span = FIRST_STEPS * step
+        self.event_change = ""
         self.chosen = self._choose(step)
 
     def follow(self, h: float) -> Multiplier:
@@ -287,7 +299,8 @@ class ModeTracker:
         gap = max(1, count // PERTURBATIONS_IN_RECORD)
         deviations = self.runs.record(h, count, gap)
         steps = step_spectrum(deviations)
-        if not deviations.same_events:
+        if deviations.event_change:
+            self.event_change = deviations.event_change
             return Spectrum(steps.modes, math.inf)
         return steps
 
@@ -359,7 +372,10 @@ def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
     if tracker.chosen is None:
         residual = tracker.residual
         nan = math.nan
-        return Diagnosis(algorithm, step, share, nan, nan, nan, nan, nan, None, 0.0, residual)
+        return Diagnosis(
+            algorithm, step, share, nan, nan, nan, nan, nan, None, 0.0, residual,
+            event_change=tracker.event_change,
+        )  # fmt: skip
     for part in STEP_SHARES[1:]:
         tracker.follow(part * step)
     model = DampingModel(tracker.modes, None)
@@ -368,7 +384,9 @@ def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
         model = DampingModel(tracker.modes, eigenmode)
     recommended = _recommended_step(tracker, model, share)
     refined = DampingModel(tracker.modes, eigenmode)
-    if refined.error < model.error:  # the search has measured shorter steps, from which less is continued
+    if (
+        refined.error < model.error
+    ):  # the search has measured shorter steps, from which less is continued
         model = refined
         recommended = _recommended_step(tracker, model, share)
     mode = tracker.modes[step]
@@ -383,6 +401,7 @@ def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
         linear=eigenmode is not None, frequency_error=model.frequency_error,
         damping_seen_error=mode.error, delay_error=delay_error, drift_error=drift_error,
         recommended_step_error=math.nan if recommended is None else STEP_ACCURACY * recommended,
+        event_change=tracker.event_change,
     )  # fmt: skip
 
 
@@ -421,8 +440,10 @@ def _recommended_step(tracker: ModeTracker, model: DampingModel, share: float) -
         brentq(excess, low, high, rtol=STEP_ACCURACY, xtol=STEP_ACCURACY * low)
     except (SetupError, FmuError):
         pass
-    kept = [h for h, mode in tracker.modes.items() if h <= step and model.change(mode) <= allowed]
-    return max(kept, default=None)
+    short_enough = [
+        h for h, mode in tracker.modes.items() if h <= step and model.change(mode) <= allowed
+    ]
+    return max(short_enough, default=None)
 
 
 def _eigenmode(tracker: ModeTracker, model: DampingModel) -> Eigenmode | None:
@@ -447,13 +468,13 @@ def _eigenmode(tracker: ModeTracker, model: DampingModel) -> Eigenmode | None:
         return None
     damping = min(max(model.damping, -1.0), 1.0)
     expected = model.frequency * complex(-damping, math.sqrt(1.0 - damping**2))
-    s, *others = (
+    s, *later_values = (
         complex(min(linear.eigenvalues, key=lambda s: abs(s - expected), default=math.nan))
         for linear in (first, *later)
     )
     if not abs(s - expected) <= (MAX_RELATIVE_ERROR + model.error) * abs(s):
         return None
-    difference = max(abs(other - s) for other in others) / abs(s)
+    difference = max(abs(value - s) for value in later_values) / abs(s)
     return Eigenmode(abs(s), -s.real / abs(s), difference + MAX_ABSOLUTE_CHANGE)
 
 

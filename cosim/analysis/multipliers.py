@@ -102,11 +102,11 @@ def step_spectrum(deviations: Deviations) -> Spectrum:
     delay = max(1, count // 2 // WINDOWS)
     begins = np.linspace(0, count - 1 - WINDOWS * delay, COLUMNS).astype(int)
     begins = np.unique(begins)
-    one, lag = (_map_and_halves(y, begins, delay, k, deviations.noise) for k in (1, delay))
-    whole = one[0]
+    single, several = (_map_and_halves(y, begins, delay, k, deviations.noise) for k in (1, delay))
+    entire = single[0]
     with np.errstate(invalid="ignore"):
-        lasting = np.abs(whole.values) > MIN_MULTIPLIER
-    z, conditions = whole.values[lasting], whole.conditions[lasting]
+        lasting = np.abs(entire.values) > MIN_MULTIPLIER
+    z, conditions = entire.values[lasting], entire.conditions[lasting]
     waves = _exponentials(z, count)
     exact, independent = (
         np.linalg.lstsq(waves, _columns(y) + 0j, rcond=limit)[0].astype(complex)
@@ -121,7 +121,7 @@ def step_spectrum(deviations: Deviations) -> Spectrum:
     )
     modes = []
     for k in np.flatnonzero(z.imag >= 0.0).tolist():
-        estimates = [_logarithm(complex(z[k]), delay, *maps) for maps in zip(one, lag)]
+        estimates = [_logarithm(complex(z[k]), delay, *maps) for maps in zip(single, several)]
         log = estimates[0]
         spread = max(abs(half - log) for half in estimates[1:])
         error = spread + deviations.noise * float(conditions[k]) / delay
@@ -141,13 +141,13 @@ def _map_and_halves(
     return [_step_map(now[:, columns], later[:, columns], noise) for columns in choices]
 
 
-def _logarithm(z: complex, lag: int, one: StepMap, several: StepMap) -> complex:
+def _logarithm(z: complex, lag: int, single: StepMap, several: StepMap) -> complex:
     """The logarithm of the multiplier that is next to z, from the map over several steps.
 
     That of one step chooses the branch. A mode that dies out within these steps has none there, and
     keeps the logarithm from one step.
     """
-    near = complex(min(one.values, key=lambda value: abs(value - z)))
+    near = complex(min(single.values, key=lambda value: abs(value - z)))
     if not near:
         return complex(-math.inf)
     log = complex(np.log(near))

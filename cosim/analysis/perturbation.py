@@ -59,8 +59,9 @@ class Deviations:
         What the deviations have been divided by, in the outputs' units.
     noise : float
         The relative error of the deviations, from rounding and from the part that is not linear.
-    same_events : bool
-        Whether no perturbation has changed a discrete output or the number of events.
+    event_change : str
+        The first change of a discrete output, or of the division of steps at events, that a
+        perturbation has made; empty if there is none.
     """
 
     step: float
@@ -68,7 +69,7 @@ class Deviations:
     values: Array
     sizes: Array
     noise: float
-    same_events: bool
+    event_change: str
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,8 @@ class PerturbedRuns:
                 for offsets in directions
                 for sign in (1.0, -1.0)
             ]
-        return _deviations(h, runner.times * gap + runner.memory, unperturbed, runs)
+        deviations = _deviations(h, runner.times * gap + runner.memory, unperturbed, runs)
+        return replace(deviations, event_change=runner.event_change(unperturbed, runs))
 
 
 class _Runner:
@@ -182,6 +184,19 @@ class _Runner:
             for i, link in enumerate(self._links())
             if link.real and not isinstance(link.signal, InputSource) and link.source.name in sizes
         }
+
+    def event_change(self, unperturbed: _Rows, runs: Sequence[_Rows]) -> str:
+        """The first change of the sequence of events that a perturbation has made, as part of a sentence."""
+        for rows in runs:
+            count = min(len(unperturbed.discrete), len(rows.discrete))
+            differences = np.argwhere(rows.discrete[:count] != unperturbed.discrete[:count])
+            if len(differences):
+                row, column = differences[0].tolist()
+                t = self.experiment.settings.start + (self.settled_steps + row) * self.h
+                return f"changes {self.discrete[column].name} at t = {t:.6g} s"
+        if any(rows.divisions != unperturbed.divisions for rows in runs):
+            return "changes how steps are divided at events"
+        return ""
 
     def _settle(self, stack: ExitStack) -> None:
         """Bring the parts to the time of the first perturbation."""
@@ -263,11 +278,6 @@ def _deviations(h: float, lead: int, unperturbed: _Rows, runs: Sequence[_Rows]) 
     if count - lead < MIN_ROWS:
         raise SetupError(f"with steps of {h!r} s a part fails soon after the perturbation")
     motion = unperturbed.real[:count]
-    same_events = all(
-        rows.divisions == unperturbed.divisions
-        and np.array_equal(rows.discrete[:count], unperturbed.discrete[:count])
-        for rows in runs
-    )
     up, down = (np.array([rows.real[lead:count] for rows in runs[k::2]]) for k in (0, 1))
     odd, even = (up - down) / 2, (up + down) / 2 - motion[lead:]
     size = np.abs(odd).max(axis=(0, 1))
@@ -276,4 +286,4 @@ def _deviations(h: float, lead: int, unperturbed: _Rows, runs: Sequence[_Rows]) 
     rounding = float((sys.float_info.epsilon * peak / size).max(initial=0.0))
     curvature = float((np.abs(even) / size).max(initial=0.0))
     values = odd / size
-    return Deviations(h, motion[lead:], values, size, rounding + curvature**2, same_events)
+    return Deviations(h, motion[lead:], values, size, rounding + curvature**2, "")

@@ -16,6 +16,7 @@ import pytest
 from cosim import SetupError, System, diagnose, linearize
 from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
 from cosim.verification.systems import DC_MOTOR, OSCILLATOR, couple, drive, twisting_drive
+from fmukit.fmu.make import make_all
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT
@@ -362,3 +363,23 @@ def test_what_cannot_be_diagnosed_is_refused(fmus: Path) -> None:
     single = System({"a": fmus / "LinearSystem.fmu"}, start={f"a.u[{i}]": 0.0 for i in range(1, 5)})
     with pytest.raises(SetupError, match="needs a wire that carries a Real"):
         diagnose(single, step=1e-3)
+
+
+def test_a_perturbation_that_changes_the_sequence_of_events_is_the_reason(tmp_path: Path) -> None:
+    """A mass at rest on the threshold of its switch; away from there, the damping is determined."""
+    assert not make_all([Path(__file__).with_name("relay.py")], "python", tmp_path)
+    parts = dict.fromkeys(["left", "right"], tmp_path / "Relay.fmu")
+    wires = ["left.f_coupled -> right.F", "right.f_coupled -> left.F"]
+    system = System(parts, [*wires, "left.above -> right.closed"], {"right.k": 150.0})
+    refused = diagnose(system, step=0.01)
+    assert not refused.trusted
+    assert refused.text().startswith(
+        "The damping cannot be determined: a perturbation changes left.above at t = 0.01 s, "
+    )
+    for other in (
+        replace(system, start={**system.start, "left.x": 1.0}),
+        replace(system, wires=wires),
+    ):
+        got = diagnose(other, step=0.01)
+        assert got.damped
+        assert not got.event_change
