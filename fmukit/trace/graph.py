@@ -457,7 +457,7 @@ def ancestors(
         value = waiting.pop()
         if isinstance(value, Node) and value.number not in numbers:
             numbers.add(value.number)
-            if inside is None or value.number in inside or is_between(value):
+            if inside is None or value.number in inside or is_unlisted(value):
                 waiting += operands_of(value)
             for join in joins.get(value.number, ()):
                 index = next(n for n, phi in enumerate(join.phis) if phi is value)
@@ -465,7 +465,7 @@ def ancestors(
     return numbers
 
 
-def is_between(node: Node) -> bool:
+def is_unlisted(node: Node) -> bool:
     """Whether a node stands in no list of nodes: comparisons and results are written where they are read."""
     return isinstance(node, Result) or (isinstance(node, Operation) and node.is_comparison)
 

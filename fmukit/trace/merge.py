@@ -1,21 +1,39 @@
-"""Merge the two arms of a branch: what both do after it, with other values, is done once.
+"""Merge the two arms of a branch: what both do, with the same values or with others, is written once after them.
 
-The merged form is that of static single assignment: a join has a condition, an arm for either answer, and
-phis, the values that come from one of the arms. What fails or has an effect keeps its order on either
-path; a pure operation is computed where its value is needed.
+Tracing starts again for each answer to a condition and goes on to the end of the function, so that code after n
+conditions in sequence is traced, and without merging would be printed, 2**n times. A merge turns a condition
+and its two *arms* into a *join*, a form of static single assignment: what remains of either arm, and *phis*, the
+values that come from the arm that was taken. One list of nodes follows it. As `execute.explore` merges the
+innermost branch first, the arms themselves are lists, whose joins come from merges before.
 
-A branch is merged in three passes, each of which `docs/tracing.md` shows with a picture:
+What has an *effect* keeps its order on either path; these nodes cut an arm into head and tail, see `arm.py`.
+Pure nodes are computed where they are read. One question remains. Each *pair* that is read after the join, a value
+`a` on the arm for true and a value `b` on that for false, is one value there: a phi, or a *common* value without a
+phi for the pair. `Merge.value` decides by these rules:
 
-1. *Tail matching*: the last nodes with effects of both arms are paired while they do the same.
-2. *Value numbering*: a pair of values is one value after the join if it is computed alike; else it becomes a phi.
+* The same value, computed before the branch, stays what it is.
+* Two of the same operation are computed by one node after the join, unless phis are better: `common_operation`.
+  What is computed from the tail has no choice, as the arms end before the tail.
+* Two phis of inner joins that do the same are one phi of a common join: `common_phi`.
+* Two results of calls that the tails paired are one result of the common call.
+* Every other pair is a phi.
+
+A pair computed from the tail that can only be a phi contradicts the cut: the merge is tried again with a
+shorter tail. Without a tail it always succeeds.
+
+The three passes of a merge are shown with pictures in `docs/tracing.md`:
+
+1. *Tail matching*: the effects of both tails are paired, and each pair becomes one node.
+2. *Value numbering*: the results of the arms are paired, and with them all that they are computed from.
 3. *Dead code*: what no one reads any more goes from the arms and from what follows the join.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
+from .arm import Arm, defines, is_local, local_numbers, loops_of, pruned
 from .context import current
 from .graph import (
     Argument,
@@ -25,7 +43,6 @@ from .graph import (
     Call,
     Join,
     Leaf,
-    Loop,
     LoopVariable,
     Node,
     Note,
@@ -34,7 +51,6 @@ from .graph import (
     Result,
     Text,
     Tree,
-    all_nodes,
     ancestors,
     as_reals,
     call_result,
@@ -45,23 +61,28 @@ from .graph import (
     needed,
     new_join,
     new_phi,
-    operands_of,
     operation_node,
     size,
 )
 
+#: What makes a pair of values one: `Merge.value` after a join, `ArmPair.value` within one.
 Value = Callable[[Any, Any], Any]
 
 
 class MismatchError(Exception):
-    """The arms differ where they were to be merged; at most their last `shared` effects match."""
+    """The arms differ in their tails: at most their last `shared` effects can be done once."""
 
     def __init__(self, shared: int) -> None:
         self.shared = shared
 
 
 def merge_arms(nodes: list[Node], condition: Operation, true: Tree, false: Tree) -> Tree:
-    """The tree that takes one of two arms after these nodes."""
+    """The tree that goes on after these nodes with one of two arms: merged where that is possible, else a branch.
+
+    An arm that ends in an error needs no merge: a join fails there, and the other arm follows it. Arms are
+    merged if both end with values of the same shape and no attempt begins on one of them without ending there.
+    The longest tail is tried first, and shortened as far as the arms differ.
+    """
     nothing = Leaf([], [], None, None)
     if (fails(true) or fails(false)) and closed(true) and closed(false):
         other = false if fails(true) else true
@@ -92,156 +113,59 @@ def closed(tree: Tree) -> bool:
     return starts == sum(isinstance(node, AttemptEnd) for node in tree.nodes)
 
 
-def local_numbers(tree: Tree) -> set[int]:
-    """The numbers of all that is computed on an arm."""
-    numbers = {node.number for node in tree.nodes}
-    for node in tree.nodes:
-        if isinstance(node, Join):
-            numbers |= {phi.number for phi in node.phis}
-    return numbers
-
-
-def loops_of(tree: Tree) -> set[int]:
-    """The numbers of the loops on an arm."""
-    return {node.loop for node in tree.nodes if isinstance(node, Loop)}
-
-
-def is_local(value: Any, numbers: set[int], loops: set[int]) -> bool:
-    """Whether a value is computed on the arm with these nodes and loops."""
-    if not isinstance(value, Node):
-        return False
-    if isinstance(value, Result):
-        return value.call.number in numbers
-    if isinstance(value, LoopVariable):
-        return value.loop in loops
-    if isinstance(value, Operation) and value.is_comparison:
-        return any(is_local(operand, numbers, loops) for operand in value.operands)
-    return value.number in numbers
-
-
-def defines(node: Node, wanted: set[int]) -> bool:
-    """Whether a node, or one of its phis, is among these."""
-    has_phi = isinstance(node, Join) and any(phi.number in wanted for phi in node.phis)
-    return has_phi or node.number in wanted
-
-
-def pruned(node: Node, wanted: set[int]) -> Node:
-    """A node without what nobody wants of it: phis of a join, and what computes them."""
-    if not isinstance(node, Join):
-        return node
-    indices = [index for index, phi in enumerate(node.phis) if phi.number in wanted]
-    arms = [
-        arm._replace(
-            nodes=[pruned(n, wanted) for n in arm.nodes if has_effect(n) or defines(n, wanted)],
-            values=[arm.values[index] for index in indices if arm.error is None],
-        )
-        for arm in node.arms
-    ]
-    return new_join(node.condition, arms, [node.phis[index] for index in indices])
-
-
-class Arm:
-    """One arm of a branch: what it computes before the merge, its head, and its effects after it, its tail."""
-
-    def __init__(self, leaf: Leaf, shared: int) -> None:
-        self.leaf = leaf
-        self.joins = joins_of(leaf)
-        self.inside = all_nodes(leaf)
-        self.numbers = local_numbers(leaf)
-        self.loops = loops_of(leaf)
-        effects = [node for node in leaf.nodes if has_effect(node)]
-        self.head = effects[: len(effects) - shared]
-        self.tail = effects[len(effects) - shared :]
-        self.needed = self.ancestors(self.needs())
-        self.ahead = set(self.inside)
-        self.after_merge = self.numbers_after_merge()
-
-    def ancestors(self, values: Iterable[Any]) -> set[int]:
-        """The numbers of all on the arm that these values are computed from."""
-        return ancestors(values, self.joins, self.inside)
-
-    def needs(self) -> list[Any]:
-        """The values that the effects of the head need."""
-        return [x for node in self.head for x in operands_of(node)]
-
-    def numbers_after_merge(self) -> set[int]:
-        """The numbers of the tail, and of what is computed from it.
-
-        Only what lies `ahead` is followed: whether a node that was passed is after the merge is known.
-        """
-        numbers = {node.number for node in self.tail}
-        for node in self.leaf.nodes:
-            if not numbers.isdisjoint(ancestors(operands_of(node), self.joins, self.ahead)):
-                numbers.add(node.number)
-            self.ahead.discard(node.number)
-        return numbers
-
-    def is_after_merge(self, value: Any) -> bool:
-        """Whether a value is computed from the tail."""
-        return not self.after_merge.isdisjoint(ancestors([value], self.joins, self.ahead))
-
-    def is_local(self, value: Any) -> bool:
-        """Whether a value is computed on the arm."""
-        return is_local(value, self.numbers, self.loops)
-
-    def effects_before(self, values: list[Any]) -> int | None:
-        """How many of the last effects may be merged if these values are phis; None if all of the tail may."""
-        numbers = self.ancestors(values)
-        for index, node in reversed(list(enumerate(self.tail))):
-            if node.number in numbers:
-                return len(self.tail) - index - 1
-        return None
-
-    def without_tail(self, values: list[Any]) -> Leaf:
-        """What is left of the arm, and the values that it gives to the phis."""
-        wanted = self.ancestors([*values, *self.needs()])
-        heads = {node.number for node in self.head}
-        nodes = [
-            pruned(node, wanted)
-            for node in self.leaf.nodes
-            if node.number in heads or (not has_effect(node) and defines(node, wanted))
-        ]
-        return Leaf(nodes, values, None, None)
-
-
 class Merge:
-    """Two arms of which the last `shared` effects are done once."""
+    """Two arms, of which the last `shared` effects are done once.
+
+    Attributes
+    ----------
+    after_join
+        The nodes that follow the join.
+    merged
+        The value after the join of each pair that was asked for, by the keys of both.
+    phis
+        The pair that each new phi stands for, by the number of the phi.
+    """
 
     def __init__(self, condition: Operation, leaves: tuple[Leaf, Leaf], shared: int) -> None:
         self.condition, self.shared = condition, shared
         self.arms = (Arm(leaves[0], shared), Arm(leaves[1], shared))
-        self.rest: list[Node] = []
+        self.after_join: list[Node] = []
         self.merged: dict[tuple[Any, Any], Any] = {}
         self.phis: dict[int, tuple[Any, Any]] = {}
 
     def merged_arms(self) -> tuple[list[Node], Leaf]:
-        """The join, if it does anything, and what follows it; raises MismatchError."""
+        """The join, if it does anything, and what follows it; raises MismatchError for a tail that is too long."""
         self.match_tails()
         true, false = (arm.leaf for arm in self.arms)
         values = [self.value(a, b) for a, b in zip(true.values, false.values, strict=True)]
-        return self.without_dead_code(Leaf(self.rest, values, true.shape, None))
+        return self.without_dead_code(Leaf(self.after_join, values, true.shape, None))
 
     def match_tails(self) -> None:
         """Merge the tails, effect by effect; raises MismatchError for the first pair that differs."""
         for index, (a, b) in enumerate(zip(self.arms[0].tail, self.arms[1].tail)):
-            node = self.rebuilt(a, b, self.value)
+            node = self.common_node(a, b, self.value)
             if node is None:
                 raise MismatchError(self.shared - index - 1)
             self.merged[a.number, b.number] = node
-            self.rest.append(node)
+            self.after_join.append(node)
 
     def without_dead_code(self, rest: Leaf) -> tuple[list[Node], Leaf]:
-        """The join and what follows it, with the nodes and phis alone that are read."""
+        """The join and what follows it, with the nodes and phis alone that are read.
+
+        Raises MismatchError if a phi that is read needs the tail, which comes after it.
+        """
         wanted = ancestors(needed(rest), joins_of(rest))
         nodes = {
-            n.number: pruned(n, wanted) for n in self.rest if has_effect(n) or defines(n, wanted)
+            n.number: pruned(n, wanted)
+            for n in self.after_join
+            if has_effect(n) or defines(n, wanted)
         }
         every = current().nodes
         phis: list[Any] = [every[number] for number in self.phis if number in wanted]
         values = [[self.phis[phi.number][side] for phi in phis] for side in (0, 1)]
         for arm, phi_values in zip(self.arms, values):
-            possible = arm.effects_before(phi_values)
-            if possible is not None:
+            possible = arm.longest_tail(phi_values)
+            if possible < self.shared:
                 raise MismatchError(possible)
         arms = [arm.without_tail(phi_values) for arm, phi_values in zip(self.arms, values)]
         rest = rest._replace(nodes=list(nodes.values()))
@@ -250,22 +174,26 @@ class Merge:
         return [new_join(self.condition, arms, phis)], rest
 
     def value(self, a: Any, b: Any) -> Any:
-        """The value after the join of what is a on one arm and b on the other."""
+        """The value after the join of what is `a` on the arm for true and `b` on that for false."""
         pair = key(a), key(b)
         if pair not in self.merged:
-            value = self.same_value(a, b)
+            value = self.common_value(a, b)
             self.merged[pair] = self.phi_of(a, b) if value is None else value
         return self.merged[pair]
 
     def phi_of(self, a: Any, b: Any) -> Phi:
-        """A new phi for a pair of values."""
+        """A new phi for a pair: of the type that both have, else a Real."""
         kinds = {kind_of(a), kind_of(b)}
         phi = new_phi(kinds.pop() if len(kinds) == 1 else "Real")
         self.phis[phi.number] = (a, b)
         return phi
 
-    def same_value(self, a: Any, b: Any) -> Any:
-        """A value for a pair that needs no phi of its own; None if there is none."""
+    def common_value(self, a: Any, b: Any) -> Any:
+        """A value for a pair without a new phi for it; None if it needs one.
+
+        Two Booleans that differ are the condition or its negation. Operations that may fail are common only where the
+        tails pair them, which `merged` then knows; loops and attempts never are.
+        """
         true, false = self.arms
         if key(a) == key(b) and not (true.is_local(a) or false.is_local(b)):
             return a
@@ -275,59 +203,78 @@ class Merge:
             return None
         match a:
             case Result():
-                return self.result(a, b, self.merged)
+                return self.common_result(a, b, self.merged)
             case Phi():
-                return self.merged_phi(a, b)
+                return self.common_phi(a, b)
             case Argument() | LoopVariable():
                 return None
             case Operation() if not has_effect(a):
-                return self.same_operation(a, b)
+                return self.common_operation(a, b)
         return None
 
-    def same_operation(self, a: Operation, b: Operation) -> Node | None:
-        """An operation after the join for two alike; None where phis cost less, or nothing."""
+    def common_operation(self, a: Operation, b: Operation) -> Node | None:
+        """The same operation of both arms, computed after the join; None where a phi of its results is better.
+
+        A phi is better where it saves work or costs none:
+
+        * One of the two was computed before the branch: only one arm has to compute the other.
+        * Both heads need their result: the arms compute it whether or not it is read later.
+        * More than one operand needs a new phi: one phi of the result replaces them all.
+
+        The last rule does not hold for what is computed from the tail, which the arms do not have. The phis of the
+        operands that are not read then go as dead code. The first two do not hold for comparisons, which the arms
+        do not compute: they are written where they are read.
+        """
         true, false = self.arms
         if not a.is_comparison:
             if not (true.is_local(a) and false.is_local(b)):
                 return None
-            if a.number in true.needed and b.number in false.needed:
+            if a.number in true.needed_by_head and b.number in false.needed_by_head:
                 return None
-        before = len(self.phis)
-        node = self.rebuilt(a, b, self.value)
-        if len(self.phis) > before + 1 and not (true.is_after_merge(a) or false.is_after_merge(b)):
+        phis_before = len(self.phis)
+        node = self.common_node(a, b, self.value)
+        takes_phis = len(self.phis) > phis_before + 1
+        if takes_phis and not (true.depends_on_tail(a) or false.depends_on_tail(b)):
             return None
         if node is not None and not a.is_comparison:
-            self.rest.append(node)
+            self.after_join.append(node)
         return node
 
-    def result(self, a: Result, b: Result, merged: dict[tuple[Any, Any], Any]) -> Node | None:
-        """A result of a call that is done once."""
+    def common_result(
+        self, a: Result, b: Result, merged: dict[tuple[Any, Any], Any]
+    ) -> Node | None:
+        """The result of a call that is done once; None if the calls were not merged."""
         call = merged.get((a.call.number, b.call.number))
         if a.index != b.index or call is None:
             return None
         return call_result(call, a.index, a.kind, a.items)
 
-    def merged_phi(self, a: Phi, b: Phi) -> Any:
-        """A phi of joins that are alike, and are done once."""
+    def common_phi(self, a: Phi, b: Phi) -> Any:
+        """The phi of a join that is done once for the inner joins of both phis; None if it cannot be.
+
+        The phis come from joins on the arms. If these do the same, one join follows the outer one, and its phis are
+        the values of all pairs of theirs. Joins with effects are merged as part of the tails or not at all, so that
+        their phis are known by then. Phis at different places of their joins are no pair.
+        """
         joins = [arm.joins.get(phi.number, []) for arm, phi in zip(self.arms, (a, b))]
         if [len(alternatives) for alternatives in joins] != [1, 1]:
             return self.merged.get((a.number, b.number))
         (join_a,), (join_b,) = joins
         pair = join_a.number, join_b.number
         if pair not in self.merged and not has_effect(join_a) and not has_effect(join_b):
-            join = self.rebuilt(join_a, join_b, self.value)
+            join = self.common_node(join_a, join_b, self.value)
             if join is not None:
-                self.rest.append(join)
+                self.after_join.append(join)
                 self.merged[pair] = join
         return self.merged.get((a.number, b.number))
 
-    def rebuilt(self, a: Node, b: Any, value: Value) -> Node | None:
-        """One node for two that do the same with other values; None if they do not."""
+    def common_node(self, a: Node, b: Any, value: Value) -> Node | None:
+        """One node for two that do the same; None if they do not. `value` makes one value of a pair of operands."""
         if not may_match(a, b):
             return None
         match a:
             case Join():
-                return self.rejoined(a, b, value)
+                return self.common_join(a, b, value)
             case Note():
                 text = merged_text(a.text, b.text, value)
                 identity = ("note", ("joined", a.number, b.number))
@@ -335,13 +282,13 @@ class Merge:
                     return None
                 return current().unique(identity, lambda n: Note(n, "Real", (), text))
             case Call():
-                return self.recalled(a, b, value)
+                return self.common_call(a, b, value)
             case Operation():
                 operands = [value(x, y) for x, y in zip(a.operands, b.operands, strict=True)]
                 return operation_node(a.op, operands)
         return None
 
-    def recalled(self, a: Call, b: Call, value: Value) -> Call | None:
+    def common_call(self, a: Call, b: Call, value: Value) -> Call | None:
         """One call for two of the same function; None if the functions differ."""
         if a.function is not b.function:
             return None
@@ -354,15 +301,15 @@ class Merge:
         numbers = tuple(as_reals(group) for group in groups)
         return current().unique(identity, lambda n: Call(n, "Real", (), a.function, numbers))
 
-    def rejoined(self, a: Join, b: Join, value: Value) -> Join | None:
-        """One join for two whose arms do the same, node by node."""
+    def common_join(self, a: Join, b: Join, value: Value) -> Join | None:
+        """One join for two whose arms do the same, node by node; `merged` then has the pairs of their phis."""
         if a.condition.op != b.condition.op:
             return None
         if [phi.kind for phi in a.phis] != [phi.kind for phi in b.phis]:
             return None
         pairs = zip(a.condition.operands, b.condition.operands)
         condition = operation_node(a.condition.op, [value(x, y) for x, y in pairs])
-        arms = [arm for x, y in zip(a.arms, b.arms) if (arm := self.retraced(x, y, value))]
+        arms = [arm for x, y in zip(a.arms, b.arms) if (arm := self.common_arm(x, y, value))]
         if len(arms) < 2:
             return None
         phis = [new_phi(phi.kind) for phi in a.phis]
@@ -370,14 +317,14 @@ class Merge:
             self.merged[x.number, y.number] = phi
         return new_join(condition, arms, phis)
 
-    def retraced(self, a: Leaf, b: Leaf, value: Value) -> Leaf | None:
-        """One arm for two that do the same, node by node."""
+    def common_arm(self, a: Leaf, b: Leaf, value: Value) -> Leaf | None:
+        """One arm of a common join for two that do the same, node by node, down to an error and its text."""
         if len(a.nodes) != len(b.nodes) or (a.error is None) != (b.error is None):
             return None
         pair = ArmPair(self, (a, b), value)
         nodes = []
         for x, y in zip(a.nodes, b.nodes):
-            node = self.rebuilt(x, y, pair.value)
+            node = self.common_node(x, y, pair.value)
             if node is None or pair.differs:
                 return None
             pair.inner[x.number, y.number] = node
@@ -390,7 +337,15 @@ class Merge:
 
 
 class ArmPair:
-    """The arms of two joins that are rebuilt as one: their inner values, and whether they differ."""
+    """The arms of two inner joins that become one arm of a common join.
+
+    Attributes
+    ----------
+    inner
+        The value in the common arm of each pair of nodes of the arms, by the keys of both.
+    differs
+        Whether a pair was met that is local to the arms and is not the same: phis cannot be within an arm.
+    """
 
     def __init__(self, merge: Merge, arms: tuple[Leaf, Leaf], outer: Value) -> None:
         self.merge, self.outer = merge, outer
@@ -399,23 +354,23 @@ class ArmPair:
         self.differs = False
 
     def value(self, x: Any, y: Any) -> Any:
-        """The value in the rebuilt arm of what is x in one and y in the other."""
+        """The value in the common arm of what is `x` in one and `y` in the other."""
         pair, merged = (key(x), key(y)), self.merge.merged
         if pair in self.inner or pair in merged:
             return self.inner.get(pair, merged.get(pair))
         are_inside = [is_local(v, *inside) for v, inside in zip((x, y), self.insides)]
         if not any(are_inside):
             return self.outer(x, y)
-        node = self.between(x, y) if all(are_inside) else None
+        node = self.unlisted(x, y) if all(are_inside) else None
         if node is not None:
             return node
         self.differs = True
         return x
 
-    def between(self, x: Any, y: Any) -> Node | None:
-        """A result or a comparison, which stand in no list of nodes."""
+    def unlisted(self, x: Any, y: Any) -> Node | None:
+        """The common result or comparison, which stand in no list of nodes; None for other pairs."""
         if isinstance(x, Result) and isinstance(y, Result):
-            return self.merge.result(x, y, self.inner)
+            return self.merge.common_result(x, y, self.inner)
         if (
             isinstance(x, Operation)
             and isinstance(y, Operation)
