@@ -253,13 +253,12 @@ def matrices(draw: Callable[[float, float], float]) -> dict[str, tuple[Any, floa
 
 def exact_units(units: Any, stop: float, step: float) -> Case:
     """Linear units stepped by the ideal algorithms, which FMUs follow to the last digits (see
-    `cosim verify`), and the matrix exponential of the whole.
+    `cosim verify`), and the matrix exponential of the coupled system.
     """
     ideal = Ideal(units)
     h = stop / (FINE - 1)
     x = ideal.exact([h] * (FINE - 1))
-    loop = np.linalg.inv(np.eye(len(ideal.given)) - ideal.L @ ideal.D)
-    rates = x @ (ideal.A + ideal.B @ loop @ ideal.L @ ideal.C).T + ideal.B @ loop @ ideal.given
+    rates = x @ ideal.coupled_rates[:-1, :-1].T + ideal.coupled_rates[:-1, -1]
     solution = CubicHermiteSpline(np.linspace(0, stop, FINE), x, rates)
     names = linear.states(units)
     columns = [names[0], names[-1]]

@@ -1,15 +1,43 @@
 """Co-simulation as linear algebra: what each algorithm makes of coupled linear parts, without FMUs.
 
-A step of any algorithm is an affine map from what the parts and the master keep to the same after
-the step, since parts that integrate exactly are matrix exponentials and their inputs are sums of
-what the others have shown. The map is found by taking the step with the unit matrix in place of
-what is kept.
+A part is a linear system, and wires and constants make the inputs of all parts:
+
+    x' = A x + B u,   y = C x + D u,   u = L y + c
+
+For all parts side by side A, B, C and D are block diagonal, with n states, m inputs and k outputs:
+A is (n, n), B is (n, m), C is (k, n), D is (k, m). L is (m, k), with a 1 where an output drives an
+input, and c is (m,). Without a master the coupled system follows from the elimination of u:
+
+    u = (I - L D)^-1 (L C x + c)
+
+Under a master, each part integrates exactly from an input that is a straight line, from u_0 at the
+beginning to u_1 at the end of h:
+
+    x(h) = E x(0) + G_0 u_0 + G_1 u_1
+
+E, G_0 and G_1 are blocks of one matrix exponential (C. F. Van Loan, Computing integrals involving
+the matrix exponential, IEEE Transactions on Automatic Control 23, 1978).
+
+What the parts and the master remember from one communication step to the next is the vector
+
+    z = (x, y, y_old, u_old, 1)
+
+of the states, the outputs, the outputs before these, and the inputs that were set last; the 1
+carries c. All that happens in a step is linear in z, so the step of any algorithm is a matrix M:
+z <- M z. Its powers are the run, and its eigenvalues decide on stability (R. Kübler and W.
+Schiehlen, Two methods of simulator coupling, Mathematical and Computer Modelling of Dynamical
+Systems 6, 2000).
+
+M follows from the stages of the algorithm, which the engine carries out too. A stage is a set of
+turns, and a turn is a part's integration over a fraction of the step. The turns of a stage do not
+see each other's outputs; the next stage does. The step is taken with the unit matrix in place of z,
+so that each quantity becomes the matrix by which it follows from z.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -18,7 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
-from ..engine.algorithms import find_algorithm
+from ..engine.algorithms import Stage, find_algorithm
 
 Matrix = NDArray[np.float64]
 Rows = Sequence[Sequence[float]]
@@ -26,7 +54,19 @@ Rows = Sequence[Sequence[float]]
 
 @dataclass(frozen=True)
 class Unit:
-    """A part; `u` gives for each input its source "part.output", outputs counted from 1, or a value."""
+    """A part x' = A x + B u, y = C x + D u.
+
+    Parameters
+    ----------
+    A, B, C
+        Its matrices, row by row.
+    x
+        The states at the start.
+    u
+        For each input its source "part.output", with outputs counted from 1, or a constant.
+    D
+        The direct feedthrough, zeros if it is not stated.
+    """
 
     A: Rows
     B: Rows
@@ -42,10 +82,20 @@ class Unit:
 
 
 class Scheme(NamedTuple):
-    """An algorithm, the degree of what inputs do within a step, and what the FMUs do themselves.
+    """An algorithm with the settings that decide what inputs do within a step.
 
-    `hold` is the `input_hold` of the FMUs: 0 hold, 1 extrapolate, 2 interpolate. `substeps` is the
-    number of steps that the last part takes within one.
+    Parameters
+    ----------
+    algorithm
+        The name of a coupling algorithm.
+    input_order
+        The degree of the polynomials that the master forms for inputs: 0 holds them, 1 is the line
+        through two values of the source, of which a part receives the mean over its step.
+    hold
+        How the FMUs themselves continue an input within a step, their `input_hold`: 0 hold, 1
+        extrapolate, 2 interpolate.
+    substeps
+        The number of steps that the last part takes within one.
     """
 
     algorithm: str
@@ -55,21 +105,79 @@ class Scheme(NamedTuple):
 
 
 class Exchange(NamedTuple):
-    """What a part showed before and after its turn of a size [s], and heard first and last.
+    """What a part exchanges in a turn of this size [s]: outputs before and after it, and inputs.
 
-    Rows of matrices that act on what is kept before the step.
+    Each matrix gives these from z at the beginning of the step. The inputs are those of the first
+    and of the last substep in the turn.
     """
 
     part: int
     size: float
-    before: Matrix
-    after: Matrix
-    first: Matrix
-    last: Matrix
+    y_before: Matrix
+    y_after: Matrix
+    u_first: Matrix
+    u_last: Matrix
+
+
+class Line(NamedTuple):
+    """Straight lines through two values of each output, which belong to times [s], shape (k,)."""
+
+    y: Matrix
+    t: Matrix
+    y_old: Matrix
+    t_old: Matrix
+
+    def at(self, time: float) -> Matrix:
+        """The outputs on these lines at a time [s]."""
+        slope = (self.y - self.y_old) / (self.t - self.t_old)[:, None]
+        outputs: Matrix = self.y + slope * (time - self.t)[:, None]
+        return outputs
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The quantities of z after some stages of a step.
+
+    Each matrix gives a quantity from z at the beginning of the step and, in k further columns, from
+    the outputs at its end, on which the inputs of implicit algorithms depend.
+
+    Parameters
+    ----------
+    x, y, y_old, u_old
+        The quantities of z.
+    t, t_old
+        The times [s] that `y` and `y_old` belong to, from the beginning of the step, shape (k,).
+    """
+
+    x: Matrix
+    y: Matrix
+    y_old: Matrix
+    u_old: Matrix
+    t: Matrix
+    t_old: Matrix
+
+    def copy(self) -> Progress:
+        """The same with arrays of its own."""
+        return replace(self, **{name: value.copy() for name, value in vars(self).items()})
 
 
 class Ideal:
-    """Coupled units; what is kept is states, outputs, outputs before, inputs last set, and a 1."""
+    """Coupled parts under an algorithm that is carried out exactly.
+
+    Parameters
+    ----------
+    units : mapping
+        The parts by name, in their stepping order.
+
+    Attributes
+    ----------
+    A, B, C, D, L, c
+        The matrices of the coupled system, see the top of the module.
+    x0
+        The states at the start, shape (n,).
+    outputs
+        The names of the outputs, "part.output".
+    """
 
     def __init__(self, units: Mapping[str, Unit]) -> None:
         parts = list(units.values())
@@ -77,151 +185,179 @@ class Ideal:
             block_diag(*blocks) for blocks in zip(*((u.A, u.B, u.C, u.feedthrough) for u in parts))
         )
         self.x0 = np.concatenate([u.x for u in parts]).astype(float)
-        places = [f"{name}.{i + 1}" for name, u in units.items() for i in range(len(u.C))]
+        self.outputs = [f"{name}.{i + 1}" for name, u in units.items() for i in range(len(u.C))]
         sources = [source for u in parts for source in u.u]
-        self.L = np.zeros((len(sources), len(places)))
-        self.given = np.zeros(len(sources))
+        self.L = np.zeros((len(sources), len(self.outputs)))
+        self.c = np.zeros(len(sources))
         for row, source in enumerate(sources):
             if isinstance(source, str):
-                self.L[row, places.index(source)] = 1.0
+                self.L[row, self.outputs.index(source)] = 1.0
             else:
-                self.given[row] = source
-        self.outputs = places
+                self.c[row] = source
         self.parts = range(len(parts))
         self.x_of, self.u_of, self.y_of = (
-            [slice(*ends) for ends in pairwise(np.cumsum([0, *sizes]).tolist())]
+            [slice(*bounds) for bounds in pairwise(np.cumsum([0, *sizes]).tolist())]
             for sizes in zip(*((len(u.x), len(u.u), len(u.C)) for u in parts))
         )
         self.owner = [p for p in self.parts for _ in parts[p].C]
-        self.whole = lru_cache(maxsize=None)(self._whole)
-        self.flow = lru_cache(maxsize=None)(self._flow)
+        self.coupled_flow = lru_cache(maxsize=None)(self._coupled_flow)
+        self.part_flow = lru_cache(maxsize=None)(self._part_flow)
         self.step = lru_cache(maxsize=None)(self._step)
 
     @property
     def start(self) -> Matrix:
-        """What is kept at the start, where the inputs agree with the outputs."""
-        loop = np.eye(len(self.given)) - self.L @ self.D
-        u = np.linalg.solve(loop, self.L @ self.C @ self.x0 + self.given)
+        """The vector z at the start, where the inputs agree with the outputs."""
+        loop = np.eye(len(self.c)) - self.L @ self.D
+        u = np.linalg.solve(loop, self.L @ self.C @ self.x0 + self.c)
         y = self.C @ self.x0 + self.D @ u
         return np.concatenate([self.x0, y, y, u, [1.0]])
 
+    @property
+    def coupled_rates(self) -> Matrix:
+        """The matrix of the coupled system without a master, shape (n + 1, n + 1).
+
+        It maps (x, 1) to (x', 0), with x' = A x + B (I - L D)^-1 (L C x + c).
+        """
+        loop = np.linalg.inv(np.eye(len(self.c)) - self.L @ self.D)
+        n = len(self.x0)
+        rates = np.zeros((n + 1, n + 1))
+        rates[:n, :n] = self.A + self.B @ loop @ self.L @ self.C
+        rates[:n, n] = self.B @ loop @ self.c
+        return rates
+
     def exact(self, sizes: Sequence[float]) -> Matrix:
-        """The states of the coupled whole after steps of these sizes [s], shape (steps + 1, states)."""
-        steps = accumulate(sizes, lambda x, h: self.whole(h) @ x, initial=np.append(self.x0, 1.0))
-        return np.array([*steps])[:, :-1]
+        """The states without a master, after steps of these sizes [s], shape (steps + 1, n)."""
+        start = np.append(self.x0, 1.0)
+        rows = accumulate(sizes, lambda x, h: self.coupled_flow(h) @ x, initial=start)
+        return np.array([*rows])[:, :-1]
 
     def run(self, scheme: Scheme, sizes: Sequence[float]) -> Matrix:
-        """What is kept at every communication point of steps of these sizes [s], a row each."""
-        steps = accumulate(sizes, lambda x, h: self.step(scheme, h)[0] @ x, initial=self.start)
-        return np.array([*steps])
+        """The vector z at every communication point of steps of these sizes [s], a row each."""
+        rows = accumulate(sizes, lambda z, h: self.step(scheme, h)[0] @ z, initial=self.start)
+        return np.array([*rows])
 
     def states(self, scheme: Scheme, sizes: Sequence[float]) -> Matrix:
-        """The states at every communication point, shape (steps + 1, states)."""
+        """The states at every communication point, shape (steps + 1, n)."""
         return self.run(scheme, sizes)[:, : len(self.x0)]
 
-    def energy(self, scheme: Scheme, sizes: Sequence[float], bond: tuple[str, str]) -> Matrix:
-        """What goes over a bond [J]: outputs times inputs of either side by the trapezoidal rule.
+    def eigenvalues(self, scheme: Scheme, h: float) -> NDArray[np.complex128]:
+        """The eigenvalues of M for a step of h [s], without the 1 of the constants."""
+        return np.linalg.eigvals(self.step(scheme, h)[0][:-1, :-1]).astype(np.complex128)
 
-        What the first side gives and what the second takes, shape (2,).
+    def radius(self, scheme: Scheme, h: float) -> float:
+        """The largest absolute value of these eigenvalues: above 1 the run is unstable."""
+        return float(np.abs(self.eigenvalues(scheme, h)).max())
+
+    def energy(self, scheme: Scheme, sizes: Sequence[float], bond: tuple[str, str]) -> Matrix:
+        """The work [J] that a bond of two outputs transfers, shape (2,).
+
+        It is what the first side supplies and what the second takes. Each side multiplies its
+        output by its input, and integrates over its turns by the trapezoidal rule.
         """
-        kept = self.run(scheme, sizes)
-        there, back = map(self.outputs.index, bond)
+        z = self.run(scheme, sizes)[:-1]
+        first, second = map(self.outputs.index, bond)
         total = np.zeros(2)
         for h in set(sizes):
-            begun = kept[:-1][np.array(sizes) == h].T
+            z_h = z[np.array(sizes) == h].T
             for turn in self.step(scheme, h)[1]:
-                for side, (out, heard) in enumerate([(there, back), (back, there)]):
-                    if turn.part == self.owner[out]:
-                        port = self._port(turn.part, heard)
-                        work = (turn.before[out] @ begun) * (turn.first[port] @ begun)
-                        work += (turn.after[out] @ begun) * (turn.last[port] @ begun)
+                for side, (output, source) in enumerate([(first, second), (second, first)]):
+                    if turn.part == self.owner[output]:
+                        port = self._port(turn.part, source)
+                        work = (turn.y_before[output] @ z_h) * (turn.u_first[port] @ z_h)
+                        work += (turn.y_after[output] @ z_h) * (turn.u_last[port] @ z_h)
                         total[side] += turn.size / 2 * work.sum()
         return total
 
     def _port(self, part: int, output: int) -> int:
-        """The input of a part that hears an output."""
-        heard = np.flatnonzero(self.L[:, output])
-        own = range(*self.u_of[part].indices(len(self.given)))
-        return next(int(row) for row in heard if row in own)
+        """The input of a part that an output drives."""
+        ports = range(*self.u_of[part].indices(len(self.c)))
+        return next(int(row) for row in np.flatnonzero(self.L[:, output]) if row in ports)
 
-    def radius(self, scheme: Scheme, h: float) -> float:
-        """The spectral radius of a step, constant inputs left out."""
-        return float(np.abs(self.eigenvalues(scheme, h)).max())
+    def _coupled_flow(self, h: float) -> Matrix:
+        """The map of (x, 1) over h [s] without a master."""
+        return expm(self.coupled_rates * h)
 
-    def eigenvalues(self, scheme: Scheme, h: float) -> NDArray[np.complex128]:
-        """The eigenvalues of a step, constant inputs left out."""
-        return np.linalg.eigvals(self.step(scheme, h)[0][:-1, :-1]).astype(np.complex128)
+    def _part_flow(self, h: float) -> tuple[Matrix, Matrix, Matrix]:
+        """E, G_0 and G_1 of all parts side by side, over h [s].
 
-    def _whole(self, h: float) -> Matrix:
-        """The map of the coupled states, and a 1, over h [s]."""
-        loop = np.linalg.inv(np.eye(len(self.given)) - self.L @ self.D)
-        n = len(self.x0)
-        rates = np.zeros((n + 1, n + 1))
-        rates[:n, :n] = self.A + self.B @ loop @ self.L @ self.C
-        rates[:n, n] = self.B @ loop @ self.given
-        return expm(rates * h)
-
-    def _flow(self, h: float) -> tuple[Matrix, Matrix, Matrix]:
-        """E, G_0, G_1 of all parts side by side: x <- E x + G_0 u(0) + G_1 u(h)."""
+        With P = int_0^h exp(A (h - s)) B ds and Q = int_0^h exp(A (h - s)) B s / h ds, the matrix
+        exponential of [[A h, B h, 0], [0, 0, I], [0, 0, 0]] has E, P and Q as its first n rows. An
+        input u_0 + (u_1 - u_0) s / h gives G_0 = P - Q and G_1 = Q.
+        """
         n, m = self.B.shape
-        big = np.zeros((n + 2 * m, n + 2 * m))
-        big[:n, :n], big[:n, n : n + m], big[n : n + m, n + m :] = self.A * h, self.B * h, np.eye(m)
-        whole = expm(big)[:n]
-        G_1 = whole[:, n + m :]
-        return whole[:, :n], whole[:, n : n + m] - G_1, G_1
+        block = np.zeros((n + 2 * m, n + 2 * m))
+        block[:n, :n], block[:n, n : n + m] = self.A * h, self.B * h
+        block[n : n + m, n + m :] = np.eye(m)
+        E, P, Q = np.split(expm(block)[:n], [n, n + m], axis=1)
+        return E, P - Q, Q
 
     def _step(self, scheme: Scheme, h: float) -> tuple[Matrix, list[Exchange]]:
-        """The map of a step of size h [s] and what the turns in it exchange."""
-        n, k, m = len(self.x0), len(self.C), len(self.given)
-        kept = n + 2 * k + m + 1
-        x, y, past, held, one, end = np.split(np.eye(kept + k), np.cumsum([n, k, k, m, 1]).tolist())
-        at, before = np.zeros(k), np.full(k, -h)
+        """M of a step of h [s], and what the turns in it exchange.
+
+        An implicit algorithm needs the outputs at the end, y = Y z + Y_end y, which are eliminated:
+        y = (I - Y_end)^-1 Y z. An explicit one has Y_end = 0.
+        """
+        n, k, m = len(self.x0), len(self.outputs), len(self.c)
+        size = n + 2 * k + m + 1
+        x, y, y_old, u_old, unit, y_end = np.split(
+            np.eye(size + k), np.cumsum([n, k, k, m, 1]).tolist()
+        )
         algorithm = find_algorithm(scheme.algorithm)
-        number = {str(part): part for part in self.parts}
-        stages = algorithm.stages([*number])
-        for name, part in number.items():
-            ends = [turn.end for stage in stages for turn in stage if turn.part == name]
-            before[self.y_of[part]] = (ends[-2] - 1.0 if len(ends) > 1 else -1.0) * h
-        turns = []
+        stages = algorithm.stages([str(part) for part in self.parts])
+        progress = Progress(x, y, y_old, u_old, np.zeros(k), self._old_times(stages, h))
+        exchanges: list[Exchange] = []
         for stage in stages:
-            ahead = algorithm.is_implicit
-            nodes = (end, np.full(k, h), y, at) if ahead else (y, at, past, before)
-            held_at = algorithm.end_weight * end + (1.0 - algorithm.end_weight) * y if ahead else y
-            fresh, times = y.copy(), at.copy()
-            x, held, past, before = x.copy(), held.copy(), past.copy(), before.copy()
-            for name, begin, share in stage:
-                part = number[name]
-                own, port, out = self.x_of[part], self.u_of[part], self.y_of[part]
+            y, t = progress.y, progress.t
+            if algorithm.is_implicit:
+                line = Line(y_end, np.full(k, h), y, t)
+                fixed = algorithm.end_weight * y_end + (1.0 - algorithm.end_weight) * y
+            else:
+                line, fixed = Line(y, t, progress.y_old, progress.t_old), y
+            after = progress.copy()
+            for name, begin, fraction in stage:
+                part = int(name)
                 pieces = scheme.substeps if part == self.parts[-1] else 1
-                size = share * h / pieces
-                E, G_0, G_1 = self.flow(size)
-                heard = []
-                for piece in range(pieces):
-                    middle = begin * h + (piece + 0.5) * size
-                    shown = _course(nodes, middle) if scheme.input_order else held_at
-                    now = self.L @ shown + np.outer(self.given, one)
-                    then = {0: now, 1: 2 * now - held, 2: now}[scheme.hold]
-                    since = held if scheme.hold == 2 else now
-                    x[own] = (E @ x + G_0 @ since + G_1 @ then)[own]
-                    held[port] = now[port]
-                    heard.append(now)
-                fresh[out] = (self.C @ x + self.D @ then)[out]
-                times[out] = (begin + share) * h
-                past[out], before[out] = y[out], at[out]
-                turns.append(Exchange(part, share * h, y, fresh, heard[0], heard[-1]))
-            y, at = fresh, times
-        loop = np.linalg.solve(np.eye(k) - y[:, kept:], y[:, :kept])
+                substep = fraction * h / pieces
+                middles = [begin * h + (i + 0.5) * substep for i in range(pieces)]
+                means = [line.at(middle) if scheme.input_order else fixed for middle in middles]
+                inputs = [self.L @ mean + np.outer(self.c, unit) for mean in means]
+                self._take_turn(part, inputs, scheme.hold, fraction * h, after)
+                out = self.y_of[part]
+                after.t[out] = (begin + fraction) * h
+                after.y_old[out], after.t_old[out] = y[out], t[out]
+                exchanges.append(Exchange(part, fraction * h, y, after.y, inputs[0], inputs[-1]))
+            progress = after
+        y = progress.y
+        y_of_z = np.linalg.solve(np.eye(k) - y[:, size:], y[:, :size])
 
-        def known(rows: Matrix) -> Matrix:
-            return rows[:, :kept] + rows[:, kept:] @ loop
+        def eliminate(rows: Matrix) -> Matrix:
+            """Rows that act on z alone."""
+            return rows[:, :size] + rows[:, size:] @ y_of_z
 
-        step = known(np.concatenate([x, y, past, held, one]))
-        return step, [Exchange(*turn[:2], *map(known, turn[2:])) for turn in turns]
+        z = np.concatenate([progress.x, y, progress.y_old, progress.u_old, unit])
+        return eliminate(z), [Exchange(*each[:2], *map(eliminate, each[2:])) for each in exchanges]
 
+    def _old_times(self, stages: Sequence[Stage], h: float) -> Matrix:
+        """The times [s] of the outputs before the newest, at the beginning of a step of h [s].
 
-def _course(nodes: tuple[Matrix, Matrix, Matrix, Matrix], time: float) -> Matrix:
-    """The line through the two newest outputs at a time [s]."""
-    new, at, old, before = nodes
-    slope = (new - old) / (at - before)[:, None]
-    shown: Matrix = new + slope * (time - at)[:, None]
-    return shown
+        A part with several turns has shown them at the end of its last turn but one, any other at
+        the beginning of the step before.
+        """
+        times = np.empty(len(self.outputs))
+        for part in self.parts:
+            ends = [turn.end for stage in stages for turn in stage if turn.part == str(part)]
+            times[self.y_of[part]] = (ends[-2] - 1.0 if len(ends) > 1 else -1.0) * h
+        return times
+
+    def _take_turn(
+        self, part: int, inputs: Sequence[Matrix], hold: int, size: float, progress: Progress
+    ) -> None:
+        """Take a part over its turn of a size [s], in as many equal pieces as there are inputs."""
+        x, u, y = self.x_of[part], self.u_of[part], self.y_of[part]
+        E, G_0, G_1 = self.part_flow(size / len(inputs))
+        for value in inputs:
+            u_1 = 2 * value - progress.u_old if hold == 1 else value
+            u_0 = progress.u_old if hold == 2 else value
+            progress.x[x] = (E @ progress.x + G_0 @ u_0 + G_1 @ u_1)[x]
+            progress.u_old[u] = value[u]
+        progress.y[y] = (self.C @ progress.x + self.D @ u_1)[y]
