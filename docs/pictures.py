@@ -89,7 +89,7 @@ def road(fmus: Path) -> str:
     return "\n".join(f"{file:32}{name}" for file, name in visited.items())
 
 
-def drawn(page: str, pictures: dict[str, str]) -> str:
+def replace_pictures(page: str, pictures: dict[str, str]) -> str:
     """The page with these pictures, each between the comments that name it."""
     for name, picture in pictures.items():
         block = f"<!-- {name} -->\n```text\n{picture}\n```\n<!-- end -->"
@@ -113,7 +113,7 @@ def main() -> int:
     parser.add_argument("--check", action="store_true", help="write nothing; 1 if the page is old")
     options = parser.parse_args()
     page = PAGE.read_text(encoding="utf-8")
-    new = drawn(page, pictures(ROOT / "fmus" / "native"))
+    new = replace_pictures(page, pictures(ROOT / "fmus" / "native"))
     if not options.check:
         PAGE.write_text(new, encoding="utf-8")
     return int(options.check and page != new)

@@ -24,7 +24,7 @@ steer tell tells there told torn way ways whole words
 BANNED = frozenset(BANNED_LIST.split())
 #: substitutes that say as little
 EMPTY = frozenset({"obj", "res", "stuff", "thing", "things", "tmp"})
-#: names that others gave: fixtures of pytest, exceptions of Python, the papers' symbol of the resonance
+#: names that others gave: fixtures of pytest, Python's standard library, the papers' symbol of the resonance
 FOREIGN = frozenset(
     {
         "tmp_path",
@@ -33,6 +33,8 @@ FOREIGN = frozenset(
         "ModuleNotFoundError",
         "PackageNotFoundError",
         "nu_res",
+        "is_alive",
+        "parse_known_args",
     }
 )
 

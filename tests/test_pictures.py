@@ -2,19 +2,19 @@
 
 from pathlib import Path
 
-from docs.pictures import PAGE, drawn, floors, imports, pictures
+from docs.pictures import PAGE, floors, imports, pictures, replace_pictures
 
 
 def test_the_page_has_the_pictures_of_the_code(native: Path) -> None:
     """If this fails, `python docs/pictures.py` draws them again."""
     page = PAGE.read_text(encoding="utf-8")
-    assert drawn(page, pictures(native)) == page
+    assert replace_pictures(page, pictures(native)) == page
 
 
 def test_a_picture_that_differs_is_noticed() -> None:
     page = "<!-- a -->\n```text\nold\n```\n<!-- end -->\n"
-    assert drawn(page, {"a": "new"}) == page.replace("old", "new")
-    assert drawn(page, {"a": "old"}) == page
+    assert replace_pictures(page, {"a": "new"}) == page.replace("old", "new")
+    assert replace_pictures(page, {"a": "old"}) == page
 
 
 def test_rooms_import_only_from_floors_below() -> None:

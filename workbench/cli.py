@@ -25,13 +25,13 @@ REFUSED = 3
 USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
 
 
-def main(words: Sequence[str], project: Project, program: str) -> int:
-    """Run a command line, given as its words; returns its exit code."""
+def main(argv: Sequence[str], project: Project, program: str) -> int:
+    """Run a command line, the arguments after the name of the program; returns its exit code."""
 
     def act() -> int:
         top = Parser(prog=program, usage=f"{program} {USAGE}", allow_abbrev=False)
         top.add_argument("command", choices=COMMANDS)
-        return COMMANDS[top.parse_args(words[:1]).command](words[1:], project, program)
+        return COMMANDS[top.parse_args(argv[:1]).command](argv[1:], project, program)
 
     logging.getLogger("cosim").addHandler(logging.NullHandler())
     try:
@@ -41,7 +41,7 @@ def main(words: Sequence[str], project: Project, program: str) -> int:
         return 1
 
 
-def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
+def show_list(_argv: Sequence[str], project: Project, _program: str) -> int:
     """Print the questions of the project; none is imported."""
     for name, module in catalog.names(project.home).items():
         print(f"{name:<17} {catalog.summary(Path(str(project.home)), module)}")
@@ -50,19 +50,19 @@ def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
     return 0
 
 
-def run(words: Sequence[str], project: Project, program: str) -> int:
+def run(argv: Sequence[str], project: Project, program: str) -> int:
     """Answer one question, write its files and print the verdict; REFUSED if it is not determined."""
-    known = ", ".join(catalog.names(project.home))
+    names = ", ".join(catalog.names(project.home))
     top = Parser(
         prog=f"{program} run",
         usage=f"{program} run NAME|FILE.py [options]",
-        description=f"Answer a question: one of {known}, or a file of your own.",
+        description=f"Answer a question: one of {names}, or a file of your own.",
         epilog=f"{program} run NAME --help lists the options of a question.",
     )
     top.add_argument("question", metavar="NAME|FILE.py")
-    question = project.load(top.parse_args(words[:1]).question)
+    question = project.load(top.parse_args(argv[:1]).question)
     parser = Parser(
-        prog=f"{program} run {words[0]}",
+        prog=f"{program} run {argv[0]}",
         description=_description(question, project),
         formatter_class=RawDescriptionHelpFormatter,
         allow_abbrev=False,
@@ -70,22 +70,22 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     add_arguments(parser, question.options)
     _add_common(parser, "results/NAME, or NAME/SET")
     parser.add_argument("--animate", action="store_true", help="also write the motions as GIFs")
-    found, rest = parser.parse_known_args(words[1:])
+    parsed, rest = parser.parse_known_args(argv[1:])
     if rest:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
         raise unknown_option(rest[0].lstrip("-").partition("=")[0], flags, question.name)
-    told = {name: value for name, value in vars(found).items() if value is not None}
+    args = {name: value for name, value in vars(parsed).items() if value is not None}
     options = {
-        name: told.pop(name) for name in (*declared(question.options), "start") if name in told
+        name: args.pop(name) for name in (*declared(question.options), "start") if name in args
     }
     o = question.parse(options)
     folder = Path("results") / question.name
-    told["out"] = told.get("out", folder / vars(o).get("set", ""))
-    animate = told.pop("animate")
-    with reservation(told["out"]):
-        answer = ask(project, words[0], options, **told, program=program)
+    args["out"] = args.get("out", folder / vars(o).get("set", ""))
+    animate = args.pop("animate")
+    with reservation(args["out"]):
+        answer = ask(project, argv[0], options, **args, program=program)
         with attribute_errors(question.module):
-            finish(answer, told["out"], animate)
+            finish(answer, args["out"], animate)
     return REFUSED if answer.refused else 0
 
 
@@ -96,7 +96,7 @@ def _description(question: Question, project: Project) -> str:
     return f"The same as: {old.text()}\n\n{text}" if old else text
 
 
-def study(words: Sequence[str], project: Project, program: str) -> int:
+def study(argv: Sequence[str], project: Project, program: str) -> int:
     """Run the study of a file and say what it found; 1 if no run came to its end."""
     from . import study as studies  # pandas and what draws take their time
 
@@ -109,8 +109,8 @@ def study(words: Sequence[str], project: Project, program: str) -> int:
         "file", type=Path, metavar="FILE.toml", help="study file, see docs/studies.md"
     )
     _add_common(parser, "results/studies/NAME")
-    told = {name: x for name, x in vars(parser.parse_args(words)).items() if x is not None}
-    answer = studies.run(studies.load(told.pop("file"), project), **told, end=finish)
+    args = {name: x for name, x in vars(parser.parse_args(argv)).items() if x is not None}
+    answer = studies.run(studies.load(args.pop("file"), project), **args, end=finish)
     return 0 if (answer.table["status"] == OK).any() else 1
 
 

@@ -42,10 +42,10 @@ def with_coupling_errors(
     order = float(finest.provenance["convergence_order"])
     first_order = finest.provenance.get("first_order", ())
     orders = {min(order, 1.0) if c in first_order else order for c in observed.columns_read()}
-    late = after_divergence(figures_of, results, STEP_RATIO)
+    diverged = after_divergence(figures_of, results, STEP_RATIO)
     return {
-        name: Figure.undetermined(figure.unit, late[name], figure.meaning)
-        if name in late and figure.error is not None
+        name: Figure.undetermined(figure.unit, diverged[name], figure.meaning)
+        if name in diverged and figure.error is not None
         else _add([run.get(name) for run in figures], sorted(orders or {order}))
         for name, figure in figures[0].items()
     }

@@ -274,10 +274,10 @@ class Project(NamedTuple):
             else:
                 paths[part] = self.folders[flavour] / f"{fmu}{FMU}"
             if not paths[part].is_file():
-                others = sorted(path.stem for path in paths[part].parent.glob(f"*{FMU}"))
+                neighbours = sorted(path.stem for path in paths[part].parent.glob(f"*{FMU}"))
                 raise SetupError(
                     f"PARTS: {part} = {fmu!r}: no file {paths[part]}; in its folder: "
-                    f"{', '.join(others) or 'none'}"
+                    f"{', '.join(neighbours) or 'none'}"
                 )
         return paths
 

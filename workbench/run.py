@@ -146,9 +146,11 @@ def answer(
         with captured_warnings(), attribute_errors(question.module):
             return Show(*question.show(o, findings.figures, findings.data))
 
-    made_by = findings.provenance or _provenance(system, findings.algorithm, findings.communication)
+    provenance = findings.provenance or _provenance(
+        system, findings.algorithm, findings.communication
+    )
     return Answer(
-        **vars(findings) | {"provenance": {**made_by, "flavour": flavour}},
+        **vars(findings) | {"provenance": {**provenance, "flavour": flavour}},
         scenario=question.name,
         question=question.title,
         verdict=verdict,

@@ -1,4 +1,18 @@
-"""Linearise a coupled system about a working point: modes, frequency response, plots."""
+"""Linearise a coupled system about a working point: eigenmodes, frequency response, plots.
+
+Small deviations from the working point follow the linear state space model
+
+    dx' = A dx + B du,   dy = C dx + D du
+
+of n states x, m inputs u and k outputs y: A is (n, n), B is (n, m), C is (k, n), D is (k, m). It
+follows from the same matrices of the parts, whose wires give u = F y + v, where F (m, k) holds their
+factors and v is what is added to the inputs from outside. Elimination of y leaves
+
+    u = (I - F D)^-1 (F C x + v)
+
+and so, with K = (I - F D)^-1, the matrices A + B K F C, B K, C + D K F C and D K of the coupled
+system, from v to y.
+"""
 
 from __future__ import annotations
 
@@ -38,11 +52,24 @@ MOST_PERIODS = 20
 
 @dataclass(frozen=True, repr=False)
 class Linear:
-    """dx' = A dx + B du, dy = C dx + D du: small deviations from a working point at `time` [s].
+    """dx' = A dx + B du, dy = C dx + D du: small deviations from a working point.
 
-    `states`, `inputs` and `outputs` name the rows and columns; `units` gives the unit of each. `point`
-    gives the values of all of them there, and `rates` those of the states' derivatives, in the states'
-    units per second: the point is at rest only if they are zero.
+    Attributes
+    ----------
+    A, B, C, D
+        The matrices, with a row for each state (A, B) or output (C, D), and a column for each state
+        (A, C) or input (B, D).
+    states, inputs, outputs
+        The names of rows and columns.
+    units
+        The unit of each state, input and output.
+    point
+        Their values at the working point.
+    rates
+        The derivatives of the states there, in the states' units per second: the point is at rest
+        only if they are zero.
+    time
+        The time of the working point [s].
     """
 
     A: Array
@@ -65,14 +92,15 @@ class Linear:
 
     @property
     def modes(self) -> pd.DataFrame:
-        """Eigenvalue [1/s], natural frequency `|s|` [rad/s], damping ratio `-Re s/|s|`; a pair as one."""
+        """Eigenvalue s [1/s], natural frequency |s| [rad/s], damping ratio -Re s / |s|; one row a pair."""
         import pandas as pd
 
         s = self.eigenvalues
         s = s[s.imag >= 0.0]
-        size = np.where(np.abs(s) > 0.0, np.abs(s), np.nan)
-        columns = {"eigenvalue [1/s]": s, "frequency [rad/s]": np.abs(s)}
-        return pd.DataFrame(columns | {"damping ratio": -s.real / size})
+        frequency = np.abs(s)
+        ratio = -s.real / np.where(frequency > 0.0, frequency, np.nan)
+        columns = {"eigenvalue [1/s]": s, "frequency [rad/s]": frequency, "damping ratio": ratio}
+        return pd.DataFrame(columns)
 
     def frame(self, matrix: str) -> pd.DataFrame:
         """A, B, C or D with the names and units of its rows and columns.
@@ -86,15 +114,16 @@ class Linear:
 
         rows = self.states if matrix in "AB" else self.outputs
         columns = self.states if matrix in "AC" else self.inputs
-        index, heads = (
-            [f"{n} [{self.units[n] or '1'}]" for n in names] for names in (rows, columns)
+        index, header = (
+            [f"{name} [{self.units[name] or '1'}]" for name in names] for names in (rows, columns)
         )
-        return pd.DataFrame(getattr(self, matrix), index, heads)
+        return pd.DataFrame(getattr(self, matrix), index, header)
 
     def frequency_response(self, input: str, output: str, w: Any) -> Complex:
-        """C (i w - A)^-1 B + D from an input to an output at angular frequencies w [rad/s].
+        """The frequency response C (i w I - A)^-1 B + D from an input to an output.
 
-        In the output's unit per the input's; shape of w. Raises SetupError for an unknown name.
+        It has the shape of w and the output's unit per the input's. Raises SetupError for an unknown
+        name.
 
         Parameters
         ----------
@@ -112,7 +141,11 @@ class Linear:
         return response
 
     def step_response(self, input: str, output: str, t: Any) -> Array:
-        """What an output does after a unit step of an input at 0 s, at times t [s]; shape of t.
+        """The response of an output to a unit step of an input at 0 s.
+
+        Under a constant input the state and the input, (x, u), follow the matrix exponential of
+        [[A, B], [0, 0]]. The response has the shape of t and the output's unit. Raises SetupError for
+        an unknown name.
 
         Parameters
         ----------
@@ -126,17 +159,14 @@ class Linear:
         from scipy.linalg import expm
 
         b, c, d = self._between(input, output)
-        held = np.block([[self.A, b[:, None]], [np.zeros((1, len(b) + 1))]])
-        x = expm(held * np.asarray(t, float)[..., None, None])[..., :-1, -1]
+        augmented = np.block([[self.A, b[:, None]], [np.zeros((1, len(b) + 1))]])
+        x = expm(augmented * np.asarray(t, float)[..., None, None])[..., :-1, -1]
         return np.asarray(x @ c + d)
 
     def plot(
         self, input: str, output: str, path: Path | str | None = None, *, span: float | None = None
     ) -> Figure:
-        """Bode diagram and step response from an input to an output; `path` also writes a file.
-
-        The response lasts `span` [s], by default until the slowest mode has decayed, but at most some
-        periods of the fastest.
+        """Draw the Bode diagram and the step response from an input to an output.
 
         Parameters
         ----------
@@ -147,19 +177,16 @@ class Linear:
         path : path, optional
             The file that the figure is written to.
         span : float, optional
-            How long the step response lasts [s].
+            The duration of the step response [s], by default until the slowest mode has decayed, but
+            at most some periods of the fastest mode.
         """
         from ..picture import Picture
 
-        sizes = np.abs(self.eigenvalues)
-        sizes = sizes[sizes > STILL * sizes.max(initial=0.0)] if sizes.any() else np.ones(1)
-        wide = 10.0**DECADES
-        w = np.geomspace(sizes.min() / wide, sizes.max() * wide, SAMPLES)
+        frequencies = self._nonzero_frequencies()
+        margin = 10.0**DECADES
+        w = np.geomspace(frequencies.min() / margin, frequencies.max() * margin, SAMPLES)
         response = self.frequency_response(input, output, w)
-        decays = np.abs(self.eigenvalues.real)
-        slowest = decays.min(initial=sizes.max(), where=decays > STILL * sizes.max())
-        shown = min(SPAN / slowest, MOST_PERIODS * 2 * np.pi / sizes.max())
-        t = np.linspace(0.0, shown if span is None else span, SAMPLES)
+        t = np.linspace(0.0, self._settling_time() if span is None else span, SAMPLES)
         y = self.step_response(input, output, t)
         figure = Picture(figsize=(9, 8), layout="constrained")
         axes = figure.subplots(3)
@@ -187,10 +214,26 @@ class Linear:
         sizes = f"{len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs"
         return f"Linear({sizes}; t = {self.time!r} s, {rest})\n{self.modes.to_string(index=False)}"
 
+    def _nonzero_frequencies(self) -> Array:
+        """The natural frequencies [rad/s] but for those that count as zero; 1 rad/s if all do."""
+        frequencies = np.abs(self.eigenvalues)
+        if not frequencies.any():
+            return np.ones(1)
+        nonzero: Array = frequencies[frequencies > STILL * frequencies.max()]
+        return nonzero
+
+    def _settling_time(self) -> float:
+        """The duration of a step response [s]: until the slowest mode has decayed, see SPAN."""
+        fastest = self._nonzero_frequencies().max()
+        decays = np.abs(self.eigenvalues.real)
+        slowest = decays.min(initial=fastest, where=decays > STILL * fastest)
+        return float(min(SPAN / slowest, MOST_PERIODS * 2 * np.pi / fastest))
+
     def _between(self, input: str, output: str) -> tuple[Array, Array, float]:
-        for name, known in ((input, self.inputs), (output, self.outputs)):
-            if name not in known:
-                raise SetupError(f"{name} is not one of {', '.join(known) or 'none'}")
+        """The column of B, the row of C and the element of D from an input to an output."""
+        for name, names in ((input, self.inputs), (output, self.outputs)):
+            if name not in names:
+                raise SetupError(f"{name} is not one of {', '.join(names) or 'none'}")
         i, o = self.inputs.index(input), self.outputs.index(output)
         return self.B[:, i], self.C[o], float(self.D[o, i])
 
@@ -200,29 +243,31 @@ def linearize(
 ) -> Linear:
     """Linearise the coupled system about its start values, from the model-exchange sides of its parts.
 
-    With `at` [s], the working point is the one that the oracle's run from `start` reaches after that time.
-
-    `inputs` are the columns of B and D, by default the Real inputs that no wire drives. The column of an
-    input that a wire drives stands for a value added to the wire. The outputs are all Real outputs.
-
-    The parts' x' = A x + B u, y = C x + D u and the wires u = F y + v give
-
-        u = (I - F D)^-1 (F C x + v)
-
-    Derivatives come from the FMUs where they offer directional derivatives, else from central differences.
-    Discrete variables, and the active side of each event, stay as they are. Raises SetupError for a part
-    without model exchange, an unknown input, and an algebraic loop without a solution.
+    The outputs are all Real outputs. Derivatives come from the FMUs where they offer directional
+    derivatives, else from central differences. Discrete variables, and the active side of each event, keep
+    their values.
 
     Parameters
     ----------
     system : System
-        What is linearised; each part needs a model-exchange side.
+        The coupled system; each part needs a model-exchange side.
     inputs : sequence of str, optional
-        The columns of B and D.
+        The names of the inputs, by default all Real inputs that no wire drives. An input that a wire drives
+        stands for a value that is added to the wire.
     start : float
-        When the oracle's run begins [s].
+        The time of the start values [s].
     at : float
-        How long after that the working point is [s].
+        The time from there to the working point [s], which the reference solution passes through.
+
+    Returns
+    -------
+    Linear
+        The linear system, whose inputs have the sequence of `inputs`.
+
+    Raises
+    ------
+    SetupError
+        If a part has no model exchange, an input is unknown, or an algebraic loop has no solution.
     """
     if not 0.0 <= at < math.inf:
         raise SetupError(f"at = {at!r} s must be a finite number of at least 0")
@@ -232,27 +277,36 @@ def linearize(
         if port.variable.causality != "input" or port.type != "Real":
             raise SetupError(f"{port} is not a Real input")
     try:
-        with opened(network, start, start + at) as whole:
-            for _ in travel(whole, start + at, "DOP853", TOLERANCE):
+        with opened(network, start, start + at) as ode:
+            for _ in travel(ode, start + at, "DOP853", TOLERANCE):
                 pass
-            blocks = whole.blocks()
-            inverse = np.linalg.inv(whole.closure(blocks))
-            rates = whole.slopes(whole.t, whole.x)
-            names = [[p.name for p in g] for g in (whole.states, whole.inputs, whole.outputs)]
-            known = [*whole.states, *whole.inputs, *whole.outputs]
-            values = {name: model.instance.access.values for name, model in whole.models.items()}
-            point = {p.name: float(*values[p.part]([p.variable]).values()) for p in known}
+            A, B, C, D, F = blocks = ode.blocks()
+            K = np.linalg.inv(ode.closure(blocks))
+            rates = ode.slopes(ode.t, ode.x).tolist()
+            variables = [*ode.states, *ode.inputs, *ode.outputs]
+            values = {name: model.instance.access.values for name, model in ode.models.items()}
+            point = {p.name: float(*values[p.part]([p.variable]).values()) for p in variables}
     except FmuError as failure:
         raise SetupError(str(failure)) from failure
-    states, entries, outputs = names
+    states, entries, outputs = (
+        [port.name for port in each] for each in (ode.states, ode.inputs, ode.outputs)
+    )
     wired = {target.name for _, target, *_ in network.wires}
     chosen = [name for name in entries if name not in wired]
     if ports is not None:
         chosen = [port.name for port in ports]
     columns = [entries.index(name) for name in chosen]
-    A, B, C, D, F = blocks
-    B, D = B @ inverse, D @ inverse
-    A, C = A + B @ F @ C, C + D @ F @ C
-    names_of = states, chosen, outputs, {port.name: port.unit for port in known}
-    rising = dict(zip(states, rates.tolist()))
-    return Linear(A, B[:, columns], C, D[:, columns], *names_of, point, rising, start + at)
+    B, D = B @ K, D @ K  # those that v acts through
+    return Linear(
+        A + B @ F @ C,
+        B[:, columns],
+        C + D @ F @ C,
+        D[:, columns],
+        states=states,
+        inputs=chosen,
+        outputs=outputs,
+        units={port.name: port.unit for port in variables},
+        point=point,
+        rates=dict(zip(states, rates)),
+        time=start + at,
+    )

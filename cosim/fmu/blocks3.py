@@ -65,11 +65,11 @@ def block3(
         part = (native * len(elements)).from_buffer(cells, first * ctypes.sizeof(native))
         pieces.append(_piece(session, action, name, elements, part, orders))
         first += len(elements)
-    whole = pieces[-1].transfer
+    transfer = pieces[-1].transfer
     if len(pieces) > 1 or pieces[0].buffer is not pieces[0].cells:
         run = partial(_move, pieces, action == "Get")
-        whole = Transfer(whole.name, run, whole.function, whole.references, None)
-    return VariableBlock(session, members, cells, whole, reads=action == "Get", held=held)
+        transfer = Transfer(transfer.name, run, transfer.function, transfer.references, None)
+    return VariableBlock(session, members, cells, transfer, reads=action == "Get", held=held)
 
 
 def _piece(

@@ -96,8 +96,8 @@ class CoSimulation3:
     ) -> None:
         interface = description.interface(CO_SIMULATION)
         shows = interface.providesIntermediateUpdate
-        shown = [v for v in within if shows and v.intermediateUpdate and v.type == "Real"]
-        self._observer = IntermediateObserver(shown)
+        observed = [v for v in within if shows and v.intermediateUpdate and v.type == "Real"]
+        self._observer = IntermediateObserver(observed)
         self.session = self._open(name, description, fmu)
         self.watched: Sequence[str] = self._observer.open(self.session)
         self.intermediate_values = self._observer.values
@@ -119,14 +119,14 @@ class CoSimulation3:
         self._take = FINISH(lambda t, _, __: self._status(lambda: self.take_inputs(t)))
 
     def _open(self, name: str, description: ModelDescription, fmu: Library) -> Session:
-        interface, shown = description.interface(CO_SIMULATION), self._observer.variables
+        interface, observed = description.interface(CO_SIMULATION), self._observer.variables
         options: dict[str, object] = {
             "eventModeUsed": interface.hasEventMode,
             "earlyReturnAllowed": bool(interface.mightReturnEarlyFromDoStep),
         }
-        if shown:
+        if observed:
             options["intermediateUpdate"] = self._observer.on_update
-            references = dict.fromkeys(v.valueReference for v in shown)
+            references = dict.fromkeys(v.valueReference for v in observed)
             options["requiredIntermediateVariables"] = list(references)
         return open3(name, description, fmu, CO_SIMULATION, **options)
 

@@ -183,9 +183,9 @@ def experiment_errors(model: ModuleType) -> Rows:
     return [list(row) for row in zip(time, *errors)]
 
 
-def _largest_differences(column: Column, others: Iterable[Column]) -> list[float]:
-    """How far each value of a column is at most from those of the others."""
-    return [max(abs(value - other) for other in row) for value, row in zip(column, zip(*others))]
+def _largest_differences(column: Column, finer: Iterable[Column]) -> list[float]:
+    """For each value of a column its largest distance from those of finer runs."""
+    return [max(abs(value - x) for x in row) for value, row in zip(column, zip(*finer))]
 
 
 def _real_errors(column: Column, differences: Column) -> list[float]:

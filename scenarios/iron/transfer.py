@@ -42,8 +42,8 @@ DIMENSIONS = {
     "link.l": "link", "chain.l": "chain", "sprocket.A": "sprocket, height",
     "sprocket.C": "sprocket, distance", "sprocket.R": "sprocket, radius",
 }  # fmt: skip
-#: The function whose changes are drawn, that of the verdict; the table has those of all.
-DRAWN_FUNCTION = "H_1"
+#: The function whose changes rank the dimensions in the chart, that of the verdict; the table has the changes of all.
+RANKING_FUNCTION = "H_1"
 #: Inertia of a rotor that imposes the speed [kg.m2]; it is taken out of A_1 again.
 ROTOR = 1e3
 #: Speed of the cam [rad/s], which the transfer functions do not depend on; a convention.
@@ -112,7 +112,7 @@ class Transfer:
             lines = [Curve(text, self.phi, rows[name], color) for name in names
                      for text, color in [FUNCTIONS[name]]]  # fmt: skip
             panels.append(Panel(group, self.units[names[0]], lines))
-        by_size = ranked(self.shares, DRAWN_FUNCTION)
+        by_size = ranked(self.shares, RANKING_FUNCTION)
         labels = [DIMENSIONS[x.dimension] for x in by_size]
         changes, errors = zip(*((x.change, x.error) for x in by_size))
         bars = Curve("chain", labels, changes, LIFT, "bars", errors)

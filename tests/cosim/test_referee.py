@@ -544,7 +544,7 @@ def test_a_column_without_numbers_is_no_column_that_agrees(
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content", "message"),
     [
         ("none.csv", None, "No such file"),
         ("empty.csv", b"", "No columns"),
@@ -557,13 +557,13 @@ def test_a_column_without_numbers_is_no_column_that_agrees(
         ("names.csv", b"time,torque\n0,8\n1,9\n", "--map NAME=COLUMN"),
     ],
 )
-def test_what_is_no_result_is_refused_in_one_line(
-    native: Path, tmp_path: Path, name: str, content: bytes | None, words: str
+def test_what_is_no_result_is_refused_in_a_single_line(
+    native: Path, tmp_path: Path, name: str, content: bytes | None, message: str
 ) -> None:
     path = tmp_path / name
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(SetupError, match=words) as refusal:
+    with pytest.raises(SetupError, match=message) as refusal:
         referee(drive(native), path)
     assert "\n" not in str(refusal.value)
     assert name in str(refusal.value) or "motor.tau" in str(refusal.value)
