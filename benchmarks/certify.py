@@ -478,13 +478,13 @@ def judged(
                 "stop": case.stop, "algorithm": algorithm, "record": [*case.exact, *case.changes]
             }  # fmt: skip
             try:
-                runs = three_runs(case.system, h, case.runner, settings)
+                with three_runs(case.system, h, case.runner, settings) as runs:
+                    estimates = estimates_of(metrics, runs)
+                    for column, true in truths.items():
+                        estimates |= function_errors(partial(_by_rows, column, true["level"]), runs)
             except SimulationError as error:  # a step beyond the limit of stability
                 print(name, algorithm, h, error, file=sys.stderr)
                 continue
-            estimates = estimates_of(metrics, runs)
-            for column, true in truths.items():
-                estimates |= function_errors(partial(_by_rows, column, true["level"]), runs)
             for key, got in estimates.items():
                 method, column, figure = key.split("|")
                 true = truths.get(column) or {"event": case.changes[column][1]}

@@ -270,3 +270,27 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write readable JSON."""
     with open_unlinked(path, "wb") as file:
         file.write(f"{json.dumps(content, indent=2)}\n".encode())
+
+
+class DerivedResult(Result):
+    """A result whose columns are made of those of another one when they are asked for, and not held.
+
+    Parameters
+    ----------
+    result : Result
+        Has the names, the units and the provenance.
+    column : callable
+        Gives the column of a name, shape (rows,).
+    """
+
+    def __init__(self, result: Result, column: Callable[[str], Rows]) -> None:
+        super().__init__(
+            result.columns, result.units, result.provenance,
+            lambda: np.column_stack([column(name) for name in result.columns]),
+        )  # fmt: skip
+        self._column = column
+
+    def __getitem__(self, name: str) -> Rows:
+        if name not in self.columns:
+            return super().__getitem__(name)
+        return self._column(name)

@@ -101,10 +101,10 @@ def certify(
     >>> list(answer.figures)
     ['torque']
     """
-    runs = three_runs(system, step, runner, settings)
-    if metrics is None:
-        metrics = summary_metrics(runs.finest.columns[1:])
-    return Certified(runs.finest, estimates_of(metrics, runs))
+    with three_runs(system, step, runner, settings) as runs:
+        if metrics is None:
+            metrics = summary_metrics(runs.finest.columns[1:])
+        return Certified(runs.finest, estimates_of(metrics, runs))
 
 
 def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
@@ -121,17 +121,30 @@ def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
             estimates |= function_errors(lambda r, n=name, f=function: {n: f(r)}, runs)  # type: ignore[misc]
     begin, diverged = divergence([result.data for result in runs.results], runs.ratio)
     for column, group in by_column.items():
-        columns = runs.column(column)
         has_diverged = bool(diverged[runs.finest.columns.index(column)])
-        slow = not_converged(runs, [column])
-        for name, metric in group.items():
-            if slow or (has_diverged and not _is_over(metric, columns.finest, begin)):
-                reason = slow or f"{DIVERGED} from {begin:.4g} s on"
-                value = metric.value(columns.finest)
-                estimates[name] = Estimate(value, None, math.nan, reason=reason)
-            else:
-                estimates[name] = metric_error(metric, columns)
+        estimates |= _estimates_of_column(column, group, runs, begin if has_diverged else math.inf)
     return {name: estimates[name] for name in metrics}
+
+
+def _estimates_of_column(
+    column: str, metrics: Mapping[str, Metric], runs: ThreeRuns, diverged: float
+) -> dict[str, Estimate]:
+    """The estimates of metrics of one column, whose rows are in memory meanwhile.
+
+    From the time `diverged` [s] on its runs have diverged.
+    """
+    columns = runs.column(column)
+    slow = not_converged(runs, [column])
+    estimates = {}
+    for name, metric in metrics.items():
+        is_affected = diverged < math.inf and not _is_over(metric, columns.finest, diverged)
+        if slow or is_affected:
+            reason = slow or f"{DIVERGED} from {diverged:.4g} s on"
+            value = metric.value(columns.finest)
+            estimates[name] = Estimate(value, None, math.nan, reason=reason)
+        else:
+            estimates[name] = metric_error(metric, columns)
+    return estimates
 
 
 def _is_over(metric: Metric, solution: DenseSolution, begin: float) -> bool:

@@ -141,18 +141,47 @@ def _grid_convergence_index(
 
 @dataclass(frozen=True)
 class ErrorBand:
-    """What remains to the solution of a column at the times of the finest run.
+    """What remains to the solution of a column at the times that all three runs have.
 
-    `solution` is the column extrapolated to a step of zero, where its values converge regularly, and as it is
-    elsewhere. `width` is by how much each value may be off: with the factor of safety where it converges regularly, and
-    with the lowest order elsewhere.
-    `times` [s] and `regular` say where it does.
+    Attributes
+    ----------
+    finest : DenseSolution
+        The column in the finest run.
+    times : array of shape (times,)
+        The times that all runs have [s].
+    shift : array of shape (times,)
+        What the extrapolation to a step of zero adds; nothing where the values do not converge regularly.
+    widths : array of shape (times,)
+        By how much the sum may be off: with the factor of safety where the values converge regularly, and with the
+        lowest order elsewhere.
+    regular : array of bool
+        Where they converge regularly.
+    rounding : float
+        What is added to each width.
     """
 
-    solution: DenseSolution
-    width: DenseSolution
+    finest: DenseSolution
     times: Array
+    shift: Array
+    widths: Array
     regular: NDArray[np.bool_]
+    rounding: float
+
+    @property
+    def solution(self) -> DenseSolution:
+        """The column extrapolated to a step of zero, at the times of the finest run; made anew at each call."""
+        return self.finest.with_values(self._at_rows(self.shift, self.finest.x))
+
+    @property
+    def width(self) -> DenseSolution:
+        """By how much each value may be off, at the times of the finest run; made anew at each call."""
+        return self.finest.with_values(self._at_rows(self.widths, self.rounding))
+
+    def _at_rows(self, values: Array, addend: Array | float) -> Array:
+        """Values at all rows of the finest run, and what is added to them."""
+        rows: Array = np.interp(self.finest.t, self.times, values)
+        rows += addend
+        return rows
 
     def converges_at(self, time: float) -> bool:
         """Whether the values before and after a time [s] do, both that are in all runs."""
@@ -194,16 +223,15 @@ def error_band(
         (last * previous > 0.0) & (falls >= LOWEST_ORDER) & (falls <= order + ACCIDENTAL_EXCESS)
     )
     correction = last / (ratio**order - 1.0)
-    shift = np.interp(finest.t, shared, np.where(regular, correction, 0.0))
     irregular = last / (math.pow(ratio, LOWEST_ORDER) - 1.0)
-    width = np.where(regular, CONFIRMED_FACTOR * np.abs(correction), np.abs(irregular))
-    width = np.interp(finest.t, shared, width)
-    rounding = ROUNDING_SHARE * float(np.abs(finest.x).max())
+    rounding = ROUNDING_SHARE * max(abs(float(finest.x.min())), abs(float(finest.x.max())))
     return ErrorBand(
-        finest.with_values(finest.x + shift),
-        finest.with_values(width + rounding),
-        shared,
-        regular | (np.maximum(np.abs(last), np.abs(previous)) <= rounding),
+        finest,
+        times=shared,
+        shift=np.where(regular, correction, 0.0),
+        widths=np.where(regular, CONFIRMED_FACTOR * np.abs(correction), np.abs(irregular)),
+        regular=regular | (np.maximum(np.abs(last), np.abs(previous)) <= rounding),
+        rounding=rounding,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..result import Result, Rows
+from ..result import DerivedResult, Result, Rows
 from .estimate import Estimate
 from .extrapolation import (
     CONFIRMED_DISTANCE,
@@ -27,7 +27,7 @@ from .metric_error import (
     band_error,
     spacing_error,
 )
-from .three_runs import ThreeRuns, not_converged
+from .three_runs import ColumnRuns, ThreeRuns, not_converged
 
 #: By how much of its width a peak is lowered at its begin and at its end: all of it or either end, derived: the top of
 #: a plateau lies at one end of it.
@@ -96,14 +96,14 @@ def function_errors(function: Function, runs: ThreeRuns) -> dict[str, Estimate]:
         return {name: Estimate(v, None, math.nan, reason=reason) for name, v in value.items()}
     of_runs = [function(result) for result in runs.results]
     try:
-        sides, limits = _other_rows(runs, columns)
+        sides, limits = _other_values(runs, columns)
         numbers = _Numbers(
             value,
             of_runs,
             {n: [function(r) for r in _thinned(runs.dense, n)] for n in THINNED},
             {n: [function(r) for r in _thinned(runs.finest, n)] for n in THINNED},
-            [function(_with_rows(runs.finest, rows)) for rows in sides],
-            [function(_with_rows(runs.finest, rows)) for rows in limits],
+            [function(side) for side in sides],
+            [function(limit) for limit in limits],
         )
     except Exception as error:  # noqa: BLE001 - whatever the function of a person raises
         reason = f"it cannot be computed from other rows: {error}"
@@ -152,35 +152,49 @@ def _rows_share(
     return ROWS_FACTOR * spacing_error(*changes)
 
 
-def _other_rows(runs: ThreeRuns, columns: Sequence[str]) -> tuple[list[Rows], list[Rows]]:
-    """All rows with the extremes that gaps hide, high and low; these at a step of zero, and with lower peaks."""
-    names = runs.finest.columns
-    high, low, limit_high, limit_low = (runs.all_rows.copy() for _ in range(4))
-    lowered = [runs.all_rows.copy() for _ in TILTS]
-    started = [runs.all_rows.copy() for _ in SIGNS]
-    for name in columns:
-        k = names.index(name)
-        column = runs.column(name, keep_rows=True)
-        high[:, k] = column.finest.with_extremes(1.0)
-        low[:, k] = column.finest.with_extremes(-1.0)
-        if column.band is not None:
-            limit_high[:, k] = column.band.solution.with_extremes(1.0)
-            limit_low[:, k] = column.band.solution.with_extremes(-1.0)
-            for rows, tilt in zip(lowered, TILTS):
-                rows[:, k] = column.finest.with_top_lowered(column.band.width.x, *tilt)
-            for rows, sign in zip(started, SIGNS):
-                rows[:, k] = column.finest.with_start_extreme(column.band.width.x, sign)
-        else:
-            limit_high[:, k], limit_low[:, k] = high[:, k], low[:, k]
-    return [high, low], [limit_high, limit_low, *lowered, *started]
+def _other_values(runs: ThreeRuns, columns: Sequence[str]) -> tuple[list[Result], list[Result]]:
+    """All rows with the extremes that gaps hide, high and low; these at a step of zero, and with lower peaks.
+
+    Their columns are made when a function asks for them.
+    """
+    solutions = {name: runs.column(name, keep_rows=True) for name in columns}
+
+    def with_values(change: Callable[[ColumnRuns], Rows]) -> Result:
+        """The finest run with other values in the columns that the function reads."""
+        return DerivedResult(
+            runs.dense,
+            lambda name: change(solutions[name]) if name in solutions else runs.dense[name],
+        )
+
+    def lowered(tilt: tuple[float, float]) -> Callable[[ColumnRuns], Rows]:
+        return lambda c: (
+            c.finest.with_top_lowered(c.band.width.x, *tilt) if c.band else c.finest.x.copy()
+        )
+
+    def started(sign: float) -> Callable[[ColumnRuns], Rows]:
+        return lambda c: (
+            c.finest.with_start_extreme(c.band.width.x, sign) if c.band else c.finest.x.copy()
+        )
+
+    def hidden(sign: float) -> Callable[[ColumnRuns], Rows]:
+        return lambda c: c.finest.with_extremes(sign)
+
+    def limit(sign: float) -> Callable[[ColumnRuns], Rows]:
+        return lambda c: (c.band.solution if c.band else c.finest).with_extremes(sign)
+
+    sides = [with_values(hidden(sign)) for sign in SIGNS]
+    limits = [with_values(limit(sign)) for sign in SIGNS]
+    limits += [with_values(lowered(tilt)) for tilt in TILTS]
+    limits += [with_values(started(sign)) for sign in SIGNS]
+    return sides, limits
 
 
 def _thinned(result: Result, n: int) -> Iterator[Result]:
     """The result with the rows first, first + n, ..., and the ends, for each first row."""
-    count = len(result.data)
+    count = len(result["time"])
     for first in range(n):
         indices = np.unique([0, *range(first, count, n), count - 1])
-        yield _with_rows(result, result.data[indices])
+        yield DerivedResult(result, lambda name, indices=indices: result[name][indices])  # type: ignore[misc]
 
 
 def _with_rows(result: Result, rows: Rows) -> Result:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
-from ..dense import DenseSolution, distinct_rows
+from ..dense import DenseSolution
 from ..engine.control import Adaptive
-from ..engine.row_file import read_row_file
-from ..result import Result, Rows
+from ..engine.row_file import StoredRows
+from ..result import DerivedResult, Result
 from ..scratch import scratch
 from ..system import System
 from .extrapolation import (
@@ -44,22 +43,16 @@ class ColumnRuns:
 
 @dataclass(frozen=True)
 class ThreeRuns:
-    """The results of three runs, the finest first, and all rows of the finest one."""
+    """The results of three runs, the finest first, and the finest one with all its rows, `dense`."""
 
     results: Sequence[Result]
-    all_rows: Rows
+    dense: Result
     ratio: float
 
     @property
     def finest(self) -> Result:
         """The result of the finest run."""
         return self.results[0]
-
-    @property
-    def dense(self) -> Result:
-        """The finest run with all its rows."""
-        finest = self.finest
-        return Result(finest.columns, finest.units, finest.provenance, lambda: self.all_rows)
 
     def order(self, column: str) -> float:
         """The convergence order of a column; adaptive steps keep the error per time, of order 1."""
@@ -70,12 +63,14 @@ class ThreeRuns:
 
     def column(self, name: str, *, keep_rows: bool = False) -> ColumnRuns:
         """A column of the three runs, with all rows or without those that say nothing new."""
-        t, x = self.all_rows[:, 0], self.all_rows[:, self.finest.columns.index(name)]
-        finest = DenseSolution(np.array(t), np.array(x)) if keep_rows else _dense(t, x)
+        t, x = self.dense["time"], self.dense[name]
+        finest = DenseSolution(t, x) if keep_rows else DenseSolution.from_rows(t, x)
         runs = [(r["time"], r[name]) for r in self.results]
         order = self.order(name)
         band = error_band(finest, runs, order, self.ratio)
-        return ColumnRuns(finest, [_dense(t, x) for t, x in runs], band, order, self.ratio)
+        return ColumnRuns(
+            finest, [DenseSolution.from_rows(t, x) for t, x in runs], band, order, self.ratio
+        )
 
 
 def not_converged(runs: ThreeRuns, columns: Sequence[str]) -> str:
@@ -89,19 +84,14 @@ def not_converged(runs: ThreeRuns, columns: Sequence[str]) -> str:
     return ""
 
 
-def _dense(t: Rows, x: Rows) -> DenseSolution:
-    """The solution of a column without the rows that say nothing new."""
-    distinct = distinct_rows(t, x)
-    return DenseSolution(np.array(t[distinct]), np.array(x[distinct]))
-
-
+@contextmanager
 def three_runs(
     system: System, step: float | Adaptive, runner: Callable[..., Result], settings: dict[str, Any]
-) -> ThreeRuns:
+) -> Iterator[ThreeRuns]:
     """Run with the step, a half and a quarter of it, or the tolerance, a tenth and a hundredth.
 
     Rows are `step` apart in all runs unless the settings, which are those of `run`, say otherwise. Only the last
-    run gets `csv`. Its rows at all communication points are kept in a file meanwhile.
+    run gets `csv`. Its rows at all communication points are in a file until the context ends.
     """
     progress = settings.pop("progress", None) or (lambda fraction: None)
     csv = settings.pop("csv", None)
@@ -125,8 +115,11 @@ def three_runs(
             len(result.data)  # read now: the next run may write the same file
             results.insert(0, result)
         finest = results[0]
-        all_rows = read_row_file(path, len(finest.columns)) if path.exists() else finest.data
-    return ThreeRuns(results, all_rows, ratio)
+        dense = finest
+        if path.exists():
+            rows = StoredRows(path, len(finest.columns))
+            dense = DerivedResult(finest, lambda name: rows.column(finest.columns.index(name)))
+        yield ThreeRuns(results, dense, ratio)
 
 
 def _report(progress: Callable[[float], None], begin: float, end: float, fraction: float) -> None:

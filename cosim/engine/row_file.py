@@ -10,8 +10,10 @@ import numpy as np
 
 from ..result import Rows
 
-#: Size from which on rows stay in their file [bytes]: convention, a small share of a computer's memory.
-MAPPED_BYTES = 50_000_000
+#: Size of a number of this machine [bytes].
+DOUBLE_BYTES = array("d").itemsize
+#: Rows that are read at a time, which bounds the memory: derived, 2^15 rows of 20 columns are 5 MB.
+ROWS_AT_A_TIME = 1 << 15
 #: Numbers that are collected before they are written: derived, 64 kB, a few pages of the file system.
 BUFFERED_NUMBERS = 8192
 
@@ -39,8 +41,27 @@ class RowFile:
         self._file.close()
 
 
-def read_row_file(path: Path, width: int) -> Rows:
-    """The rows of a file, shape (rows, width); they stay there if they are MAPPED_BYTES or more."""
-    if path.stat().st_size < MAPPED_BYTES:
-        return np.fromfile(path).reshape(-1, width)
-    return np.memmap(path, dtype=np.float64, mode="r").reshape(-1, width)
+class StoredRows:
+    """The rows of such a file, of which no more than one column and a few rows are in memory.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    width : int
+        Numbers in a row.
+    """
+
+    def __init__(self, path: Path, width: int) -> None:
+        self._path, self._width = path, width
+        self._rows = path.stat().st_size // (width * DOUBLE_BYTES)
+
+    def column(self, k: int) -> Rows:
+        """Column number k, shape (rows,)."""
+        values = np.empty(self._rows)
+        with self._path.open("rb") as file:
+            for begin in range(0, self._rows, ROWS_AT_A_TIME):
+                rows = np.fromfile(file, count=ROWS_AT_A_TIME * self._width)
+                part = rows.reshape(-1, self._width)[:, k]
+                values[begin : begin + len(part)] = part
+        return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -302,3 +303,21 @@ def test_results_show_themselves_in_a_notebook(fmus: Path) -> None:
     assert picture._repr_png_().startswith(b"\x89PNG")
     diagnosis = diagnose(pair(fmus / "native"), step=1e-3)
     assert str(diagnosis) == diagnosis.text() and diagnosis._repr_html_().startswith("<p>")
+
+
+@pytest.mark.parametrize(
+    "figure",
+    [Mean("motor.tau"), lambda r: float(np.mean(r["motor.tau"]))],
+    ids=["metric", "function"],
+)
+def test_all_rows_stay_in_their_file(figure: Any, native: Path) -> None:
+    """A figure of one column takes less memory than twice what all rows of the finest run would."""
+    stop, step = 1.0, 4e-5
+    tracemalloc.start()
+    try:
+        got = certify(pair(native), {"mean": figure}, stop=stop, step=step, output_step=0.01)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    numbers = 4 * stop / step * len(got.result.columns)
+    assert peak < 2 * numbers * np.dtype(float).itemsize
