@@ -321,6 +321,21 @@ def test_a_centre_has_no_damping(
     assert text.count(".") == 1
 
 
+def test_a_perturbation_is_small_for_a_small_signal(half: Path) -> None:
+    """x'' = -x - x^3 / 10 L^2 - x' / 10 with x of 1e-5: beside 1 + abs(x) the cubic term would dominate."""
+    size = 1e-5
+    start = {
+        "place.f1": "u1", "place.x1": 0.0, "place.u2": 0.0,
+        "speed.f1": f"-u1 - 0.1 * x1 - {0.1 / size**2!r} * u1**3",
+        "speed.x1": 0.5 * size, "speed.u2": 0.0,
+    }  # fmt: skip
+    wires = ["speed.x1 -> place.u1", "place.x1 -> speed.u1"]
+    system = System(dict.fromkeys(["place", "speed"], half), wires, start)
+    got = diagnose(system, step=LONGEST, algorithm="gauss-seidel", share=LOOSE)
+    assert got.damped
+    assert abs(got.damping - 0.05) <= got.error < 1e-3
+
+
 def test_figures_that_are_not_trustworthy_are_not_stated(fmus: Path) -> None:
     """Frequencies that fall with the step may end below zero when they are continued to zero."""
     good = diagnose(coupled(fmus, DRIVES["two"]), step=1e-3, algorithm="jacobi", share=LOOSE)
