@@ -77,11 +77,7 @@ def main() -> int:
 def buildable(flavour: str) -> list[str]:
     """The components that can be built in the flavour."""
     compiled = flavour in ("native", "wasm", "fmi3")
-    return [
-        name
-        for name, file in MACHINES.items()
-        if not (compiled and hasattr(load(file), "PYTHON_ONLY"))
-    ]
+    return [name for name, file in MACHINES.items() if not (compiled and load(file).PYTHON_ONLY)]
 
 
 def write_pages(models: list[ModuleType], fmus: Path) -> None:

@@ -1,6 +1,7 @@
 """Turn a page of equations into an FMU; independent of any particular machine."""
 
-from .declare.interface import Experiment, InputHold
+from .declare.interface import InputHold
+from .declare.model import Experiment
 from .declare.record import array, discrete, fill, real, record, replace, start
 from .runtime.flow import attempted, repeat
 

@@ -6,7 +6,7 @@ import json
 import sys
 from functools import cache
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from ..declare import bounds
 from ..declare.interface import Interface, Variable, class_name, co_simulation_only_reason
@@ -129,8 +129,9 @@ MOST = {"Real": sys.float_info.max, "Integer": 2.0**31 - 1, "Boolean": 1.0}
 def traced(interface: Interface) -> list[Function]:
     """The functions in the order in which C needs them."""
     model = interface.model
-    purity.require(model, Tracer(model, BOUNDARIES))
-    tracer = Tracer(model, BOUNDARIES)
+    module = cast(ModuleType, model)
+    purity.require(model, Tracer(module, BOUNDARIES))
+    tracer = Tracer(module, BOUNDARIES)
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
     inputs = hybrid.InputTrajectory(u, u, 0.0, 1, (u,) * (hybrid.HIGHEST_DEGREE - 1))
 
@@ -157,7 +158,7 @@ def traced(interface: Interface) -> list[Function]:
         return model.outputs(p, t, x, u)
 
     def initial(p: Any, t: Any, x: Any, u: Any) -> Any:
-        settled = hybrid.settle(model, p, x)
+        settled = model.settle(p, x)
         return settled, model.outputs(p, t, settled, u)
 
     def derivatives(p: Any, t: Any, x: Any, u: Any) -> Any:
@@ -166,9 +167,7 @@ def traced(interface: Interface) -> list[Function]:
         )
 
     def indicators(p: Any, t: Any, x: Any, u: Any) -> list[Any]:
-        return (
-            list(model.event_indicators(p, t, x, u)) if hasattr(model, "event_indicators") else []
-        )
+        return list(model.event_indicators(p, t, x, u)) if model.event_indicators else []
 
     def count(p: Any, t: Any, x: Any, u: Any) -> None:
         counts.append(len(indicators(p, t, x, u)))
@@ -181,14 +180,14 @@ def traced(interface: Interface) -> list[Function]:
         return hybrid.run_to_event(model, p, t, x, inputs)
 
     def event(p: Any, t: Any, x: Any, before: Any, now: Any, which: Any) -> Any:
-        if not hasattr(model, "event_indicators") or which < 0.0:
+        if not model.event_update or which < 0.0:
             return hybrid.sample(model, p, t, x, before, now, note)
         new = model.event_update(p, t, x, now, which)
         hybrid.announce_change(model, p, t, x, new, now, note)
         return new
 
     def initial_values(p: Any, t: Any, x: Any, u: Any) -> Any:
-        settled = hybrid.settle(model, p, x)
+        settled = model.settle(p, x)
         return settled, model.outputs(p, t, settled, u), derivatives(p, t, settled, u)
 
     def present_values(p: Any, t: Any, x: Any, u: Any) -> Any:
@@ -215,6 +214,6 @@ def traced(interface: Interface) -> list[Function]:
             derivative = tangents.derived(tracer, primal, ("p", "t", "x", "u"))
         tracer.functions = {k: v for k, v in tracer.functions.items() if v is not derivative}
         tracer.functions[name] = derivative._replace(name=name, entry=True)
-    if hasattr(model, "event_indicators"):
+    if model.event_indicators:
         tracer.entry("model_run_to_event", run_to_event, p=p, t=0.0, x=x, inputs=inputs)
     return [function for function in tracer.functions.values() if function]

@@ -56,8 +56,7 @@ def check_parameters(
     for variable in interface.variables:
         if variable.causality == "parameter":
             require_bounds(variable, values[variable.reference])
-    if hasattr(interface.model, "check"):
-        yield from interface.model.check(parameters)
+    yield from interface.model.check(parameters)
 
 
 def check_start(interface: Interface, values: Sequence[Value]) -> None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from enum import IntEnum
-from inspect import Signature, signature
-from math import inf
-from types import ModuleType
 from typing import Any, NamedTuple
 
 from ..si import Quantity, per_second
-from .record import Declaration, declarations, discrete, record
+from .model import Model, complete_model
+from .record import Declaration, declarations, discrete
 
 
 class InputHold(IntEnum):
@@ -26,13 +24,6 @@ INPUT_HOLD: Declaration = discrete(
     "Inputs over a communication step: held at the value set (0), extrapolated through the "
     "last two values (1), interpolated from the previous value to the one just set (2)",
 )
-
-
-class Experiment(NamedTuple):
-    """Default experiment: stop time and preferred communication step, in s."""
-
-    stop: float
-    step: float
 
 
 class Variable(NamedTuple):
@@ -62,70 +53,11 @@ class Variable(NamedTuple):
         return self.declaration.quantity.unit if self.declaration.quantity else ""
 
 
-RECORDS = ("Parameters", "Inputs", "State", "Outputs")
-FUNCTIONS = {
-    "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "event_indicators": "p, t, x, u",
-    "event_update": "p, t, x, u, which", "prepare": "p, x", "settle": "p, x",
-}  # fmt: skip
-"""The arguments of a model's functions."""
-
-
-def complete_model(model: Any) -> None:
-    """Add the records that a model lacks, empty; raises TypeError for a missing part that it must have."""
-    for name in RECORDS:
-        if not hasattr(model, name):
-            setattr(model, name, record(type(name, (), {"__module__": model.__name__})))
-        if not hasattr(getattr(model, name), "_declared"):
-            raise TypeError(f"class {name} needs @record above it")
-    if not hasattr(model, "derivatives") and not model.State._declared:
-        model.derivatives = lambda p, t, x, u: x
-    if not hasattr(model, "outputs") and not model.Outputs._declared:
-        empty = model.Outputs()
-        model.outputs = lambda p, t, x, u: empty
-    needed = {
-        "__doc__": 'write """One line that says what it is""" at the top of the file',
-        "EXPERIMENT": "write EXPERIMENT = Experiment(stop=10.0, step=0.01)",
-        "derivatives": "write def derivatives(p, t, x, u), which returns the State of slopes",
-        "outputs": "write def outputs(p, t, x, u), which returns the Outputs",
-    }
-    if hasattr(model, "event_indicators") or hasattr(model, "event_update"):
-        needed["event_indicators"] = (
-            "write def event_indicators(p, t, x, u), which returns a tuple of values that stay above 0"
-        )
-        needed["event_update"] = (
-            "write def event_update(p, t, x, u, which), which returns the State after the event"
-        )
-    for name, form in needed.items():
-        if not getattr(model, name, None):
-            raise TypeError(f"{'the docstring' if name == '__doc__' else name} is missing: {form}")
-    stop, step = model.EXPERIMENT
-    if not 0.0 < step <= stop < inf:
-        raise ValueError(
-            f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop must hold"
-        )
-    for name, expected in FUNCTIONS.items():
-        if hasattr(model, name):
-            _require_arguments(name, signature(getattr(model, name)), expected.split(", "))
-
-
-def _require_arguments(name: str, actual: Signature, expected: list[str]) -> None:
-    names = list(actual.parameters)
-    swapped = names[: len(expected)] != expected and sorted(names[: len(expected)]) == sorted(
-        expected
-    )
-    try:
-        actual.bind(*expected)
-    except TypeError:
-        swapped = True
-    if swapped:
-        raise TypeError(f"{name} takes {', '.join(names)}: write def {name}({', '.join(expected)})")
-
-
 class Interface:
     """All variables of a component and where each kind starts in the list of values."""
 
-    def __init__(self, model: ModuleType) -> None:
-        self.model = model
+    def __init__(self, model: Any) -> None:
+        self.model: Model = complete_model(model)
         self.variables: list[Variable] = []
         self.parameters = self._add(model.Parameters, "parameter", "exact")
         self.input_hold = len(self.variables)
@@ -188,26 +120,26 @@ def rate_quantity(declaration: Declaration) -> Quantity | None:
     return per_second(declaration.quantity) if declaration.quantity else None
 
 
-def co_simulation_only_reason(model: ModuleType) -> str:
+def co_simulation_only_reason(model: Model) -> str:
     """Why a model can only be stepped, not integrated by others; empty if it can be integrated."""
     declared = [d for _, d in declarations(model.State)]
     discrete = all(d.kind != "Real" or d.held for d in declared)
-    if discrete and (hasattr(model, "sample") or hasattr(model, "exact")):
+    if discrete and (model.sample or model.exact):
         return "it has no continuous state and changes only at communication points"
-    return getattr(model, "CO_SIMULATION_ONLY", "")
+    return model.CO_SIMULATION_ONLY
 
 
-def title(model: ModuleType) -> str:
+def title(model: Model) -> str:
     """The first line of a component's docstring."""
     return (model.__doc__ or "").strip().splitlines()[0].rstrip(".")
 
 
-def component_name(model: ModuleType) -> str:
+def component_name(model: Model) -> str:
     """The name of a model: drive_motor for the file drive_motor.py or drive_motor/model.py."""
     parent, name = ("", *model.__name__.split("."))[-2:]
     return parent if name == "model" else name
 
 
-def class_name(model: ModuleType) -> str:
+def class_name(model: Model) -> str:
     """drive_motor -> DriveMotor, DC_motor -> DCMotor, the FMU's name."""
     return "".join(word[:1].upper() + word[1:] for word in component_name(model).split("_"))

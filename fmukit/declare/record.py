@@ -214,7 +214,7 @@ def record(cls: type[R]) -> type[R]:
             raise TypeError(
                 f"{cls.__name__}.{name} is not a name in FMI: write letters from a to z"
             )
-        if hasattr(annotation, "_declared"):
+        if is_record(annotation):
             fields[name] = annotation
             continue
         declared, quantity = _declared(cls, name), _quantity(annotation)
@@ -292,6 +292,11 @@ def _array_view(first: int, declared: list[Any]) -> property:
     width = len(declared[0])
     rows = [slice(first + i * width, first + (i + 1) * width) for i in range(len(declared))]
     return property(lambda values: tuple([values[row] for row in rows]))
+
+
+def is_record(cls: Any) -> bool:
+    """Whether a class or annotation was made by `record`."""
+    return hasattr(cls, "_declared")
 
 
 def declarations(cls: Any, prefix: str = "") -> Iterator[tuple[str, Declaration]]:

@@ -1,6 +1,5 @@
 """A model from its file: NAME.py, or NAME/model.py with the page.md and the drawing.svg beside it."""
 
-import ast
 import importlib.util
 import sys
 import traceback
@@ -11,7 +10,8 @@ from types import ModuleType
 
 import tomllib
 
-from ..declare.interface import complete_model
+from ..declare.model import Model, complete_model
+from . import contract
 
 
 class ModelError(Exception):
@@ -33,33 +33,14 @@ def load(path: Path) -> ModuleType:
     try:
         with as_model_error(path):
             spec.loader.exec_module(module)
-            complete_model(module)
-            require_imports(path)
+            contract.require_spelling(path, module)
+            contract.require_parts(complete_model(module))
+            contract.require_imports(path)
     finally:
         del sys.modules[name]
         if previous is not None:
             sys.modules[name] = previous
     return module
-
-
-def require_imports(path: Path) -> None:
-    """Raise SyntaxError for an import that would be missing from the FMU."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if not isinstance(node, ast.Import | ast.ImportFrom):
-            continue
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        else:
-            names = ["." * node.level + (node.module or "")]
-        for name in names:
-            package = name.partition(".")[0]
-            imports_package = isinstance(node, ast.Import) and package == "fmukit"
-            if imports_package or package not in {"fmukit", *sys.stdlib_module_names}:
-                raise SyntaxError(
-                    f"{name or '.'} cannot go into the FMU: a model is one file that uses only "
-                    "the standard library and 'from fmukit import ...'",
-                    (str(path), node.lineno, None, None),
-                )
 
 
 @contextmanager
@@ -86,14 +67,14 @@ def as_model_error(path: Path) -> Iterator[None]:
         ) from error
 
 
-def neighbour_file(model: ModuleType, name: str) -> Path | None:
+def neighbour_file(model: Model, name: str) -> Path | None:
     """The file of this name beside a model.py, if there is one."""
     file = Path(model.__file__ or "")
     path = file.with_name(name)
     return path if file.stem == "model" and path.exists() else None
 
 
-def project_metadata(model: ModuleType) -> dict[str, str]:
+def project_metadata(model: Model) -> dict[str, str]:
     """Author, licence and version of the project that a model is part of, by its pyproject.toml."""
     for folder in Path(model.__file__ or "").resolve().parents:
         if (folder / "pyproject.toml").exists():

@@ -77,7 +77,7 @@ def make(model: ModuleType, flavour: str, out: Path, force: bool) -> Iterator[bo
         yield build_if_outdated(build, python.pack, out / f"{build.name}.fmu", force)
     if flavour == "python":
         return
-    if hasattr(model, "PYTHON_ONLY"):
+    if model.PYTHON_ONLY:
         print(f"{component_name(model)} has no native flavour: {model.PYTHON_ONLY}")
         yield flavour in ("both", "all")
         return

@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any
 from zipfile import ZipFile
 
-from ..declare.interface import Interface, Variable, class_name, complete_model
+from ..declare.interface import Interface, Variable, class_name
 from ..runtime import equations
 from .python import instance
 
@@ -126,7 +126,6 @@ def table(interface: Interface) -> dict[str, Any]:
 
 def by_equations(model: ModuleType, guid: str = "") -> type[instance.Slave]:
     """The slave that calls the functions of a model as they stand."""
-    complete_model(model)
     interface = Interface(model)
     body = table(interface) | {"guid": guid, "functions": equations.functions(interface)}
     return type(class_name(model), (instance.Slave,), body)

@@ -51,7 +51,7 @@ def entries(interface: Interface) -> dict[str, bytes]:
 def flanges(interface: Interface) -> dict[str, dict[str, str]]:
     """The variables of each shaft end by member; raises ValueError for one that is no shaft end."""
     terminals = {}
-    for name, variables in getattr(interface.model, "FLANGES", {}).items():
+    for name, variables in interface.model.FLANGES.items():
         context = f"FLANGES[{name!r}]"
         if len(variables) not in (2, 3):
             raise ValueError(f"{context} must name torque, speed and, if there is one, the angle")

@@ -1,35 +1,17 @@
 """Carry a component over one communication step: its own exact update, or the integrator.
 
-A component whose equations repeat costly work may do it once::
-
-    prepare(p, x) -> Any             a fifth argument for `derivatives` throughout a step that begins
-                                     with the state x
-
-A hybrid component adds to its equations::
-
-    event_indicators(p, t, x, u) -> tuple    positive values; an event occurs where one becomes negative
-    event_update(p, t, x, u, which) -> State the state just after indicator number `which` became negative
-    sample(p, t, x, before, now)             the state just after a communication point that brings new
-                                             inputs (before = None when initialisation ends)
-    settle(p, x)                             the state x with all that follows from the rest of it; at
-                                             the start and at the end of every communication step. What
-                                             cannot be chosen at the start is declared with `follows=True`
-    notes(p, t, old, new, u)                 sentences for the log on the change from old to new
-    LONGEST_STEP                             sub-step [s] within which no indicator changes sign twice
-
-Any of these may be missing. Fields of State that are not Real, or are declared `held`, keep their
-value between events.
+A hybrid component has events, and may change at communication points: `declare/model.py` says by which
+functions, and which of them may be missing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from math import inf
-from types import ModuleType
 from typing import Any, NamedTuple
 
 from ..declare.interface import InputHold
+from ..declare.model import Model
 from ..declare.record import declarations
 from . import ode
 from .flow import repeat
@@ -93,7 +75,7 @@ def input_trajectory(hold: int, before: Any, now: Any, past: float, h: float) ->
 
 
 def step(
-    model: ModuleType,
+    model: Model,
     p: Any,
     t: float,
     x: Any,
@@ -107,7 +89,7 @@ def step(
 
 
 def advance(
-    model: ModuleType,
+    model: Model,
     p: Any,
     t: float,
     x: Any,
@@ -116,20 +98,18 @@ def advance(
 ) -> Any:
     """The state at the end of a step that begins at t with state x.
 
-    A component with a closed solution for inputs on a line gives it in `exact(p, x, u0, u1, h)`,
-    None where it has none.
     `note` takes the sentences of a hybrid component about its events.
     """
-    if hasattr(model, "exact") and inputs.degree == 1:
+    if model.exact and inputs.degree == 1:
         end = model.exact(p, x, inputs.start, inputs.end, inputs.h)
         if end is not None:
             return end
 
-    return settle(model, p, integrate_through_events(model, p, t, x, inputs, note))
+    return model.settle(p, integrate_through_events(model, p, t, x, inputs, note))
 
 
 def sample(
-    model: ModuleType,
+    model: Model,
     p: Any,
     t: float,
     x: Any,
@@ -138,29 +118,21 @@ def sample(
     note: Note = ignore_sentence,
 ) -> Any:
     """The state just after the communication point t that brought the inputs `now`."""
-    if not hasattr(model, "sample"):
+    if not model.sample:
         return x
     new = model.sample(p, t, x, before, now)
     announce_change(model, p, t, x, new, now, note)
     return new
 
 
-def settle(model: ModuleType, p: Any, x: Any) -> Any:
-    """The state x with what the component makes of it from its own other fields."""
-    return model.settle(p, x) if hasattr(model, "settle") else x
-
-
-def announce_change(
-    model: ModuleType, p: Any, t: float, old: Any, new: Any, u: Any, note: Note
-) -> None:
+def announce_change(model: Model, p: Any, t: float, old: Any, new: Any, u: Any, note: Note) -> None:
     """Pass the sentences of the component about a change of state to `note`."""
-    if hasattr(model, "notes"):
-        for sentence in model.notes(p, t, old, new, u):
-            note(sentence)
+    for sentence in model.notes(p, t, old, new, u):
+        note(sentence)
 
 
 def events(
-    model: ModuleType, p: Any, t: float, x: Any, inputs: InputTrajectory
+    model: Model, p: Any, t: float, x: Any, inputs: InputTrajectory
 ) -> list[tuple[float, Any, Any]]:
     """The events of a step: time since its beginning, state before and after; last the step's end.
 
@@ -178,15 +150,15 @@ def stop_at_event(s: float, before: Any, after: Any) -> None:
 
 
 def run_to_event(
-    model: ModuleType, p: Any, t: float, x: Any, inputs: InputTrajectory
+    model: Model, p: Any, t: float, x: Any, inputs: InputTrajectory
 ) -> tuple[float, float, Any]:
     """Run to the first event of a step, or to its end: time since its beginning, indicator or -1, state."""
-    if hasattr(model, "exact") and inputs.degree == 1:
+    if model.exact and inputs.degree == 1:
         end = model.exact(p, x, inputs.start, inputs.end, inputs.h)
         if end is not None:
             return inputs.h, -1.0, end
     at = integrate_through_events(model, p, t, x, inputs, ignore_sentence, stop_at_event)
-    return at.progress.s, at.which, settle(model, p, at.x) if at.which < 0 else at.x
+    return at.progress.s, at.which, model.settle(p, at.x) if at.which < 0 else at.x
 
 
 class HybridState(NamedTuple):
@@ -199,7 +171,7 @@ class HybridState(NamedTuple):
 
 
 def integrate_through_events(
-    model: ModuleType,
+    model: Model,
     p: Any,
     t: float,
     x: Any,
@@ -213,12 +185,8 @@ def integrate_through_events(
     a system that chatters, and what `ode.substep` raises.
     """
     indices, tolerance = continuous_indices(model.State), tolerances(model.State)
-    h, longest, hybrid = (
-        inputs.h,
-        getattr(model, "LONGEST_STEP", inf),
-        hasattr(model, "event_indicators"),
-    )
-    prepared = (model.prepare(p, x),) if hasattr(model, "prepare") else ()
+    h, longest = inputs.h, model.LONGEST_STEP
+    prepared = (model.prepare(p, x),) if model.prepare else ()
 
     def begin(s: float, x: Any) -> ode.IntegratorState:
         y = continuous_values(x, indices)
@@ -228,7 +196,7 @@ def integrate_through_events(
 
     def body(at: HybridState) -> tuple[bool, HybridState]:
         which, x, progress, events = at
-        if hybrid and which >= 0:
+        if model.event_update and which >= 0:
             if on_event is stop_at_event:
                 return True, at
             if events >= MOST_EVENTS:
@@ -267,10 +235,10 @@ def smaller(a: float, b: float) -> float:
 
 
 def triggered_indicator(
-    model: ModuleType, p: Any, t: float, s: float, x: Any, inputs: InputTrajectory
+    model: Model, p: Any, t: float, s: float, x: Any, inputs: InputTrajectory
 ) -> int:
     """The index of the first negative event indicator, -1 if none is negative."""
-    if hasattr(model, "event_indicators"):
+    if model.event_indicators:
         for which, value in enumerate(model.event_indicators(p, t + s, x, inputs.at(s))):
             if value < 0.0:
                 return which
@@ -278,7 +246,7 @@ def triggered_indicator(
 
 
 def locate_event(
-    model: ModuleType,
+    model: Model,
     p: Any,
     t: float,
     x: Any,
@@ -310,7 +278,7 @@ def locate_event(
 
 
 def slope(
-    model: ModuleType,
+    model: Model,
     p: Any,
     t: float,
     x: Any,

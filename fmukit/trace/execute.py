@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from ..declare.record import Declaration
+from ..declare.record import Declaration, is_record
 from .context import current
 from .graph import Branch, Leaf, Node, Operation, Tree, UntraceableError, text_of
 from .merge import merge_arms
@@ -113,7 +113,12 @@ def arranged(shape: Any, numbers: Iterator[Any]) -> Any:
     if cls == "static":
         return parts.value
     values = [arranged(part, numbers) for part in parts]
-    return cls._make(values) if hasattr(cls, "_make") else cls(values)
+    return cls._make(values) if is_named_tuple(cls) else cls(values)
+
+
+def is_named_tuple(cls: Any) -> bool:
+    """Whether a class takes its items one by one, unlike tuple and list."""
+    return hasattr(cls, "_make")
 
 
 def kinds(shape: Any) -> Iterator[tuple[str, Sequence[int]]]:
@@ -121,8 +126,8 @@ def kinds(shape: Any) -> Iterator[tuple[str, Sequence[int]]]:
     if shape == "number":
         yield "Real", ()
     elif shape[0] != "static":
-        declared = getattr(shape[0], "_declared", {}).values()
-        for part, field in zip(shape[1], declared or shape[1]):
+        declared = shape[0]._declared.values() if is_record(shape[0]) else shape[1]
+        for part, field in zip(shape[1], declared):
             if part == "number" and isinstance(field, Declaration):
                 yield field.kind, tuple(field.items or ())
             else:

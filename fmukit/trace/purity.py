@@ -5,10 +5,10 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
-from ..declare.record import start
+from ..declare.model import Model
+from ..declare.record import is_record, start
 from .execute import leaves
 from .graph import Node, Tree, UntraceableError, key
 from .tracer import Tracer
@@ -21,13 +21,13 @@ REFUSED: dict[type[ast.AST], str] = {
 }
 
 
-def require(model: ModuleType, tracer: Tracer) -> None:
+def require(model: Model, tracer: Tracer) -> None:
     """Raise SyntaxError or UntraceableError for a function that the FMU could not repeat.
 
     Such a function catches errors, returns something that is not a number, or returns another value for
     the same numbers.
     """
-    source_nodes = ast.walk(ast.parse(inspect.getsource(model)))
+    source_nodes = ast.walk(ast.parse(inspect.getsource(tracer.model)))
     for node in (
         inner
         for outer in source_nodes
@@ -38,7 +38,7 @@ def require(model: ModuleType, tracer: Tracer) -> None:
             raise SyntaxError(reason, (model.__file__, node.lineno, None, None))
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
     results = {"derivatives": model.State, "outputs": model.Outputs}
-    if hasattr(model, "event_indicators"):
+    if model.event_indicators:
         results |= {"event_indicators": tuple, "event_update": model.State}
     for name, result in results.items():
         checked_function = checked(model, name, result)
@@ -56,7 +56,7 @@ def require(model: ModuleType, tracer: Tracer) -> None:
             )
 
 
-def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
+def checked(model: Model, name: str, result: Any) -> Callable[..., Any]:
     """A function of a model that refuses to return anything but its record of numbers."""
 
     def call(**arguments: Any) -> Any:
@@ -64,8 +64,8 @@ def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
         if not isinstance(returned, result):
             form = "(..., ...)" if result is tuple else f"{result.__name__}(...)"
             raise UntraceableError(f"{name} returns {_describe(returned)}: write return {form}")
-        for field, declared in getattr(result, "_declared", {}).items():
-            value = getattr(returned, field)
+        declarations = result._declared.items() if is_record(result) else ()
+        for (field, declared), value in zip(declarations, returned):
             is_boolean = isinstance(value, bool) and declared.kind == "Real"
             if is_boolean or not isinstance(value, (Node, float, int)):
                 raise UntraceableError(

@@ -16,7 +16,7 @@ from typing import Any
 
 from ..runtime import flow
 from .context import TraceContext, active, current
-from .execute import arranged, explore, flatten, has_static, kinds, leaves, symbols
+from .execute import arranged, explore, flatten, has_static, is_named_tuple, kinds, leaves, symbols
 from .graph import (
     AttemptEnd,
     AttemptStart,
@@ -77,7 +77,7 @@ def unified(shape: Any) -> Any:
     """A shape in which a list is as good as a tuple."""
     if shape == "number" or shape[0] == "static":
         return shape
-    cls = shape[0] if hasattr(shape[0], "_make") else tuple
+    cls = shape[0] if is_named_tuple(shape[0]) else tuple
     return cls, tuple(unified(part) for part in shape[1])
 
 
@@ -133,7 +133,7 @@ class Tracer:
         """What records the calls of a module's function under this name; None if nothing has to."""
         if isinstance(value, FunctionType | BuiltinFunctionType | ModuleType) and value in REPLACED:
             return REPLACED[value]
-        value = getattr(value, "__wrapped__", value)
+        value = inspect.unwrap(value)
         belongs_to_module = isinstance(value, FunctionType) and value.__module__ == module.__name__
         is_boundary = not inspect.isgeneratorfunction(value)
         if module is not self.model:

@@ -13,6 +13,7 @@ from mpmath import mpf
 
 from components.drive_motor import model as drive_motor
 from components.iron_drive import model as iron
+from fmukit.declare.model import DEFAULTS
 from fmukit.declare.record import real, record, start
 from fmukit.runtime import hybrid as motion
 
@@ -208,13 +209,14 @@ class CoupledDrive:
         def event_update(_: Any, t: float, x: Any, u: Any, which: int) -> Any:
             return x._replace(**iron.event_update(p, t, *parts(x), which)._asdict())
 
-        self.model: Any = SimpleNamespace(
-            State=State,
-            derivatives=derivatives,
-            event_indicators=lambda _, t, x, u: iron.event_indicators(p, t, *parts(x)),
-            event_update=event_update,
-            LONGEST_STEP=iron.LONGEST_STEP,
-        )
+        functions = {
+            "State": State,
+            "derivatives": derivatives,
+            "event_indicators": lambda _, t, x, u: iron.event_indicators(p, t, *parts(x)),
+            "event_update": event_update,
+            "LONGEST_STEP": iron.LONGEST_STEP,
+        }
+        self.model: Any = SimpleNamespace(**DEFAULTS | functions)
         x = start(State, **state)
         first, u = parts(x)
         self.t, self.x = 0.0, x._replace(**iron.sample(p, 0.0, first, None, u)._asdict())

@@ -22,6 +22,7 @@ from components.gearbox import model as gearbox
 from components.shaft_link import model as link
 from components.speed_controller import model as controller
 from components.unbalance_exciter import model as exciter
+from fmukit.declare.model import complete_model
 from fmukit.declare.record import start
 from fmukit.runtime import hybrid as motion
 from fmukit.runtime import ode
@@ -144,7 +145,7 @@ def test_gearbox_reverses_without_chatter_and_closes_its_energy() -> None:
         calls.append(args)
         return gearbox.derivatives(*args)
 
-    model: Any = SimpleNamespace(State=gearbox.State, derivatives=counted)
+    model: Any = SimpleNamespace(**vars(complete_model(gearbox)) | {"derivatives": counted})
     states, trajectory = [it.x], motion.InputTrajectory(it.u, it.u, t[1])
     for now in t[:-1]:
         states.append(motion.advance(model, it.p, now, states[-1], trajectory))

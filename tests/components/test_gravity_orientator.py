@@ -19,6 +19,7 @@ import sympy
 
 from components.gravity_orientator import model
 from components.gravity_orientator.model import Reason, Stage
+from fmukit.declare.model import complete_model
 from fmukit.declare.record import start
 from fmukit.runtime import hybrid as motion
 from tests.hosts.fmus import resident
@@ -71,7 +72,8 @@ INSTANTS = {
 def passage(n: Any, mu: Any, h: float = 1e-3, component: Any = model) -> Any:
     """Parameters, end and events (t, before, after) of a product; n rpm, or the speed at a step."""
     p = start(model.Parameters, **{"chute.mu": mu}) if isinstance(mu, float) else mu
-    x, before, recorded = motion.settle(component, p, start(model.State)), None, []
+    complete_model(component)
+    x, before, recorded = component.settle(p, start(model.State)), None, []
     for k in range(math.ceil(3.0 / h)):
         u = model.Inputs(RPM * (n(k * h) if callable(n) else n), True)
         x, before = motion.sample(component, p, k * h, x, before, u), u
@@ -80,7 +82,7 @@ def passage(n: Any, mu: Any, h: float = 1e-3, component: Any = model) -> Any:
                 component, p, k * h, x, motion.InputTrajectory(u, u, h)
             ):
                 recorded += [(k * h + s, old, new)] if new is not old else []
-            x = motion.settle(component, p, new)
+            x = component.settle(p, new)
     return p, x, recorded
 
 

@@ -16,6 +16,7 @@ import pytest
 
 from components.iron_drive import model as iron
 from cosim import System, run
+from fmukit.declare.model import complete_model
 from fmukit.declare.record import declarations, replace, start
 from fmukit.runtime import hybrid as motion
 from tests.components.iron_oracle import CoupledDrive, by_material_points, tables
@@ -236,7 +237,7 @@ def coast(p: Any, w: float, stop: float) -> Any:
     """The state of a drive with a heavy rotor that turns at this speed, without torque."""
     u = iron.Inputs(0.0)
     x = iron.sample(p, 0.0, replace(start(iron.State), w_cam=w), None, u)
-    return motion.advance(iron, p, 0.0, x, motion.InputTrajectory(u, u, stop))
+    return motion.advance(complete_model(iron), p, 0.0, x, motion.InputTrajectory(u, u, stop))
 
 
 @pytest.mark.parametrize(

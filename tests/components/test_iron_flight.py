@@ -14,6 +14,7 @@ import sympy as sp
 
 from components.iron_drive import model as iron
 from cosim import System, run
+from fmukit.declare.model import complete_model
 from fmukit.declare.record import start
 from fmukit.runtime import hybrid
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
@@ -205,7 +206,7 @@ def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
     x = iron.sample(p, 0.0, start(iron.State, phi=5.0, gap=gap), None, u)
     fall = -iron.derivatives(p, 0.0, x, u).w_gap
     trajectory = hybrid.InputTrajectory(u, u, 2e-3)
-    events = hybrid.events(iron, p, 0.0, x, trajectory)
+    events = hybrid.events(complete_model(iron), p, 0.0, x, trajectory)
     recorded = [(t, old, new) for t, old, new in events if new.landings > old.landings]
     first, v = math.sqrt(2 * gap / fall), math.sqrt(2 * gap * fall)
     times, bounces = [t for t, _, _ in recorded], [-old.w_gap for _, old, _ in recorded]

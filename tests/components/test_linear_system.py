@@ -16,11 +16,13 @@ from scipy.linalg import expm
 
 from components.linear_system import model as linear
 from fmukit.declare.interface import InputHold
+from fmukit.declare.model import complete_model
 from fmukit.declare.record import array, declarations, fill, real, record, replace, start
 from fmukit.runtime import hybrid as motion
 from fmukit.si import Ratio
 from tests.hosts.host import Unit
 
+complete_model(linear)
 FMU = "LinearSystem.fmu"
 near = functools.partial(pytest.approx, abs=0.0)
 STEPS = [1e-6, 1e-3, 0.1, 10.0]

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from components.crank_conveyor import model as crank_conveyor
 from components.drive_motor import model as drive_motor
+from fmukit.declare.model import complete_model
 from fmukit.declare.record import start
 from fmukit.runtime import direction as turn
 from fmukit.runtime import hybrid as motion
@@ -24,6 +25,9 @@ from fmukit.runtime import ode
 from scenarios.conveyor.first_order import SETS
 from tests.oracle import monolithic, revolution_samples, symbolic
 from workbench.measure import last_revolutions, order
+
+complete_model(crank_conveyor)
+complete_model(drive_motor)
 
 REFERENCE = {
     # set, nu: w2, phase, tau2, phase, nu_t, nu_phi, time-mean tau, peak rod force, w4
@@ -374,9 +378,7 @@ def test_a_turned_direction_is_that_of_the_angle() -> None:
 def test_a_step_does_not_depend_on_the_direction_prepared_for_it(finite: bool, w: float) -> None:
     p = start(crank_conveyor.Parameters, **{"rod.finite": finite, "rod.l": 0.05})
     x, u = crank_conveyor.State(2.0, w), crank_conveyor.Inputs(30.0)
-    unprepared: Any = SimpleNamespace(
-        State=crank_conveyor.State, derivatives=crank_conveyor.derivatives
-    )
+    unprepared: Any = SimpleNamespace(**vars(crank_conveyor) | {"prepare": None})
     ends = [
         motion.advance(model, p, 0.0, x, motion.InputTrajectory(u, u, 1e-3))
         for model in (crank_conveyor, unprepared)

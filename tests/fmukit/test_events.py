@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from fmukit.declare.model import DEFAULTS
 from fmukit.declare.record import discrete, real, record, start
 from fmukit.runtime import hybrid as motion
 from fmukit.si import Length, Velocity
@@ -69,14 +70,14 @@ def notes(p: Any, t: float, old: Any, new: Any, u: Any) -> Iterator[str]:
         yield f"bounce {new.bounces}"
 
 
-MODEL: Any = SimpleNamespace(
-    State=State,
-    derivatives=derivatives,
-    event_indicators=event_indicators,
-    event_update=event_update,
-    sample=sample,
-    notes=notes,
-)
+FUNCTIONS = {
+    "derivatives": derivatives,
+    "event_indicators": event_indicators,
+    "event_update": event_update,
+    "sample": sample,
+    "notes": notes,
+}
+MODEL: Any = SimpleNamespace(**DEFAULTS | {"State": State} | FUNCTIONS)
 
 
 @pytest.mark.parametrize("h", [1e-3, 0.07, 5.0])

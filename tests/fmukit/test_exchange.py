@@ -19,6 +19,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2Discard
 
 from fmukit.declare.interface import co_simulation_only_reason, component_name
+from fmukit.declare.model import DEFAULTS
 from fmukit.declare.record import declarations, discrete, record
 from fmukit.declare.record import start as begin
 from fmukit.runtime import hybrid
@@ -62,14 +63,14 @@ def events_of(name: str, start: dict[str, Any], stop: float, step: float) -> lis
         begin(cls, **{k: v for k, v in start.items() if k in dict(declarations(cls))})
         for cls in (model.Parameters, model.State, model.Inputs)
     )
-    x = hybrid.sample(model, p, 0.0, hybrid.settle(model, p, x), None, u)
+    x = hybrid.sample(model, p, 0.0, model.settle(p, x), None, u)
     actual = []
     for n in range(round(stop / step)):
         *events, (_, x, _) = hybrid.events(
             model, p, n * step, x, hybrid.input_trajectory(0, u, u, step, step)
         )
         actual += [n * step + s for s, *_ in events]
-        x = hybrid.settle(model, p, x)
+        x = model.settle(p, x)
     return actual
 
 
@@ -94,7 +95,7 @@ def test_cvode_and_our_steps_agree(folder: str, case: Any, fmus: Path) -> None:
             continue
         scale = max(np.max(np.abs(a)), float(variable.nominal or 0.0)) or 1.0
         assert np.max(np.abs(a - b)) <= 1e-8 * scale, variable.name
-    if hasattr(MODELS[name], "event_indicators"):
+    if MODELS[name].event_indicators:
         expected = events_of(name, start, stop, step)
         assert events == pytest.approx(expected, rel=0.0, abs=1e-9)
 
@@ -102,7 +103,7 @@ def test_cvode_and_our_steps_agree(folder: str, case: Any, fmus: Path) -> None:
 def test_the_experiments_contain_stick_reversal_separation_impacts_and_flight(fmus: Path) -> None:
     observed: dict[str, set[Any]] = {}
     for name, start, stop in EXPERIMENTS:
-        if hasattr(MODELS[name], "event_indicators"):
+        if MODELS[name].event_indicators:
             fmu = fmus / "native" / f"{name}.fmu"
             rows, _ = integrated(fmu, start, stop, "ModelExchange", MODELS[name].EXPERIMENT.step)
             for variable in rows.dtype.names[1:]:
@@ -372,11 +373,13 @@ def test_a_host_that_overlooks_an_event_gets_a_message(fmus: Path) -> None:
 
 def test_what_changes_only_at_communication_points_stays_co_simulation() -> None:
     clock = record(type("State", (), {"__annotations__": {"n": int}, "n": discrete(0, "Count")}))
-    model: Any = SimpleNamespace(State=clock, sample=lambda p, t, x, before, now: x)
+    sampled = {"State": clock, "sample": lambda p, t, x, before, now: x}
+    model: Any = SimpleNamespace(**DEFAULTS | sampled)
     assert (
         co_simulation_only_reason(model)
         == "it has no continuous state and changes only at communication points"
     )
-    model = SimpleNamespace(State=MODELS["IronDrive"].State, CO_SIMULATION_ONLY="its step is exact")
+    declared = {"State": MODELS["IronDrive"].State, "CO_SIMULATION_ONLY": "its step is exact"}
+    model = SimpleNamespace(**DEFAULTS | declared)
     assert co_simulation_only_reason(model) == "its step is exact"
     assert not any(map(co_simulation_only_reason, MODELS.values()))

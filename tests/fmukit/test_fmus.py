@@ -30,6 +30,7 @@ from components import MACHINES
 from components.crank_conveyor import model as crank_conveyor
 from fmukit import VERSION
 from fmukit.declare.interface import InputHold, Interface, Variable, class_name, component_name
+from fmukit.declare.model import complete_model
 from fmukit.declare.record import Declaration, declarations, fill, start
 from fmukit.fmu.load import neighbour_file
 from fmukit.fmu.native import package as compiled
@@ -40,9 +41,9 @@ from tests.conftest import ROOT, described, rewritten
 from tests.hosts import fmus as hosts
 from tests.hosts.host import Unit
 
-MODELS = [importlib.import_module(f"components.{name}.model") for name in MACHINES]
+MODELS = [complete_model(importlib.import_module(f"components.{name}.model")) for name in MACHINES]
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
-NATIVE = [model for model in MODELS if not hasattr(model, "PYTHON_ONLY")]
+NATIVE = [model for model in MODELS if not model.PYTHON_ONLY]
 PATHS = {f"{class_name(model)}.fmu": model for model in MODELS}
 PATHS |= {f"native/{class_name(model)}.fmu": model for model in NATIVE}
 each_model = pytest.mark.parametrize("model", MODELS, ids=class_name)
@@ -499,7 +500,7 @@ def test_the_shipped_errors_belong_to_the_shipped_results(model: Any, fmu: Path)
         assert error.max() <= 1e-6 * (np.ptp(result) or np.abs(result).max() or 1.0), name
 
 
-CONTINUOUS = [model for model in MODELS if not hasattr(model, "event_indicators")]
+CONTINUOUS = [model for model in MODELS if not model.event_indicators]
 
 
 @pytest.mark.parametrize("model", CONTINUOUS, ids=class_name)

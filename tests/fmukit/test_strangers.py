@@ -278,6 +278,25 @@ def test_names_of_a_model_are_not_those_of_the_printers(tmp_path: Path) -> None:
     assert expected[1, 1] > 2.0
 
 
+def test_a_state_may_have_vectors(tmp_path: Path) -> None:
+    """An oscillator, with its first state beside the vector of the others."""
+    model = tmp_path / "vectors.py"
+    model.write_text(
+        HEAD.replace("import Experiment,", "import Experiment, array, fill,") + "@record\n"
+        "class State:\n"
+        '    y: Length = real(0.5, "Integral")\n'
+        '    x: tuple[Length, Length] = array([2.0, 1.0], "State {0}")\n'
+        "def derivatives(p, t, x, u):\n"
+        "    return fill(State, [x.x[0], x.x[1], -x.x[0]])\n"
+    )
+    fmukit("build", model, "--out", tmp_path)
+    expected = from_equations(load(model))
+    for flavour in FLAVOURS:
+        assert np.array_equal(run(tmp_path / flavour / "Vectors.fmu", load(model)), expected)
+    t = expected[:, 0]
+    assert expected[:, 2] == pytest.approx(2.0 * np.cos(t) + np.sin(t), abs=1e-9)
+
+
 MATHEMATICS = [
     "sin",
     "cos",

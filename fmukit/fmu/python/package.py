@@ -26,10 +26,8 @@ BINARIES = Path(pythonfmu.__file__).parent / "resources" / "binaries"
 NEEDED = ("__init__.py", "si.py", "declare/*.py", "runtime/*.py")
 UNTRACED = """\
 from {kit} import model
-from {kit}.fmukit.declare.interface import Interface, complete_model
+from {kit}.fmukit.declare.interface import Interface
 from {kit}.fmukit.runtime import equations
-
-complete_model(model)
 """
 
 
@@ -52,7 +50,7 @@ class Build(NamedTuple):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences about the model; none about one that cannot be traced."""
-        return () if hasattr(self.model, "PYTHON_ONLY") else entries.generate(self.model).warnings
+        return () if self.model.PYTHON_ONLY else entries.generate(self.model).warnings
 
     @property
     def module(self) -> str:
@@ -63,7 +61,7 @@ class Build(NamedTuple):
     def files(self) -> dict[str, bytes]:
         """What is imported, by its path in `resources`."""
         files: dict[str, bytes] = {}
-        if hasattr(self.model, "PYTHON_ONLY"):
+        if self.model.PYTHON_ONLY:
             kit, functions = f"{self.module}_kit", "equations.functions(Interface(model))"
             printed = UNTRACED.format(kit=kit)
             source = Path(self.model.__file__ or "").read_text(encoding="utf-8")
