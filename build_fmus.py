@@ -49,10 +49,14 @@ def main() -> int:
         default=default,
         help=f"which FMUs to build (default here: {default})",
     )
-    parser.add_argument("--into", type=Path, default=ROOT / "fmus", help="folder of the FMUs")
+    parser.add_argument(
+        "--into", type=Path, default=ROOT / "fmus", help="folder for the FMUs (default: fmus)"
+    )
     parser.add_argument("--force", action="store_true", help="rebuild even what is up to date")
     parser.add_argument(
-        "--docs", action="store_true", help="also write their docs/machines and docs/papers.md"
+        "--docs",
+        action="store_true",
+        help="also write their pages in docs/machines, and docs/papers.md",
     )
     options = parser.parse_args()
     files_by_name = {plain(name): file for name, file in MACHINES.items()}

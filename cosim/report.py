@@ -26,16 +26,16 @@ class PartIdentity:
 
 @dataclass(frozen=True)
 class BondEnergy:
-    """What went over a power bond [J].
+    """The energy that a power bond transferred [J].
 
     Attributes
     ----------
     given, taken
-        What the first side gave and the second took.
+        What the first side delivered and what the second received.
     residual
-        What neither side has: what the coupling made, or took where it is below 0.
+        `given` less `taken`: what the coupling removed, or created where it is below 0.
     exchanged
-        What went to and fro, by the side that saw more of it.
+        The integral of the absolute power, of the side where it is larger.
     """
 
     given: float

@@ -16,7 +16,7 @@ COMPILED = ("native", "wasm", "both", "fmi3", "all")
 
 
 def main() -> int:
-    """Run the command line; 0 if every FMU was made, else 1."""
+    """Run the command line; 0 if every FMU was built, else 1."""
     try:
         from .fmu.make import FLAVOURS, make_all
     except ModuleNotFoundError as missing:
@@ -25,7 +25,7 @@ def main() -> int:
         prog="fmukit", description="Make FMUs from pages of equations."
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    build = commands.add_parser("build", help="build, validate and play the FMUs of models")
+    build = commands.add_parser("build", help="build FMUs from models, validate and test them")
     build.add_argument(
         "model", nargs="+", help="NAME.py, NAME/model.py, or the name of a machine: drive_motor"
     )
@@ -38,7 +38,7 @@ def main() -> int:
         help=f"which FMUs to build (default here: {default})",
     )
     build.add_argument(
-        "--out", type=Path, default=Path(), help="folder for the FMUs; default the current one"
+        "--out", type=Path, default=Path(), help="folder for the FMUs (default: the current one)"
     )
     build.add_argument("--force", action="store_true", help="rebuild even what is up to date")
     options = parser.parse_args()

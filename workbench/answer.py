@@ -124,7 +124,7 @@ def _no_picture(answer: Answer) -> str:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Answer(Findings):
-    """What was found, for which question and options, and what is said and shown of it.
+    """The complete answer to a question: findings, options, verdict, tables and charts.
 
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
     is what the page needs to ask again. It is `refused` if the figures that it hangs on are not

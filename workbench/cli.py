@@ -43,10 +43,12 @@ def main(argv: Sequence[str], project: Project, program: str) -> int:
 
 def show_list(_argv: Sequence[str], project: Project, _program: str) -> int:
     """Print the questions of the project; none is imported."""
-    for name, module in catalog.names(project.home).items():
-        print(f"{name:<17} {catalog.summary(Path(str(project.home)), module)}")
+    questions = catalog.names(project.home)
+    width = max(map(len, [*questions, *project.old_names]), default=0)
+    for name, module in questions.items():
+        print(f"{name:<{width}} {catalog.summary(Path(str(project.home)), module)}")
     for name, old in project.old_names.items():
-        print(f"{name:<17} the same as: {old.text()}")
+        print(f"{name:<{width}} the same as: {old.text()}")
     return 0
 
 
@@ -69,7 +71,9 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     )
     add_arguments(parser, question.options)
     _add_common(parser, "results/NAME, or NAME/SET")
-    parser.add_argument("--animate", action="store_true", help="also write the motions as GIFs")
+    parser.add_argument(
+        "--animate", action="store_true", help="also write the motions as GIF files"
+    )
     parsed, rest = parser.parse_known_args(argv[1:])
     if rest:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
@@ -90,19 +94,19 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
 
 
 def _description(question: Question, project: Project) -> str:
-    """Write what a question asks, and what its name stands for where it is an old one."""
+    """The text of a question, with what its name stands for if it is an old one."""
     text = question.module.__doc__ or ""
     old = project.old_names.get(question.old_name)
     return f"The same as: {old.text()}\n\n{text}" if old else text
 
 
 def study(argv: Sequence[str], project: Project, program: str) -> int:
-    """Run the study of a file and say what it found; 1 if no run came to its end."""
+    """Run the study of a file and print its answer; 1 if no run succeeded."""
     from . import study as studies  # pandas and what draws take their time
 
     parser = Parser(
         prog=f"{program} study",
-        description="Vary the inputs of a question as a study file says.",
+        description="Run a question many times with the varied inputs of a study file.",
         allow_abbrev=False,
     )
     parser.add_argument(
@@ -119,17 +123,22 @@ def _add_common(parser: Parser, out: str) -> None:
     parser.add_argument(
         "--flavour",
         choices=FLAVOURS,
-        help="flavour of the FMUs (default: native where they are built, else python)",
+        help="flavour of the FMUs (default: native if they are built, else python)",
     )
     parser.add_argument(
         "--jobs",
         type=int,
+        metavar="N",
         help="parallel processes (default: all cores, or 1 where native FMUs are faster in one)",
     )
     parser.add_argument(
-        "--scheduler", help="scheduler of a Dask cluster that does the runs, tcp://HOST:8786"
+        "--scheduler",
+        metavar="ADDRESS",
+        help="scheduler of a Dask cluster that does the runs: tcp://HOST:8786",
     )
-    parser.add_argument("--out", type=_folder, help=f"output folder (default: {out})")
+    parser.add_argument(
+        "--out", type=_folder, metavar="FOLDER", help=f"output folder (default: {out})"
+    )
 
 
 def _folder(text: str) -> Path:

@@ -1,4 +1,4 @@
-"""What a question works with: its FMUs, runs with the errors of their figures, sweeps, tables on disk."""
+"""The context of a question: its FMUs, runs with the errors of their figures, sweeps, tables on disk."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Outcome = TypeVar("Outcome")
 
 @dataclass(frozen=True)
 class Context:
-    """What a question works with.
+    """The context in which a question is answered.
 
     Attributes
     ----------

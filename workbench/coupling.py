@@ -27,14 +27,14 @@ def with_coupling_errors(
     results : sequence of three results
         With the steps h, 2 h and 4 h, in this order.
     figures : sequence of three mappings
-        What `figures_of` has made of them.
+        The values of `figures_of` for each of them.
 
     Returns
     -------
     dict
-        The figures of the finest run. Their order is that of the algorithm, or 1 for outputs that follow an
-        input at once; which one counts is what `estimate_of_orders` decides where the figures read both. Those are
-        refused that need rows after trajectories have diverged.
+        The figures of the finest run. Their order is that of the algorithm, or 1 for outputs with direct
+        feedthrough; `estimate_of_orders` decides which one counts where the figures read both. Figures that need
+        rows after trajectories have diverged are refused.
     """
     finest = results[0]
     observed = ObservedResult(finest)

@@ -136,7 +136,7 @@ def refusals(figures: Mapping[str, Figure]) -> list[str]:
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Texts as they stand in a sentence: "a", "a and b", "a, b and c"."""
+    """Texts joined for a sentence: "a", "a and b", "a, b and c"."""
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 

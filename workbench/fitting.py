@@ -38,23 +38,21 @@ class RecordOptions(Options):
     data: str = option("", "CSV file of the record")
     map: tuple[str, ...] = option(
         (),
-        "a column, such as conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t is the time column",
+        "column of a variable: conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t is the time column",
     )
     known: tuple[str, ...] = option(
-        (), "a known value, conveyor.trough.m=200+-5 or =200+-2.5%, with its standard deviation"
+        (), "known value with its standard deviation: conveyor.trough.m=200+-5 or =200+-2.5%"
     )
-    free: tuple[str, ...] = option(
-        (), "a further value to fit, conveyor.spring.c or gain(motor.tau)"
-    )
+    free: tuple[str, ...] = option((), "further value to fit: conveyor.spring.c or gain(motor.tau)")
     noise: tuple[str, ...] = option(
-        (), "noise of a column, conveyor.w=2rpm, estimated from its rows by default"
+        (), "noise of a column: conveyor.w=2rpm; by default estimated from its rows"
     )
-    gaps: bool = option(False, "whether cells may be empty")
+    gaps: bool = option(False, "whether cells of the record may be empty")
     outliers: float = option(
         0.0, "share of the rows that may be outliers", "%", least=0.0, most=20.0
     )
-    since: float | None = option(None, "time from which rows are used", "s")
-    until: float | None = option(None, "time up to which rows are used", "s")
+    since: float | None = option(None, "time of the first row to use", "s")
+    until: float | None = option(None, "time of the last row to use", "s")
     starts: int = option(12, "largest number of starts of the search", least=2)
 
     def columns(self, *wanted: str, timed: bool = True) -> dict[str, Measured]:

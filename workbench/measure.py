@@ -38,7 +38,7 @@ class Measured(NamedTuple):
         """The value as a figure, which is refused for what does not or may not happen."""
         if self.error == math.inf:
             return Figure.undetermined(
-                unit, "the level is only just reached, or just missed", meaning
+                unit, "the signal only touches the level, within its error", meaning
             )
         if math.isnan(self.value):
             return Figure.undetermined(unit, "it does not happen during the run", meaning)

@@ -170,7 +170,7 @@ class CoupledOde:
         return min(time for time in times if time > self.t)
 
     def blocks(self) -> Blocks:
-        """The derivatives of all parts as they stand."""
+        """The derivatives of all parts at the present point."""
         from scipy.linalg import block_diag
 
         pieces = []

@@ -33,8 +33,9 @@ def parser() -> Parser:
     subparsers = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for command in registered_commands():
         text = command.summary
+        sentence = f"{text[0].upper()}{text[1:]}."
         subparser = subparsers.add_parser(
-            command.name, help=text, description=text, formatter_class=Help
+            command.name, help=text, description=sentence, formatter_class=Help
         )
         subparser.set_defaults(run=command.run)
         if command.reads_system:

@@ -154,7 +154,9 @@ def read_package(path: Path, folder: Path) -> Package:
         return read_osp(path)
     if path.suffix in (".ssp", ".ssd") or path.is_dir():
         return read_ssp(path, folder)
-    raise SetupError(f"{path} must be an .ssp, an .ssd, an {FILE}, a folder with one, or an .fmu")
+    raise SetupError(
+        f"{path} must be an .ssp, an .ssd, an {FILE}, a folder that contains one, or an .fmu"
+    )
 
 
 def single_fmu_system(path: Path) -> System:
@@ -178,16 +180,17 @@ def substep_counts(texts: Sequence[str]) -> dict[str, int]:
 
 def add_options(parser: Parser, *, is_timed: bool) -> None:
     """Add the file, its start values and how strictly it is read."""
-    parser.path("file", f".ssp, .ssd, {FILE}, a folder with one, or a single .fmu", metavar="file")
+    parser.path(
+        "file", f".ssp, .ssd, {FILE}, a folder that contains one, or a single .fmu", metavar="file"
+    )
     text = "start values: an .ssv, or a .csv with the columns name, value and unit"
     parser.path("--parameters", text)
-    text = "start value of a parameter or input, by its dotted name"
-    text += ", with a unit if need be: motor.T=5ms"
+    text = "start value of a parameter or input, with a unit if needed: motor.T=5ms"
     parser.several("--set", text, dest="start_values", metavar="NAME=VALUE")
     text = "start value, as with --set (repeatable)"
     if is_timed:
         text += "; or start time [s], as with --from"
-        parser.time("--from", "start time [s]; the file's by default", dest="start")
+        parser.time("--from", "start time [s] (default: that of the file)", dest="start")
     parser.add_argument(
         "--start", help=text, action=StartAction,
         metavar="NAME=VALUE", default=None if is_timed else argparse.SUPPRESS,
@@ -199,10 +202,10 @@ def add_options(parser: Parser, *, is_timed: bool) -> None:
 def add_shared_options(parser: Parser, *options: str) -> None:
     """Add options that several commands have, by their names."""
     arguments: dict[str, dict[str, Any]] = {
-        "--stop": {"type": seconds, "metavar": "TIME", "help": "stop time [s]; the file's by default"},
-        "--step": {"type": seconds, "metavar": "TIME", "help": "communication step [s]; by default the file's, or the one the FMUs prefer"},
+        "--stop": {"type": seconds, "metavar": "TIME", "help": "stop time [s] (default: that of the file)"},
+        "--step": {"type": seconds, "metavar": "TIME", "help": "communication step [s] (default: that of the file, or the one that the FMUs prefer)"},
         "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
-        "--record": {"type": name_list, "metavar": "LIST", "help": "columns to record, by dotted names a,b,c; all outputs by default"},
+        "--record": {"type": name_list, "metavar": "LIST", "help": "columns to record: motor.tau,conveyor.w (default: all outputs)"},
     }  # fmt: skip
     for option in options:
         parser.add_argument(option, **arguments[option])
@@ -215,19 +218,19 @@ def add_stepping_options(parser: Parser) -> None:
     parser.number("--adaptive", text, metavar="TOLERANCE")
     add_shared_options(parser, "--algorithm")
     add = parser.add_argument
-    add("--order", type=name_list, metavar="LIST", help="order in which parts step: a,b,c")
+    add("--order", type=name_list, metavar="LIST", help="sequence in which the parts step: a,b,c")
     text = "polynomial order of inputs within a step"
     add("--input-order", type=int, default=0, metavar="N", help=text)
-    text = "sub-steps of a part within a communication step"
+    text = "substeps of a part within a communication step"
     parser.several("--substeps", text, metavar="PART=N")
-    text = "relative tolerance passed to the FMUs; by default the one that each FMU states"
+    text = "relative tolerance passed to the FMUs (default: the one that each FMU states)"
     parser.number("--tolerance", text)
-    text = "tell the FMUs the stop time before the start; by default only those that need it"
+    text = "pass the stop time to all FMUs before the start (default: only to those that need it)"
     add("--stop-time-defined", action="store_true", help=text)
     parser.path("--input", "CSV file of inputs over time; its first column is the time [s]")
-    parser.several("--map", "input, and the column that drives it", metavar="NAME=COLUMN")
-    text = "hold the values of --input until the next row; do not interpolate"
+    parser.several("--map", "input and the column of --input that drives it", metavar="NAME=COLUMN")
+    text = "hold the values of --input until the next row instead of interpolating"
     add("--held", action="store_true", help=text)
-    parser.several("--at", "change during the run", metavar="'TIME NAME=VALUE'")
+    parser.several("--at", "change of a value during the run", metavar="'TIME NAME=VALUE'")
     add_shared_options(parser, "--record")
-    parser.time("--output-step", "time between rows [s]; a row at every step by default")
+    parser.time("--output-step", "time between rows [s] (default: a row at every step)")

@@ -1,4 +1,4 @@
-"""Energy over each power bond: what one side gives and the other takes, and what the coupling made."""
+"""Energy over each power bond: what one side delivers, the other receives, and the coupling creates."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Bond(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The outputs whose product is the power, as they stand in a report."""
+        """The outputs whose product is the power, as a report names them."""
         return f"{self.forth.source.name} * {self.back.source.name}"
 
 
@@ -60,11 +60,11 @@ class BondSide(Operation):
         return self.totals[ENERGY]
 
     def open(self) -> None:
-        """Begin with the output as it stands."""
+        """Begin with the present output."""
         self.totals[BEFORE] = self.output.value
 
     def __call__(self, t: float, h: float) -> None:
-        """Add the work of a step of size h [s] that ends with the output as it stands."""
+        """Add the work of a step of size h [s] that ends with the present output."""
         totals, now = self.totals, self.output.value
         work = h * 0.5 * (totals[BEFORE] * self.first.value + now * self.last.value) * self.scale
         totals[ENERGY] += work
@@ -155,15 +155,16 @@ def energy_balance(sides: Iterable[BondSide]) -> dict[str, BondEnergy]:
 
 
 def bond_warnings(balance: Mapping[str, BondEnergy]) -> Iterator[str]:
-    """A sentence for every bond on which the coupling made a noticeable share of the energy carried.
+    """A sentence for every bond on which the coupling changed a noticeable share of the energy carried.
 
     Amounts that are negligible compared with the energy exchanged to and fro are not reported.
     """
     for bond, energy in balance.items():
-        created = abs(energy.residual)
+        change = abs(energy.residual)
         carried = max(abs(energy.given), abs(energy.taken))
-        if created > NOTICEABLE * carried and created > NEGLIGIBLE * energy.exchanged:
+        if change > NOTICEABLE * carried and change > NEGLIGIBLE * energy.exchanged:
+            verb = "removed" if energy.residual > 0.0 else "created"
             yield (
-                f"bond {bond}: the coupling made or took {created:.3g} J, {created / carried:.0%} of the "
-                f"{carried:.3g} J carried: take smaller steps, or another algorithm; see diagnose"
+                f"bond {bond}: the coupling {verb} {change:.3g} J, {change / carried:.0%} of the "
+                f"{carried:.3g} J carried: use smaller steps or another algorithm; see diagnose"
             )

@@ -217,7 +217,7 @@ def monitored_outputs(network: Network) -> dict[str, list[Port]]:
     """By part the outputs that are read at every communication point.
 
     These are the wired ones. A part that only follows inputs over time shows its Real outputs, for
-    step control to see; but not those on which an input acts at once, which show it as it was within
+    step control to see; but not those with direct feedthrough, which show it as it was within
     the step.
     """
     sources: dict[str, dict[Port, None]] = {name: {} for name in network.descriptions}
@@ -282,7 +282,7 @@ def settle(parts: Sequence[WiredPart[I]], t: float) -> None:
         block.move()
 
     def response(z: Vector | None = None) -> Vector:
-        """The Real inputs as they stand, or those that the outputs give when the inputs are z."""
+        """The present Real inputs, or those that the outputs give when the inputs are z."""
         if z is not None:
             values = iter(z.tolist())
             for block in real:

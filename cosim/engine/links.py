@@ -126,13 +126,13 @@ class InputPolynomials(Operation):
         return dict(zip(self._outputs.names if self._outputs else (), self.signals))
 
     def __call__(self, t: float, h: float) -> None:
-        """Remember the outputs as they stand, and their rates, as nodes at time t [s]."""
+        """Remember the present outputs and their rates as nodes at time t [s]."""
         if self._rates is not None:
             self._rates.move()
         self.suppose(t, self._rates)
 
     def suppose(self, t: float, rates: VariableBlock | None = None) -> None:
-        """Let the outputs as they stand be those of time t [s]."""
+        """Take the present outputs as those of time t [s]."""
         for k, signal in enumerate(self.signals):
             assert self._outputs is not None
             signal.add(Node(t, self._outputs.cells[k], rates.cells[k] if rates else None))

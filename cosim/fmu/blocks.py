@@ -102,7 +102,7 @@ class VariableBlock(Operation):
         return self.entered is not None and list(self.cells) != list(self.entered)
 
     def mark_entered(self) -> None:
-        """Note that event mode has taken the values as they stand."""
+        """Note that event mode has taken the present values."""
         if self.entered is not None:
             self.entered[:] = list(self.cells)
 

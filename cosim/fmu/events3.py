@@ -64,7 +64,7 @@ class EventMode:
             self.mark_entered()
 
     def mark_entered(self) -> None:
-        """Note that event mode has taken the held inputs as they stand."""
+        """Note that event mode has taken the present held inputs."""
         for block in self.held:
             block.mark_entered()
 

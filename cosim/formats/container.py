@@ -184,7 +184,7 @@ def _file(part: str) -> str:
 
 
 def _require_order(container: FMUContainer, network: Network, sequence: Sequence[str]) -> None:
-    """A part that passes an input on at once must be started after what drives that input."""
+    """A part must be started after what drives an input of it with direct feedthrough."""
     ranks = {_file(part): rank for rank, part in enumerate(sequence)}
     started = [sequence[rank] for rank in container.initialization_order(ranks)]
     for first in network.wires:
@@ -195,6 +195,6 @@ def _require_order(container: FMUContainer, network: Network, sequence: Sequence
         for then in (wire for wire in network.wires if wire.source.part == part):
             if entry in acting.get(then.source.variable.name, ()):
                 raise SetupError(
-                    f"{then.source} follows {first.target} at once, but a container starts "
-                    f"{part} before {first.source.part}: give another order"
+                    f"{then.source} has direct feedthrough from {first.target}, but a container "
+                    f"starts {part} before {first.source.part}: choose another order"
                 )

@@ -399,7 +399,7 @@ def _connection(
 
 
 def _sum(functions: Element, connections: Element, wires: list[Connection], name: str) -> None:
-    """A sum of outputs, which libcosim takes as they stand: functions are not connected to functions."""
+    """A sum of outputs without factors, as libcosim has it: functions are not connected to functions."""
     if scaled_wire := next(filter(scaled, wires), None):
         raise SetupError(
             f"{scaled_wire.source} has a factor, an offset or a unit other than that of {scaled_wire.target}: "

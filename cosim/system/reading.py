@@ -71,7 +71,7 @@ def read_fmu(name: str, path: Path, *, runnable: bool = True) -> Fmu:
 
 
 def part_name(name: str) -> str:
-    """A name as it stands if a part may have it, else the nearest that it may have."""
+    """A name itself if a part may have it, else the nearest that it may have."""
     if PART.fullmatch(name):
         return name
     name = re.sub(r"[^\w-]+", "_", name).strip("_")

@@ -15,7 +15,7 @@ __all__ = ["Row", "main", "verify"]
 def main(fmu: Path) -> bool:
     """Run all checks with an exact FMU, see `verify`, print them as a table; whether all passed."""
     console = Console()
-    table = Table("system", "scheme", "off the ideal", "quantity", "found", "theory", "")
+    table = Table("system", "scheme", "deviation", "quantity", "measured", "theory", "")
     rows: list[Row] = []
     with console.status(fmu.name) as status:
         for row in verify(fmu):

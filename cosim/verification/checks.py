@@ -194,7 +194,7 @@ def judge(
     theory: float,
     within: float,
 ) -> Row:
-    """The row, passed if all runs match the ideal and what was found is within this of theory."""
+    """The row, passed if all runs match the ideal and the measured value is within this of theory."""
     match = float(np.max(matches))
     passed = match < SAME and abs(measured - theory) <= within
     return Row(system, scheme, match, quantity, measured, theory, passed)

@@ -35,7 +35,7 @@ class Benchmark:
 
     @property
     def feedthrough(self) -> bool:
-        """Whether any input acts on an output at once."""
+        """Whether any part has direct feedthrough."""
         return any(unit.D is not None for unit in self.units.values())
 
 

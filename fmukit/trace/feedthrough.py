@@ -10,7 +10,7 @@ from .graph import Function
 
 
 def require(interface: Interface, outputs: Function) -> None:
-    """Raise TypeError for an output that an input acts on at once and that does not declare it.
+    """Raise TypeError for an output with direct feedthrough from an input that it does not declare.
 
     `outputs` is the traced function of the outputs; its parameter `u` has the inputs in their order.
     """
@@ -25,7 +25,7 @@ def require(interface: Interface, outputs: Function) -> None:
 
 
 def superfluous_declarations(interface: Interface, outputs: Function) -> Iterator[str]:
-    """A sentence for each output that declares an input which does not act on it at once."""
+    """A sentence for each output that declares an input without direct feedthrough to it."""
     for output, inputs in inputs_by_output(interface, outputs):
         declared = output.declaration.feedthrough
         idle = [name for name in declared if name not in inputs]
@@ -40,7 +40,7 @@ def superfluous_declarations(interface: Interface, outputs: Function) -> Iterato
 def inputs_by_output(
     interface: Interface, outputs: Function
 ) -> Iterator[tuple[Variable, list[str]]]:
-    """Each calculated output with the names of the inputs that act on it at once."""
+    """Each calculated output with the names of the inputs with direct feedthrough to it."""
     inputs = interface.variables[interface.inputs]
     arguments_by_output = arguments_of(outputs)
     for output, arguments in zip(

@@ -103,7 +103,7 @@ class NeglectedComparison:
         ]
         total, paper, together = (f[x] for x in ("together_share", "limit_paper", "limit_together"))
         if total.error is not None:
-            change = f"What they neglect changes this by {concise(total, SHARE_DIGITS)}"
+            change = f"The neglected effects together change this by {concise(total, SHARE_DIGITS)}"
             if paper.error is not None and together.error is not None:
                 ends = [concise(x, SENTENCE_DIGITS) for x in (paper, together)]
                 change += f", and the largest rotor speed from {ends[0]} to {ends[1]}"

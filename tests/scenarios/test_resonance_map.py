@@ -299,7 +299,7 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
     assert "99% of the machines with motor.T of 0.12 s. (motor.T: time constant" in verdict
     never = small(None, limit=1.0, checks=0)
     assert "does not stay clear of a torque ripple above 1 N.m " in never.verdict
-    assert "with any motor.T of the map. With every part within its tolerance, no motor.T of" in (
+    assert "with any motor.T of the map. With all parts within tolerance, no motor.T of" in (
         never.verdict
     )
     figures = facts["figures"]

@@ -248,7 +248,7 @@ def test_a_spring_far_from_formula_17_is_not_reported() -> None:
     far = ask("rod_force", speed=8.0, start=light, **QUICK_STEPS)
     assert far.figures["spring_unloaded"].reason == "it lies far from that of formula (17)"
     assert far.verdict.startswith(
-        "The spring that unloads the rod at 8 rad/s (76 rpm) is not determined: "
+        "No spring with minimum rod force was found at 8 rad/s (76 rpm): "
     )
     assert far.show().title == ""
 

@@ -74,7 +74,7 @@ def test_a_single_landing_is_once_and_a_single_dimension_is_named_once() -> None
         ("follower_limit", "cycles", "flight", "speed", "impulse", "force", "loss"), single
     )
     verdict = iron_bounce.verdict(iron_bounce.Options(), f | {"landings": single}, None)
-    assert "lands once, at up to" in verdict
+    assert "lands once, with an impact speed of up to" in verdict
 
 
 def test_the_dimension_that_moves_the_limit_most_is_named_or_none() -> None:

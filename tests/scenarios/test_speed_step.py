@@ -52,7 +52,7 @@ def test_a_speed_that_is_only_just_reached_gives_no_time() -> None:
     options = {"speed": 38.039264987949466, "ratio": 5.760955354111306, "stop": 0.35}
     answer = ask("speed_step", **options, start=just)
     assert answer.figures["w_max"].value > 0.9 * options["speed"]
-    why = "is not determined (the level is only just reached, or just missed). A steady"
+    why = "is not determined (the signal only touches the level, within its error). A steady"
     first = "; the time at which it first reaches 90% of its set speed of 38.0393 rad/s"
     assert f"{first} {why}" in answer.verdict
 

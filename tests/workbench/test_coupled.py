@@ -65,7 +65,7 @@ def test_a_level_that_is_only_just_reached_or_missed_gives_no_time(level: float)
         measure.crossing(t, x, level, which).figure("s", "when") for which in (0, 1, -1, -2)
     ]
     assert {figure.reason for figure in crossings} == {
-        "the level is only just reached, or just missed"
+        "the signal only touches the level, within its error"
     }
     final = t > 4.0
     assert (

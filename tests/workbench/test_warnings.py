@@ -15,6 +15,8 @@ import pytest
 from cosim import SimulationError, System, certify, quiet, run, run_isolated, write_ssp
 from cosim.cli.main import main
 from cosim.cli.system_file import single_fmu_system
+from cosim.engine.energy import bond_warnings
+from cosim.report import BondEnergy
 from cosim.verification.systems import SPRING_AND_MASS, couple
 from tests.cosim.foreign import pack
 from tests.cosim.test_cosim import WIRES
@@ -33,13 +35,32 @@ def test_energy_that_the_coupling_created_is_warned_of(fmus: Path) -> None:
     share = (balance["taken"] - balance["given"]) / balance["taken"]
     assert share > 0.05
     assert warning == (
-        f"bond motor.tau * conveyor.w: the coupling made or took "
+        f"bond motor.tau * conveyor.w: the coupling created "
         f"{balance['taken'] - balance['given']:.3g} J, {share:.0%} of the {balance['taken']:.3g} J carried: "
-        "take smaller steps, or another algorithm; see diagnose"
+        "use smaller steps or another algorithm; see diagnose"
     )
     for algorithm, step in (("jacobi", 2e-4), ("gauss-seidel", 2e-3), ("strang", 2e-3)):
         settings = COARSE | {"algorithm": algorithm, "step": step}
         assert run(replace(system, start={}), **settings).warnings == []
+
+
+@pytest.mark.parametrize(
+    ("delivered", "received", "verb"),
+    [
+        (5.0, 4.0, "removed"),
+        (4.0, 5.0, "created"),
+        (-5.0, -4.0, "created"),
+        (-4.0, -5.0, "removed"),
+    ],
+)
+def test_a_warning_says_whether_the_coupling_created_or_removed_energy(
+    delivered: float, received: float, verb: str
+) -> None:
+    energy = BondEnergy(delivered, received, delivered - received, 5.0)
+    assert list(bond_warnings({"a.u * b.y": energy})) == [
+        f"bond a.u * b.y: the coupling {verb} 1 J, 20% of the 5 J carried: use smaller steps or "
+        "another algorithm; see diagnose"
+    ]
 
 
 @pytest.mark.parametrize(("algorithm", "warned"), [("jacobi", 1), ("gauss-seidel", 0)])
@@ -115,9 +136,9 @@ def test_the_command_line_warns_once_and_last(
     assert main(arguments) == 0
     output, warned = capfd.readouterr()
     assert "warning" not in output
-    assert re.search(r" J taken, \+[0-9.e+]+ J made by the coupling", output)
+    assert re.search(r" J received, \+[0-9.e+]+ J created by the coupling", output)
     (line,) = warned.splitlines()
-    assert line.startswith("warning: bond motor.tau * conveyor.w: the coupling made or took ")
+    assert line.startswith("warning: bond motor.tau * conveyor.w: the coupling created ")
 
 
 def test_the_command_line_warns_of_a_run_that_failed(

@@ -54,7 +54,7 @@ def _require_declared(output: Unknown, driver: Variable, slope: float, least: fl
     names = output.dependencies
     if abs(slope) > least and names is not None and driver not in names:
         raise CheckFailed(
-            f"{output.variable.name} depends on {driver.name} at once, with slope {slope:.4g}, undeclared"
+            f"{output.variable.name} has an undeclared direct feedthrough from {driver.name}, of slope {slope:.4g}"
         )
 
 

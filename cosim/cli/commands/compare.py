@@ -29,7 +29,7 @@ def add_options(parser: Parser) -> None:
     """Add the two files and the band."""
     text = ".csv or .parquet file whose first column is the time"
     parser.path("result", text, metavar="result")
-    text = "likewise: another result or a measurement"
+    text = "another result or a measurement, in a file of the same form"
     parser.path("reference", text, metavar="reference")
     text = (
         "columns of result and reference, w=n:rpm or tau=M*0.73:N.m; "
@@ -38,11 +38,11 @@ def add_options(parser: Parser) -> None:
     parser.several("--map", text, metavar="NAME=COLUMN")
     text = "half the height of the band, as a share of the reference's range"
     parser.number("--value", text, SHARE)
-    text = f"half the width of the band [s]; {SHARE} of the time compared by default"
+    text = f"half the width of the band [s] (default: {SHARE} of the time compared)"
     parser.number("--time", text)
     text = "error of a column, in the reference's unit or with its own, as in 7.3rpm"
     parser.several("--error", text, metavar="NAME=VALUE")
-    text = "skip gaps longer than this between rows of the reference [s]; no limit by default"
+    text = "skip gaps longer than this between rows of the reference [s] (default: no limit)"
     parser.number("--gap", text, math.inf)
     parser.path("--plot", "image file with a plot of the curves and their bands")
 

@@ -27,8 +27,8 @@ def check_fmu(options: argparse.Namespace) -> int:
 def add_options(parser: Parser) -> None:
     """Add the FMU, the step and the reports."""
     parser.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0", metavar="fmu")
-    parser.time("--step", "communication step [s]; by default the one the FMU prefers")
-    parser.time("--timeout", "longest time that a check may take [s]", 60.0)
+    parser.time("--step", "communication step [s] (default: the one that the FMU prefers)")
+    parser.time("--timeout", "longest wall-clock time of a check [s]", 60.0)
     text = "report file: .txt, .xml (JUnit), .html, or a badge .svg"
     parser.several("--out", text, metavar="FILE", type=Path)
 

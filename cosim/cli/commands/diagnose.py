@@ -33,6 +33,6 @@ def add_options(parser: Parser) -> None:
 
 
 COMMAND = Command(
-    "diagnose", "measure what the coupling does to the damping", print_diagnosis, add_options,
+    "diagnose", "measure how the coupling changes the damping", print_diagnosis, add_options,
     rank=4,
 )  # fmt: skip

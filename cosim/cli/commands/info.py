@@ -27,4 +27,6 @@ def add_options(parser: Parser) -> None:
     """Add nothing: the file is enough."""
 
 
-COMMAND = Command("info", "show what a system is made of", print_info, add_options, rank=1)
+COMMAND = Command(
+    "info", "show the parts, wires and start values of a system", print_info, add_options, rank=1
+)

@@ -90,16 +90,16 @@ def print_reference(
 def add_options(parser: Parser) -> None:
     """Add the times, the integrator and what is written."""
     add_shared_options(parser, "--stop", "--step", "--algorithm")
-    text = "longest time that an integration of the oracle may take [s]; no limit by default"
+    text = "longest wall-clock time of an integration [s] (default: no limit)"
     parser.time("--timeout", text, math.inf)
-    text = "integrator; the last two are for stiff systems"
+    text = "integrator; Radau and LSODA are for stiff systems"
     parser.add_argument("--method", choices=METHODS, default=METHODS[0], help=text)
     add_shared_options(parser, "--record")
-    parser.path("--out", ".csv or .parquet file for the oracle's rows")
+    parser.path("--out", ".csv or .parquet file for the rows of the reference solution")
     parser.set_defaults(adaptive=None, output_step=None, plot=None, part=None, certify=True)
 
 
 COMMAND = Command(
-    "oracle", "find the true errors of a run by model exchange", print_true_errors, add_options,
+    "oracle", "compute the true errors of a run by model exchange", print_true_errors, add_options,
     rank=5, is_timed=True,
 )  # fmt: skip

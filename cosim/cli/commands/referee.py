@@ -34,19 +34,19 @@ def judge_result(options: argparse.Namespace) -> int:
 def add_options(parser: Parser) -> None:
     """Add the result, what its columns are, and the files to write."""
     parser.path("--result", ".csv, .parquet, or .mat file of a Modelica tool", required=True)
-    text = "variable, and the column that holds it where its name does not say so: motor.tau=M*0.73:N.m"
+    text = "column of a variable, where their names differ: motor.tau=M*0.73:N.m"
     parser.several("--map", text, metavar="NAME=COLUMN")
-    text = "communication step of the other master [s]; several are tried by default"
+    text = "communication step of the other master [s] (default: several are tried)"
     parser.time("--step", text)
     add_shared_options(parser, "--stop")
-    text = "difference that is allowed, as a share of the range of a signal"
+    text = "allowed difference, as a share of the range of a signal"
     parser.number("--tolerance", text, TOLERANCE)
-    parser.time("--timeout", "longest time that an integration may take [s]", TIMEOUT)
+    parser.time("--timeout", "longest wall-clock time of an integration [s]", TIMEOUT)
     text = "report: .txt, .json, .xml (JUnit), .html, or a picture .png, .svg, .pdf"
     parser.several("--out", text, metavar="FILE", type=Path)
 
 
 COMMAND = Command(
-    "referee", "judge a result that another master wrote", judge_result, add_options, rank=6,
+    "referee", "judge the result of another master", judge_result, add_options, rank=6,
     is_timed=True,
 )  # fmt: skip

@@ -110,8 +110,8 @@ def run_summary(result: Result) -> Iterator[str]:
     )
     for bond, energy in result.energy.items():
         yield (
-            f"{bond}: {energy['given']:.6g} J given, {energy['taken']:.6g} J taken, "
-            f"{-energy['residual']:+.2g} J made by the coupling"
+            f"{bond}: {energy['given']:.6g} J delivered, {energy['taken']:.6g} J received, "
+            f"{-energy['residual']:+.2g} J created by the coupling"
         )
 
 
@@ -133,15 +133,15 @@ def add_options(parser: Parser) -> None:
     """Add how the system is stepped and what is written."""
     add_stepping_options(parser)
     parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units and provenance")
-    text = "longest time that a step may take [s]; no limit by default"
+    text = "longest wall-clock time of a step [s] (default: no limit)"
     parser.time("--timeout", text, math.inf)
     text = "write only this part's columns, under their bare names"
     parser.add_argument("--part", metavar="NAME", help=text)
     parser.path("--plot", "image file with a plot of all columns")
-    text = "also run with smaller steps and state the coupling errors"
+    text = "also run with smaller steps and estimate the coupling errors"
     parser.add_argument("--certify", action="store_true", help=text)
 
 
 COMMAND = Command(
-    "run", "run a system and write its rows", run_system, add_options, rank=3, is_timed=True
+    "run", "run a system and write its results", run_system, add_options, rank=3, is_timed=True
 )

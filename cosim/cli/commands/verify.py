@@ -29,7 +29,7 @@ def verify_master(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add the FMU."""
-    text = "LinearSystem.fmu, by default the one that came with cosim"
+    text = "LinearSystem.fmu (default: the one that comes with cosim)"
     parser.path("fmu", text, metavar="fmu", nargs="?", default=EXACT_FMU)
 
 

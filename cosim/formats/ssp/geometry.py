@@ -46,7 +46,7 @@ class Frame(NamedTuple):
     y: tuple[float, float] = (1.0, 0.0)
 
     def to_outermost(self, attributes: Attributes) -> dict[str, str]:
-        """Attributes with their coordinates on the outermost canvas; as they stand if it is that one."""
+        """Attributes with their coordinates on the outermost canvas; unchanged if it is that one."""
         if self == Frame():
             return dict(attributes)
         return {

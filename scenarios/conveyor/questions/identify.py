@@ -3,9 +3,6 @@
 The parameters of the drive, its supply and its state at the start are fitted to a record of its speed,
 and of its torque if that was measured. The resonance follows with an interval, and so does the torque
 ripple at the operating speed. A record that no drive of this kind fits is refused.
-
-This question has a `solve` of its own because the answer comes from a fit to a record and from many
-machines that fit it, not from one run that is certified.
 """
 
 from __future__ import annotations
@@ -59,7 +56,11 @@ class Options(RecordOptions, RippleOptions):
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """Fit, and ask the machine that fits."""
+    """Fit, and ask the machine that fits.
+
+    This replaces the single certified run, because the answer comes from a fit to a record and from many
+    machines that fit it.
+    """
     record = o.columns(SPEED)
     base = followed(context.fmus, SETS[o.set], o.start)
     w = np.array(record[SPEED].values) * multiples("rad/s").get(record[SPEED].unit, 1.0)

@@ -3,9 +3,6 @@
 The lag of (2) is that of the rotor flux, T = 1 / (2 pi f s_b), and its slope is that of Kloss's
 characteristic at the working point. The speed of the 90 degree lag with the full characteristic is
 compared with that of a linear motor of this slope, over the load and over the breakdown slip.
-
-This question has a `solve` of its own because its figures come from steady orbits at many speeds of many
-motors, not from one run that is certified.
 """
 
 import math
@@ -176,7 +173,11 @@ class MotorData(NamedTuple):
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """All motors, each a task, and the one of the data sheet over the speed."""
+    """All motors, each a task, and the one of the data sheet over the speed.
+
+    This replaces the single certified run, because the figures come from steady orbits at many speeds of
+    many motors.
+    """
     start = {**KLOSS, **o.start, "motor.characteristic": 1}
 
     def motor(changed: Mapping[str, Value]) -> Motor:

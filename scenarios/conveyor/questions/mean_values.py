@@ -4,9 +4,6 @@ Mean speed and torque of steady orbits are compared with (18), (19) and (24), wh
 and with second-order theory. The power of the supply is followed into trough and motor. The drift of
 the mean speed after a change of the supply is compared with (16), over starts at evenly spaced crank
 angles.
-
-This question has a `solve` of its own because its figures come from steady orbits at many speeds, and those
-of the step from several starts that are averaged.
 """
 
 import math
@@ -74,7 +71,11 @@ class MeanData(NamedTuple):
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError."""
+    """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError.
+
+    This replaces the single certified run, because the figures come from steady orbits at many speeds, and
+    those of the step from several starts that are averaged.
+    """
     machine, runner = linear_runner(o, context)
     nus, operating = o.speeds or speeds_of(SPEEDS[o.set]), o.speed or float(machine.nu_res)
     for nu in nus:

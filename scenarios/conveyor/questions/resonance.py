@@ -10,9 +10,6 @@ resonance. Whether the torque ripple is above its limit is a question of its own
 With `--theory classical` the answer also says up to which speed the classical calculation, with constant
 inertia and a load over time, may be trusted: once with the spring as its only load, once with the inertia of
 the trough. The lowest speed at which one of its errors leaves the tolerance is located on orbits there.
-
-This question has a `solve` of its own because its figures come from steady orbits, which are sought at many
-speeds, and not from one run that is certified.
 """
 
 from __future__ import annotations
@@ -114,6 +111,9 @@ class ResonanceData:
 
 def solve(o: Options, context: Context) -> Findings:
     """Sweep the speed, locate the features of the response, and judge the operating speed.
+
+    This replaces the single certified run, because the figures come from steady orbits, which are sought at
+    many speeds.
 
     Raises
     ------

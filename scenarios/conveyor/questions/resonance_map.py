@@ -5,9 +5,6 @@ steady. The map shows by how much the drive magnifies the load ripple of order 2
 where the torque ripple lags the load ripple by 90 degrees, next to formula (22), and the ridge where the
 torque ripple is largest. It also shows how likely the torque ripple is to exceed a limit when every part
 may be off within its tolerance.
-
-This question has a `solve` of its own because its figures come from a theory over a plane of machines,
-which steady orbits of some of them check.
 """
 
 from __future__ import annotations
@@ -107,6 +104,9 @@ class Options(RippleOptions):
 
 def solve(o: Options, context: Context) -> Findings:
     """Run the map, find its ridges and its risk; rows of the map are kept on the way.
+
+    This replaces the single certified run, because the figures come from a theory over a plane of machines,
+    which steady orbits of some of them check.
 
     Raises cosim.SetupError for settings that cannot give an answer.
     """
@@ -314,7 +314,7 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
 def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
     """The answer in plain words."""
     above = f"above {o.ripple_limit:g} N.m"
-    built = "With every part within its tolerance,"
+    built = "With all parts within tolerance,"
     if r.within is None:
         ripple = r.points["ripple"].dropna()
         where = "the map"

@@ -4,9 +4,6 @@ Motor and conveyor are coupled at every point of a plane of speed and spring unt
 steady. The rod force over the crank angle is compared with formula (17), which takes the speed as
 constant, and with theory to first order in the speed ripple. The spring with the smallest peak of that
 force is located, with its effect on the torque ripple and on the resonance.
-
-This question has a `solve` of its own because its figures come from steady orbits over speeds and springs,
-and the best spring from a search among them.
 """
 
 from __future__ import annotations
@@ -80,7 +77,11 @@ class Options(RippleOptions):
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """Run the plane, and more where the rod is unloaded; raises cosim.SetupError."""
+    """Run the plane, and more where the rod is unloaded; raises cosim.SetupError.
+
+    This replaces the single certified run, because the figures come from steady orbits over speeds and
+    springs, and the best spring from a search among them.
+    """
     axes = (("speeds", "rad/s", o.speeds), ("springs", "N/m", o.springs))
     for name, unit, values in axes:
         if len(values) < FEWEST:
@@ -273,7 +274,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: RodForceData) -> str:
     present, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
     formula_text = f"The rod-force formula (17), which takes the speed as constant, recommends {formula.brief()}."
     if spring.error is None:
-        why = f"The spring that unloads the rod {at} is not determined: {spring.reason}."
+        why = f"No spring with minimum rod force was found {at}: {spring.reason}."
         return f"{why}\nWith {present.brief()} the largest rod force is {f['f_rod'].brief()}.\n{formula_text}"
     force, lag = ([f[f"{key}{name}"] for name in SPRINGS] for key in ("f_rod", "nu_90"))
     if any(figure.error is None for figure in force):

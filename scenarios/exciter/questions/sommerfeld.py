@@ -3,9 +3,6 @@
 The supply voltage of a motor is raised and lowered in levels, each held until the speed of its
 unbalanced rotor is steady. The voltages at which the speed jumps are the folds of the steady motions,
 which are found by shooting over one revolution.
-
-This question has a `solve` of its own because the voltages are folds of steady motions, which a search
-finds, and each level starts from the end of the one before.
 """
 
 import logging
@@ -128,7 +125,11 @@ class Observed(NamedTuple):
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """The levels up and down, and the folds in three step sizes; raises SetupError for one level."""
+    """The levels up and down, and the folds in three step sizes; raises SetupError for one level.
+
+    This replaces the single certified run, because the voltages are folds of steady motions, which a search
+    finds, and each level starts from the end of the one before.
+    """
     if len(o.supplies) < 2:
         raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
     system = System(context.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})

@@ -4,9 +4,6 @@ Motor and drive are fitted to a record of the motor's speed, and of its torque i
 Friction is proportional to the load. The record therefore shows (1 + K) m and (1 + K) c, with one K for
 the way up and one for the way down, but not m and c themselves. One of them must be known, such as the
 mass of an iron that was weighed. A record that no drive of this kind fits is refused.
-
-This question has a `solve` of its own because the answer comes from a fit to a record and from many
-machines that fit it, not from one run that is certified.
 """
 
 import math
@@ -75,7 +72,11 @@ class IdentifiedIron(NamedTuple):
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """Fit, and ask the drive that fits."""
+    """Fit, and ask the drive that fits.
+
+    This replaces the single certified run, because the answer comes from a fit to a record and from many
+    machines that fit it.
+    """
     record = o.columns(SPEED)
     if not o.priors.keys() & {*LOADS}:
         raise SetupError(

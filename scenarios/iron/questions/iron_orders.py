@@ -3,9 +3,6 @@
 At each speed the steady motion is resolved into orders 1..12 of the cam angle. The formula
 nu_k = sqrt(B_eff / (theta T)) / k gives the speed at which order k of the torque lags its excitation
 by 90 degrees; theta and the excitation come from turns at constant speed.
-
-This question has a `solve` of its own because its figures come from steady motions at many speeds of
-several motors, not from one run that is certified.
 """
 
 import logging
@@ -105,7 +102,11 @@ class Machine(NamedTuple):
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """Sweep three motors; where the lag adds most, again with coarser steps."""
+    """Sweep three motors; where the lag adds most, again with coarser steps.
+
+    This replaces the single certified run, because the figures come from steady motions at many speeds of
+    several motors.
+    """
     start = iron.MOTOR | {"iron.on_invalid": 1} | dict(o.start)
     machine = measure(System(context.fmus, iron.WIRES, start))
     run = partial(simulate, machine)

@@ -1,7 +1,7 @@
 """How does the sealing iron's drive start, and where does the motor's work go?
 
 A motor with lag starts the mechanism from rest in the middle of the bottom dwell. The CSV contains the
-energy ledger (work in = stored + friction), with what the coupling lost or made.
+energy ledger (work in = stored + friction), with the energy that the coupling removed or created.
 """
 
 import math
@@ -108,7 +108,7 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
         "energy_stored": Figure(float(r["E_stored"][-1]), J, 0.0, "stored at the end"),
         "energy_friction": Figure(float(r["E_friction"][-1]), J, 0.0, "lost to friction"),
         "energy_missing_max": Figure(
-            missing, J, work.error, "largest energy that the coupling made or lost"
+            missing, J, work.error, "largest energy that the coupling created or removed"
         ),
     }
 
@@ -145,7 +145,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
         f"half is {texts['w_cam_mean']} ({f['cycles'].brief('cycles/min')})."
     )
     if stands(r[0]["time"], r[0]["iron.phi"]):
-        turned = f"the cam has made {texts['turns']} turns, at up to {texts['w_cam_max']}"
+        turned = (
+            f"the cam has made {texts['turns']} turns with a peak speed of {texts['w_cam_max']}"
+        )
         starts = f"The motor stalls: {turned}, and does not turn any further."
     elif abs(f["turns"].value) < 1.0:
         so_far = f"Up to {o.stop:g} s it makes {texts['turns']} turns."

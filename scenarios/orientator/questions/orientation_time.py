@@ -7,9 +7,6 @@ With `--compare formula` the answer also says how well the formula for the limit
 joint meet the simulated limits of three cups, and which dimension raises the limit most. With
 `--compare neglected` it says what the effects that the paper neglects cost: Coriolis forces, friction at the
 catcher, the direction of the spring.
-
-This question has a `solve` of its own because it follows hundreds of products, and the limits are brackets of a
-search, not figures of a run that is certified.
 """
 
 import math
@@ -115,6 +112,9 @@ class OrientationData(NamedTuple):
 
 def solve(o: Options, context: Context) -> Findings:
     """Sweep, and halve the gaps between what works and what jams; compare.
+
+    This replaces the single certified run, because the answer follows hundreds of products, and the limits are
+    brackets of a search.
 
     Raises
     ------

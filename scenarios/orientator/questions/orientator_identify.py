@@ -3,9 +3,6 @@
 The machine is fitted to the durations of stages that a camera measured, with a row for each product, at
 several speeds of the rotor. Friction is proportional to the squared speed: fast products show it, while
 slow ones show the height of the fall. Stage times that no friction explains are refused.
-
-This question has a `solve` of its own because the answer comes from a fit to a record and from many
-machines that fit it, not from one run that is certified.
 """
 
 import math
@@ -62,7 +59,11 @@ class IdentifiedOrientator(NamedTuple):
 
 
 def solve(o: Options, context: Context) -> Findings:
-    """Fit, and ask the machine that fits."""
+    """Fit, and ask the machine that fits.
+
+    This replaces the single certified run, because the answer comes from a fit to a record and from many
+    machines that fit it.
+    """
     record = o.columns(SPEED, timed=False)
     w = record.pop(SPEED)
     scale = multiples("rad/s").get(w.unit or "rad/s")
