@@ -31,7 +31,8 @@ from cosim import System, run
 PATIENCE = 60.0
 #: Most steps of a run. Chosen: a table of hundreds of FMUs is made in minutes.
 MOST = 1000
-#: Share of a step that may be left at the stop without a step of its own. Chosen: far more than rounding adds up to.
+#: Share of a step that may be left at the stop without a step of its own. Derived: the product of a number of steps up
+#: to MOST and the step is rounded by 2^-53 of it, 1e-13 of a step.
 LEFT_OVER = 1e-9
 #: Largest relative difference of two masters that is called rounding. Chosen: some thousand roundings of a double.
 ROUNDING = 1e-12

@@ -23,8 +23,9 @@ Rows = NDArray[np.float64]
 #: Gauss points of each polynomial in the integral of a harmonic: derived, four are exact up to degree 7, so
 #: that a cubic leaves degree 4 for the sine, whose next term is below (w h)^5 / 120.
 GAUSS_POINTS = 4
-#: Relative amount by which a stretch may fall short of whole periods and still have them: a convention of this project,
-#: far more than the rounding of a product.
+#: Relative amount by which a stretch may fall short of whole periods and still have them. Derived: a frequency or a time
+#: that is written with ten significant digits is off by up to 5e-10 of itself, and a product of two by twice that.
+#: The part of a period that lacks then changes an amplitude by 2e-9 of the largest value at most.
 PERIOD_ROUNDING = 1e-9
 
 

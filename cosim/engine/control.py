@@ -33,11 +33,16 @@ THIS_ERROR = 0.7
 #: Exponent of the error of the step before, over the order: a convention of this project, less than the 0.4
 #: of Gustafsson.
 PREVIOUS_ERROR = 0.3
-#: Least share of the permitted error that counts as used: a convention of this project, far below the share at
-#: which GROW limits the next step, so that a step without an error is no division by zero.
+#: Least share of the permitted error that counts as used, for a power of it. Derived: an error is the difference of
+#: two doubles near a signal's largest value, whose last place is 2^-53 of it. Over a tolerance of 1e-4 that is
+#: 1.1e-12; what is less is an error of 0. GROW limits the next step already from a share of
+#: (SAFETY / GROW)^(order / THIS_ERROR), which is 0.18 for order 1 and 0.03 for order 2. Measured by Strang on
+#: motor and conveyor at rest, whose supply is switched on and off: 1e-4 and 3e-2 in its place change 340 and 1033
+#: steps by 2 each.
 LEAST_USED = 1e-12
-#: Share of what is left to the next time that a step may fall short of and still end there: a convention of this
-#: project, far more than the rounding of a sum of steps.
+#: Share of what is left to the next time that a step may fall short of and still end there. Derived: the time after
+#: n steps of h is a sum whose n roundings are 2^-53 n h each at most, n^2 2^-53 h together. This share covers them
+#: for 3000 equal steps from one time to the next; after more of them the last step may be taken in two halves.
 END_ROUNDING = 1e-9
 
 
@@ -90,17 +95,17 @@ class ErrorScale:
         self.instant = [name in control.instant for name in self.names]
 
     def values(self) -> list[float]:
-        """The outputs as they stand."""
+        """The present outputs."""
         return [cell for block in self.blocks for cell in block.cells]
 
     def accept(self) -> None:
-        """Let the outputs as they stand count."""
+        """Include the present outputs in the largest values."""
         self.largest = [max(a, abs(b)) for a, b in zip(self.largest, self.values())]
 
     def share(self, errors: Sequence[float], steps: float) -> float:
         """The worst error over what is allowed, if as many steps like this one make the run.
 
-        The errors of a run add up, except those of an output that inputs act on at once: it shows
+        The errors of a run add up, except those of an output with direct feedthrough: it shows
         the error of its own instant, which the next step does not inherit.
         """
         allowed = (

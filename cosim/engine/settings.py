@@ -13,11 +13,14 @@ from .control import Adaptive
 #: The shortest step over the largest time of a run. Derived: 64 units in the last place of a double,
 #: the distance below which two times are the same.
 SHORTEST_TIME = 2.0**-46
-#: Share of a step that may be left at the stop without a step of its own: a convention of this project, far more than
-#: the rounding of a quotient of two times.
+#: Share of a step that may be left at the stop without a step of its own; the last step is longer by it. Derived: the
+#: number of steps is a quotient of two decimals from a start at 0, whose three roundings are 3 * 2^-53 of it. They
+#: stay below this share up to 3e9 steps. A last step of this share is as short as SHORTEST_TIME permits in a run of
+#: 2^46 * 1e-6 = 7e7 steps; a smaller share would permit steps shorter than that in shorter runs.
 LEFT_OVER = 1e-6
-#: Relative difference up to which a distance of rows is a multiple of the step: a convention of this project, far more
-#: than the rounding of a quotient.
+#: Relative difference up to which a distance of rows is a multiple of the step. Derived: a number that is written with
+#: ten significant digits is off by up to 5e-10 of itself, and a quotient of two by twice that. Rows bear the times
+#: of their steps, so that no row is at a wrong time.
 MULTIPLE_ROUNDING = 1e-9
 
 

@@ -27,8 +27,9 @@ DECIMAL = re.compile(r"^\s*([+-]?\d*),(\d+)")
 #: Distance of the points of Gauss' rule from the middle, over the interval: derived, the roots of the Legendre
 #: polynomial of degree 2.
 GAUSS = 0.5 / math.sqrt(3.0)
-#: Share of the run that a table may lack at its ends: a convention of this project, far more than the rounding of
-#: a time that is written with ten digits.
+#: Share of the run that a table may lack at its ends. Derived: a time that is written with ten significant digits is
+#: off by up to 5e-10 of itself, and so are the stop and the last row of a run from 0. The first two
+#: rows are continued to the start, and the last row holds to the stop.
 END_ROUNDING = 1e-9
 
 
