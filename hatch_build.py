@@ -43,7 +43,7 @@ class CustomBuildHook(BuildHookInterface[Any]):
         for path in sorted(loops.glob("*.so")):
             included[str(path)] = f"cosim/engine/compiled/{path.name}"
         for path in sorted((root / "components").glob("*/*")):
-            if path.name in ("model.py", "page.md", "drawing.svg"):
+            if path.suffix in (".py", ".md", ".svg") and path.name != "__init__.py":
                 member = path.relative_to(root / "components").as_posix()
                 included[str(path)] = f"fmukit/machines/{member}"
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from fmpy.model_description import read_model_description
 
 from ..declare.interface import Interface
+from ..trace.modules import source_files
 from . import page, terminals
 from .load import project_metadata
 
@@ -21,15 +22,15 @@ LICENSE = next(path for path in (KIT / "LICENSE", KIT.parent / "LICENSE") if pat
 def digest_of(interface: Interface, flavour: str, makers: Iterable[Path]) -> str:
     """The hash of all that an FMU is made from.
 
-    That is the model and what lies beside it, the whole kit, and these files of others. Nothing is
+    That is the model with the files that it imports and its page, the whole kit, and these files of others. Nothing is
     traced for it.
     """
-    source = Path(interface.model.__file__ or "")
+    sources = source_files(Path(interface.model.__file__ or ""))
     kit = (file for pattern in ("*.py", "*.c", "*.zig") for file in KIT.rglob(pattern))
     hash_parts = (flavour, page.html(interface), repr(terminals.entries(interface)),
             repr(project_metadata(interface.model)), os.environ.get("SOURCE_DATE_EPOCH", ""))  # fmt: skip
     digest = hashlib.sha256("\0".join(hash_parts).encode())
-    for file in (source, LICENSE, *sorted(kit), *makers):
+    for file in (*sources, LICENSE, *sorted(kit), *makers):
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()
 

@@ -1,4 +1,4 @@
-"""What the kit needs of a model: all parts, with the right names and arguments, in a file that imports nothing else."""
+"""What the kit needs of a model: all parts, with the right names and arguments, in files that import nothing else."""
 
 import ast
 import sys
@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from ..declare.model import RECORDS, Model
+from ..trace.modules import imported_files
 
 #: The arguments of a model's functions.
 FUNCTIONS = {
@@ -92,7 +93,7 @@ def definition(name: str) -> str:
 def require_imports(path: Path) -> None:
     """Raise SyntaxError for an import that would be missing from the FMU."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if not isinstance(node, ast.Import | ast.ImportFrom):
+        if not isinstance(node, ast.Import | ast.ImportFrom) or imported_files(path, node):
             continue
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -103,7 +104,8 @@ def require_imports(path: Path) -> None:
             imports_package = isinstance(node, ast.Import) and package == "fmukit"
             if imports_package or package not in {"fmukit", *sys.stdlib_module_names}:
                 raise SyntaxError(
-                    f"{name or '.'} cannot go into the FMU: a model is one file that uses only "
-                    "the standard library and 'from fmukit import ...'",
+                    f"{name} cannot go into the FMU: a model uses only the standard library, "
+                    "'from fmukit import ...', and 'from .name import ...' of a file name.py "
+                    "in its folder",
                     (str(path), node.lineno, None, None),
                 )

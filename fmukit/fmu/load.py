@@ -1,6 +1,10 @@
-"""A model from its file: NAME.py, or NAME/model.py with the page.md and the drawing.svg beside it."""
+"""A model from its file: NAME.py, or NAME/model.py with the page.md and the drawing.svg beside it.
+
+Either may import other files of its folder.
+"""
 
 import importlib.util
+import itertools
 import sys
 import traceback
 from collections.abc import Iterator
@@ -11,7 +15,11 @@ from types import ModuleType
 import tomllib
 
 from ..declare.model import Model, complete_model
+from ..trace.modules import source_files
 from . import contract
+
+#: the number of the next model that this process loads, which makes its package another's
+NUMBERS = itertools.count()
 
 
 class ModelError(Exception):
@@ -19,27 +27,28 @@ class ModelError(Exception):
 
 
 def load(path: Path) -> ModuleType:
-    """The module of this file, which nothing else can import; a record that it lacks is empty.
+    """The module of this file, in a package that nothing else imports; a record that it lacks is empty.
 
     Raises ModelError.
     """
-    name = f"{path.resolve().parent.name}.model" if path.stem == "model" else path.stem
+    name = f"_model_{next(NUMBERS)}"
+    sys.modules[name] = package = ModuleType(name)
+    if path.stem == "model":
+        name += f".{path.resolve().parent.name}"
+        sys.modules[name] = package = ModuleType(name)
+    package.__path__ = [str(path.absolute().parent)]
+    name += f".{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None or not path.exists():
         raise ModelError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    previous = sys.modules.get(name)
     sys.modules[name] = module
-    try:
-        with as_model_error(path):
-            spec.loader.exec_module(module)
-            contract.require_spelling(path, module)
-            contract.require_parts(complete_model(module))
-            contract.require_imports(path)
-    finally:
-        del sys.modules[name]
-        if previous is not None:
-            sys.modules[name] = previous
+    with as_model_error(path):
+        for file in source_files(path):
+            contract.require_imports(file)
+        spec.loader.exec_module(module)
+        contract.require_spelling(path, module)
+        contract.require_parts(complete_model(module))
     return module
 
 
@@ -51,11 +60,16 @@ def as_model_error(path: Path) -> Iterator[None]:
     except ModelError:
         raise
     except SyntaxError as error:
-        raise ModelError(f"{path}:{error.lineno}: {error.msg}") from error
+        file = path.with_name(Path(error.filename or path).name)
+        raise ModelError(f"{file}:{error.lineno}: {error.msg}") from error
     except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
-        model_frames = [f for f in frames if f.filename == str(path.absolute())]
-        location = f"{path}:{model_frames[-1].lineno}" if model_frames else str(path)
+        folder = path.absolute().parent
+        model_frames = [f for f in frames if Path(f.filename).parent == folder]
+        location = str(path)
+        if model_frames:
+            file = path.with_name(Path(model_frames[-1].filename).name)
+            location = f"{file}:{model_frames[-1].lineno}"
         function_name = (
             f" in {model_frames[-1].name}:"
             if model_frames and model_frames[-1].name != "<module>"

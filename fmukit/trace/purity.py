@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 from ..declare.model import Model
@@ -27,15 +28,8 @@ def require(model: Model, tracer: Tracer) -> None:
     Such a function catches errors, returns something that is not a number, or returns another value for
     the same numbers.
     """
-    source_nodes = ast.walk(ast.parse(inspect.getsource(tracer.model)))
-    for node in (
-        inner
-        for outer in source_nodes
-        if isinstance(outer, ast.FunctionDef)
-        for inner in ast.walk(outer)
-    ):
-        if isinstance(node, ast.stmt | ast.pattern) and (reason := REFUSED.get(type(node))):
-            raise SyntaxError(reason, (model.__file__, node.lineno, None, None))
+    for module in tracer.modules:
+        require_statements(module)
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
     results = {"derivatives": model.State, "outputs": model.Outputs}
     if model.event_indicators:
@@ -54,6 +48,18 @@ def require(model: Model, tracer: Tracer) -> None:
                 f"{name} returns another value when it is called again with the same numbers: "
                 "it may only use its arguments and constants"
             )
+
+
+def require_statements(module: ModuleType) -> None:
+    """Raise SyntaxError for a statement in a function of this module that the FMU cannot have."""
+    for node in (
+        inner
+        for outer in ast.walk(ast.parse(inspect.getsource(module)))
+        if isinstance(outer, ast.FunctionDef)
+        for inner in ast.walk(outer)
+    ):
+        if isinstance(node, ast.stmt | ast.pattern) and (reason := REFUSED.get(type(node))):
+            raise SyntaxError(reason, (module.__file__, node.lineno, None, None))
 
 
 def checked(model: Model, name: str, result: Any) -> Callable[..., Any]:

@@ -38,6 +38,7 @@ from .graph import (
     size,
     text_of,
 )
+from .modules import modules
 from .ops import OPS
 
 #: Largest number of operations of a function that is inlined; a convention of this kit, all compilers inline such.
@@ -85,7 +86,7 @@ class Tracer:
     """Everything traced for one component: `functions` in the order in which C needs them."""
 
     def __init__(self, model: ModuleType, kit: dict[ModuleType, tuple[str, ...]]) -> None:
-        self.model, self.kit = model, kit
+        self.modules, self.kit = modules(model), kit
         self.context = TraceContext()
         self.functions: dict[Any, Function | None] = {}
         self.joins: dict[Any, Join] = {}
@@ -117,7 +118,7 @@ class Tracer:
         its own functions by their names; only its globals lead from these names to what records them.
         """
         saved = []
-        for module in (self.model, *self.kit):
+        for module in (*self.modules, *self.kit):
             for name, value in list(vars(module).items()):
                 new = self.replacement(module, name, value)
                 if new is not None:
@@ -134,11 +135,14 @@ class Tracer:
         if isinstance(value, FunctionType | BuiltinFunctionType | ModuleType) and value in REPLACED:
             return REPLACED[value]
         value = inspect.unwrap(value)
-        belongs_to_module = isinstance(value, FunctionType) and value.__module__ == module.__name__
-        is_boundary = not inspect.isgeneratorfunction(value)
-        if module is not self.model:
-            is_boundary = name in self.kit[module]
-        return self.boundary(value) if belongs_to_module and is_boundary else None
+        if module in self.kit:
+            homes, is_boundary = [module], name in self.kit[module]
+        else:
+            homes, is_boundary = self.modules, not inspect.isgeneratorfunction(value)
+        belongs_to_model = isinstance(value, FunctionType) and any(
+            value.__module__ == home.__name__ for home in homes
+        )
+        return self.boundary(value) if belongs_to_model and is_boundary else None
 
     def boundary(self, original: Callable[..., Any]) -> Callable[..., Any]:
         """A function that is called, not followed, where it returns numbers."""

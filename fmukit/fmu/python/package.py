@@ -16,6 +16,7 @@ import pythonfmu
 
 from ...codegen import entries
 from ...declare.interface import Interface, class_name, component_name, title
+from ...trace.modules import source_files
 from .. import page, plot, reference, terminals
 from ..archive import KIT, LICENSE, digest_of, guid_of, write_archive
 from ..description.fmi2 import PYTHON, to_xml
@@ -64,9 +65,12 @@ class Build(NamedTuple):
         if self.model.PYTHON_ONLY:
             kit, functions = f"{self.module}_kit", "equations.functions(Interface(model))"
             printed = UNTRACED.format(kit=kit)
-            source = Path(self.model.__file__ or "").read_text(encoding="utf-8")
-            private = re.sub(r"^from fmukit\b", "from .fmukit", source, flags=re.MULTILINE)
-            files = {f"{kit}/__init__.py": b"", f"{kit}/model.py": private.encode()}
+            files = {f"{kit}/__init__.py": b""}
+            first, *further = source_files(Path(self.model.__file__ or ""))
+            for name, file in (("model", first), *((file.stem, file) for file in further)):
+                source = file.read_text(encoding="utf-8")
+                private = re.sub(r"^from fmukit\b", "from .fmukit", source, flags=re.MULTILINE)
+                files[f"{kit}/{name}.py"] = private.encode()
             for file in sorted(file for pattern in NEEDED for file in KIT.glob(pattern)):
                 files[f"{kit}/fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
         else:

@@ -1,0 +1,147 @@
+"""A model of several files: a folder with model.py, or any file and those beside it that it imports."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmukit.fmu.load import ModelError, load
+from fmukit.fmu.make import make_all
+from fmukit.fmu.python import package
+from fmukit.trace.modules import modules
+from tests.fmukit.test_strangers import FLAVOURS, from_equations, run
+
+DECLARATIONS = """
+from enum import IntEnum
+from fmukit import discrete, real, record
+from fmukit.si import Angle, AngularVelocity, Length
+class Arm(IntEnum):
+    "Arm"
+    short = 1
+    long = 2
+@record
+class Parameters:
+    l: Length = real(0.5, "Length", positive=True)
+    arm: Arm = discrete(Arm.long, "Arm")
+@record
+class State:
+    phi: Angle = real(3.0, "Angle")
+    w: AngularVelocity = real(0.0, "Speed")
+"""
+GEOMETRY = """
+import math
+from .declarations import Arm
+def length(p):
+    return p.l if p.arm == Arm.long else p.l / 2
+def pull(p, phi):
+    if phi > 2.5:
+        return -math.sin(phi) / length(p)
+    return -math.exp(-phi) * math.sin(phi) * math.cos(phi) / length(p)
+"""
+MODEL = '''"""Swing"""
+from fmukit import Experiment
+from . import geometry
+from .declarations import Parameters, State
+from .geometry import pull
+EXPERIMENT = Experiment(stop=2.0, step=0.01)
+def derivatives(p, t, x, u):
+    return State(phi=x.w, w=9.81 * pull(p, x.phi) + 0.0 * geometry.length(p))
+'''
+FILES = {"declarations.py": DECLARATIONS, "geometry.py": GEOMETRY}
+
+
+def written(folder: Path, name: str = "model.py", **changes: str) -> Path:
+    """The file of the model in this folder, with the files beside it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {name: MODEL, **FILES}
+    for file, text in files.items():
+        content = changes.get(file.removesuffix(".py"), text)
+        (folder / file).write_text(content, encoding="utf-8")
+    return folder / name
+
+
+@pytest.mark.parametrize("name", ["model.py", "swing.py"])
+def test_a_model_of_several_files_computes_as_its_equations(name: str, tmp_path: Path) -> None:
+    path = written(tmp_path / "swing", name)
+    assert make_all([path], "both", tmp_path) == 0
+    expected = from_equations(load(path))
+    assert np.ptp(expected[:, 1]) > 1.0
+    for flavour in FLAVOURS:
+        assert np.array_equal(run(tmp_path / flavour / "Swing.fmu", load(path)), expected)
+
+
+def test_the_same_equations_in_files_and_in_one_are_the_same_source(tmp_path: Path) -> None:
+    path, single = written(tmp_path / "swing"), tmp_path / "one" / "model.py"
+    single.parent.mkdir()
+    body = MODEL.replace("geometry.length", "length")
+    text = "\n".join((body.partition("\n")[0], DECLARATIONS, GEOMETRY, body.partition("\n")[2]))
+    lines = [line for line in text.splitlines() if not line.startswith("from .")]
+    single.write_text("\n".join(lines))
+    sources = [package.entries.generate(load(file)) for file in (path, single)]
+    assert sources[0].python == sources[1].python
+    assert sources[0].c.replace("Swing", "One").replace("swing", "one") == sources[1].c
+
+
+def test_a_model_that_is_not_traced_carries_its_files(tmp_path: Path) -> None:
+    path = written(tmp_path / "swing", model=MODEL + 'PYTHON_ONLY = "a test"\n')
+    assert make_all([path], "python", tmp_path) == 0
+    fmu = tmp_path / "Swing.fmu"
+    names = {Path(name).name for name in zipfile.ZipFile(fmu).namelist()}
+    assert names >= {"model.py", *FILES}
+    assert np.array_equal(run(fmu, load(path)), from_equations(load(path)))
+
+
+def test_a_change_of_any_file_makes_another_fmu(tmp_path: Path) -> None:
+    path = written(tmp_path / "swing")
+    guids = [package.collect(load(path)).guid]
+    for file in (path, *(path.with_name(name) for name in FILES)):
+        file.write_text(file.read_text() + "# changed\n")
+        guids.append(package.collect(load(path)).guid)
+    assert len(set(guids)) == len(guids)
+    path.with_name("notes.py").write_text("# not imported\n")
+    assert package.collect(load(path)).guid == guids[-1]
+
+
+def test_models_of_one_name_keep_to_their_files(tmp_path: Path) -> None:
+    first = load(written(tmp_path / "a" / "swing"))
+    second = load(
+        written(tmp_path / "b" / "swing", geometry=GEOMETRY.replace("p.l / 2", "p.l / 3"))
+    )
+    assert [module.__name__.rpartition(".")[2] for module in modules(first)] == [
+        "model", "declarations", "geometry",
+    ]  # fmt: skip
+    assert not {*map(id, modules(first))} & {*map(id, modules(second))}
+    p = first.Parameters(0.6, 1)
+    assert (first.geometry.length(p), second.geometry.length(p)) == (0.3, 0.6 / 3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"geometry": GEOMETRY.replace("import math", "import numpy")},
+         "geometry.py:2: numpy cannot go into the FMU: a model uses only the standard library"),
+        ({"model": MODEL.replace(".geometry", ".geometries")},
+         "model.py:5: .geometries cannot go into the FMU: "),
+        ({"model": MODEL.replace("from .geometry", "from ..geometry")},
+         "model.py:5: ..geometry cannot go into the FMU: "),
+        ({"geometry": GEOMETRY.replace("    if phi", "    assert phi < 9.0\n    if phi")},
+         "geometry.py:7: assert cannot go into the FMU: "),
+        ({"geometry": GEOMETRY.replace("math.exp(-phi)", "math.hypot(phi)")},
+         "geometry.py:9: in pull: hypot of math, which C computes differently"),
+        ({"declarations": DECLARATIONS.replace("Length\n", "Furlong\n", 1)},
+         "declarations.py:4: fmukit.si has no Furlong"),
+        ({"geometry": GEOMETRY.replace("length(p):", "length(p)")},
+         "geometry.py:4: expected ':'"),
+    ],
+)  # fmt: skip
+def test_a_refusal_names_the_line_of_its_file(
+    changes: dict[str, str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "swing", **changes)
+    assert make_all([path], "python", tmp_path) == 1
+    assert f"{path.parent}/{message}" in capsys.readouterr().err
+    with pytest.raises(ModelError, match="is not a Python file"):
+        load(path.with_name("nothing.py"))
