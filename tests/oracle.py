@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import math
 import random
 from collections.abc import Callable, Mapping
-from itertools import pairwise
+from itertools import pairwise, product
+from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -18,6 +18,8 @@ from scipy.integrate import solve_ivp
 from components.crank_conveyor import model as crank_conveyor
 from components.drive_motor import model as drive_motor
 from fmukit.declare.record import declarations, start
+from fmukit.fmu.load import load
+from fmukit.trace.modules import modules
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 SYMBOLIC = {"sin": sympy.sin, "cos": sympy.cos, "sqrt": sympy.sqrt, "exp": sympy.exp}
@@ -25,13 +27,10 @@ SYMBOLIC = {"sin": sympy.sin, "cos": sympy.cos, "sqrt": sympy.sqrt, "exp": sympy
 
 def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
     """A copy of a component that computes with other mathematical functions."""
-    spec = importlib.util.spec_from_file_location(model.__name__, model.__file__)
-    assert spec is not None and spec.loader is not None
-    copy = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(copy)
-    for name, function in functions.items():
-        if getattr(copy, name, None) is getattr(math, name):
-            setattr(copy, name, function)
+    copy = load(Path(str(model.__file__)))
+    for module, (name, function) in product(modules(copy), functions.items()):
+        if getattr(module, name, None) is getattr(math, name):
+            setattr(module, name, function)
     return copy
 
 

@@ -17,6 +17,7 @@ from components.drive_motor import model as drive_motor
 from components.gearbox import model as gearbox
 from components.gravity_orientator import model as gravity_orientator
 from components.iron_drive import model as iron_drive
+from components.iron_drive.declarations import Side
 from components.shaft_link import model as shaft_link
 from components.slotted_link import model as slotted_link
 from components.speed_controller import model as speed_controller
@@ -47,7 +48,7 @@ CASES: list[tuple[ModuleType, dict[str, Any], dict[str, Any]]] = [
     *((slotted_link, {"link.swings": swings}, {}) for swings in (False, True)),
     *(
         (iron_drive, {"wrap": wrap, "spring.side": side}, {"phi": phi, "direction": 1})
-        for wrap, side in itertools.product(iron_drive.Wrap, iron_drive.Side)
+        for wrap, side in itertools.product(iron_drive.Wrap, Side)
         for phi in (0.9, 2.0, 3.5, 5.0)
     ),
     (

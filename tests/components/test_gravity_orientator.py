@@ -7,7 +7,7 @@ import functools
 import itertools
 import math
 import random
-import types
+import tempfile
 from math import cos, nan, pi, sin
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,9 @@ from components.gravity_orientator import model
 from components.gravity_orientator.model import Reason, Stage
 from fmukit.declare.model import complete_model
 from fmukit.declare.record import start
+from fmukit.fmu.load import load
 from fmukit.runtime import hybrid as motion
+from fmukit.trace.modules import source_files
 from tests.hosts.fmus import resident
 from tests.hosts.host import MESSAGES, Unit
 from tests.oracle import random_parameters
@@ -427,14 +429,14 @@ def test_velocities_are_the_transfer_functions_times_the_speeds_of_catcher_and_c
 
 def variant(*swaps: tuple[str, str]) -> Any:
     """The component with some of its text replaced."""
-    text = Path(model.__file__).read_text()
+    texts = {file.name: file.read_text() for file in source_files(Path(str(model.__file__)))}
     for old, new in swaps:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    module = types.ModuleType(model.__name__)
-    module.__package__ = model.__package__
-    exec(text, module.__dict__)  # noqa: S102
-    return module
+        assert sum(text.count(old) for text in texts.values()) == 1, old
+        texts = {name: text.replace(old, new) for name, text in texts.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in texts.items():
+            Path(folder, name).write_text(text)
+        return load(Path(folder, "model.py"))
 
 
 SPRING, LYING = "spring * cos(phi1)", "new = settle(p, over(x, t, Stage.turning, w1=w1, w2=w2))"

@@ -14,7 +14,9 @@ import mpmath
 import numpy as np
 import pytest
 
+from components.iron_drive import dynamics, geometry
 from components.iron_drive import model as iron
+from components.iron_drive.declarations import Side
 from cosim import System, run
 from fmukit.declare.model import complete_model
 from fmukit.declare.record import declarations, replace, start
@@ -37,17 +39,17 @@ def machine(**changes: Any) -> Any:
 
 def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -> dict[str, float]:
     """All that the equations say at a state; without M at constant speed."""
-    at, sense = iron.position(p, phi), math.copysign(1, w)
-    (_, H_1, H_2), K = at.H, iron.friction(p, at, sense)
+    at, sense = geometry.position(p, phi), math.copysign(1, w)
+    (_, H_1, H_2), K = at.H, dynamics.friction(p, at, sense)
     A, B = at.J + K * p.iron.m * H_1**2, at.J_1 / 2 + K * p.iron.m * H_1 * H_2
     C = K * at.W_0 * H_1 - at.Pi_1
     M = B * w * w - C if M is None else M
     y = iron.outputs(p, 0.0, start(iron.State, phi=phi, w_cam=w), iron.Inputs(M / p.reducer.i_g))
-    d = iron.dynamics(p, at, w, sense, M)
+    d = dynamics.dynamics(p, at, w, sense, M)
     return at._asdict() | d._asdict() | y._asdict() | {
         "alpha_1": at.alpha.first, "alpha_2": at.alpha.second, "H_1": H_1, "H_2": H_2, "M": M,
         "A_1": A, "B_1": B, "C_load": C, "F_spring": p.spring.c * at.e,
-        "R": iron.cam(p, phi)[2].value,
+        "R": geometry.cam(p, phi)[2].value,
     }  # fmt: skip
 
 
@@ -98,7 +100,7 @@ def states(wrap: iron.Wrap, count: int) -> Iterator[Any]:
     """Random drives and states: parameters, phi, w, M."""
     draw = random.Random(2)
     for _ in range(count):
-        side = draw.choice(list(iron.Side))
+        side = draw.choice(list(Side))
         p = random_parameters(iron, draw, 0.1, wrap=wrap, **{"spring.side": side})
         yield p, draw.uniform(-9, 9), draw.uniform(-9, 9), draw.uniform(-9, 9)
 
@@ -107,13 +109,13 @@ def printed(p: Any, phi: float, erratum: int) -> tuple[float, float]:
     """A1, and the torque at the nominal speed, with one of the paper's errors; 0 for none."""
     if erratum == 9:
         p = replace(p, spring=replace(p.spring, side=-p.spring.side))
-    at, direction = iron.position(p, phi), 1
+    at, direction = geometry.position(p, phi), 1
     (_, H_1, H_2), J_1, Pi_1 = at.H, at.J_1, at.Pi_1
     if erratum == 1:
         _, a_1, a_2 = at.alpha
         H_1, H_2, direction = -H_1, H_2 - 2 * at.H_a * a_2, -1
         J_1, Pi_1 = J_1 - 2 * at.J_aa * a_1**3, Pi_1 - 2 * at.Pi_a * a_1
-    K = (-1 if erratum == 8 else 1) * iron.friction(p, at, direction)
+    K = (-1 if erratum == 8 else 1) * dynamics.friction(p, at, direction)
     B_1, C_1 = J_1 / 2 + K * p.iron.m * H_1 * H_2, K * at.W_0 * H_1 - Pi_1
     if erratum == 6:
         B_1 -= p.spring.m / 6 * H_1 * H_2
@@ -142,14 +144,14 @@ def test_the_equations_as_printed_cost_this_much() -> None:
 def test_formula_as_printed_has_no_second_derivative_in_the_dwells() -> None:
     """It divides by R', which is 0 there; the component's does not."""
     at_rest = [math.radians(deg + 0.25) for deg in range(360)]
-    slopes = [iron.cam(machine(), phi)[2].first for phi in at_rest]
+    slopes = [geometry.cam(machine(), phi)[2].first for phi in at_rest]
     assert sum(slope == 0.0 for slope in slopes) == 180
-    assert all(math.isfinite(iron.position(machine(), phi).alpha.second) for phi in at_rest)
+    assert all(math.isfinite(geometry.position(machine(), phi).alpha.second) for phi in at_rest)
 
 
 def test_gear_ratio_as_printed_loses_the_rotor() -> None:
     p = machine()
-    in_the_dwell = iron.position(p, 2.0).J
+    in_the_dwell = geometry.position(p, 2.0).J
     right, printed_13 = (p.cam.J + p.reducer.J * i**2 for i in (36.0, 1 / 36))
     assert in_the_dwell == pytest.approx(right, rel=1e-12)
     assert (right, printed_13) == pytest.approx((0.4013, 0.0125), rel=1e-4)
@@ -199,7 +201,7 @@ def test_stall_and_stick_as_a_coupled_system() -> None:
     assert x.E_friction == pytest.approx(0.047067759, abs=1e-9)
     assert (end.phi, end.E_friction) == (x.phi, x.E_friction)
     assert end.tau == pytest.approx(0.10, rel=1e-12)
-    at = iron.position(p, radians(50))
+    at = geometry.position(p, radians(50))
     for limit, K, factor, turned_angle in (
         (0.155304038, p.friction.K_down, 0.999, -8.42e-6),
         (0.181371849, p.friction.K_up, 1.001, 9.80e-6),
@@ -384,7 +386,7 @@ def test_a_geometric_refusal_names_the_cam_angle() -> None:
         with pytest.raises(ValueError, match="at phi = ") as error:
             list(iron.check(p))
         phi = float(str(error.value).split("phi = ")[1].split()[0])
-        at = [iron.position(p, angle) for angle in (phi - radians(0.5), phi)]
+        at = [geometry.position(p, angle) for angle in (phi - radians(0.5), phi)]
         before, after = (min(x.H.value, x.e) for x in at)
         assert before > 0.0 > after
 
@@ -422,13 +424,13 @@ def test_where_the_follower_leaves_its_cam_the_fmu_stops_or_warns_once_per_episo
 
 def test_slack_of_the_chain_is_named() -> None:
     p, x = machine(), start(iron.State, phi=0.8, w_cam=4.0)
-    at = iron.position(p, 0.8)
-    d = iron.dynamics(p, at, 4.0, 1, 6.0)
-    pulls = {"W": d.W} | iron.forces(p, at, 4.0, d)._asdict()
+    at = geometry.position(p, 0.8)
+    d = dynamics.dynamics(p, at, 4.0, 1, 6.0)
+    pulls = {"W": d.W} | dynamics.forces(p, at, 4.0, d)._asdict()
 
     def reason_for(**changed: float) -> str:
         W, *forces = (pulls | changed).values()
-        return iron.invalid_reason(p, x, at, W, iron.Forces(*forces))
+        return iron.invalid_reason(p, x, at, W, dynamics.Forces(*forces))
 
     assert reason_for() == ""
     for name in ("T_span", "T_iron", "W"):
@@ -450,7 +452,7 @@ def test_the_state_is_consistent_when_initialisation_ends(fmus: Path) -> None:
         )
         for name in ("T_iron", "N", "a", "tau_cam"):
             assert unit.get(name) == getattr(y, name)
-    K = unit.get("T_iron") / iron.position(p, phi).W_0 - 1
+    K = unit.get("T_iron") / geometry.position(p, phi).W_0 - 1
     assert p.friction.K_down < K < p.friction.K_up
     assert (unit.get("tau_cam"), unit.get("a")) == (36 * 0.17, 0.0)
     unit.set(tau=0.19).step(0.0, 0.01)

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from components.iron_drive import flight, geometry
 from components.iron_drive import model as iron
+from components.iron_drive.declarations import Side
 from cosim import System, run
 from fmukit.declare.model import complete_model
 from fmukit.declare.record import start
@@ -24,7 +26,7 @@ from tests.oracle import random_parameters
 
 FLIES: dict[str, Any] = {"follower.lifts": True}
 RUBS = {"joints.cam": 0.05, "joints.rocker": 0.1, "joints.link": 0.02, "joints.sprocket": 0.01}
-ABOVE: dict[str, Any] = {"wrap": iron.Wrap.tangent, "spring.side": iron.Side.above}
+ABOVE: dict[str, Any] = {"wrap": iron.Wrap.tangent, "spring.side": Side.above}
 STORED = ("E_kin", "E_pot", "E_friction", "E_joints", "E_landing")
 TRANSFER = ("alpha_1", "alpha_2", "beta_1", "beta_2", "H_1", "H_2")
 
@@ -118,7 +120,7 @@ def test_energy_of_a_bouncing_drive_is_the_work_of_its_torque(fmus: Path) -> Non
 def met(p: Any, phi: float, w: float, w_gap: float) -> tuple[Any, Any, Any]:
     """A state in which the follower meets the cam, the one after, and the position."""
     x = start(iron.State, phi=phi, w_cam=w, w_gap=w_gap, flying=True)
-    return x, iron.landed(p, x), iron.position(p, phi)
+    return x, flight.landed(p, x), geometry.position(p, phi)
 
 
 def test_an_impact_is_the_closed_solution_of_two_bodies() -> None:
@@ -132,10 +134,10 @@ def test_an_impact_is_the_closed_solution_of_two_bodies() -> None:
         rest = {"friction.K_up": 0.0, "friction.K_down": 0.0, "reducer.J": draw.uniform(0, 1e-3)}
         p = start(iron.Parameters, **FLIES, **rest, **{"follower.e": draw.uniform(0.05, 1.0)})
         x, y, at = met(p, draw.uniform(-9, 9), draw.uniform(-9, 9), -draw.uniform(0.1, 9.0))
-        a_1, J_c = at.alpha.first, iron.shaft(p)
+        a_1, J_c = at.alpha.first, flight.shaft(p)
         approach_rate, parts = (a_1 * s.w_cam - s.w_gap for s in (x, y))
         wanted = closed(x.w_cam, approach_rate, a_1, J_c, at.J_a, p.follower.e)
-        arm = iron.lever(p, at.alpha)
+        arm = flight.lever(p, at.alpha)
         assert [y.w_cam, parts, y.S_landing * arm] == pytest.approx(wanted, rel=1e-12)
         reduced = 1 / (a_1**2 / J_c + 1 / at.J_a)
         loss = (1 - p.follower.e**2) / 2 * reduced * x.w_gap**2
@@ -153,7 +155,7 @@ def test_a_heavy_cam_throws_the_follower_back_as_a_moving_flank_does_a_ball() ->
         p = start(iron.Parameters, **FLIES, **rigid, **{"iron.m": mass})
         for degrees in (30, 200):
             x, y, at = met(p, radians(degrees), 8.0, -2.0)
-            flank, arm = at.alpha.first * 8.0, iron.lever(p, at.alpha)
+            flank, arm = at.alpha.first * 8.0, flight.lever(p, at.alpha)
             ball, back = (at.alpha.first * s.w_cam - s.w_gap for s in (x, y))
             assert back == pytest.approx(1.6 * flank - 0.6 * ball, rel=1e-8)
             assert y.v_landing == pytest.approx(2.0 * arm, rel=1e-12)
@@ -167,7 +169,7 @@ def test_the_friction_of_the_guide_takes_its_share_of_an_impact() -> None:
     for _ in range(200):
         p = start(iron.Parameters, **FLIES, **{"follower.e": draw.uniform(0.0, 1.0)})
         x, y, at = met(p, draw.uniform(-9, 9), draw.uniform(-9, 9), -draw.uniform(0.1, 9.0))
-        a_1, J_c = at.alpha.first, iron.shaft(p)
+        a_1, J_c = at.alpha.first, flight.shaft(p)
         v, v_1 = (a_1 * s.w_cam - s.w_gap for s in (x, y))
         kinetic = (J_c * (x.w_cam**2 - y.w_cam**2) + at.J_a * (v**2 - v_1**2)) / 2
         assert kinetic == pytest.approx(y.E_landing + y.E_friction, abs=1e-10)
@@ -214,7 +216,7 @@ def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
     assert times[-1] == pytest.approx(first + 2 * v / fall / 3, rel=1e-5)
     end = recorded[-1][2]
     assert not end.flying and (end.gap, end.w_gap) == (0.0, 0.0)
-    J = iron.position(p, 5.0).J_a
+    J = geometry.position(p, 5.0).J_a
     assert end.E_landing == pytest.approx(J * v * v / 2, rel=1e-5)
 
 
