@@ -18,7 +18,7 @@ from ..declare.model import Model, complete_model
 from ..trace.modules import source_files
 from . import contract
 
-#: the number of the next model that this process loads, which makes its package another's
+#: The number of the next model that this process loads, which gives each model a package of its own.
 NUMBERS = itertools.count()
 
 

@@ -73,7 +73,7 @@ def test_a_model_of_several_files_computes_as_its_equations(name: str, tmp_path:
         assert np.array_equal(run(tmp_path / flavour / "Swing.fmu", load(path)), expected)
 
 
-def test_the_same_equations_in_files_and_in_one_are_the_same_source(tmp_path: Path) -> None:
+def test_several_files_and_a_single_file_give_the_same_source(tmp_path: Path) -> None:
     path, single = written(tmp_path / "swing"), tmp_path / "one" / "model.py"
     single.parent.mkdir()
     body = MODEL.replace("geometry.length", "length")
@@ -105,7 +105,7 @@ def test_a_change_of_any_file_makes_another_fmu(tmp_path: Path) -> None:
     assert package.collect(load(path)).guid == guids[-1]
 
 
-def test_models_of_one_name_keep_to_their_files(tmp_path: Path) -> None:
+def test_models_of_the_same_name_keep_to_their_files(tmp_path: Path) -> None:
     first = load(written(tmp_path / "a" / "swing"))
     second = load(
         written(tmp_path / "b" / "swing", geometry=GEOMETRY.replace("p.l / 2", "p.l / 3"))
