@@ -1,6 +1,6 @@
-r"""Mass on a spring that hardens, with a switch that closes above its rest position
+r"""Mass on a spring with a switch that closes above its rest position
 
-$$ m\,\ddot x = -k x \left(1 + (x/x_0)^2\right) - d\,\dot x + F $$
+$$ m\,\ddot x = -k x - d\,\dot x + F $$
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ EXPERIMENT = Experiment(stop=1.0, step=0.01)
 class Parameters:
     m: Mass = real(1.0, "Mass", positive=True)
     k: TranslationalStiffness = real(100.0, "Stiffness of the spring", positive=True)
-    x_0: Length = real(1.0, "Deflection that doubles the stiffness", positive=True)
     d: TranslationalDamping = real(1.0, "Damping", min=0.0)
 
 
@@ -33,14 +32,12 @@ class State:
 
 @record
 class Outputs:
-    f_coupled: Force = real(
-        0.0, "Force on a coupled mass, proportional to the velocity", nominal=1e-4
-    )
+    f_coupled: Force = real(0.0, "Force on a coupled mass, proportional to the velocity")
     above: bool = discrete(False, "The mass is above its rest position")
 
 
 def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
-    return State(x=x.v, v=(u.F - p.k * x.x * (1.0 + (x.x / p.x_0) ** 2) - p.d * x.v) / p.m)
+    return State(x=x.v, v=(u.F - p.k * x.x - p.d * x.v) / p.m)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:

@@ -380,35 +380,19 @@ def test_what_cannot_be_diagnosed_is_refused(fmus: Path) -> None:
         diagnose(single, step=1e-3)
 
 
-def relays(folder: Path) -> System:
-    """Two masses on springs that hardly know of each other, made in a folder."""
-    assert not make_all([Path(__file__).with_name("relay.py")], "python", folder)
-    parts = dict.fromkeys(["left", "right"], folder / "Relay.fmu")
-    wires = ["left.f_coupled -> right.F", "right.f_coupled -> left.F"]
-    return System(parts, wires, {"right.k": 150.0})
-
-
-def test_small_signals_get_small_perturbations(tmp_path: Path) -> None:
-    """Springs that harden within 1e-7 m; a perturbation that ignores the nominal 1e-4 N is as far as that."""
-    linear = relays(tmp_path)
-    hard = replace(linear, start={**linear.start, "left.x_0": 1e-7, "right.x_0": 1e-7})
-    wanted, got = (diagnose(system, step=0.01) for system in (linear, hard))
-    assert got.damping == pytest.approx(wanted.damping, rel=1e-5)
-    assert got.frequency == pytest.approx(wanted.frequency, rel=1e-6)
-
-
 def test_a_perturbation_that_changes_the_sequence_of_events_is_the_reason(tmp_path: Path) -> None:
     """A mass at rest on the threshold of its switch; away from there, the damping is determined."""
-    plain = relays(tmp_path)
-    wires = plain.wires
-    system = replace(plain, wires=[*wires, "left.above -> right.closed"])
+    assert not make_all([Path(__file__).with_name("relay.py")], "python", tmp_path)
+    parts = dict.fromkeys(["left", "right"], tmp_path / "Relay.fmu")
+    wires = ["left.f_coupled -> right.F", "right.f_coupled -> left.F"]
+    system = System(parts, [*wires, "left.above -> right.closed"], {"right.k": 150.0})
     refused = diagnose(system, step=0.01)
     assert not refused.trusted
     assert refused.text().startswith(
         "The damping cannot be determined: a perturbation changes left.above at t = 0.01 s, "
     )
     for other in (
-        replace(system, start={**system.start, "left.x": 1e-3}),
+        replace(system, start={**system.start, "left.x": 1.0}),
         replace(system, wires=wires),
     ):
         got = diagnose(other, step=0.01)
