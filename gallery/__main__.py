@@ -7,6 +7,7 @@ it is. Answers are kept in DIR/answers and renewed when the code or the FMUs hav
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -63,22 +64,18 @@ def main() -> int:
 
 
 def build(answers: Sequence[Answered], out: Path) -> Path:
-    """Build the site with these answers in out/site; raises SphinxError for any warning."""
-    from sphinx.application import Sphinx
-    from sphinx.util.docutils import docutils_namespace, patch_docutils
-
+    """Build the site with these answers in out/site; raises CalledProcessError for any warning."""
     source, target = out / "pages", out / "site"
     for folder in (source, target):
         rmtree(folder, ignore_errors=True)
     pages.write(answers, source)
-    settings = Path(pages.__file__).parent
-    extra = {"html_extra_path": [str(source / pages.EXTRA)]}
-    with patch_docutils(settings), docutils_namespace():
-        site = Sphinx(
-            source, settings, target, out / "doctrees", "html", confoverrides=extra, status=None,
-            warning=sys.stderr, freshenv=True, warningiserror=True,
-        )  # fmt: skip
-        site.build(force_all=True)
+    # A process of its own: Sphinx replaces default values of the functions that it documents by their text.
+    command = [
+        sys.executable, "-m", "sphinx", "--builder", "html", "--quiet", "--fail-on-warning", "--fresh-env",
+        "--write-all", "--conf-dir", str(Path(pages.__file__).parent), "--doctree-dir", str(out / "doctrees"),
+        "--define", f"html_extra_path={source / pages.EXTRA}", str(source), str(target),
+    ]  # fmt: skip
+    subprocess.run(command, cwd=ROOT, check=True)
     for page in target.rglob("*.html"):
         if page.name != PAGE:
             page.write_text(mended(page.read_text(encoding="utf-8")), encoding="utf-8")
