@@ -20,6 +20,8 @@ myst_heading_anchors = 3
 autodoc_default_options = {"members": True, "member-order": "bysource"}
 autodoc_preserve_defaults = True
 autodoc_typehints_format = "short"
+# Two packages offer the same object, such as cosim.Table and workbench.Table.
+suppress_warnings = ["ref.python"]
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = project

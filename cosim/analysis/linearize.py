@@ -92,7 +92,7 @@ class Linear:
 
     @property
     def modes(self) -> pd.DataFrame:
-        """Eigenvalue s [1/s], natural frequency |s| [rad/s], damping ratio -Re s / |s|; one row a pair."""
+        """Eigenvalue s [1/s], natural frequency abs(s) [rad/s], damping ratio -Re s / abs(s); one row a pair."""
         import pandas as pd
 
         s = self.eigenvalues

@@ -59,7 +59,7 @@ class Multiplier:
 
     @property
     def frequency(self) -> float:
-        """Natural frequency |s| [rad/s]."""
+        """Natural frequency abs(s) [rad/s]."""
         return abs(self.s)
 
     @property
