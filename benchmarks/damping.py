@@ -41,6 +41,8 @@ NATIVE = ROOT / "fmus" / "native"
 MAX_SIDEBAND = 8
 #: Most refused conveyors, relative: what the benchmark demands.
 MAX_REFUSED = 0.05
+#: Size of a multiplier of a step up to which it is that of a stored value, 0 but for rounding; a convention.
+NO_MODE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def linear_case(seed: int) -> Case:
     algorithm = draw.choice(["jacobi", "gauss-seidel", "strang"])
     system = couple(units, ROOT / "fmus" / "LinearSystem.fmu")
     z = Ideal(units).eigenvalues(Scheme(algorithm), h)
-    steps = np.log(z[np.abs(z) > 1e-6]) / h
+    steps = np.log(z[np.abs(z) > NO_MODE]) / h
     return judged(
         "linear", seed, lambda: diagnose(system, step=h, algorithm=algorithm), modes, steps
     )

@@ -357,8 +357,8 @@ def distinct_rows(t: Array, x: Array) -> NDArray[np.bool_]:
     distinct = np.ones(len(t), dtype=bool)
     distinct[1:] = (gaps > least) | ((gaps == 0.0) & (np.diff(x) != 0.0))
     distinct[-1] = True
-    if len(t) > 2 and not gaps[-1] > least and gaps[-1] > 0.0:
-        distinct[-2] = len(t) == 2
+    if len(gaps) > 1 and not gaps[-1] > least and gaps[-1] > 0.0:
+        distinct[-2] = False
     return distinct
 
 

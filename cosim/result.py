@@ -62,7 +62,7 @@ class Result:
     def _repr_html_(self) -> str:
         """Status, warnings, the extremes of every column and, with matplotlib, the first SHOWN of them."""
         content = "".join(f"<p>{html.escape(text)}</p>" for text in (self._span(), *self.warnings))
-        if len(self.columns) < 2 or not len(self.data):
+        if len(self.columns) <= 1 or not len(self.data):
             return content
         rows = self.frame.drop(columns="time")
         table = rows.agg(["min", "mean", "max"]).T.assign(last=rows.iloc[-1])

@@ -176,7 +176,7 @@ def times(n: float, mu: float, fall: float) -> list[float]:
             end = until([], stands, turns, lambda q, v: X - R - E * cos(q[1]) - q[2])
         if end == 0:
             return stage_times
-        if end in (1, -1) or (on and end == 2):
+        if end in ((-1, 1, 2) if on else (-1, 1)):
             return [*stage_times[:-1], np.nan]
         v = v if on else hit(q, v, ["wall"])
         on = not on

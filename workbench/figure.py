@@ -12,6 +12,8 @@ from cosim import SetupError
 
 #: Significant digits of a value with its error, a convention of this project: more are never of use.
 MOST_DIGITS = 6
+#: Digits of an error, a convention of the Guide to the Expression of Uncertainty in Measurement (7.2.6).
+ERROR_DIGITS = 2
 #: The power of ten of the last digit below which numbers are written with an exponent, a convention of this project.
 LEAST_POWER = -7
 #: Significant digits of a figure in a sentence, a convention of this project; tables have MOST_DIGITS.
@@ -175,7 +177,9 @@ def _holed(sentence: str, text: str) -> bool:
 def percent(share: float) -> str:
     """Write a share, 0.0123, in percent with three significant digits, "1.23 %"."""
     value = 100.0 * share
-    return f"{value:.0f} %" if abs(value) >= 100.0 else f"{value:.3g} %"
+    if abs(value) >= 10.0 ** (SHARE_DIGITS - 1):
+        return f"{value:.0f} %"
+    return f"{value:.{SHARE_DIGITS}g} %"
 
 
 def certain(value: float, error: float, digits: int) -> str:
@@ -220,13 +224,13 @@ def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str,
     """
     if not math.isfinite(error):
         return f"{value:.6g}", "?"
-    digit = math.floor(math.log10(error)) - 1
+    digit = math.floor(math.log10(error)) - (ERROR_DIGITS - 1)
     last = math.floor(math.log10(abs(value))) + 1 - digits if value else digit
     up = math.ceil(error / 10.0**digit - 1e-9)
     if last > digit:
         digit, up = last, math.ceil(error / 10.0**last + 0.5)
-    if up >= 100:
-        digit, up = digit + 1, 10
+    if up >= 10**ERROR_DIGITS:
+        digit, up = digit + 1, 10 ** (ERROR_DIGITS - 1)
     if digit > 0:
         return f"{round(value / 10.0**digit) * 10**digit:.0f}", f"{up * 10**digit:.0f}"
     if digit >= LEAST_POWER:

@@ -138,16 +138,16 @@ class Option:
             if not isinstance(raw, Iterable):
                 raise SetupError(f"{prefix} must be a list, each {KINDS[self.kind]}")
             return [self._single(x, key) for x in raw]
-        *ends, count = raw.split(":")
-        if not ends:
-            numbers = self._parsed(raw.split(","), prefix, form) if raw else []
-        elif len(ends) != 2 or not count.strip().isdigit():
-            raise SetupError(f"{prefix} must {form}")
-        elif int(count) < 1:
-            raise SetupError(f"{prefix} contains no number")
-        else:
-            low, high = self._parsed(ends, prefix, form)
-            numbers = np.linspace(low, high, int(count)).tolist()
+        match raw.split(":"):
+            case [values]:
+                numbers = self._parsed(values.split(","), prefix, form) if values else []
+            case [low, high, count] if count.strip().isdigit():
+                if int(count) < 1:
+                    raise SetupError(f"{prefix} contains no number")
+                start, stop = self._parsed([low, high], prefix, form)
+                numbers = np.linspace(start, stop, int(count)).tolist()
+            case _:
+                raise SetupError(f"{prefix} must {form}")
         return [self._checked(number, key) for number in numbers]
 
     def _parsed(self, texts: Sequence[str], prefix: str, form: str) -> list[float]:

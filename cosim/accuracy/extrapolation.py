@@ -243,7 +243,7 @@ def _shared_values(runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, A
     shared = runs[2][0]
     for t, _ in runs[:2]:
         shared = shared[_is_in(shared, t)]
-    if 2 * len(shared) < len(runs[2][0]) or len(shared) < 2:
+    if 2 * len(shared) < len(runs[2][0]) or len(shared) <= 1:
         shared, coarse = runs[2]
         fine, middle = (DenseSolution.from_rows(*run)(shared) for run in runs[:2])
     else:

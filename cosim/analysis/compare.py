@@ -231,7 +231,7 @@ def compare(
         raise SetupError(f"gap = {gap!r} s must be above 0")
     shared = (ours.time >= start) & (ours.time <= stop)
     in_gap = theirs.in_gap(ours.time, gap)
-    if np.count_nonzero(shared & ~in_gap) < 2:
+    if np.count_nonzero(shared & ~in_gap) <= 1:
         raise SetupError(f"{ours} and {theirs} have fewer than two rows to compare")
     pairs = _pairs(ours, theirs, columns)
     stated_errors = dict(errors or {})
@@ -261,7 +261,7 @@ class Record:
     """A result, frame or file: its times [s], its columns and their units by name."""
 
     def __init__(self, label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> None:
-        if not len(frame) or len(frame.columns) < 2:
+        if not len(frame) or len(frame.columns) <= 1:
             raise SetupError(f"{label} has no rows with a time and values")
         self.label = label
         self.series: dict[str, pd.Series] = {}

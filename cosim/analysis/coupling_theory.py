@@ -50,6 +50,10 @@ from ..engine.algorithms import Stage, find_algorithm
 
 Matrix = NDArray[np.float64]
 Rows = Sequence[Sequence[float]]
+#: The `input_hold` of FMUs that extrapolate an input within a step, a convention of `fmukit`.
+EXTRAPOLATE = 1
+#: The `input_hold` of FMUs that interpolate an input within a step, a convention of `fmukit`.
+INTERPOLATE = 2
 
 
 @dataclass(frozen=True)
@@ -356,8 +360,8 @@ class Ideal:
         x, u, y = self.x_of[part], self.u_of[part], self.y_of[part]
         E, G_0, G_1 = self.part_flow(size / len(inputs))
         for value in inputs:
-            u_1 = 2 * value - progress.u_old if hold == 1 else value
-            u_0 = progress.u_old if hold == 2 else value
+            u_1 = 2 * value - progress.u_old if hold == EXTRAPOLATE else value
+            u_0 = progress.u_old if hold == INTERPOLATE else value
             progress.x[x] = (E @ progress.x + G_0 @ u_0 + G_1 @ u_1)[x]
             progress.u_old[u] = value[u]
         progress.y[y] = (self.C @ progress.x + self.D @ u_1)[y]

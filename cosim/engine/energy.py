@@ -111,7 +111,7 @@ def _pairs(wires: Sequence[Connection]) -> Iterator[Bond]:
 def declared_bond(network: Network, text: str) -> Bond:
     """The bond of a text; raises SetupError if it is none."""
     factors = [network.port(name) for name in text.split("*")]
-    if len(factors) != 2:
+    if text.count("*") != 1:
         raise SetupError(f"bond {text!r} must read 'part.output * part.output'")
     wires = [wire for wire in network.wires if wire.source in factors]
     matches = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]

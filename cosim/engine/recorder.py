@@ -23,6 +23,8 @@ from ..result import Result, Rows, open_unlinked, partial, read_rows, require_na
 
 #: Rows that wait in memory before they are written. A convention: a page or two of memory for each column.
 CHUNK = 4096
+#: Rows that a cubic passes through: derived, it has four coefficients.
+CUBIC_ROWS = 4
 #: Seconds that rows wait at most. A convention: who reads the file along notices no delay.
 LONGEST = 0.1
 
@@ -210,9 +212,9 @@ class OutputGrid:
             self._window = [now]
             return
         self._window.append(now)
-        if len(self._window) == 3:
+        if len(self._window) == CUBIC_ROWS - 1:
             self._fill(*self._window[:2])
-        elif len(self._window) == 4:
+        elif len(self._window) == CUBIC_ROWS:
             self._fill(*self._window[1:3])
             del self._window[0]
 
@@ -250,8 +252,9 @@ class OutputGrid:
                 nodes = np.array([before[selected], *within, after[selected]])
                 cuts = [k for k in range(1, len(nodes)) if coincide(nodes[k - 1, 0], nodes[k, 0])]
                 piece = next(p for p in np.split(nodes, cuts) if p[-1, 0] >= t)
-                k = min(max(int(np.searchsorted(piece[:, 0], t)) - 2, 0), max(len(piece) - 4, 0))
-                row[columns] = _cubic(t, piece[k : k + 4])[1:]
+                latest = max(len(piece) - CUBIC_ROWS, 0)
+                k = min(max(int(np.searchsorted(piece[:, 0], t)) - 2, 0), latest)
+                row[columns] = _cubic(t, piece[k : k + CUBIC_ROWS])[1:]
         row[self._discrete] = before[self._discrete]
         row[0] = t
         return row

@@ -85,11 +85,8 @@ class RunSettings:
         if isinstance(self.step, Adaptive):
             return 1 if self.output_step is None else None
         ratio = 1.0 if self.output_step is None else self.output_step / self.step
-        return (
-            round(ratio)
-            if ratio > 0.5 and abs(ratio / round(ratio) - 1) < MULTIPLE_ROUNDING
-            else None
-        )
+        steps = round(ratio)
+        return steps if steps and abs(ratio / steps - 1) < MULTIPLE_ROUNDING else None
 
     def text(self) -> str:
         """How the run steps."""

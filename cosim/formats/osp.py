@@ -150,11 +150,13 @@ class _Reader:
             self._connection(element, map(self._end, element.iterchildren("*")))
         elif tag in ("VariableGroupConnection", "SignalGroupConnection"):
             groups = [[*self._group(end)] for end in element.iterchildren("*")]
-            if len(groups) != 2 or len(groups[0]) != len(groups[1]):
-                sizes = " and ".join(str(len(group)) for group in groups)
-                raise ValueError(f"groups of {sizes or 'no'} variables, not two of the same size")
-            for ends in zip(*groups):
-                self._connection(element, ends)
+            match [len(group) for group in groups]:
+                case [first, second] if first == second:
+                    for ends in zip(*groups):
+                        self._connection(element, ends)
+                case sizes:
+                    text = " and ".join(map(str, sizes)) or "no"
+                    raise ValueError(f"groups of {text} variables, not two of the same size")
         elif tag == "Algorithm" and element.text != "fixedStep":
             log.warning("algorithm %s is ignored", element.text)
         elif tag not in HOLDERS + CONTENTS:

@@ -165,7 +165,7 @@ def _measured_column(
     times, values = np.array(table.times), factor * np.array(table.values, float) + offset
     is_number = np.isfinite(values)
     times, values = times[is_number], values[is_number]
-    if len(times) < 2 or not (np.diff(times) > 0.0).all():
+    if len(times) <= 1 or not (np.diff(times) > 0.0).all():
         raise SetupError(f"{source}: its times must rise, and there must be two rows at least")
     if np.ptp(values) == 0.0:
         raise SetupError(

@@ -64,7 +64,7 @@ def _broken_limits(port: Port, number: float) -> Iterator[str]:
         bits, signed = WIDTHS.get(port.native, (32, True))
         lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
         if not lowest <= number < highest:
-            article = "an" if bits == 8 else "a"
+            article = "an" if str(bits).startswith("8") else "a"
             yield f"{article} {bits}-bit {'' if signed else 'unsigned '}integer"
     if port.variable.min is not None and not number >= (low := float(port.variable.min)):
         yield f"at least {low!r}"

@@ -144,7 +144,7 @@ def residual_order(scheme: Scheme, units: Mapping[str, Unit]) -> int:
     pieces = {
         turn.part for stage in algorithm.stages([*units]) for turn in stage if turn.fraction < 1.0
     }
-    is_symmetric = algorithm.held_order == 2 and all(units[name].D is None for name in pieces)
+    is_symmetric = algorithm.held_order > 1 and all(units[name].D is None for name in pieces)
     return 2 if is_symmetric else 1
 
 

@@ -172,7 +172,7 @@ def first_guess(
     """Return where the sweep says that an error first leaves its tolerance, or the reason against one."""
     nus = np.array(sweep.speeds)
     errors, unsure = np.array([deviation(case, machine, row) for row in sweep.rows]).T
-    if np.isnan(errors).any() or len(nus) < 2:
+    if np.isnan(errors).any() or len(nus) <= 1:
         reason = "the sweep has fewer than two speeds, or one without a steady orbit"
         return Figure.undetermined("rad/s", reason)
     if abs(errors[0]) > tolerance:

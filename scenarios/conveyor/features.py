@@ -260,7 +260,7 @@ class FeatureSearch:
         self, line: ResponseLine, feature: Feature, sweep: Sweep, step_multiple: int
     ) -> None:
         """Start from what the orbits of a sweep say; raises NoFeatureError."""
-        if len(sweep) < 2:
+        if len(sweep) <= 1:
             raise NoFeatureError(NEED_TWO_SPEEDS)
         guess = line.expected(feature, sweep)
         self.line, self.feature, self.step_multiple = line, feature, step_multiple

@@ -264,9 +264,9 @@ def shares(
         name, _, percent = text.partition("=")
         part(fmus, name)
         (value,) = read(option, text, percent, "NAME=PERCENT", float)
-        if not 0.0 <= value < 100.0:
-            raise SetupError(f"--{option} {name} = {value!r} % must be at least 0 and below 100")
         ripples[name] = value / 100.0
+        if not 0.0 <= ripples[name] < 1.0:
+            raise SetupError(f"--{option} {name} = {value!r} % must be at least 0 and below 100")
     return ripples
 
 

@@ -46,7 +46,7 @@ def releases(r: Result) -> list[int]:
             f"the cam stops or turns back, and ends at iron.phi = {phi[-1]:.4g} rad: at this "
             "speed its motor cannot lift the iron"
         )
-    all_figures: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.5) + 1).tolist()
+    all_figures: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.0) + 1).tolist()
     return all_figures
 
 

@@ -386,7 +386,7 @@ class Content:
         """Return a sweep, its numbers and its chart."""
         if sweep.over not in self.values:
             raise SetupError(f"LIVE: sweep over {sweep.over!r}, which is no option or start value")
-        if len(sweep.values) < 2:
+        if len(sweep.values) <= 1:
             raise SetupError("LIVE: a sweep needs two values or more")
         self.positive(sweep.step, "step of the sweep")
         numbers, traces = [self.number(x, live) for x in sweep.numbers], []

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 Samples = NDArray[np.float64]
 TURN = 2 * math.pi
+#: Rows to either side of a peak that are read: derived, its neighbours and what their bends take.
+PEAK_REACH = 2
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def maximum(rows: Rows) -> float:
     It rises above the row by no more than the bends beside it allow, since a parabola overshoots at a jump.
     """
     x, k = rows.x, int(np.argmax(rows.x))
-    if k < 2 or k > len(x) - 3:
+    if k < PEAK_REACH or k >= len(x) - PEAK_REACH:
         return float(x[k])
     before, bend, after = 2 * x[k - 1 : k + 2] - x[k - 2 : k + 1] - x[k : k + 3]
     rise = (x[k + 1] - x[k - 1]) ** 2 / (8 * bend) if bend > 0 else 0.0

@@ -13,6 +13,8 @@ from .file import Study
 
 #: Figures of a study that are drawn; chosen: as many panels as a page shows.
 MAX_CHARTS = 6
+#: Inputs that a map is over: derived, a plane has two axes.
+MAP_INPUTS = 2
 ERROR = "_error"
 KINDS = {"S1": "S1, alone", "ST": "ST, with all interactions"}
 Units = Mapping[str, str]
@@ -26,7 +28,7 @@ def overview(
     grid = [name for name in study.grid if pd.api.types.is_numeric_dtype(table[name])]
     if not names:
         return []
-    if len(grid) == 2 == len(study.varied):
+    if len(grid) == len(study.varied) == MAP_INPUTS:
         return [_map(table, grid, name, units) for name in names]
 
     def chart(title: str, x: str, curve: Callable[[str], Curve]) -> Chart:

@@ -110,7 +110,7 @@ def referee(
             f"has {', '.join(port.name for port in ports)}; give --map NAME=COLUMN"
         )
     rows = table.time >= start
-    if np.count_nonzero(rows) < 2 or table.time[-1] <= start:
+    if np.count_nonzero(rows) <= 1 or table.time[-1] <= start:
         raise SetupError(
             f"{table.label} ends at {table.time[-1]:g} s: it has no rows after {start:g} s"
         )

@@ -53,6 +53,8 @@ LOWEST_ORDER = 0.5
 ROUNDING = 1e-12
 #: Most times that the step of certified runs is halved: each doubles the time; 2^8 steps in place of one.
 MOST_HALVINGS = 8
+#: Runs that an error follows from: derived, an observed order takes two differences.
+COMPARED_RUNS = 3
 #: Share of a run over which an error is the largest nearby: differences of two runs cross zero, errors do not.
 ENVELOPE = 0.01
 
@@ -231,9 +233,8 @@ def _interpolate_pieces(
         if not inside.any():
             continue
         t, x = time[rows], column[rows]
-        if (
-            len(t) < 2
-        ):  # nothing is known between two events so close: the rows around them bound it
+        if len(t) <= 1:
+            # Nothing is known between two events so close: the rows around them bound it.
             smooth[inside] = np.interp(wanted[inside], time, column)
             linear[inside] = smooth[inside] + np.ptp(column)
             continue
@@ -266,9 +267,11 @@ def _refine(system: System, request: SolutionRequest, refusal: str) -> Reference
         order = float(result.provenance["convergence_order"])
         runs.append(interpolate(result, request))
         method = f"runs by {algorithm} with steps down to {step:g} s, since {refusal}"
-        if len(runs) < 3:
+        if len(runs) < COMPARED_RUNS:
             continue
-        errors = {name: _row_errors(name, runs[-3:], order, request) for name in request.names}
+        errors = {
+            name: _row_errors(name, runs[-COMPARED_RUNS:], order, request) for name in request.names
+        }
         if clock.monotonic() > deadline or all(
             np.max(errors[name]) <= request.precision * np.ptp(runs[-1][0][name])
             for name in request.names

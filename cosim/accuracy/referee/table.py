@@ -37,6 +37,8 @@ INDEX = re.compile(r"[\d, ]+")
 TYPE = re.compile(
     r"(\d+ )?(real|integer|boolean|string|int|bool|float64|float32|int32)\b.*", re.IGNORECASE
 )
+#: The number of the matrix of what varies with time, `data_2`: a convention of the Modelica tools' format 1.1.
+VARYING = 2
 #: Columns that count steps instead of measuring something. A convention of Ecos and of libcosim.
 COUNTERS = ("iterations", "stepcount")
 TIMES = ("time", "t", "zeit", "timestamp")
@@ -161,9 +163,9 @@ def _read_modelica(path: Path) -> ForeignTable:
     values: dict[str, Array] = {}
     units: dict[str, str] = {}
     for k, name in enumerate(texts["name"]):
-        matrix, row = max(int(info[0, k]), 2) if k == 0 else int(info[0, k]), int(info[1, k])
+        matrix, row = max(int(info[0, k]), VARYING) if k == 0 else int(info[0, k]), int(info[1, k])
         column = content[f"data_{matrix}"][abs(row) - 1] * (1.0 if row > 0 else -1.0)
-        values[name] = np.asarray(column if matrix == 2 else np.full(rows, column[0]), float)
+        values[name] = np.asarray(column if matrix == VARYING else np.full(rows, column[0]), float)
         match = (
             re.search(r"\[([^\]|:]*)", texts["description"][k]) if "description" in texts else None
         )
@@ -215,7 +217,7 @@ def _checked(table: ForeignTable) -> ForeignTable:
         before, after = time[falls[0] :][:2].tolist()
         raise SetupError(f"{table.label}: time {after!r} s after {before!r} s must not fall")
     last = np.append(np.diff(time) > 0.0, True)
-    if np.count_nonzero(last) < 2 or not table.columns:
+    if np.count_nonzero(last) <= 1 or not table.columns:
         raise SetupError(f"{table.label} needs two rows with a time and values")
     columns = {name: values[finite][last] for name, values in table.columns.items()}
     return ForeignTable(table.label, time[last], columns, table.units)

@@ -245,7 +245,7 @@ def _check_connections(
                 yield structure.error("connectors", connection, text)
                 continue
             ends.append((owner or "", str(name), kinds[0]))
-        if len(ends) == 2 and not {ends[0][0], ends[1][0]} & dictionaries:
+        if len(ends) > 1 and not {ends[0][0], ends[1][0]} & dictionaries:
             yield from _check_ends(structure, connection, ends, driven)
     for (owner, name), count in driven.items():
         if count > 1:

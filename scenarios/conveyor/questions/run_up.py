@@ -51,6 +51,8 @@ END = 0.8
 ROCKING = 0.1
 #: Largest speed at the end over that of the run, below which the crank stands still; a convention.
 STANDING = 1e-3
+#: Share of the resonance within which a speed is near it, a convention of this question.
+NEAR_SHARE = 0.1
 BELOW = "the crank does not stay above the resonance"
 
 
@@ -121,10 +123,11 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
 def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
     """Revolutions of the crank while its speed is within 10 % of nu."""
     speed = CubicSpline(t, w)
+    limits = (1 - NEAR_SHARE) * nu, (1 + NEAR_SHARE) * nu
     ends = np.sort(
-        np.concatenate([t[:1], *(crossing_times(t, w, x * nu) for x in (0.9, 1.1)), t[-1:]])
+        np.concatenate([t[:1], *(crossing_times(t, w, limit) for limit in limits), t[-1:]])
     )
-    middle = np.abs(speed((ends[1:] + ends[:-1]) / 2) / nu - 1.0) < 0.1
+    middle = np.abs(speed((ends[1:] + ends[:-1]) / 2) / nu - 1.0) < NEAR_SHARE
     return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 
 

@@ -130,7 +130,7 @@ def solve(o: Options, context: Context) -> Findings:
     This replaces the single certified run, because the voltages are folds of steady motions, which a search
     finds, and each level starts from the end of the one before.
     """
-    if len(o.supplies) < 2:
+    if len(o.supplies) <= 1:
         raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
     system = System(context.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
     connect(system)

@@ -137,7 +137,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     quantities = ", ".join(bar.text for bar in pace)
     title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {quantities}"
     marks = [Mark(0.0, "release"), Mark(period, "next release")]
-    dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] < 0.5)[0]
+    dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] == 0.0)[0]
     spans = [Span(0.0, float(t[dwell]), "top dwell", "green")]
     chart = Chart(title, "time since the release [s]", panels, marks, spans)
     return Show([chart], [motion.motion(result, line, first, last)])
