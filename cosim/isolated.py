@@ -79,7 +79,9 @@ def run_isolated(
         collect_interrupts() as pressed,
         child(_work, system, csv, settings, grace=GRACE) as (process, ours),
     ):
-        for kind, content in _messages(ours, process, pressed, timeout, csv, before):
+        for kind, content in _messages(
+            ours, process, pressed, timeout=timeout, csv=csv, before=before
+        ):
             if kind == "progress" and progress is not None:
                 progress(content)
             elif kind == "log":
@@ -208,6 +210,7 @@ def _messages(
     pipe: Connection,
     process: BaseProcess,
     pressed: Sequence[int],
+    *,
     timeout: float,
     csv: Path,
     before: list[int],

@@ -201,7 +201,7 @@ class _Simulation:
         changes = discrete_changes(self.network, self.parts, settings.start, settings.stop)
         row = RowReader(list(self.parts.values()), self.ports)
         stepped = [self.parts[name] for name in self.sequence]
-        driver = Driver(stepped, settings, row, recorder, changes, self.all_rows)
+        driver = Driver(stepped, settings, row, recorder, changes, all_rows=self.all_rows)
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
             status, reason = self._drive(driver, recorder, progress, interrupts)

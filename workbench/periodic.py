@@ -171,6 +171,7 @@ def periodic_orbit(
     angle: str,
     speed: float,
     steps_per_rev: int,
+    *,
     record: Sequence[str],
     algorithm: str = "strang",
 ) -> Revolutions:

@@ -41,7 +41,7 @@ def metric_error(metric: Metric, runs: ColumnRuns) -> Estimate:
     if coupling.error is None and spread <= BOTH_ROWS * rows:
         coupling = coupling._replace(error=spread)
     if runs.band is not None:
-        coupling = _with_band(coupling, metric, runs.finest, runs.band, value, spread)
+        coupling = _with_band(coupling, metric, runs.finest, runs.band, value=value, spread=spread)
     if coupling.error is None:
         return coupling._replace(value=value)
     return coupling._replace(value=value, error=coupling.error + rows, rows=rows)
@@ -52,6 +52,7 @@ def _with_band(
     metric: Metric,
     finest: DenseSolution,
     band: ErrorBand,
+    *,
     value: float,
     spread: float,
 ) -> Estimate:

@@ -84,6 +84,7 @@ class Driver:
         row: RowReader,
         recorder: Recorder,
         changes: Sequence[Change],
+        *,
         all_rows: RowFile | None = None,
     ) -> None:
         self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder

@@ -48,7 +48,7 @@ class BondSide(Operation):
     """
 
     def __init__(
-        self, bond: str, side: int, output: Slot, first: Slot, last: Slot, scale: float
+        self, bond: str, side: int, output: Slot, *, first: Slot, last: Slot, scale: float
     ) -> None:
         self.bond, self.side = bond, side
         self.output, self.first, self.last, self.scale = output, first, last, scale

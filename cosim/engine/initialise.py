@@ -57,7 +57,7 @@ def initialise(
     The FMUs that can are to show the ports `within` their steps. The stack closes the parts.
     Raises FmuError where an FMU refuses, SetupError where the start values have no solution.
     """
-    parts, slots = prepare(network, settings, sequence, stack, open_cosimulation, within)
+    parts, slots = prepare(network, settings, sequence, stack, open_cosimulation, within=within)
     if settings.input_order:
         _interpolate_inputs(parts, settings.input_order)
     _open_bonds(network, parts, slots)
@@ -75,6 +75,7 @@ def prepare(
     sequence: Sequence[str],
     stack: ExitStack,
     opener: Opener[I],
+    *,
     within: Sequence[Port] = (),
 ) -> tuple[dict[str, WiredPart[I]], dict[str, Slot]]:
     """All parts wired at the start, out of initialisation mode, and the slots of wired variables by name.
@@ -270,7 +271,9 @@ def _open_bonds(network: Network, parts: Mapping[str, Part], slots: Mapping[str,
             link = links[into.target.name]
             scale = watts_per_product(network, out.source, into.target)
             output = slots[out.source.name]
-            bond_side = BondSide(bond.name, side, output, link.first, link.last, scale)
+            bond_side = BondSide(
+                bond.name, side, output, first=link.first, last=link.last, scale=scale
+            )
             parts[out.source.part].bond_sides.append(bond_side)
 
 

@@ -28,7 +28,7 @@ def open3(
         messages.on_log(status, text)
 
     options = {"loggingOn": True, "logMessage": log, **options}
-    return Session(messages, description, fmu, side, FMI3, options)
+    return Session(messages, description, fmu, side, FMI3, options=options)
 
 
 class Access3:

@@ -63,7 +63,7 @@ def block3(
     for name, group in groups:
         elements = list(group)
         part = (native * len(elements)).from_buffer(cells, first * ctypes.sizeof(native))
-        pieces.append(_piece(session, action, name, elements, part, orders))
+        pieces.append(_piece(session, action, name, elements, part, orders=orders))
         first += len(elements)
     transfer = pieces[-1].transfer
     if len(pieces) > 1 or pieces[0].buffer is not pieces[0].cells:
@@ -78,6 +78,7 @@ def _piece(
     native: str,
     elements: Sequence[Variable],
     cells: Any,
+    *,
     orders: Sequence[int],
 ) -> Piece:
     """The call for elements of one native type, whose values are these cells."""

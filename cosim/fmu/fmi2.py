@@ -70,7 +70,7 @@ def open2(name: str, description: ModelDescription, fmu: Library, side: str) -> 
     """A new instance of an FMU of FMI 2.0 by one of its interfaces; raises FmuError."""
     messages = MessageLog(name)
     options = {"callbacks": _callbacks(messages), "loggingOn": True}
-    return Session(messages, description, fmu, side, FMI2, options)
+    return Session(messages, description, fmu, side, FMI2, options=options)
 
 
 class Access2:

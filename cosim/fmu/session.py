@@ -82,6 +82,7 @@ class Session:
         fmu: Library,
         side: str,
         names: FunctionNames,
+        *,
         options: Mapping[str, Any],
     ) -> None:
         """Instantiate with these options of FMPy; raises FmuError, and then releases the library."""

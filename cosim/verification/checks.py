@@ -89,8 +89,12 @@ def verify(fmu: Path) -> Iterator[Row]:
     for title in ALGORITHMS:
         yield shaft_energy(fmu, title, SCHEMES[title])
     quarter_car = BENCHMARKS["quarter car"]
-    yield tolerance(fmu, "quarter car", quarter_car, "strang", "doubling", (1e-3, 1e-4, 1e-5))
-    yield tolerance(fmu, "undamped drive", UNDAMPED, "jacobi", "energy", (1e-1, 3e-2, 1e-2))
+    yield tolerance(
+        fmu, "quarter car", quarter_car, "strang", "doubling", tolerances=(1e-3, 1e-4, 1e-5)
+    )
+    yield tolerance(
+        fmu, "undamped drive", UNDAMPED, "jacobi", "energy", tolerances=(1e-1, 3e-2, 1e-2)
+    )
 
 
 def simulate(
@@ -99,6 +103,7 @@ def simulate(
     scheme: Scheme,
     stop: float,
     step: float | Adaptive,
+    *,
     bond: tuple[str, str] | None = None,
 ) -> Result:
     """A run of the master, all states recorded."""
@@ -162,7 +167,7 @@ def orders(fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Schem
     ideal_shares: list[float] = []
     for count in benchmark.counts:
         h = benchmark.stop / count
-        result = simulate(fmu, benchmark.units, scheme, benchmark.stop, h, bond)
+        result = simulate(fmu, benchmark.units, scheme, benchmark.stop, h, bond=bond)
         simulated = result.data[:, 1:]
         matches.append(deviation(simulated, ideal.states(scheme, [h] * count)))
         errors.append(deviation(simulated, ideal.exact([h] * count)))
@@ -175,14 +180,30 @@ def orders(fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Schem
             ideal_shares.append(float((predicted[0] - predicted[1]) / np.abs(predicted).max()))
             shares.append(float(energy["residual"] / np.abs(predicted).max()))
     theory = order(scheme, benchmark.units)
-    yield judge(name, title, matches, "order of the states", slope(errors, theory), theory, ORDER)
+    yield judge(
+        name,
+        title,
+        matches,
+        "order of the states",
+        slope(errors, theory),
+        theory=theory,
+        within=ORDER,
+    )
     if bond and max(map(abs, ideal_shares)) < SAME:
         largest = max(shares, key=abs)
-        yield judge(name, title, booked, "residual of the energy", largest, 0.0, SAME)
+        yield judge(name, title, booked, "residual of the energy", largest, theory=0.0, within=SAME)
     elif bond:
         theory = residual_order(scheme, benchmark.units)
         measured_slope = slope(residuals, theory)
-        yield judge(name, title, booked, "order of the residual", measured_slope, theory, ORDER)
+        yield judge(
+            name,
+            title,
+            booked,
+            "order of the residual",
+            measured_slope,
+            theory=theory,
+            within=ORDER,
+        )
 
 
 def judge(
@@ -191,6 +212,7 @@ def judge(
     matches: Sequence[float],
     quantity: str,
     measured: float,
+    *,
     theory: float,
     within: float,
 ) -> Row:
@@ -227,7 +249,9 @@ def limit(fmu: Path, name: str, units: Mapping[str, Unit], title: str, scheme: S
         growth.append(float(np.polynomial.polynomial.polyfit(range(len(size)), size, 1)[1]))
     below, above = growth
     measured = theory * (1 - MARGIN * (above + below) / (above - below))
-    row = judge(name, title, matches, "stability limit [s]", measured, theory, MARGIN * theory)
+    row = judge(
+        name, title, matches, "stability limit [s]", measured, theory=theory, within=MARGIN * theory
+    )
     return row._replace(passed=row.passed and below < 0.0 < above)
 
 
@@ -239,14 +263,20 @@ def spring_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
     """
     h, count = 0.01, 200
     ideal = Ideal(SPRING_AND_MASS)
-    result = simulate(fmu, SPRING_AND_MASS, scheme, count * h, h, ("spring.1", "mass.1"))
+    result = simulate(fmu, SPRING_AND_MASS, scheme, count * h, h, bond=("spring.1", "mass.1"))
     position, speed = result.data[:, 1], result.data[:, 2]
     energy = 50 * position**2 / 2 + 2.0 * speed**2 / 2
     created = -next(iter(result.energy.values()))["residual"] / energy[0]
     change = float(energy[-1] / energy[0]) - 1.0
     match = deviation(result.data[:, 1:], ideal.states(scheme, [h] * count))
     return judge(
-        "spring and mass", title, [match], "energy made / initial energy", created, change, SAME
+        "spring and mass",
+        title,
+        [match],
+        "energy made / initial energy",
+        created,
+        theory=change,
+        within=SAME,
     )
 
 
@@ -259,7 +289,7 @@ def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
     matches, gaps = [], []
     for count in UNDAMPED.counts:
         h = UNDAMPED.stop / count
-        result = simulate(fmu, UNDAMPED.units, scheme, UNDAMPED.stop, h, UNDAMPED.bond)
+        result = simulate(fmu, UNDAMPED.units, scheme, UNDAMPED.stop, h, bond=UNDAMPED.bond)
         matches.append(deviation(result.data[:, 1:], ideal.states(scheme, [h] * count)))
         twist, w_1, w_2 = result.data[:, 1:].T
         energy = (SHAFT_STIFFNESS * twist**2 + FIRST_INERTIA * w_1**2 + SECOND_INERTIA * w_2**2) / 2
@@ -267,7 +297,7 @@ def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
         gaps.append(float(energy[-1] - energy[0]) - created)
     measured = slope(gaps, 2)
     quantity = "order of the energy not booked"
-    return judge("undamped drive", title, matches, quantity, measured, 2, ORDER)
+    return judge("undamped drive", title, matches, quantity, measured, theory=2, within=ORDER)
 
 
 def tolerance(
@@ -276,6 +306,7 @@ def tolerance(
     benchmark: Benchmark,
     title: str,
     control: str,
+    *,
     tolerances: Sequence[float],
 ) -> Row:
     """The largest error of adaptive runs is proportional to the tolerance.
@@ -288,11 +319,13 @@ def tolerance(
     matches, errors = [], []
     for allowed in tolerances:
         step = Adaptive(allowed, control=control)
-        result = simulate(fmu, benchmark.units, scheme, benchmark.stop, step, benchmark.bond)
+        result = simulate(fmu, benchmark.units, scheme, benchmark.stop, step, bond=benchmark.bond)
         simulated, sizes = result.data[:, 1:], np.diff(result["time"])
         predicted = ideal.states(scheme, np.repeat(sizes / pieces, pieces).tolist())[::pieces]
         matches.append(deviation(simulated, predicted))
         errors.append(deviation(simulated, ideal.exact(sizes.tolist())))
     exponent = math.log(errors[0] / errors[-1], tolerances[0] / tolerances[-1])
     quantity = "exponent of the tolerance"
-    return judge(name, f"{title}, adaptive by {control}", matches, quantity, exponent, 1, ORDER)
+    return judge(
+        name, f"{title}, adaptive by {control}", matches, quantity, exponent, theory=1, within=ORDER
+    )

@@ -122,6 +122,7 @@ def orbits(
     drive_data: IdentifiedDrive,
     machine: Machine,
     nu: float,
+    *,
     step_multiples: Sequence[int],
 ) -> list[Orbit]:
     """Steady orbits of a machine like the one found at a mean speed nu [rad/s]."""
@@ -136,7 +137,7 @@ def ripple(o: RippleOptions, context: Context, drive_data: IdentifiedDrive, mean
     """The torque ripple of the machine found on its steady orbit at the operating speed."""
     fit, nu = drive_data.fit, drive_data.operating
     machine = drive_data.machine(fit.start_values)
-    points = orbits(o, context, drive_data, machine, nu, STEP_MULTIPLES)
+    points = orbits(o, context, drive_data, machine, nu, step_multiples=STEP_MULTIPLES)
     if points[0].problem:
         return Figure.undetermined("N.m", points[0].problem, meaning)
     row = speed_row(machine, points, cosim.CONVERGENCE_ORDERS[o.algorithm])
@@ -165,7 +166,7 @@ def simulated(
         machine, nu = at(x)
         return float(np.log(np.abs(machine.torque_ripple(nu))))
 
-    (point,) = orbits(o, context, drive_data, *at(x), STEP_MULTIPLES[-1:])
+    (point,) = orbits(o, context, drive_data, *at(x), step_multiples=STEP_MULTIPLES[-1:])
     if point.problem:
         return Figure.undetermined(figure.unit, point.problem, figure.meaning)
     slope = (theory(x * (1 + SLIGHT)) - theory(x * (1 - SLIGHT))) / (2 * SLIGHT * x)

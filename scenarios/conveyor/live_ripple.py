@@ -124,17 +124,27 @@ class LiveDrive:
         tau2, w2 = TORQUE_PEAK.unit, SPEED_PEAK.unit
         return [
             theory_panel(
-                "torque ripple", tau2, "figures.tau2", "torque_ripple", colors.TORQUE, self.levels
+                "torque ripple",
+                tau2,
+                "figures.tau2",
+                "torque_ripple",
+                colors.TORQUE,
+                levels=self.levels,
             ),
-            theory_panel("speed ripple", w2, "figures.w2", "speed_ripple", colors.SPEED, {}),
+            theory_panel("speed ripple", w2, "figures.w2", "speed_ripple", colors.SPEED, levels={}),
             theory_panel(
-                "lag behind the load", "deg", LAG, "torque_lag", colors.LIFT, {"90 deg": 90.0}
+                "lag behind the load",
+                "deg",
+                LAG,
+                "torque_lag",
+                colors.LIFT,
+                levels={"90 deg": 90.0},
             ),
         ]
 
 
 def theory_panel(
-    quantity: str, unit: str, run: str, theory: str, color: str, levels: Mapping[str, float]
+    quantity: str, unit: str, run: str, theory: str, color: str, *, levels: Mapping[str, float]
 ) -> LivePanel:
     """Return a panel of what runs give beside a formula of first-order theory."""
     curves = {

@@ -56,8 +56,8 @@ def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
             result,
             since,
             {"conveyor.f_rod": ("rod", chart.FORCE)},
-            "kN",
-            in_revolution,
+            unit="kN",
+            rows=in_revolution,
         ),
     ]
     waveforms = Chart(f"One revolution at {task.nu:g} rad/s", "time [ms]", panels)

@@ -185,7 +185,13 @@ def run_to_orbit(task: OrbitTask, record: Sequence[str]) -> Revolutions:
 
     states = {name: float(task.start[name]) for name in ("conveyor.w", "motor.tau")}
     return periodic_orbit(
-        system, states, "conveyor.phi", task.nu, task.steps_per_rev, record, task.algorithm
+        system,
+        states,
+        "conveyor.phi",
+        task.nu,
+        task.steps_per_rev,
+        record=record,
+        algorithm=task.algorithm,
     )
 
 

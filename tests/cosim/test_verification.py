@@ -126,7 +126,7 @@ def test_main_reports_whether_all_passed(
 
 def test_a_row_fails_by_a_match_and_by_a_measured_value() -> None:
     def passes(matches: list[float], measured: float) -> bool:
-        return checks.judge("s", "t", matches, "q", measured, 1, 0.1).passed
+        return checks.judge("s", "t", matches, "q", measured, theory=1, within=0.1).passed
 
     assert passes([1e-11, 0.0], 1.05)
     assert not passes([1e-11, 1e-9], 1.05) and not passes([1e-11, math.nan], 1.05)
@@ -268,7 +268,7 @@ def test_the_ledger_of_gauss_seidel_telescopes(fmus: Path, problem: str) -> None
     left = h / 2 * (p[0] * q[0] - p[-1] * q[-1])
     assert supplied - taken == pytest.approx(left, rel=1e-10)
     fmu = fmus / "LinearSystem.fmu"
-    result = simulate(fmu, benchmark.units, SCHEMES["gauss-seidel"], 15 * h, h, benchmark.bond)
+    result = simulate(fmu, benchmark.units, SCHEMES["gauss-seidel"], 15 * h, h, bond=benchmark.bond)
     assert next(iter(result.energy.values()))["residual"] == pytest.approx(left, rel=1e-10)
 
 

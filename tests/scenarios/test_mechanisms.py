@@ -190,7 +190,7 @@ def test_coupled_link_has_the_ripple_of_exact_orbits_and_that_of_theory(
             return System(fmus_, wires, {**start, **at})
 
         near = {"conveyor.w": nu, "motor.tau": mean}
-        turns = periodic_orbit(system, near, "conveyor.phi", nu, 512, ["conveyor.f_pin"])
+        turns = periodic_orbit(system, near, "conveyor.phi", nu, 512, record=["conveyor.f_pin"])
         phi, torque = (turns.result[key][turns.window()] for key in ("conveyor.phi", "motor.tau"))
         simulated, theory = harmonics(phi, torque, 12)[:4], link.ripples(nu).torque[:4]
         true = exact(drive(machine, Link, l=LINK), nu)[1][:4]

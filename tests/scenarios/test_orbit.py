@@ -242,7 +242,7 @@ def test_an_orbit_that_deviations_leave_is_refused() -> None:
 
     with pytest.raises(NoPeriodicOrbitError):
         periodic_orbit(
-            system, {"conveyor.w": 40.0, "motor.tau": 0.0}, "conveyor.phi", 40.0, 128, ()
+            system, {"conveyor.w": 40.0, "motor.tau": 0.0}, "conveyor.phi", 40.0, 128, record=()
         )
 
 

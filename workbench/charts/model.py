@@ -268,6 +268,7 @@ def result_panel(
     result: Result,
     x: Samples,
     curves: Mapping[str, CurveLook],
+    *,
     unit: str = "",
     rows: Rows = slice(None),
     includes: Sequence[float] = (),

@@ -176,7 +176,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
     def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
         each = [
             result_panel(
-                quantity, result, result["time"], {column: STYLES[motor]}, unit, levels=levels
+                quantity, result, result["time"], {column: STYLES[motor]}, unit=unit, levels=levels
             )
             for motor, result in r.items()
         ]

@@ -166,7 +166,9 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     left = 0.0
     try:
         with captured_warnings() as warnings:
-            turns = periodic_orbit(at, states, "iron.phi", nu, per_rev, FORCES, ALGORITHM)
+            turns = periodic_orbit(
+                at, states, "iron.phi", nu, per_rev, record=FORCES, algorithm=ALGORITHM
+            )
         warn(turns, T, nu, warnings())
         torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
         speed, left = amplitudes("iron.w_cam"), turns.settling_error(1.0)
