@@ -232,7 +232,7 @@ def seconds(method: str, steps: int) -> float:
     return time.perf_counter() - began
 
 
-def measure(method: str, steps: int, pinned: bool) -> float:
+def measure(method: str, steps: int, *, pinned: bool) -> float:
     """What a way prints in a process of its own: seconds per step, or of a sweep."""
     command = [sys.executable, __file__, "--way", method, "--steps", str(steps)]
     done = subprocess.run(
@@ -256,7 +256,7 @@ def compiled(folder: Path) -> dict[str, Path]:
     return programs
 
 
-def by_hand(program: Path, steps: int, pinned: bool) -> float:
+def by_hand(program: Path, steps: int, *, pinned: bool) -> float:
     """Seconds per step of the program in limit.c, with as many evaluations as the FMUs need."""
     command = [str(program), str(steps * MANY), "1"]
     if pinned:
@@ -293,13 +293,16 @@ def main() -> None:
         programs = compiled(Path(folder))
         for pinned in (False, True):
             rounds = [
-                {method: measure(method, options.steps, pinned) for method in METHODS}
-                | {method: by_hand(x, options.steps, pinned) for method, x in programs.items()}
+                {method: measure(method, options.steps, pinned=pinned) for method in METHODS}
+                | {
+                    method: by_hand(x, options.steps, pinned=pinned)
+                    for method, x in programs.items()
+                }
                 for _ in range(options.rounds)
             ]
             show("pinned to one core" if pinned else "free", rounds)
     for method in SWEEPS:
-        times = [measure(method, 1, True) for _ in range(options.rounds)]
+        times = [measure(method, 1, pinned=True) for _ in range(options.rounds)]
         print(f"{method:<30}{statistics.median(times):>9.2f} s")
 
 

@@ -56,11 +56,11 @@ class Case:
     kind: str
     seed: int
     stated: bool
-    damping: float
-    truth: float
-    ratio: float
-    step_ratio: float
-    reason: str
+    damping: float = math.nan
+    truth: float = math.nan
+    ratio: float = math.nan
+    step_ratio: float = math.nan
+    reason: str = ""
 
 
 def linear_case(seed: int) -> Case:
@@ -177,18 +177,18 @@ def centre_case(seed: int, half: Path) -> Case:
 
 def judged(kind: str, seed: int, stated: Callable[[], Diagnosis], modes: Any, steps: Any) -> Case:
     """Compare what is stated with the mode next to it."""
-    nan = math.nan
+    refused = partial(Case, kind, seed, stated=False)
     try:
         diagnosis = stated()
     except SetupError as error:
-        return Case(kind, seed, False, nan, nan, nan, nan, str(error))
+        return refused(reason=str(error))
     if not diagnosis.damped:
-        return Case(kind, seed, False, nan, nan, nan, nan, diagnosis.text()[:60])
+        return refused(reason=diagnosis.text()[:60])
     zeta = diagnosis.damping
     s = diagnosis.frequency * complex(-zeta, math.sqrt(1.0 - zeta**2))
     near = min(modes, key=lambda mode: abs(mode - s))
     truth = float(-near.real / abs(near))
-    step_ratio = nan
+    step_ratio = math.nan
     if steps is not None:
         step_damping = min(
             (-s.real / abs(s) for s in steps), key=lambda x: abs(x - diagnosis.damping_seen)
@@ -196,7 +196,9 @@ def judged(kind: str, seed: int, stated: Callable[[], Diagnosis], modes: Any, st
         error = max(diagnosis.damping_seen_error, 1e-12)
         step_ratio = float(abs(step_damping - diagnosis.damping_seen) / error)
     ratio = float(abs(zeta - truth) / diagnosis.error)
-    return Case(kind, seed, True, zeta, truth, ratio, step_ratio, "")
+    return Case(
+        kind, seed, stated=True, damping=zeta, truth=truth, ratio=ratio, step_ratio=step_ratio
+    )
 
 
 def row(case: Case) -> str:

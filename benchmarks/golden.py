@@ -230,7 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for folder in (o.old, o.new):
         if not (folder / "about.json").is_file():
             sys.exit(f"error: {folder} holds no dump")
-    return compare(o.old, o.new, o.bits, reasons(o.reasons), o.only)
+    return compare(o.old, o.new, bits=o.bits, sentences=reasons(o.reasons), kinds=o.only)
 
 
 if __name__ == "__main__":

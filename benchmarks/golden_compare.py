@@ -44,7 +44,7 @@ def read(path: Path) -> Items:
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
 
 
-def differences(old: Any, new: Any, bits: bool, path: str = "") -> Iterator[Difference]:
+def differences(old: Any, new: Any, *, bits: bool, path: str = "") -> Iterator[Difference]:
     """
     Yield where two entries differ, or two values at a path within them.
 
@@ -72,12 +72,12 @@ def differences(old: Any, new: Any, bits: bool, path: str = "") -> Iterator[Diff
             elif by_figures and key == "tables":
                 yield from rows(old[key], new[key], where)
             else:
-                yield from differences(old[key], new[key], bits, where)
+                yield from differences(old[key], new[key], bits=bits, path=where)
     elif isinstance(old, list) and isinstance(new, list):
         if len(old) != len(new):
             yield Difference(path, CHANGED, f"{len(old)} entries became {len(new)}")
         for i, (a, b) in enumerate(zip_longest(old, new), 1):
-            yield from differences(a, b, bits, f"{path}/{i}")
+            yield from differences(a, b, bits=bits, path=f"{path}/{i}")
     elif isinstance(old, str) and isinstance(new, str) and not bits:
         yield from texts(old, new, path)
     else:
@@ -108,7 +108,7 @@ def numbers(values: tuple[Any, Any], errors: tuple[Any, Any], path: str) -> Diff
 
 def rows(old: Items, new: Items, path: str) -> Iterator[Difference]:
     """Tables behind figures: their names, columns and numbers of rows are equal, their hashes may differ."""
-    for difference in differences(old, new, True, path):
+    for difference in differences(old, new, bits=True, path=path):
         if difference.path.endswith("/sha256"):
             difference = difference._replace(status=WITHIN, text="other rows")
         yield difference
@@ -171,7 +171,7 @@ def reasons(path: Path | None) -> dict[str, str]:
 
 
 def compare(
-    old: Path, new: Path, bits: bool, sentences: Mapping[str, str], kinds: Sequence[str]
+    old: Path, new: Path, *, bits: bool, sentences: Mapping[str, str], kinds: Sequence[str]
 ) -> int:
     """
     Print for every item of two dumps how it changed, and a summary for each kind.
@@ -202,7 +202,7 @@ def compare(
         for item in sorted(entries[0].keys() | entries[1].keys()):
             name, pair = f"{kind}/{item}", [x.get(item) for x in entries]
             failures += any(x is not None and "failure" in x for x in pair)
-            status, lines = judge(pair[0], pair[1], bits)
+            status, lines = judge(pair[0], pair[1], bits=bits)
             pattern = next((p for p in sentences if fnmatchcase(name, p)), None)
             if status in (EQUAL, WITHIN) or pattern is None:
                 counts[kind][status] += 1
@@ -219,11 +219,11 @@ def compare(
     return summarise(counts)
 
 
-def judge(old: Items | None, new: Items | None, bits: bool) -> tuple[str, list[str]]:
+def judge(old: Items | None, new: Items | None, *, bits: bool) -> tuple[str, list[str]]:
     """How an entry changed, and the lines that say where."""
     if old is None or new is None:
         return ONLY["old" if new is None else "new"], []
-    deviations = list(differences(old, new, bits))
+    deviations = list(differences(old, new, bits=bits))
     changes = [x for x in deviations if x.status == CHANGED]
     if changes:
         lines = [f"{x.path}: {x.text}" for x in changes[:MOST_LINES]]

@@ -66,31 +66,31 @@ FAR = {**FIGURE, "value": 40.041}
 def test_an_entry_is_equal_within_error_or_changed(
     new: dict[str, Any], status: str, bits: str
 ) -> None:
-    assert judge(ENTRY, new, False)[0] == judge(new, ENTRY, False)[0] == status
-    assert judge(ENTRY, new, True)[0] == judge(new, ENTRY, True)[0] == bits
+    assert judge(ENTRY, new, bits=False)[0] == judge(new, ENTRY, bits=False)[0] == status
+    assert judge(ENTRY, new, bits=True)[0] == judge(new, ENTRY, bits=True)[0] == bits
 
 
 def test_rows_without_figures_have_no_error_to_stay_within() -> None:
     rows = {"sha256": "a", "last": {"x": 1.0}}
     for other in ({**rows, "sha256": "b"}, {**rows, "last": {"x": 1.0 + 1e-15}}):
-        assert judge(rows, other, False)[0] == CHANGED
-    assert judge({"tables": HASH}, {"tables": {}}, False)[0] == CHANGED
+        assert judge(rows, other, bits=False)[0] == CHANGED
+    assert judge({"tables": HASH}, {"tables": {}}, bits=False)[0] == CHANGED
 
 
 def test_nan_is_equal_to_nan_and_a_zero_keeps_its_sign() -> None:
-    assert judge({"x": math.nan}, {"x": math.nan}, True)[0] == EQUAL
-    assert judge({"x": math.nan}, {"x": 1.0}, False)[0] == CHANGED
-    assert judge({"x": 0.0}, {"x": -0.0}, True)[0] == CHANGED
+    assert judge({"x": math.nan}, {"x": math.nan}, bits=True)[0] == EQUAL
+    assert judge({"x": math.nan}, {"x": 1.0}, bits=False)[0] == CHANGED
+    assert judge({"x": 0.0}, {"x": -0.0}, bits=True)[0] == CHANGED
     undetermined = {"value": math.nan, "error": math.nan}
-    assert judge({"f": undetermined}, {"f": undetermined}, False)[0] == EQUAL
+    assert judge({"f": undetermined}, {"f": undetermined}, bits=False)[0] == EQUAL
     assert (
-        judge({"f": undetermined}, {"f": FIGURE | undetermined | {"value": 1.0}}, False)[0]
+        judge({"f": undetermined}, {"f": FIGURE | undetermined | {"value": 1.0}}, bits=False)[0]
         == CHANGED
     )
 
 
 def test_errors_that_grow_are_stated() -> None:
-    _, lines = judge(ENTRY, changed("figures", "nu", to={**SHIFTED, "error": 2.0}), False)
+    _, lines = judge(ENTRY, changed("figures", "nu", to={**SHIFTED, "error": 2.0}), bits=False)
     assert lines == [
         "1 of its numbers moved, by up to 1% of both errors; errors are up to 100 times as large"
     ]

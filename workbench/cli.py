@@ -89,7 +89,7 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     with reservation(args["out"]):
         answer = ask(project, argv[0], options, **args, program=program)
         with attribute_errors(question.module):
-            finish(answer, args["out"], animate)
+            finish(answer, args["out"], animate=animate)
     return REFUSED if answer.refused else 0
 
 

@@ -135,6 +135,7 @@ class Context:
         function: Callable[[Task], Outcome],
         tasks: Sequence[Task],
         title: str,
+        *,
         probes: bool = False,
     ) -> Iterator[Outcome]:
         """Give function(task) for every task, in their sequence, wherever the runner does its runs.

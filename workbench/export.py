@@ -43,16 +43,16 @@ def picture(answer: Answer) -> str:
     return f'<img src="data:image/png;base64,{content}" style="max-width: 100%">'
 
 
-def write(answer: Answer, folder: Path, animate: bool = False) -> list[str]:
+def write(answer: Answer, folder: Path, *, animate: bool = False) -> list[str]:
     """Write tables, JSON, other files, page and, on request, motions to a folder; return their names.
 
     Raises SetupError if another run uses the folder.
     """
     with reservation(folder):
-        return _write(answer, folder, animate)
+        return _write(answer, folder, animate=animate)
 
 
-def _write(answer: Answer, folder: Path, animate: bool) -> list[str]:
+def _write(answer: Answer, folder: Path, *, animate: bool) -> list[str]:
     """Write the files to a folder that is this run's; it may have been removed meanwhile."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, table in answer.tables.items():
@@ -98,9 +98,9 @@ def content(answer: Answer) -> dict[str, Any]:
     }
 
 
-def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
+def finish(answer: Answer, folder: Path, *, animate: bool = False) -> None:
     """Write the files; print the verdict, the figures, the FMUs' warnings, and where the files are."""
-    names = write(answer, folder, animate)
+    names = write(answer, folder, animate=animate)
     if text := repr(answer):
         print(text)
     print(f"{', '.join(names)} written to {folder}")

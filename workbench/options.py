@@ -66,7 +66,15 @@ def option(
     """
     bounds = {"above": above, "at least": least, "at most": most}
     limits = {word: bound for word, bound in bounds.items() if bound is not None}
-    declared = Option("", float, False, default, meaning, unit, limits, tuple(choices))
+    declared = Option(
+        "",
+        float,
+        default=default,
+        meaning=meaning,
+        unit=unit,
+        bounds=limits,
+        choices=tuple(choices),
+    )
     return field(default=default, metadata={"option": declared})
 
 

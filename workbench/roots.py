@@ -255,7 +255,7 @@ def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:
     ]
 
 
-def falling_roots(x: Array, values: Array, derivative: bool = False) -> list[Crossing]:
+def falling_roots(x: Array, values: Array, *, derivative: bool = False) -> list[Crossing]:
     """Return where the spline through values falls through 0.
 
     Parameters

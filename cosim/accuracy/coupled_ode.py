@@ -139,7 +139,7 @@ class CoupledOde:
             session = part.instance.session
             if session.interface.needsCompletedIntegratorStep:
                 event, end = session.call("completedIntegratorStep")
-                self._require_going(part, end)
+                self._require_going(part, end=end)
                 wants = wants or event
         return wants
 
@@ -158,7 +158,7 @@ class CoupledOde:
             again = self._settle(lambda block: True)
             for part in self.parts:
                 more, end = part.instance.update()
-                self._require_going(part, end)
+                self._require_going(part, end=end)
                 again = again or more
             again = self._settle(lambda block: True) or again
         for part in self.parts:
@@ -264,7 +264,7 @@ class CoupledOde:
         loops = "; ".join(describe_loop(loop) for loop in algebraic_loops(self.network))
         raise FmuError(f"the algebraic loop was not solved at t = {self.t!r} s: {loops}")
 
-    def _require_going(self, part: ExchangePart, end: bool) -> None:
+    def _require_going(self, part: ExchangePart, *, end: bool) -> None:
         if end:
             raise FmuError(
                 f"{part.name} ended the simulation at t = {self.t!r} s: {part.messages.reason()}"

@@ -121,8 +121,8 @@ class Driver:
             self._checkpoint = (0, Snapshot(parts))
         back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
-            part.instance.go_forward_only(steps is not None and self.control != "doubling")
-            part.instance.stop_at_events(back and part.instance.shows_events(part.outputs))
+            part.instance.go_forward_only(forward=steps is not None and self.control != "doubling")
+            part.instance.stop_at_events(stops=back and part.instance.shows_events(part.outputs))
         if isinstance(plan.step, Adaptive) or steps is None or every is None:
             return
         program = lay_out(steps, row.extra)
@@ -273,7 +273,7 @@ class Driver:
         before, snapshot = self._checkpoint
         self._checkpoint = self._loop = None
         for part in self.parts:
-            part.instance.go_forward_only(False)
+            part.instance.go_forward_only(forward=False)
         met = isinstance(failure, EventReached)
         self.loop = f"Python, since {'steps end at events' if met else 'a part discards steps'}"
         snapshot.restore()

@@ -67,7 +67,7 @@ def block3(
         first += len(elements)
     transfer = pieces[-1].transfer
     if len(pieces) > 1 or pieces[0].buffer is not pieces[0].cells:
-        run = partial(_move, pieces, action == "Get")
+        run = partial(_move, pieces, reads=action == "Get")
         transfer = Transfer(transfer.name, run, transfer.function, transfer.references, None)
     return VariableBlock(session, members, cells, transfer, reads=action == "Get", held=held)
 
@@ -97,7 +97,7 @@ def _piece(
     return Piece(Transfer(name, run, function, references, Code.EXCHANGE3), buffer, cells)
 
 
-def _move(pieces: Sequence[Piece], reads: bool) -> int:
+def _move(pieces: Sequence[Piece], *, reads: bool) -> int:
     """Move all pieces, those of Float32 by way of their own buffer; the worst status."""
     worst = OK
     for piece in pieces:

@@ -168,7 +168,7 @@ class CoSimulation2:
         """Whether the master has promised never to return to an earlier time."""
         return bool(self._forward.value)
 
-    def go_forward_only(self, forward: bool) -> None:
+    def go_forward_only(self, *, forward: bool) -> None:
         """Promise never to return to an earlier time, or withdraw the promise."""
         self._forward.value = forward
 
@@ -219,7 +219,7 @@ class CoSimulation2:
         """No: a step does not end at an event."""
         return False
 
-    def stop_at_events(self, stops: bool) -> None:
+    def stop_at_events(self, *, stops: bool) -> None:
         """Nothing, since no event is shown."""
 
     def take_inputs(self, t: float) -> None:

@@ -185,7 +185,7 @@ class CoSimulation3:
         """Whether the FMU may forget its past, since no step will be taken again."""
         return bool(self._forward.value)
 
-    def go_forward_only(self, forward: bool) -> None:
+    def go_forward_only(self, *, forward: bool) -> None:
         """Promise that no step will be taken again, or do so no longer."""
         self._forward.value = forward
 
@@ -271,7 +271,7 @@ class CoSimulation3:
         variables = (v for block in outputs for v in block.variables)
         return self.events.used and any(v.variability != "continuous" for v in variables)
 
-    def stop_at_events(self, stops: bool) -> None:
+    def stop_at_events(self, *, stops: bool) -> None:
         """Refuse steps across an event from now on, or take them; the system then steps to the event."""
         self._stops = stops
 

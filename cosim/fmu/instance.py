@@ -74,7 +74,7 @@ class CoSimulation(Instance, Protocol):
     def forward(self) -> bool:
         """Whether the FMU may forget its past, since no step will be taken again."""
 
-    def go_forward_only(self, forward: bool) -> None:
+    def go_forward_only(self, *, forward: bool) -> None:
         """Promise that no step will be taken again, or do so no longer."""
 
     def advance(self, t: float, h: float) -> None:
@@ -95,7 +95,7 @@ class CoSimulation(Instance, Protocol):
     def shows_events(self, outputs: Sequence[VariableBlock]) -> bool:
         """Whether one of these outputs is changed by its events alone, and a step can end there."""
 
-    def stop_at_events(self, stops: bool) -> None:
+    def stop_at_events(self, *, stops: bool) -> None:
         """Refuse steps across an event from now on, or take them; the system then steps to the event."""
 
     def take_inputs(self, t: float) -> None:

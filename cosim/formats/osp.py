@@ -135,8 +135,10 @@ class _Reader:
             self._initial(self.plan.elements[""][simulator], element)
         elif tag == "LinearTransformation":
             entry, leave = self._function(attributes["name"], ["in"], ["out"])
-            scale = float(attributes.get("factor", 1.0)), float(attributes.get("offset", 0.0))
-            self.plan.add_arrow(Arrow(entry, leave, Step(tag, None, False, *scale)))
+            factor = float(attributes.get("factor", 1.0))
+            offset = float(attributes.get("offset", 0.0))
+            step = Step(tag, None, convert=False, factor=factor, offset=offset)
+            self.plan.add_arrow(Arrow(entry, leave, step))
         elif tag in ("Sum", "VectorSum"):
             inputs, width = int(attributes["inputCount"]), int(attributes.get("dimension", 1))
             if min(inputs, width) < 1:
@@ -270,7 +272,9 @@ class _Reader:
         if len(sources) != 1 or len(sinks) != 1:
             named = " and ".join(f"{kind} {dotted(end)}" for kind, end in zip(kinds, ends))
             raise ValueError(f"{named} cannot be connected")
-        self.plan.add_arrow(Arrow(sources[0], sinks[0], Step(plain(element.tag), None, False)))
+        self.plan.add_arrow(
+            Arrow(sources[0], sinks[0], Step(plain(element.tag), None, convert=False))
+        )
         if "powerBond" in element.attrib:
             self.bonds[element.get("powerBond")].extend(sources)
 

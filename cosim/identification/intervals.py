@@ -120,8 +120,14 @@ def estimate_intervals(
         quantity.name: _interval(
             evaluator,
             fit,
-            Quantity(k, True, float(fit.derived[k]), fit.gradients[k], quantity.unit),
-            bool(groups),
+            Quantity(
+                k,
+                is_derived=True,
+                value=float(fit.derived[k]),
+                gradient=fit.gradients[k],
+                unit=quantity.unit,
+            ),
+            is_curved=bool(groups),
         )
         for k, quantity in enumerate(problem.derived)
     }
@@ -131,8 +137,14 @@ def estimate_intervals(
         parameter.name: _interval(
             evaluator,
             fit,
-            Quantity(k, False, float(fit.p[k]), unit_vectors[k], parameter.unit),
-            parameter.name in correlated,
+            Quantity(
+                k,
+                is_derived=False,
+                value=float(fit.p[k]),
+                gradient=unit_vectors[k],
+                unit=parameter.unit,
+            ),
+            is_curved=parameter.name in correlated,
         )
         for k, parameter in enumerate(problem.parameters)
     }
@@ -143,7 +155,7 @@ def estimate_intervals(
 
 
 def _interval(
-    evaluator: Evaluator, fit: Linearisation, quantity: Quantity, is_curved: bool
+    evaluator: Evaluator, fit: Linearisation, quantity: Quantity, *, is_curved: bool
 ) -> Interval:
     """The interval of a quantity, by its profile where the covariance would not do."""
     half_width = fit.half_width(quantity.gradient)

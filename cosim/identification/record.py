@@ -69,7 +69,7 @@ def measured(
     times = np.arange(float(len(rows))) if time is None else source.times(time)
     tables = {}
     for variable, text in columns.items():
-        values, index, unit = source.column(variable, text, gaps)
+        values, index, unit = source.column(variable, text, gaps=gaps)
         label = f"{Path(path).name}, column {source.names[index]}"
         tables[variable] = Table(times.tolist(), values.tolist(), unit=unit, source=label)
     return tables
@@ -85,7 +85,7 @@ class _Source:
     rows: list[list[str]]
     variables: dict[int, str] = field(default_factory=dict)
 
-    def column(self, variable: str, text: str, gaps: bool) -> tuple[Samples, int, str]:
+    def column(self, variable: str, text: str, *, gaps: bool) -> tuple[Samples, int, str]:
         """The values of a column for a variable, its place in the header and its unit."""
         name, factor, offset, unit = Reading.read(text, self.names, str(self.path))
         index = self.names.index(name)
@@ -94,9 +94,13 @@ class _Source:
                 f"{self.path}, column {name}: it is mapped twice, to {self.variables[index]} and {variable}"
             )
         self.variables[index] = variable
-        return factor * self.numbers(index, gaps) + offset, index, unit or self.units[index] or ""
+        return (
+            factor * self.numbers(index, gaps=gaps) + offset,
+            index,
+            unit or self.units[index] or "",
+        )
 
-    def numbers(self, index: int, gaps: bool) -> Samples:
+    def numbers(self, index: int, *, gaps: bool) -> Samples:
         """The numbers of a column, nan where a cell is empty."""
         values = np.full(len(self.rows), math.nan)
         for k, row in enumerate(self.rows):
@@ -115,7 +119,7 @@ class _Source:
 
     def times(self, text: str) -> Samples:
         """The column of times [s], which must rise."""
-        values, index, unit = self.column("time", text, False)
+        values, index, unit = self.column("time", text, gaps=False)
         if unit not in SECONDS:
             choices = ", ".join(filter(None, SECONDS))
             raise SetupError(

@@ -138,7 +138,7 @@ def locate_misfit(column: Column, residual: ColumnResidual) -> Iterator[Finding]
         amplitude = 2.0 * math.sqrt(float(residual.power[k]) / len(normalised))
         oscillation = f"oscillates at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an amplitude of"
         size = f"{residual.sigma * amplitude:.3g} {residual.unit}".rstrip()
-        yield Finding(f"{name}: the residual {oscillation} {size}", True)
+        yield Finding(f"{name}: the residual {oscillation} {size}", is_certain=True)
     variance = max(column.noise.chi2_variance, CHI2_VARIANCE)
     for rows in segments(column.times, SEGMENTS):
         x = normalised[rows]
@@ -146,7 +146,9 @@ def locate_misfit(column: Column, residual: ColumnResidual) -> Iterator[Finding]
         if excess > SEGMENT_DEVIATIONS:
             first, last = column.times[rows][[0, -1]]
             ratio, span = math.sqrt(float(np.mean(x**2))), f"from {first:.4g} s to {last:.4g} s"
-            yield Finding(f"{name}: {span} the residual is {ratio:.1f} times the noise", False)
+            yield Finding(
+                f"{name}: {span} the residual is {ratio:.1f} times the noise", is_certain=False
+            )
 
 
 def segments(times: Samples, number: int) -> Iterator[slice[int, int, None]]:

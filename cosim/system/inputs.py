@@ -129,7 +129,7 @@ class Table:
         pairs = []
         for line, row in enumerate(rows, 2):
             try:
-                value = _cell(row[index + 1].strip(), held)
+                value = _cell(row[index + 1].strip(), held=held)
                 if (wanted.factor, wanted.offset) != (1.0, 0.0):
                     value = wanted.factor * float(value) + wanted.offset
                 pairs.append((float(row[0]), value))
@@ -314,7 +314,7 @@ def read_table(path: Path | str) -> list[list[str]]:
     return [head, *([DECIMAL.sub(r"\1.\2", cell) for cell in row] for row in rows)]
 
 
-def _cell(text: str, held: bool) -> float | bool | str:
+def _cell(text: str, *, held: bool) -> float | bool | str:
     """A number, or where values are held a truth value or a text; raises ValueError."""
     try:
         return float(text)

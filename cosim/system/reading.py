@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -160,8 +161,12 @@ def _copied(original: Any, elements: Elements) -> ModelDescription:
         guid=original.guid,
         description=original.description,
         generationTool=original.generationTool,
-        coSimulation=_interface(original.coSimulation, elements.derivatives("CoSimulation")),
-        modelExchange=_interface(original.modelExchange, elements.derivatives("ModelExchange")),
+        coSimulation=_interface(
+            original.coSimulation, provides_derivatives=elements.derivatives("CoSimulation")
+        ),
+        modelExchange=_interface(
+            original.modelExchange, provides_derivatives=elements.derivatives("ModelExchange")
+        ),
         defaultExperiment=_experiment(original.defaultExperiment),
         unitDefinitions=tuple(map(_unit, original.unitDefinitions)),
         modelVariables=elements.all(original.modelVariables),
@@ -173,7 +178,7 @@ def _copied(original: Any, elements: Elements) -> ModelDescription:
     )
 
 
-def _interface(original: Any, provides_derivatives: bool | None) -> Interface | None:
+def _interface(original: Any, *, provides_derivatives: bool | None) -> Interface | None:
     """An interface that an FMU offers; what it does not say of itself it cannot do."""
     if original is None:
         return None
@@ -242,7 +247,7 @@ def _has_document_type(content: bytes) -> bool:
     parser = expat.ParserCreate()
     parser.StartElementHandler, parser.StartDoctypeDeclHandler = end, document_type
     try:
-        parser.Parse(content, True)
+        parser.ParseFile(BytesIO(content))
     except _Prologue as prologue:
         return bool(prologue.args)
     except (expat.ExpatError, ValueError, LookupError):  # who reads the elements says what is wrong

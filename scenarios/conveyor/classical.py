@@ -76,7 +76,7 @@ class Case(NamedTuple):
 
     def amplitude(self, machine: Machine, nu: Any) -> Any:
         """Return what the calculation says at nu [rad/s]."""
-        loads = classical(machine, nu, WITH_INERTIA[self.method])
+        loads = classical(machine, nu, inertia=WITH_INERTIA[self.method])
         return abs({"torque": loads.torque, "speed": loads.speed, "force": loads.force}[self.load])
 
 

@@ -266,7 +266,7 @@ class Loads(NamedTuple):
     force: Any
 
 
-def classical(machine: Machine, nu: Any, inertia: bool) -> Loads:
+def classical(machine: Machine, nu: Any, *, inertia: bool) -> Loads:
     """The calculation with theta = theta0 and a load torque that is a function of time: the formula
     after (26), whose load is the spring's alone, or with `inertia` all that there is at constant speed.
     """

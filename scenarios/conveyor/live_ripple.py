@@ -87,7 +87,7 @@ class LiveDrive:
             motion=motion.live_motion(
                 "The conveyor in this revolution", self.parameters(), 25.0, REVOLUTION
             ),
-            sweep=self.sweep(is_linear) if self.line.first < self.line.last else None,
+            sweep=self.sweep(is_linear=is_linear) if self.line.first < self.line.last else None,
         )
 
     def parameters(self) -> dict[str, float]:
@@ -96,7 +96,7 @@ class LiveDrive:
         values = parameters(conveyor_drive(self.runner.context.fmus, start))
         return {name.removeprefix("conveyor."): x.value for name, x in values.items()}
 
-    def sweep(self, is_linear: bool) -> LiveSweep:
+    def sweep(self, *, is_linear: bool) -> LiveSweep:
         """Return the sweep over the speeds; the formula for the resonance is that of a linear motor."""
         marks = {"operating speed": ("speed", "rad/s")}
         if is_linear:

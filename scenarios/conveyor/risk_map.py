@@ -87,7 +87,7 @@ def maps(r: Map, limit: float) -> list[Field]:
     formula = [curve for curve in over if curve.look == "theory"]
     return [
         Field("Gain: torque ripple over load ripple", x, y,
-              "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
+              "torque ripple over load ripple", r.field("gain"), over, log=True, levels=line, spans=bounds),
         Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
               "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,
               scale="risk"),

@@ -68,7 +68,9 @@ def over_angle(r: RodForceData) -> Chart:
     nu, deg, panels = r.plane.speed, np.degrees(ANGLES), []
     for name, machine in r.machines.items():
         (orbit,) = r.runner.orbits([OperatingPoint(machine, nu)], "operating speed")
-        steady, swinging = (1e-3 * waveform(machine, r.length, nu, kind) for kind in (True, False))
+        steady, swinging = (
+            1e-3 * waveform(machine, r.length, nu, steady=kind) for kind in (True, False)
+        )
         simulated = 1e-3 * np.array(orbit.waveform[::2])
         curves = [
             Curve("constant speed, formula (17)", deg, steady, colors.THEORY, "theory"),
@@ -142,7 +144,7 @@ def maps(r: RodForceData, limit: float) -> list[Field]:
         title += f"by theory; on the map it is up to {np.nanmax(ripple):.3g} N.m"
     return [
         Field(f"A spring of the map unloads the rod at {len(valley)} of {len(r.speeds)} speeds", x, y, "largest rod force [kN]",
-              1e-3 * r.field("f_rod"), curves, True, marks=mark),
+              1e-3 * r.field("f_rod"), curves, log=True, marks=mark),
         Field(title, x, y,
-              "torque ripple [N.m]", ripple, curves, True, level, marks=mark),
+              "torque ripple [N.m]", ripple, curves, log=True, levels=level, marks=mark),
     ]  # fmt: skip

@@ -32,7 +32,7 @@ ORDER = 1.0
 
 
 def waveform(
-    machine: Machine, length: float, nu: float, steady: bool = False
+    machine: Machine, length: float, nu: float, *, steady: bool = False
 ) -> NDArray[np.float64]:
     """The force of a rod of that length [m] at ANGLES [N], to first order in the ripple of the speed;
     without it at a `steady` speed. The length may be infinite.

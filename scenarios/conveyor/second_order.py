@@ -25,7 +25,7 @@ class Means(NamedTuple):
     motor: Any
 
 
-def means(machine: Machine, nu: Any, ripple: bool = True) -> Means:
+def means(machine: Machine, nu: Any, *, ripple: bool = True) -> Means:
     """What ripple makes of the means at the nominal mean speed nu [rad/s], to second order."""
     W, M = (ripple * x(nu) for x in (machine.speed_ripple, machine.torque_ripple))
     lag, a = 2 * machine.T * nu, machine.load_slope

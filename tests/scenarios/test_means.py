@@ -116,7 +116,7 @@ def test_what_the_means_neglect_is_of_fourth_order_and_without_ripple_of_second(
         machine = shrunk(SETS[name], share)
         truth = true_means(machine, nu)
         for ripple in (True, False):
-            theory = means(machine, nu, ripple)._asdict()
+            theory = means(machine, nu, ripple=ripple)._asdict()
             for key, value in truth.items():
                 error.setdefault(f"{key} {ripple}", []).append(abs(theory[key] - value))
     for key, (large, small) in error.items():
@@ -128,14 +128,14 @@ def test_mean_values_are_those_of_exact_orbits(answers_of_set: Any) -> None:
     name, answer, _ = answers_of_set
     machine, rows = SETS[name], answer.tables["mean_values.csv"].frame
     for _, row in rows.iterrows():
-        theory, plain = means(machine, row["nu"]), means(machine, row["nu"], False)
+        theory, plain = means(machine, row["nu"]), means(machine, row["nu"], ripple=False)
         for key, value in true_means(machine, row["nu"]).items():
             assert abs(row[key] - value) <= row[f"{key}_error"] < 1e-4 * abs(value), key
             assert (row[f"{key}_theory"], row[f"{key}_plain"]) == pytest.approx(
                 (getattr(theory, key), getattr(plain, key)), rel=1e-12
             )
     stated, nu = answer.figures, machine.nu_res
-    truth, plain = true_means(machine, nu), means(machine, nu, False)
+    truth, plain = true_means(machine, nu), means(machine, nu, ripple=False)
     more = 100 * (truth["torque"] / plain.torque - 1)
     assert more == pytest.approx({"A": 8.2298, "B": 9.4856}[name], abs=1e-4)
     assert abs(stated["more"].value - more) <= stated["more"].error
@@ -237,13 +237,15 @@ def test_the_classical_calculation_solves_its_linear_equations() -> None:
                 ws, wc, ms, mc = evaluate(
                     machine.theta0, machine.T, machine.B, speed, L.real, L.imag
                 )
-                formula = classical(machine, speed, inertia)
+                formula = classical(machine, speed, inertia=inertia)
                 assert formula.speed == pytest.approx(complex(ws, wc), rel=1e-9)
                 assert formula.torque == pytest.approx(complex(ms, mc), rel=1e-9)
             T_M = machine.theta0 / machine.B
             root = math.hypot(1 - 4 * T_M * machine.T * speed**2, 2 * speed * T_M)
             printed = machine.r**2 * machine.c / 2 / root
-            assert abs(classical(machine, speed, False).torque) == pytest.approx(printed, rel=1e-12)
+            assert abs(classical(machine, speed, inertia=False).torque) == pytest.approx(
+                printed, rel=1e-12
+            )
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -252,7 +254,7 @@ def test_the_spring_is_the_limit_without_mass_and_resistance(name: str) -> None:
     bare, error = replace(SETS[name], m=0.0, d=0.0, theta1=SETS[name].theta0), []
     for c in (4e5, 2e5):
         machine = replace(bare, c=c)
-        orbit, theory = exact(machine, 34.0), classical(machine, 34.0, False)
+        orbit, theory = exact(machine, 34.0), classical(machine, 34.0, inertia=False)
         error.append([abs(theory.torque - orbit.tau2) / c, abs(theory.speed - orbit.w2) / c])
     assert np.log2(np.array(error[0]) / error[1]) == pytest.approx([2.0, 2.0], abs=0.15)
 
@@ -264,7 +266,7 @@ def test_with_the_inertia_force_it_neglects_the_slope_of_the_load_first(name: st
         error = []
         for share in (0.2, 0.1):
             machine = shrunk(replace(SETS[name], d=d), share)
-            orbit, theory = exact(machine, 34.0), classical(machine, 34.0, True)
+            orbit, theory = exact(machine, 34.0), classical(machine, 34.0, inertia=True)
             pairs = (theory.torque, orbit.tau2), (theory.speed, orbit.w2)
             parts = [abs(x / y - 1) for x, y in pairs]
             error.append([*parts, abs(theory.force / orbit.f_rod_max - 1)])
@@ -273,7 +275,7 @@ def test_with_the_inertia_force_it_neglects_the_slope_of_the_load_first(name: st
 
 def classical_error(machine: Machine, nu: float, variant: str, load: str) -> float:
     """Of the exact orbit, in %."""
-    orbit, theory = exact(machine, nu), classical(machine, nu, variant == "whole")
+    orbit, theory = exact(machine, nu), classical(machine, nu, inertia=variant == "whole")
     truth = {"torque": abs(orbit.tau2), "speed": abs(orbit.w2), "force": orbit.f_rod_max}
     return 100 * (abs(getattr(theory, load)) / truth[load] - 1)
 
@@ -501,7 +503,7 @@ def test_the_limit_of_a_calculation_lies_where_a_sweep_of_a_handful_of_speeds_st
     machine, stated = replace(SETS["A"], d=d), answer.figures["limit_spring_force"]
     assert stated.error and stated.error < 0.1
     below, above = (
-        classical(machine, nu, False).force / exact(machine, nu).f_rod_max - 1.05
+        classical(machine, nu, inertia=False).force / exact(machine, nu).f_rod_max - 1.05
         for nu in (stated.value - stated.error, stated.value + stated.error)
     )
     assert below * above < 0.0

@@ -197,8 +197,8 @@ def test_runs_are_over_before_their_orbits_are_reported_and_none_is_built_twice(
     calls = []
 
     class Watched(Context):
-        def each(self, function: Any, cases: Any, title: str, probes: bool = False) -> Any:
-            yield from super().each(function, cases, title, probes)
+        def each(self, function: Any, cases: Any, title: str, *, probes: bool = False) -> Any:
+            yield from super().each(function, cases, title, probes=probes)
             calls.append((title, len(cases)))
 
     runner = orbits.OrbitRunner(Watched(FMUS), {}, "strang", 64)

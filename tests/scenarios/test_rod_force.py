@@ -77,7 +77,7 @@ def test_theory_misses_by_the_order_that_it_neglects(name: str) -> None:
             true = orbit(drive(machine), nu).f_rod(ANGLES)
             errors.append(
                 [
-                    np.abs(waveform(machine, math.inf, nu, steady) - true).max()
+                    np.abs(waveform(machine, math.inf, nu, steady=steady) - true).max()
                     / np.abs(true).max()
                     for steady in (True, False)
                 ]

@@ -67,20 +67,20 @@ def x_axis(picture: Picture) -> Axis:
     elif any(c.look in ("points", "linked") for c in curves):
         tight, free = Axis("", (low, high), picture.log), STYLE.free_at_points_share
         low, high = tight.value(-free), tight.value(1 + free)
-    return _axis(picture.x, low, high, picture.log)
+    return _axis(picture.x, low, high, is_log=picture.log)
 
 
 def direction_axis(direction: Direction) -> Axis:
     """Return the axis of a plane."""
     values = np.asarray(direction.values, float)
     ends = float(values[0]), float(values[-1])
-    return _axis(direction.label, *ends, direction.log, values.tolist())
+    return _axis(direction.label, *ends, is_log=direction.log, values=values.tolist())
 
 
 def color_axis(field: Field) -> Axis:
     """Return the axis of a field's colours."""
     low, high = float(np.nanmin(field.values)), float(np.nanmax(field.values))
-    return _axis(field.quantity, low, high, field.log)
+    return _axis(field.quantity, low, high, is_log=field.log)
 
 
 def y_axis(panel: Panel, ranges: Sequence[Samples]) -> Axis:
@@ -113,7 +113,9 @@ def decades(low: float, high: float) -> list[float]:
     return [x for k in powers for s in steps if low <= (x := float(f"{s * 10.0**k:.3g}")) <= high]
 
 
-def _axis(label: str, low: float, high: float, is_log: bool, values: Sequence[float] = ()) -> Axis:
+def _axis(
+    label: str, low: float, high: float, *, is_log: bool, values: Sequence[float] = ()
+) -> Axis:
     """Return an axis with the ticks that a logarithm needs, or at grid values if these are few."""
     grid = values if len(values) <= STYLE.max_grid_ticks else ()
     ticks = decades(low, high) if is_log else grid

@@ -298,7 +298,17 @@ def _area(curve: Curve, base: Samples, top: Samples, unit: str) -> Band:
     """Draw a stacked area, of which the mouse tells its own height."""
     values, low = np.asarray(curve.y, float), base + np.zeros(len(top))
     color, opacity, hover = color_of(curve.color), STYLE.area_opacity, f"{{value:.5g}} {unit}"
-    return Band(curve.name, curve.positions, low, top, color, opacity, values, True, hover)
+    return Band(
+        curve.name,
+        curve.positions,
+        low,
+        top,
+        color,
+        opacity,
+        values,
+        is_in_legend=True,
+        hover=hover,
+    )
 
 
 def _bars(curve: Curve, offset: float, width: float, hover: str) -> list[Element]:

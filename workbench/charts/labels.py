@@ -54,7 +54,7 @@ class Labels:
 
 
 def labels_of(
-    spans: Sequence[Span], marks: Sequence[Mark], x: Axis, letters: int, has_key: bool = True
+    spans: Sequence[Span], marks: Sequence[Mark], x: Axis, letters: int, *, has_key: bool = True
 ) -> Labels:
     """Return the texts above a picture.
 

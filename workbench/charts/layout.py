@@ -93,6 +93,7 @@ def layout_of(
     picture: Picture,
     screen: Screen = "wide",
     max_height_px: float = math.inf,
+    *,
     has_key: bool = True,
 ) -> Layout:
     """Return the layout of a picture.
@@ -113,7 +114,7 @@ def layout_of(
     parts = [picture] if isinstance(picture, Field) else picture.panels
     panel_px = {1: STYLE.single_panel_px, 2: STYLE.double_panel_px}.get(len(parts), STYLE.panel_px)
     rows = [row_of(part, x, panel_px) for part in parts]
-    labels = labels_of(picture.spans, picture.marks, x, letters, has_key)
+    labels = labels_of(picture.spans, picture.marks, x, letters, has_key=has_key)
     line = STYLE.text_line_px
     above = [STYLE.gap_px + line * legend_lines(row.legend, letters) for row in rows]
     above[0] += line * labels.lines

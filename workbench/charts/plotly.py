@@ -69,7 +69,9 @@ def template(picture: Picture) -> dict[str, Json]:
     """Return a picture without data and ranges, which a live page fills in; its marks have no key."""
     layouts = {screen: layout_of(picture, screen, has_key=False) for screen in LETTERS_BY_SCREEN}
     empty: PlotlyDict = {"x": [], "y": []}
-    by_screen = {str(screen): plotly_layout(layout, False) for screen, layout in layouts.items()}
+    by_screen = {
+        str(screen): plotly_layout(layout, has_ranges=False) for screen, layout in layouts.items()
+    }
     by_screen["paper"]["width"] = STYLE.paper_width_px
     return {"data": [trace | empty for trace in traces(layouts["wide"])], **by_screen}
 
@@ -93,10 +95,10 @@ def traces(layout: Layout) -> list[PlotlyDict]:
     return traces_of_rows
 
 
-def plotly_layout(layout: Layout, has_ranges: bool = True) -> PlotlyDict:
+def plotly_layout(layout: Layout, *, has_ranges: bool = True) -> PlotlyDict:
     """Return the layout of plotly; without ranges of the axes for a picture that is filled in later."""
     last = f"y{len(layout.rows)}"
-    x: PlotlyDict = _axis(layout.x, layout.x.label, has_ranges) | {
+    x: PlotlyDict = _axis(layout.x, layout.x.label, has_range=has_ranges) | {
         "anchor": last, "spikethickness": 1, "spikecolor": COLORS["grey"],
     }  # fmt: skip
     if layout.x.is_log or not layout.x.ticks:
@@ -116,7 +118,7 @@ def plotly_layout(layout: Layout, has_ranges: bool = True) -> PlotlyDict:
         axis_settings: PlotlyDict = {
             "showgrid": has_grid, "zeroline": has_grid, "anchor": "x", "domain": layout.shares(placed)
         }  # fmt: skip
-        parts[f"yaxis{k}"] = _axis(placed.row.y, placed.label, has_ranges) | axis_settings
+        parts[f"yaxis{k}"] = _axis(placed.row.y, placed.label, has_range=has_ranges) | axis_settings
         for heat in (each for each in placed.row.elements if isinstance(each, Heat)):
             parts["coloraxis"] = _color_axis(heat, layout.shares(placed))
     if layout.second:
@@ -250,7 +252,7 @@ def _named(element: Element) -> PlotlyDict:
     return named | {"hovertemplate": text + "<extra></extra>" * isinstance(element, Heat)}
 
 
-def _axis(axis: Axis, label: str, has_range: bool) -> PlotlyDict:
+def _axis(axis: Axis, label: str, *, has_range: bool) -> PlotlyDict:
     """Title, type, range and ticks of an axis."""
     ends = np.log10(axis.ends) if axis.is_log else axis.ends
     texts = [text.replace("\n", "<br>") for text in axis.ticks.values()]

@@ -91,7 +91,7 @@ class Content:
             "runs": [{"name": x.name, "start": self.pairs(x.start, "runs")} for x in live.runs],
             "stop": self.formula(live.stop, "stop"), "step": self.formula(live.step, "step"),
             "angle": live.angle or None, "steady": live.steady and vars(live.steady),
-            "until": None if live.until == "" else self.formula(live.until, "until", True),
+            "until": None if live.until == "" else self.formula(live.until, "until", numbers=True),
             "numbers": numbers, "charts": charts,
             "motion": self.motion(live.motion, live) if live.motion else None,
             "sweep": self.sweep(live.sweep, live) if live.sweep else None,
@@ -163,7 +163,7 @@ class Content:
         ]  # fmt: skip
 
     def formula(
-        self, text: Any, where: str, numbers: bool = False, more: Iterable[str] = ()
+        self, text: Any, where: str, *, numbers: bool = False, more: Iterable[str] = ()
     ) -> int:
         """Return the number of a formula of values, which may use numbers of the page, too."""
         formula = Formula.read(text)
@@ -224,7 +224,10 @@ class Content:
         for name in columns:
             if name not in CLOCK:
                 self.record(name, where)
-        return {"formula": self.formula(formula.text, where, True, columns), "columns": columns}
+        return {
+            "formula": self.formula(formula.text, where, numbers=True, more=columns),
+            "columns": columns,
+        }
 
     def window(self, window: Any, where: str, angle: str) -> Any:
         """Return the number of the formula of a window, a word, or None for all rows."""
@@ -251,7 +254,7 @@ class Content:
             "unit": number.unit or (original_figure.unit if original_figure else ""),
             "meaning": number.meaning or (original_figure.meaning if original_figure else ""),
             "original": original_figure.text() if original_figure else "",
-            "when": self.formula(number.when, where, True), "otherwise": number.otherwise,
+            "when": self.formula(number.when, where, numbers=True), "otherwise": number.otherwise,
             "is_visible": number.is_visible,
         }  # fmt: skip
         if original_figure and number.unit and number.unit != original_figure.unit:
@@ -260,7 +263,7 @@ class Content:
             )
         if isinstance(number.value, Reader):
             return rest | self.reader(number.value, where, live)
-        return rest | {"value": self.formula(number.value, where, True)}
+        return rest | {"value": self.formula(number.value, where, numbers=True)}
 
     def reader(self, reader: Reader, where: str, live: Live) -> dict[str, Any]:
         """Return how a number is read."""
@@ -280,7 +283,7 @@ class Content:
             "kind": reader.kind, "column": self.column(reader.column, where, live),
             "window": self.window(reader.window, where, angle), "order": reader.order,
             "angle": angle or None,
-            "level": self.formula(reader.level, where, True),
+            "level": self.formula(reader.level, where, numbers=True),
             "run": names.index(reader.run) if reader.run else 0,
         }  # fmt: skip
 
@@ -294,7 +297,9 @@ class Content:
                     {"run": run, **self.column(text, where, live, self.scale(text, panel, where))}
                     for text in panel.curves
                 ]
-            traces += [{"level": self.formula(x, where, True)} for x in panel.levels.values()]
+            traces += [
+                {"level": self.formula(x, where, numbers=True)} for x in panel.levels.values()
+            ]
         window = self.window(chart.window, where, live.angle)
         x = self.column(chart.x, where, live)
         return {"x": x, "window": window, "traces": traces, **self.picture(chart, live.runs)}
@@ -347,7 +352,7 @@ class Content:
             "title": chart.title, "picture": picture,
             "includes": [list(panel.includes) for panel in chart.panels],
             "marks": [
-                {"text": text, "unit": unit, "value": self.formula(value, chart.title, True)}
+                {"text": text, "unit": unit, "value": self.formula(value, chart.title, numbers=True)}
                 for text, (value, unit) in chart.marks.items()
             ],
         }  # fmt: skip
@@ -394,7 +399,7 @@ class Content:
             for text in panel.curves:
                 formula = Formula.read(text)
                 read = any(name.startswith("figures.") for name in formula.names)
-                traces.append({"formula": self.formula(text, "sweep", True), "sweep": read})
+                traces.append({"formula": self.formula(text, "sweep", numbers=True), "sweep": read})
             traces += [{"level": self.formula(x, "sweep")} for x in panel.levels.values()]
         return {
             "over": sweep.over, "values": [float(x) for x in sweep.values],

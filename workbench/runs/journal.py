@@ -158,7 +158,7 @@ def open_journal(
         with closing(sqlite3.connect(path, timeout=0.0, isolation_level=None)) as base:
             base.executescript(OPEN)
             _tables(base, path)
-            _same(base, folder, json.loads(json.dumps(identity)), passing)
+            _same(base, folder, json.loads(json.dumps(identity)), drop=passing)
             journal = Journal(path, base, records)
             journal.read(sound)
             if passing and len(journal):
@@ -188,7 +188,7 @@ def _tables(base: sqlite3.Connection, path: Path) -> None:
     base.execute("COMMIT")
 
 
-def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], drop: bool) -> None:
+def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], *, drop: bool) -> None:
     """Refuse to mix rows, or drop those that are there."""
     row = base.execute("SELECT content FROM identity").fetchone()
     try:

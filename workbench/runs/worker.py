@@ -182,7 +182,7 @@ class Worker:
         )
         return Outcome("crashed", None, f"{what}: {death}", time.monotonic() - began, output)
 
-    def _bury(self, at_once: bool = False) -> tuple[str, str]:
+    def _bury(self, *, at_once: bool = False) -> tuple[str, str]:
         """The last words of a child and how it ended; what it leaves is removed."""
         if not at_once:
             self._process.join(LAST_MOMENTS)

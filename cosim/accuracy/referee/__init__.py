@@ -184,13 +184,15 @@ def _find_causes(
         return causes
     certain = [cause for cause in causes if cause not in doubtful]
     is_approximate = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)
-    common = _common_cause(network, signals, certain, request, is_approximate or bool(unexplained))
+    common = _common_cause(
+        network, signals, certain, request, thorough=is_approximate or bool(unexplained)
+    )
     if common is not None and all(
         common.reduction > min(cause.reduction, DECISIVE_REDUCTION) for cause in doubtful
     ):
         return [*certain, common]
     if unexplained and doubtful:
-        common = _common_cause(network, signals, causes, request, True)
+        common = _common_cause(network, signals, causes, request, thorough=True)
     return causes if common is None or not unexplained else [*causes, common]
 
 
@@ -199,6 +201,7 @@ def _common_cause(
     signals: Sequence[SignalJudgement],
     explained: Sequence[Cause],
     request: SolutionRequest,
+    *,
     thorough: bool,
 ) -> Cause | None:
     """What explains all signals that these causes do not; only a coupling unless the search is thorough."""

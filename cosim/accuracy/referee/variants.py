@@ -345,7 +345,14 @@ def _plain_wires(network: Network) -> list[Wire]:
     """The checked wires with their total factors and offsets."""
     sums = network.sums()
     return [
-        Wire(c.source.name, c.target.name, c.factor, c.offset, False, c.target.name in sums)
+        Wire(
+            c.source.name,
+            c.target.name,
+            c.factor,
+            c.offset,
+            converts=False,
+            adds=c.target.name in sums,
+        )
         for c in network.wires
     ]
 

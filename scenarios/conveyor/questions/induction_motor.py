@@ -134,7 +134,7 @@ class Motor(NamedTuple):
         first, last = self.line.first, self.line.last
         return brentq(behind, first, last) if behind(first) > 0 > behind(last) else math.nan
 
-    def runner(self, kloss: bool) -> OrbitRunner:
+    def runner(self, *, kloss: bool) -> OrbitRunner:
         """How it is run, or the linear motor of the machine in its place."""
         start = {x: y for x, y in self.start.items() if kloss or not x.startswith("motor.")}
         return OrbitRunner(Context(self.fmus), start, self.algorithm, self.steps_per_rev)
@@ -151,7 +151,10 @@ def located(motor: Motor) -> LagSpeeds:
     lines = {True: motor.line, False: replace(motor.line, at=lambda nu: (tangent, nu))}
     speeds = []
     for kloss, line in lines.items():
-        runner, nus = motor.runner(kloss), np.linspace(line.first, line.last, GUIDE_SPEEDS).tolist()
+        runner, nus = (
+            motor.runner(kloss=kloss),
+            np.linspace(line.first, line.last, GUIDE_SPEEDS).tolist(),
+        )
         for nu in (line.first, line.last):
             runner.check(*line.at(nu), STEP_MULTIPLES[-1])
         guides = list(zip(nus, runner.orbits([line.point(nu) for nu in nus], "orbits")))
@@ -223,7 +226,7 @@ def swept(motor: Motor) -> Table:
     nus = np.linspace(motor.line.first, motor.line.last, 2 * GUIDE_SPEEDS + 1).tolist()
     units, rows = {"nu": "rad/s"}, [[nu] for nu in nus]
     for name, kloss in (("kloss", True), ("linear", False)):
-        runner = motor.runner(kloss)
+        runner = motor.runner(kloss=kloss)
         machines = [(motor.line.at(nu)[0] if kloss else tangent, nu) for nu in nus]
         for cells, row in zip(rows, rows_of(machines, runner, STEP_MULTIPLES)):
             cells += [row[column] for column in ("tau2", "tau2_error", "lag", "lag_error")]
@@ -333,7 +336,7 @@ def show(o: Options, f: Mapping[str, Figure], r: MotorData) -> Show:
         dependence("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
         over_speed(f, r),
     ]
-    case = r.motor.runner(True).task(r.motor.tangent, r.motor.nu_res)
+    case = r.motor.runner(kloss=True).task(r.motor.tangent, r.motor.nu_res)
     return Show(charts, *motion.revolution(case))
 
 

@@ -154,7 +154,7 @@ def mean_figures(runs: Sequence[dict[str, Measured] | str], algorithm: str) -> d
 
 def row(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> list[float]:
     """What the table tells of a speed: each mean with its error, with ripple and without by theory."""
-    theory, plain = means(machine, nu), means(machine, nu, False)
+    theory, plain = means(machine, nu), means(machine, nu, ripple=False)
     cells = [nu]
     for name, figure in figures.items():
         error = math.nan if figure.error is None else figure.error
@@ -164,7 +164,7 @@ def row(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> list[floa
 
 def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict[str, Figure]:
     """The means at the operating speed, and how far they are from those without ripple."""
-    plain: Means = means(machine, nu, False)
+    plain: Means = means(machine, nu, ripple=False)
     all_figures = {name: figures[name] for name in ("speed", "angle", "torque")}
     all_figures["torque_plain"] = Figure(plain.torque, "N.m", 0.0, "mean torque by formula (24)")
     torque = figures["torque"]
@@ -242,7 +242,7 @@ def show(o: Options, f: Mapping[str, Figure], r: MeanData) -> Show:
 def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:
     """Mean torque, mean speeds from the nominal one, powers above those without ripple."""
     nu = np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
-    theory, plain = means(r.machine, nu), means(r.machine, nu, False)
+    theory, plain = means(r.machine, nu), means(r.machine, nu, ripple=False)
 
     def pair(label: str, name: str, color: str, less: Any = None) -> list[Curve]:
         base = 0.0 if less is None else r.rows[less]

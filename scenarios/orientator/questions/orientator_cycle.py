@@ -62,7 +62,7 @@ def system(o: Options, fmus: Mapping[str, Path]) -> System:
 def figures(o: Options, r: Result) -> dict[str, Figure]:
     """End, durations as far as they were reached, and impulses; the FMU tells them at the end."""
 
-    def last(name: str, meaning: str, reached: bool = True) -> Figure:
+    def last(name: str, meaning: str, *, reached: bool = True) -> Figure:
         value, unit = float(r[f"orientator.{name}"][-1]), r.units[f"orientator.{name}"]
         stage_text = Figure(value, unit, 0.0, meaning)
         return stage_text if reached else Figure.undetermined(unit, ending(r), meaning)
@@ -70,11 +70,11 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     oriented = r["orientator.stage"][-1] == orientator.ORIENTED
     all_figures = {
         "oriented": Figure(float(oriented), "1", 0.0, "1 if the product is oriented"),
-        "orientation_time": last("orientation_time", "time from drop to end", oriented),
+        "orientation_time": last("orientation_time", "time from drop to end", reached=oriented),
     }
     for x in STAGES:
         reached = r[f"orientator.t_{x}"][-1] > 0.0
-        all_figures[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached)
+        all_figures[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached=reached)
     for name, (column, meaning, landing) in IMPULSES.items():
         figure, landed = last(column, meaning), r[f"orientator.t_{landing}"][-1] > 0.0
         landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
