@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from benchmarks.masters_systems import Case, exchanged
 from benchmarks.masters_truth import integrate, monolith
 from cosim import RefereeReport, SetupError, referee
-from cosim.accuracy.referee import TOLERANCE, SignalJudgement, Verdict
+from cosim.accuracy.referee import TOLERANCE, Verdict
 
 Array = NDArray[np.float64]
 #: Share of the rows that must be beyond the tolerance for a signal to differ: a convention of the referee, 1 % of the
@@ -118,12 +118,12 @@ def contradictions(key: str, case: Case, report: RefereeReport) -> tuple[tuple[s
             wrong.append(
                 f"the difference of {signal.name} is {margins[-1]:.2g} times its error off"
             )
-        if signal.verdict not in allowed_verdicts(signal, error, true):
+        if signal.verdict not in allowed_verdicts(error, true):
             wrong.append(f"{signal.name} {signal.verdict}")
     return tuple(wrong), max(margins)
 
 
-def allowed_verdicts(signal: SignalJudgement, error: Array, true: Array) -> set[Verdict]:
+def allowed_verdicts(error: Array, true: Array) -> set[Verdict]:
     """The verdicts that are right for a signal that is off by this much."""
     beyond = np.count_nonzero(~(error <= TOLERANCE * np.ptp(true))) / len(error)
     if beyond == 0.0:

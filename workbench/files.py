@@ -45,7 +45,7 @@ def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
         If another run uses the folder.
     """
     if path is None:
-        yield lambda rows: None
+        yield lambda _: None
         return
     with reservation(path.parent), new_file(partial(path)) as file:
         writer = csv.writer(file)

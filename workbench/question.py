@@ -231,7 +231,7 @@ class Project(NamedTuple):
 
     home: Path | None = None
     folders: Mapping[str, Path] = MappingProxyType({})
-    problem: Callable[[str, str], str] = lambda name, flavour: ""
+    problem: Callable[[str, str], str] = lambda *_: ""
     old_names: Mapping[str, OldName] = MappingProxyType({})
 
     @property

@@ -155,12 +155,12 @@ class CoupledOde:
         for block in chain.from_iterable(part.inputs for part in self.parts):
             block.move()  # what arrived on the way to the event, when only Real inputs are set
         while again:
-            again = self._settle(lambda block: True)
+            again = self._settle(lambda _: True)
             for part in self.parts:
                 more, end = part.instance.update()
                 self._require_going(part, end=end)
                 again = again or more
-            again = self._settle(lambda block: True) or again
+            again = self._settle(lambda _: True) or again
         for part in self.parts:
             part.instance.enter_continuous_time()
 

@@ -93,7 +93,7 @@ def three_runs(
     Rows are `step` apart in all runs unless the settings, which are those of `run`, say otherwise. Only the last
     run gets `csv`. Its rows at all communication points are in a file until the context ends.
     """
-    progress = settings.pop("progress", None) or (lambda fraction: None)
+    progress = settings.pop("progress", None) or (lambda _: None)
     csv = settings.pop("csv", None)
     if isinstance(step, Adaptive):
         ratio = TOLERANCE_RATIO

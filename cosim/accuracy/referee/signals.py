@@ -22,9 +22,9 @@ MAJORITY = 0.5
 #: of results that are printed with twelve digits.
 CONSTANT = 1e-9
 FIGURES: dict[str, Callable[[Array, Array], float]] = {
-    "at the end": lambda t, x: float(x[-1]),
-    "smallest": lambda t, x: float(x.min()),
-    "largest": lambda t, x: float(x.max()),
+    "at the end": lambda _, x: float(x[-1]),
+    "smallest": lambda _, x: float(x.min()),
+    "largest": lambda _, x: float(x.max()),
     "mean": lambda t, x: float(np.trapezoid(x, t) / (t[-1] - t[0])),
 }
 

@@ -60,7 +60,7 @@ def check_standard(path: Path | str) -> StandardReport:
     if path.is_dir():
         return _report(path, list(_check_folder(path)))
     if path.suffix in SSP_SUFFIXES:
-        return _report(path, list(_check_file(path, path.parent)))
+        return _report(path, list(_check_file(path)))
     if path.suffix != ".ssp":
         raise SetupError(
             f"{path} must be an .ssp, a folder with {ROOT}, or one of {', '.join(SSP_SUFFIXES)}"
@@ -118,7 +118,7 @@ def _check_folder(folder: Path) -> Iterator[Finding]:
     names: dict[str, str] = {}
     has_version_2 = False
     for file in sorted(folder.glob("*.ssd")):
-        yield from _check_file(file, folder)
+        yield from _check_file(file)
         try:
             root = load(file)
         except SetupError:
@@ -139,7 +139,7 @@ def _check_folder(folder: Path) -> Iterator[Finding]:
             yield Finding(clause, Severity.ADVICE, entry.name, 0, text)
 
 
-def _check_file(file: Path, root_folder: Path) -> Iterator[Finding]:
+def _check_file(file: Path) -> Iterator[Finding]:
     """The rules for a file, and for the files of SSP that it refers to."""
     checked: set[Path] = set()
     pending = [file]
@@ -155,7 +155,7 @@ def _check_file(file: Path, root_folder: Path) -> Iterator[Finding]:
             continue
         yield from _check_document(root, path)
         if plain(root.tag) == "SystemStructureDescription":
-            yield from check_structure(root, path, root_folder)
+            yield from check_structure(root, path)
             yield from check_tools(root, path)
         pending += _references(root, path)
 

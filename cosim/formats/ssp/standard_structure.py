@@ -58,15 +58,15 @@ class Structure:
         return Finding(CLAUSES[clause], Severity.MISSING, self.file, element.sourceline, text)
 
 
-def check_structure(root: Element, path: Path, root_folder: Path) -> Iterator[Finding]:
+def check_structure(root: Element, path: Path) -> Iterator[Finding]:
     """The findings in a system structure description.
 
     Parameters
     ----------
     root : Element
         The description.
-    path, root_folder : Path
-        Its file and the folder of the package, beyond which no file of a package may be.
+    path : Path
+        Its file.
     """
     structure = Structure(path.name, path.parent, root.get("version") or "1.0")
     for system in children(root, "ssd:System"):

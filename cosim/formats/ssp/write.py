@@ -206,7 +206,7 @@ def _component(elements: Element, task: Task, part: str, enumerations: Enumerati
         for variable, port in reversed(ports.items()):
             kind = {"name": variable.name, "kind": str(port.variable.causality)}
             connector = SubElement(connectors, qualified("ssd:Connector"), kind)
-            connector.append(_type("ssc", task, port, enumerations))
+            connector.append(_type("ssc", port, enumerations))
             _dimensions(connector, variable)
             position = drawing.connectors.get(port.name, {})
             _attributed(connector, "ssd:ConnectorGeometry", position)
@@ -238,7 +238,7 @@ def _start_values(component: Element, task: Task, part: str) -> None:
     _enumerations(settings, "ssv", named)
 
 
-def _type(prefix: str, task: Task, port: Port, enumerations: Enumerations) -> Element:
+def _type(prefix: str, port: Port, enumerations: Enumerations) -> Element:
     """The element of a port's type; an enumeration becomes known, under a name of its own."""
     element = Element(qualified(f"{prefix}:{OLDER.get(port.native, port.native)}"))
     if port.type == "Enumeration":
@@ -280,7 +280,7 @@ def _parameter(
 ) -> None:
     """The start value of a variable; the elements of an array that have none keep that of the FMU."""
     parameter = SubElement(parameters, qualified("ssv:Parameter"), name=variable.name)
-    parameter.append(_type("ssv", task, start[0][0], enumerations))
+    parameter.append(_type("ssv", start[0][0], enumerations))
     if not variable.shape:
         parameter[0].set("value", _text(*start[0]))
         return
