@@ -50,11 +50,9 @@ def run_isolated(
 ) -> Result:
     """Do what `run` does with these settings, but in a child process; the rows are streamed to `csv`.
 
-    Raises what `run` raises. If an FMU ends the process, or takes longer than `timeout` [s] for a step
-    or than GRACE to close, raises SimulationError with the rows that reached the file, or SetupError
-    before the first step. Ctrl-C ends the child, a second one kills it, and so does SIGTERM or SIGHUP
-    after a while; the rows are kept in each case. If this process dies, so does the child. As always
-    with child processes, a script needs `if __name__ == "__main__"`.
+    Ctrl-C ends the child, a second one kills it, and so does SIGTERM or SIGHUP after a while; the rows
+    are kept in each case. If this process dies, so does the child. As always with child processes, a
+    script needs `if __name__ == "__main__"`.
 
     Parameters
     ----------
@@ -68,6 +66,18 @@ def run_isolated(
         The longest time that a step may take [s].
     **settings
         Those of `run`.
+
+    Raises
+    ------
+    SetupError
+        What `run` raises, and if the process ends before the first step.
+    SimulationError
+        What `run` raises, and with the rows that reached the file if an FMU ends the process, or takes longer than
+        `timeout` [s] for a step or than GRACE to close.
+    Interrupted
+        With the rows that reached the file, if the run was interrupted after the first step.
+    KeyboardInterrupt
+        If Ctrl-C ended the process before the first step.
     """
     if not timeout > 0.0:
         raise SetupError(f"timeout = {timeout!r} s must be above 0")

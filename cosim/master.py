@@ -67,8 +67,7 @@ def run(
 
     Warnings of the FMUs are in the result. They are also logged under "cosim" as they occur, unless
     `quiet` suppresses them. A run that an FMU ends itself is complete: `provenance` gives the time
-    `reached` [s] and the `reason`. Raises SetupError before the first step, and later SimulationError or
-    Interrupted with the rows so far.
+    `reached` [s] and the `reason`.
 
     Parameters
     ----------
@@ -102,6 +101,15 @@ def run(
         Called with the fraction of the run that is done.
     all_rows : Path, optional
         The file that takes the rows of all communication points.
+
+    Raises
+    ------
+    SetupError
+        Before the first step, for a system or settings that cannot be run.
+    SimulationError
+        With the rows so far, if a part fails on its way.
+    Interrupted
+        With the rows so far, after Ctrl-C.
 
     Examples
     --------

@@ -80,7 +80,13 @@ class Result:
         return self._load()
 
     def __getitem__(self, name: str) -> Rows:
-        """The column of a variable, shape (rows,)."""
+        """The column of a variable, shape (rows,).
+
+        Raises
+        ------
+        KeyError
+            For a variable that was not recorded.
+        """
         if name not in self.columns:
             raise KeyError(f"{name} was not recorded, only {', '.join(self.columns)}")
         column: Rows = self.data[:, self.columns.index(name)]

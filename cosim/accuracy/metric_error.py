@@ -84,7 +84,7 @@ def band_error(error: float, shift: float, doubt: float = 0.0) -> float:
     ----------
     error : float
         The error of the number from its values in the three runs.
-    moved : float
+    shift : float
         How far the extrapolation of the solution moves it.
     doubt : float
         See `Metric.doubt`.

@@ -92,10 +92,6 @@ def oracle(
     all events. Inputs over time act continuously, as do the wires. An event that begins and ends within
     half a step of the integrator may be missed.
 
-    Raises SetupError for a part without model exchange and for settings that cannot be run, and
-    SimulationError if a part or the integrator fails, or if an integration takes longer than `timeout`
-    [s] of real time.
-
     Parameters
     ----------
     system : System
@@ -114,6 +110,13 @@ def oracle(
         The relative tolerance of the integration.
     timeout : float
         The most real time for each integration [s].
+
+    Raises
+    ------
+    SetupError
+        For a part without model exchange and for settings that cannot be run.
+    SimulationError
+        If a part or the integrator fails, or if an integration takes longer than `timeout` of real time.
     """
     if not timeout > 0.0:
         raise SetupError(f"timeout = {timeout!r} s must be above 0")

@@ -120,7 +120,13 @@ class Comparison:
         return all(column.passed for column in self.columns)
 
     def __getitem__(self, name: str) -> Deviation:
-        """The column of this name."""
+        """The column of this name.
+
+        Raises
+        ------
+        KeyError
+            For a column that was not compared.
+        """
         for column in self.columns:
             if column.name == name:
                 return column

@@ -200,7 +200,6 @@ def diagnose(
 
     This also works on a steady motion: the modes are then those of the deviations from that motion. If
     the motion repeats, as that of a machine that turns does, they are its Floquet exponents.
-    Raises SetupError for a system that cannot be run.
 
     Parameters
     ----------
@@ -220,6 +219,11 @@ def diagnose(
         The order in which the parts step.
     input_order : int
         The degree of the polynomials that inputs follow within a step.
+
+    Raises
+    ------
+    SetupError
+        For a system that cannot be run, without a wire that carries a Real, and for settings out of range.
     """
     network = connect(system)
     settings = RunSettings(start + step, step, start, algorithm, order, input_order)

@@ -65,7 +65,13 @@ class Adaptive:
     control: str | None = None
 
     def check(self) -> None:
-        """Raise SetupError for a setting out of range."""
+        """Refuse a setting out of range.
+
+        Raises
+        ------
+        SetupError
+            For a tolerance or a step that is not above 0, and for an unknown control.
+        """
         limits = {"tolerance": self.tolerance, "longest": self.longest}
         limits |= {f"absolute tolerance of {name}": a for name, a in self.absolute.items()}
         limits |= {} if self.first is None else {"first": self.first}

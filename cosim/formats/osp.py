@@ -303,21 +303,10 @@ def write_osp(
     Raises
     ------
     SetupError
-        What `connect` raises, and for what libcosim cannot do: enumerations that differ from the FMU's
-        start value, and enumerations on wires. Nothing is written then.
-
-    Parameters
-    ----------
-    system : System
-        What is written.
-    folder : Path
-        Where the files go.
-    step : float
-        The base step [s].
-    start : float
-        When a run begins [s].
-    stop : float, optional
-        When a run ends [s].
+        What `connect` raises, for a step out of range, and for what libcosim cannot do: enumerations
+        that differ from the FMU's start value, and enumerations on wires. Nothing is written then.
+    OSError
+        If the folder cannot be written.
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")

@@ -105,8 +105,7 @@ class Table:
 
         `column` is its name, or "M * 0.73:N.m" to scale it and give its unit. A header may give a
         unit too, "torque [N.mm]", which applies unless another is given here. A table that is `held`
-        may contain truth values and texts. Raises SetupError with file and line for anything else
-        that is not a number.
+        may contain truth values and texts.
 
         Parameters
         ----------
@@ -118,6 +117,12 @@ class Table:
             The unit of the values.
         held : bool
             Whether a value holds from its row to the next.
+
+        Raises
+        ------
+        SetupError
+            For a file that cannot be read, a column that does not exist, a time that is not in s, and with
+            its line for a cell that is not a number.
         """
         header, *rows = read_table(path)
         (_, time), *heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
@@ -168,7 +173,7 @@ class Table:
         return other
 
     def between(self, first: float, last: float) -> Table:
-        """The rows between two times [s]; raises SetupError if there are no such rows.
+        """The rows between two times [s].
 
         Parameters
         ----------
@@ -176,6 +181,11 @@ class Table:
             The time of the earliest row [s].
         last : float
             The time of the latest row [s].
+
+        Raises
+        ------
+        SetupError
+            If there are no such rows.
         """
         rows = [(t, v) for t, v in zip(self.times, self.values) if first <= t <= last]
         if not rows:

@@ -44,12 +44,17 @@ class Wire(NamedTuple):
 
     @classmethod
     def read(cls, text: str) -> Wire:
-        """Read a wire from text; raises SetupError if it is not one.
+        """Read a wire from text.
 
         Parameters
         ----------
         text : str
             Two dotted names with an arrow between them, and a factor and an offset where needed.
+
+        Raises
+        ------
+        SetupError
+            For a text that is no wire.
 
         Examples
         --------

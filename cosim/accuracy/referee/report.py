@@ -85,7 +85,13 @@ class RefereeReport:
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> SignalJudgement:
-        """The judgement of the variable of this name."""
+        """The judgement of the variable of this name.
+
+        Raises
+        ------
+        KeyError
+            For a variable that was not judged.
+        """
         for signal in self.signals:
             if signal.name == name:
                 return signal
