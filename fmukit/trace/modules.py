@@ -26,7 +26,7 @@ def imported_files(model: Path, node: ast.AST) -> list[Path]:
 
 
 def modules(model: ModuleType) -> list[ModuleType]:
-    """A model and the modules beside it that it has imported."""
-    further = source_files(Path(model.__file__ or ""))[1:]
-    names = [f"{model.__package__}.{file.stem}" for file in further]
-    return [model, *(sys.modules[name] for name in names if name in sys.modules)]
+    """A model and what else has been imported of its package, which `load` gives to nothing else."""
+    package = f"{model.__package__}."
+    names = [name for name in list(sys.modules) if model.__package__ and name.startswith(package)]
+    return [model, *(sys.modules[name] for name in names if name != model.__name__)]

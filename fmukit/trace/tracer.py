@@ -87,6 +87,7 @@ class Tracer:
 
     def __init__(self, model: ModuleType, kit: dict[ModuleType, tuple[str, ...]]) -> None:
         self.modules, self.kit = modules(model), kit
+        self.names = {module.__name__ for module in self.modules}
         self.context = TraceContext()
         self.functions: dict[Any, Function | None] = {}
         self.joins: dict[Any, Join] = {}
@@ -136,12 +137,10 @@ class Tracer:
             return REPLACED[value]
         value = inspect.unwrap(value)
         if module in self.kit:
-            homes, is_boundary = [module], name in self.kit[module]
+            homes, is_boundary = {module.__name__}, name in self.kit[module]
         else:
-            homes, is_boundary = self.modules, not inspect.isgeneratorfunction(value)
-        belongs_to_model = isinstance(value, FunctionType) and any(
-            value.__module__ == home.__name__ for home in homes
-        )
+            homes, is_boundary = self.names, not inspect.isgeneratorfunction(value)
+        belongs_to_model = isinstance(value, FunctionType) and value.__module__ in homes
         return self.boundary(value) if belongs_to_model and is_boundary else None
 
     def boundary(self, original: Callable[..., Any]) -> Callable[..., Any]:
