@@ -294,7 +294,7 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
         "The operating range from 45 to 60 rad/s stays clear of a torque ripple above"
     )
     assert (lines["ripple_in_range"] <= 50.0).to_list() == [True, False, True]
-    assert "motor.T of 0.03 s and 0.12 s. With every part" in verdict
+    assert "motor.T of 0.03 s and 0.12 s. With all parts" in verdict
     assert (lines["probability_in_range"] <= 0.01).to_list() == [False, False, True]
     assert "99% of the machines with motor.T of 0.12 s. (motor.T: time constant" in verdict
     never = small(None, limit=1.0, checks=0)
