@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import certify as benchmark
 from benchmarks.certify import Verdict, cases, complaints, judged, judged_synthetic
 from cosim import (
     Estimate,
@@ -53,6 +54,24 @@ def test_constructed_cases_keep_what_they_promise() -> None:
     verdicts = [(case, v) for case, v in judged_synthetic(SEED, 1) if case.name != "stiff"]
     assert len(verdicts) == 11 * 14
     assert not list(complaints(verdicts))
+
+
+@pytest.mark.parametrize(("held", "status"), [(199, 0), (198, 1)])
+def test_too_few_errors_that_hold_are_a_failure_for_machines(
+    held: int, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The bound is 199 of 200."""
+    errors = [1.0] * held + [0.1] * (200 - held)
+    verdicts = [
+        Verdict("m x", "jacobi", 1.0, "by rows", "end", 1.5, 1.0, e, 1.0, 1.0) for e in errors
+    ]
+    monkeypatch.setattr(benchmark, "systems", lambda *_: [("machines", "m", None)])
+    monkeypatch.setattr(benchmark, "judged", lambda *_: verdicts)
+    monkeypatch.setattr("sys.argv", ["certify.py", "--only", "m"])
+    with pytest.raises(SystemExit) as end:
+        benchmark.main()
+    assert end.value.code == status
+    assert ("coverage 99.00%, machines" in capsys.readouterr().out) == bool(status)
 
 
 def of(values: Callable[[Any], Any], stop: float = 1.0) -> Callable[..., Result]:
