@@ -8,7 +8,8 @@ not found because the crank would stop or nearly so, are skipped and counted.
 Shown per figure are the drives that have it (exist), the share of the stated errors that hold
 (within) and the number of those that do not (missed), the worst of error over stated error (worst),
 the share that is refused or missing (refused), how often one is stated that the sweep does not hold
-(invented), and the median of the stated error over the figure (median).
+(invented), and the median of the stated error over the figure (median). Above them stands how many orbits an answer
+takes, those of the sweep apart from those of the searches for its features.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ from tests.scenarios.orbit_oracle import (
 )
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
+#: What orbits are run for, as the answer counts them.
+ORBITS = ("sweep", "features")
 #: Error of an exact figure, relative: a convention, which limits the stated errors that are tested.
 TRUTH_ERROR = 1e-9
 #: Drives that are listed with their commands: a convention, which limits the output.
@@ -65,8 +68,8 @@ def command(drive: Drive, sweep: tuple[float, float, int], out: Path | None = No
     return arguments + (["--out", str(out)] if out else [])
 
 
-def stated_figures(arguments: Sequence[str], limit: float) -> tuple[dict[str, Any], str]:
-    """The figures that the scenario states, or none and its sentence."""
+def ask(arguments: Sequence[str], limit: float) -> tuple[dict[str, Any], str]:
+    """The answer of the scenario, or none and its sentence."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             run = subprocess.run(
@@ -82,7 +85,7 @@ def stated_figures(arguments: Sequence[str], limit: float) -> tuple[dict[str, An
         if run.returncode:
             last = run.stderr.strip().splitlines()[-1:] or [""]
             return {}, f"exit code {run.returncode}: {last[0]}"
-        return json.loads((Path(folder) / "resonance.json").read_text())["figures"], ""
+        return json.loads((Path(folder) / "resonance.json").read_text()), ""
 
 
 def judged(seed: int, limit: float, number: int) -> Row:
@@ -101,7 +104,8 @@ def judged(seed: int, limit: float, number: int) -> Row:
             skipped["unstable" if "unstable" in str(error) else "not found"] += 1
     arguments = command(drive, sweep)
     began = time.perf_counter()
-    stated, sentence = stated_figures(arguments, limit)
+    answer, sentence = ask(arguments, limit)
+    stated = answer.get("figures", {})
     return {
         "seed": seed,
         "number": number,
@@ -112,6 +116,7 @@ def judged(seed: int, limit: float, number: int) -> Row:
         "seconds": time.perf_counter() - began,
         "skipped": skipped,
         "sentence": sentence,
+        "orbits": answer.get("orbits", {}),
         "truth": truth,
         "stated": {
             name: {key: stated[name][key] for key in ("value", "error")}
@@ -196,6 +201,16 @@ def worst(rows: Sequence[Row]) -> Iterator[str]:
             yield f"{error_ratio:.3g} times: {name} = {statement}, exact: {exact}\n    {row['command']}"
 
 
+def orbit_counts(rows: Sequence[Row]) -> str:
+    """How many orbits an answer takes, by what they are run for, in the median."""
+    counts = {
+        title: [row["orbits"][title] for row in rows if title in row.get("orbits", ())]
+        for title in ORBITS
+    }
+    medians = (f"{statistics.median(x):g} for {title}" for title, x in counts.items() if x)
+    return ", ".join(medians) or "not counted"
+
+
 def read_rows(path: Path | None, seed: int, number: int) -> list[Row]:
     """The rows of this seed that a file holds."""
     if path is None or not path.exists():
@@ -237,6 +252,7 @@ def main() -> None:
     print(
         f"\n{len(rows)} drives of seed {options.seed}, {failed} refused as a whole; skipped: {reasons}"
     )
+    print(f"orbits per answer, median: {orbit_counts(rows)}")
     print("\n".join(table(rows)))
     print("\n".join(worst(rows)))
 

@@ -7,6 +7,7 @@ orbit is steady, and the ripple of order 2 is read off the last revolution.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -107,7 +108,7 @@ class Orbit(NamedTuple):
 @dataclass(frozen=True)
 class OrbitRunner:
     """How machines are run: on what, with which further start values, algorithm and steps; and the
-    orbits that were run.
+    orbits that were run, with their number by what they were run for.
     """
 
     context: Context
@@ -115,6 +116,7 @@ class OrbitRunner:
     algorithm: str
     steps_per_rev: int
     cache: dict[OperatingPoint, Orbit] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
 
     def task(self, machine: Machine, nu: float, step_multiple: int = 1) -> OrbitTask:
         """Return the run of a machine at its nominal mean speed [rad/s], by first-order theory on its orbit."""
@@ -131,6 +133,7 @@ class OrbitRunner:
     def each(self, points: Sequence[OperatingPoint], title: str) -> Iterator[Orbit]:
         """Yield the steady orbits of operating points, one by one in their order; none is run twice."""
         new = [point for point in dict.fromkeys(points) if point not in self.cache]
+        self.counts[title] += len(new)
         runs = self.context.each(simulate, [self.task(*point) for point in new], title)
         for point in points:
             if point not in self.cache:

@@ -207,6 +207,7 @@ def test_runs_are_over_before_their_orbits_are_reported_and_none_is_built_twice(
     assert calls == [("first", 1)]
     assert list(runner.orbits([fast, slow], "second"))[1] is first
     assert calls[1:] == [("second", 1)]
+    assert runner.counts == {"first": 1, "second": 1}
 
 
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:

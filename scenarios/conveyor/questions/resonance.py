@@ -161,7 +161,7 @@ def solve(o: Options, context: Context) -> Findings:
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables=tables,
-        facts={"operating_speed": speed, "rated_torque": o.rated},
+        facts={"operating_speed": speed, "rated_torque": o.rated, "orbits": dict(runner.counts)},
         defaults={"speed": speed, "rated_torque": o.rated, "speeds": speeds},
     )
 
