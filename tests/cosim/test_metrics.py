@@ -57,7 +57,7 @@ def test_constructed_cases_keep_what_they_promise() -> None:
 
 
 @pytest.mark.parametrize(("held", "status"), [(199, 0), (198, 1)])
-def test_too_few_errors_that_hold_are_a_failure_for_machines(
+def test_low_coverage_of_machines_is_a_failure(
     held: int, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The bound is 199 of 200."""
