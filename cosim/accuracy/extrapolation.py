@@ -53,10 +53,14 @@ DISTANT_SHARE = 0.1
 #: Parts before and after one in which the coarser runs are looked at, too: convention. Where two runs differ in
 #: phase, their distance vanishes twice a period, and not at the same times for each pair.
 NEIGHBOURS = 2
-#: Share of the rows whose differences must fall too slowly for a column to be refused: convention, nearly all.
+#: Share of the rows whose differences must fall too slowly for a column to be refused. Measured on the systems of
+#: benchmarks/certify.py: in 1008 columns of systems and machines it is at most 0.74, in the synthetic case that has
+#: no order it is 1 in each of 16 runs. From 0.8 to 0.95 the same columns are refused.
 SLOW_SHARE = 0.9
-#: By how much later values may be further from their middle than those of a run that has diverged: convention. Such
-#: values are draws from an attractor whose range one run need not show.
+#: By how much later values may be further from their middle than those of a run that has diverged. Such values are
+#: draws from an attractor whose range one run need not show. Measured on 1008 figures of the chaotic case of
+#: benchmarks/certify.py, 24 draws: with 1, 9 of 364 errors stated do not hold and the worst is off by 10^4 times;
+#: with 1.5, 2 and 3 all of 153, 151 and 145 hold.
 DIVERGED_WIDTH = 2.0
 #: Runs from which an order is observed: derived, two differences need three.
 RUNS = 3
