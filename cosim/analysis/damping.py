@@ -12,7 +12,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from ..requirements import setup_problems
 from ..system import System, connect
 from ..system.graph import stepping_order
 from .linearize import linearize
-from .multipliers import Multiplier, Spectrum, step_spectrum
+from .multipliers import NOISE_MARGIN, Multiplier, Spectrum, step_spectrum
 from .perturbation import PerturbedRuns
 
 #: Steps of the first record: a convention; 256 steps of a quarter of the step in question are 64 of those.
@@ -70,6 +70,10 @@ MAX_ABSOLUTE_CHANGE = 1e-9
 MAX_STIFFNESS = 1e5
 #: The step sizes, relative to the one in question, from which the damping is continued to zero.
 STEP_SHARES = (0.25, 0.5, 0.75, 1.0)
+NOT_OPPOSITE = (
+    "opposite perturbations have no opposite effects, as at a switch or a stop inside a part, or beside "
+    "a signal so large that rounding hides them"
+)
 
 
 @dataclass(frozen=True)
@@ -90,8 +94,9 @@ class Diagnosis:
     `recommended_step_error` [s] are the errors of these figures; the last one says how much longer the
     step could be.
 
-    `event_change` says how a perturbation has changed the sequence of events, so that there are no
-    linear deviations and thus no damping; it is empty if none has.
+    `event_change` says that a perturbation changes the sequence of events, and when, or that opposite
+    perturbations have no opposite effects: there are then no linear deviations, and all figures are
+    NaN. Else it is empty.
     """
 
     algorithm: str
@@ -137,10 +142,8 @@ class Diagnosis:
 
     def _sentences(self) -> Iterator[str]:
         if self.event_change:
-            yield (
-                f"The damping cannot be determined: a perturbation {self.event_change}, and where the "
-                "sequence of events changes, deviations are not small; try another start or settling time."
-            )
+            yield f"The damping cannot be determined: {self.event_change}."
+            yield "Deviations are not small there; try another start or settling time."
             return
         if math.isnan(self.frequency):
             yield f"No oscillation shows on the wires with {self.algorithm} and steps of {self.step:.4g} s."
@@ -242,11 +245,15 @@ def diagnose(
         raise SetupError(str(failure)) from failure
 
 
+class EventChangeError(SetupError):
+    """The deviations are not linear, since a perturbation changes the sequence of events."""
+
+
 class ModeTracker:
     """Follows one mode over the step: `modes` and `spectra` by the step [s] at which they were measured.
 
     `chosen` is the least damped oscillation that the wires show well at `step`, None without any.
-    `event_change` says how a perturbation has changed the sequence of events; it is empty if none has.
+    Raises EventChangeError where the deviations at a step are not linear.
     """
 
     def __init__(self, runs: PerturbedRuns, step: float) -> None:
@@ -254,7 +261,6 @@ class ModeTracker:
         self.modes: dict[float, Multiplier] = {}
         self.spectra: dict[float, Spectrum] = {}
         self.span = FIRST_STEPS * step
-        self.event_change = ""
         self.chosen = self._choose(step)
 
     def follow(self, h: float) -> Multiplier:
@@ -302,11 +308,11 @@ class ModeTracker:
         count = min(MAX_STEPS, round(self.span / h))
         gap = max(1, count // PERTURBATIONS_IN_RECORD)
         deviations = self.runs.record(h, count, gap)
-        steps = step_spectrum(deviations)
         if deviations.event_change:
-            self.event_change = deviations.event_change
-            return Spectrum(steps.modes, math.inf)
-        return steps
+            raise EventChangeError(deviations.event_change)
+        if NOISE_MARGIN * deviations.noise >= 1.0:
+            raise EventChangeError(NOT_OPPOSITE)
+        return step_spectrum(deviations)
 
 
 class Eigenmode(NamedTuple):
@@ -372,16 +378,16 @@ def _continued(
 
 def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
     step, algorithm = runs.step, runs.settings.algorithm
-    tracker = ModeTracker(runs, min(STEP_SHARES) * step)
-    if tracker.chosen is None:
-        residual = tracker.residual
-        nan = math.nan
-        return Diagnosis(
-            algorithm, step, share, nan, nan, nan, nan, nan, None, 0.0, residual,
-            event_change=tracker.event_change,
-        )  # fmt: skip
-    for part in STEP_SHARES[1:]:
-        tracker.follow(part * step)
+    nan = math.nan
+    unknown = Diagnosis(algorithm, step, share, nan, nan, nan, nan, nan, None, 0.0, nan)
+    try:
+        tracker = ModeTracker(runs, min(STEP_SHARES) * step)
+        if tracker.chosen is None:
+            return replace(unknown, residual=tracker.residual)
+        for part in STEP_SHARES[1:]:
+            tracker.follow(part * step)
+    except EventChangeError as change:
+        return replace(unknown, event_change=str(change))
     model = DampingModel(tracker.modes, None)
     eigenmode = _eigenmode(tracker, model)
     if eigenmode is not None:
@@ -405,7 +411,6 @@ def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
         linear=eigenmode is not None, frequency_error=model.frequency_error,
         damping_seen_error=mode.error, delay_error=delay_error, drift_error=drift_error,
         recommended_step_error=math.nan if recommended is None else STEP_ACCURACY * recommended,
-        event_change=tracker.event_change,
     )  # fmt: skip
 
 

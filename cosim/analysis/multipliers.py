@@ -106,6 +106,8 @@ def step_spectrum(deviations: Deviations) -> Spectrum:
     entire = single[0]
     with np.errstate(invalid="ignore"):
         lasting = np.abs(entire.values) > MIN_MULTIPLIER
+    if not lasting.any():
+        return Spectrum((), 1.0)
     z, conditions = entire.values[lasting], entire.conditions[lasting]
     waves = _exponentials(z, count)
     exact, independent = (
@@ -147,14 +149,14 @@ def _logarithm(z: complex, lag: int, single: StepMap, several: StepMap) -> compl
     That of one step chooses the branch. A mode that dies out within these steps has none there, and
     keeps the logarithm from one step.
     """
-    near = complex(min(single.values, key=lambda value: abs(value - z)))
+    near = complex(min(single.values, key=lambda value: abs(value - z), default=0.0))
     if not near:
         return complex(-math.inf)
     log = complex(np.log(near))
     power = complex(np.exp(lag * log))
     if abs(power) < MIN_LASTING:
         return log
-    image = complex(min(several.values, key=lambda value: abs(value - power)))
+    image = complex(min(several.values, key=lambda value: abs(value - power), default=0.0))
     return log + complex(np.log(image / power)) / lag if image else log
 
 

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class Deviations:
         The relative error of the deviations, from rounding and from the part that is not linear.
     event_change : str
         The first change of a discrete output, or of the division of steps at events, that a
-        perturbation has made; empty if there is none.
+        perturbation has made, as a clause; empty if there is none.
     """
 
     step: float
@@ -74,11 +75,11 @@ class Deviations:
 
 @dataclass(frozen=True)
 class _Rows:
-    """The rows of one run, its discrete columns apart, and how often steps were divided."""
+    """The rows of one run, its discrete columns apart, and the last row of each step that was divided."""
 
     real: Array
     discrete: Array
-    divisions: int
+    divided: list[int]
 
 
 @dataclass(frozen=True)
@@ -127,14 +128,20 @@ class PerturbedRuns:
             runner = _Runner(self, h, count, gap, stack)
             unperturbed = runner.run(0, 0, {})
             directions = list(_directions(runner.sizes(unperturbed)))
-            runs = [
-                runner.run(k * gap, gap, {i: sign * RELATIVE_SIZE * x for i, x in offsets.items()})
+            perturbations = [
+                (k * gap, {i: sign * RELATIVE_SIZE * x for i, x in offsets.items()})
                 for k in range(runner.times)
                 for offsets in directions
                 for sign in (1.0, -1.0)
             ]
+            runs = [runner.run(first, gap, offsets) for first, offsets in perturbations]
+            changes = (
+                runner.event_change(unperturbed, rows, offsets)
+                for rows, (_, offsets) in zip(runs, perturbations)
+            )
+            event_change = next(filter(None, changes), "")
         deviations = _deviations(h, runner.times * gap + runner.memory, unperturbed, runs)
-        return replace(deviations, event_change=runner.event_change(unperturbed, runs))
+        return replace(deviations, event_change=event_change)
 
 
 class _Runner:
@@ -185,18 +192,25 @@ class _Runner:
             if link.real and not isinstance(link.signal, InputSource) and link.source.name in sizes
         }
 
-    def event_change(self, unperturbed: _Rows, runs: Sequence[_Rows]) -> str:
-        """The first change of the sequence of events that a perturbation has made, as part of a sentence."""
-        for rows in runs:
-            count = min(len(unperturbed.discrete), len(rows.discrete))
-            differences = np.argwhere(rows.discrete[:count] != unperturbed.discrete[:count])
-            if len(differences):
-                row, column = differences[0].tolist()
-                t = self.experiment.settings.start + (self.settled_steps + row) * self.h
-                return f"changes {self.discrete[column].name} at t = {t:.6g} s"
-        if any(rows.divisions != unperturbed.divisions for rows in runs):
-            return "changes how steps are divided at events"
-        return ""
+    def event_change(self, unperturbed: _Rows, rows: _Rows, offsets: Mapping[int, float]) -> str:
+        """The first change of the sequence of events that a perturbation by offsets has made, as a clause."""
+        count = min(len(unperturbed.discrete), len(rows.discrete))
+        differences = np.argwhere(rows.discrete[:count] != unperturbed.discrete[:count])
+        if len(differences):
+            row, column = differences[0].tolist()
+            before, after = unperturbed.discrete[row, column], rows.discrete[row, column]
+            effect = f"{self.discrete[column].name} becomes {after:g} instead of {before:g}"
+        elif len(rows.divided) != len(unperturbed.divided):
+            pairs = zip_longest(rows.divided, unperturbed.divided, fillvalue=self.count)
+            row = min(next(pair for pair in pairs if pair[0] != pair[1]))
+            effect = "the step that ends there is divided another number of times"
+        else:
+            return ""
+        t = self.experiment.settings.start + (self.settled_steps + row) * self.h
+        links = self._links()
+        targets = sorted({links[i].target.name for i in offsets})
+        perturbed = targets[0] if len(targets) == 1 else f"all of {', '.join(targets)}"
+        return f"a perturbation of {perturbed} changes the sequence of events at t = {t:.6g} s: {effect}"
 
     def _settle(self, stack: ExitStack) -> None:
         """Bring the parts to the time of the first perturbation."""
@@ -221,7 +235,7 @@ class _Runner:
             np.concatenate([rows if k == 0 else rows[1:] for k, rows in enumerate(parts)])
             for parts in zip(*((piece.real, piece.discrete) for piece in pieces))
         )
-        return _Rows(real, discrete, sum(piece.divisions for piece in pieces))
+        return _Rows(real, discrete, [row for piece in pieces for row in piece.divided])
 
     def _go(self, first: int, last: int) -> _Rows:
         """Step from one communication point to another, or to where a part fails."""
@@ -236,12 +250,13 @@ class _Runner:
             self.experiment.network, self.by_name, settings.start, settings.stop
         )
         driver = Driver(self.parts, settings, RowReader(self.parts, ports), recorder, changes)
+        divided: list[int] = []
         with suppress(FmuError) if first >= 0 else ExitStack():
             for _ in driver.steps():
-                pass
+                divided += [first + driver.accepted] * (driver.discarded - len(divided))
         rows = np.array(recorder.rows).reshape(recorder.count, -1)[:, 1:]
         split = len(self.real)
-        return _Rows(rows[:, :split], rows[:, split:], driver.discarded)
+        return _Rows(rows[:, :split], rows[:, split:], divided)
 
     def _links(self) -> list[Link]:
         return [link for part in self.parts for link in part.links]

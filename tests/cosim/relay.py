@@ -1,6 +1,6 @@
 r"""Mass on a spring with a switch that closes above its rest position
 
-$$ m\,\ddot x = -k x - d\,\dot x + F $$
+$$ m\,\ddot x = -k x - d\,\dot x + F + F_c s $$
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ class Parameters:
     m: Mass = real(1.0, "Mass", positive=True)
     k: TranslationalStiffness = real(100.0, "Stiffness of the spring", positive=True)
     d: TranslationalDamping = real(1.0, "Damping", min=0.0)
+    F_c: Force = real(0.0, "Force that the switch s of another mass adds")
 
 
 @record
 class Inputs:
     F: Force = real(0.0, "Force on the mass")
-    closed: bool = discrete(False, "A switch of another mass, which adds nothing")
+    closed: bool = discrete(False, "The switch of another mass")
 
 
 @record
@@ -37,7 +38,8 @@ class Outputs:
 
 
 def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
-    return State(x=x.v, v=(u.F - p.k * x.x - p.d * x.v) / p.m)
+    force = u.F + (p.F_c if u.closed else 0.0)
+    return State(x=x.v, v=(force - p.k * x.x - p.d * x.v) / p.m)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:

@@ -380,16 +380,26 @@ def test_what_cannot_be_diagnosed_is_refused(fmus: Path) -> None:
         diagnose(single, step=1e-3)
 
 
-def test_a_perturbation_that_changes_the_sequence_of_events_is_the_reason(tmp_path: Path) -> None:
-    """A mass at rest on the threshold of its switch; away from there, the damping is determined."""
+@pytest.mark.parametrize("force", [0.0, 0.1])
+def test_a_perturbation_that_changes_the_sequence_of_events_is_the_reason(
+    force: float, tmp_path: Path
+) -> None:
+    """A mass at rest on the threshold of its switch, whether or not that adds a force [N] elsewhere.
+
+    Away from the threshold, the damping is determined.
+    """
     assert not make_all([Path(__file__).with_name("relay.py")], "python", tmp_path)
     parts = dict.fromkeys(["left", "right"], tmp_path / "Relay.fmu")
     wires = ["left.f_coupled -> right.F", "right.f_coupled -> left.F"]
-    system = System(parts, [*wires, "left.above -> right.closed"], {"right.k": 150.0})
-    refused = diagnose(system, step=0.01)
+    start = {"right.k": 150.0, "right.F_c": force}
+    system = System(parts, [*wires, "left.above -> right.closed"], start)
+    refused = diagnose(system, step=0.01, algorithm="gauss-seidel")
     assert not refused.trusted
-    assert refused.text().startswith(
-        "The damping cannot be determined: a perturbation changes left.above at t = 0.01 s, "
+    assert refused.recommended_step is None
+    assert refused.text() == (
+        "The damping cannot be determined: a perturbation of left.F changes the sequence of events at "
+        "t = 0.0025 s: left.above becomes 1 instead of 0. "
+        "Deviations are not small there; try another start or settling time."
     )
     for other in (
         replace(system, start={**system.start, "left.x": 1.0}),
@@ -398,3 +408,22 @@ def test_a_perturbation_that_changes_the_sequence_of_events_is_the_reason(tmp_pa
         got = diagnose(other, step=0.01)
         assert got.damped
         assert not got.event_change
+
+
+@pytest.mark.parametrize("force", ["5 * abs(u1)", "(0.01 if u1 > 0 else 0.0)"])
+def test_deviations_that_do_not_change_sign_with_the_perturbation_are_the_reason(
+    force: str, half: Path
+) -> None:
+    """x'' = -x - x' / 10 - force, at rest on the corner or the step of the force."""
+    start = {
+        "place.f1": "u1", "place.x1": 0.0, "place.u2": 0.0,
+        "speed.f1": f"-u1 - 0.1 * x1 - {force}", "speed.x1": 0.0, "speed.u2": 0.0,
+    }  # fmt: skip
+    wires = ["speed.x1 -> place.u1", "place.x1 -> speed.u1"]
+    system = System(dict.fromkeys(["place", "speed"], half), wires, start)
+    refused = diagnose(system, step=LONGEST, algorithm="gauss-seidel", share=LOOSE)
+    assert not refused.trusted
+    assert refused.recommended_step is None
+    assert refused.text().startswith(
+        "The damping cannot be determined: opposite perturbations have no opposite effects, "
+    )
