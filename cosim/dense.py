@@ -338,6 +338,12 @@ def _fill(c: Array, t: Array, x: Array, gaps: Indices, side: Side) -> None:
         ]
 
 
+def _median_gap(gaps: Array) -> float:
+    """The median of the gaps that are above 0; 0 without any."""
+    positive = gaps[gaps > 0.0]
+    return float(np.median(positive, overwrite_input=True)) if len(positive) else 0.0
+
+
 def distinct_rows(t: Array, x: Array) -> NDArray[np.bool_]:
     """Which rows say something new.
 
@@ -349,11 +355,7 @@ def distinct_rows(t: Array, x: Array) -> NDArray[np.bool_]:
     gaps = np.diff(t)
     if not len(gaps):
         return np.ones(len(t), dtype=bool)
-    positive = gaps[gaps > 0.0]
-    least = 0.0
-    if len(positive):
-        least = REPEATED_FRACTION * float(np.median(positive, overwrite_input=True))
-    del positive
+    least = REPEATED_FRACTION * _median_gap(gaps)
     distinct = np.ones(len(t), dtype=bool)
     distinct[1:] = (gaps > least) | ((gaps == 0.0) & (np.diff(x) != 0.0))
     distinct[-1] = True

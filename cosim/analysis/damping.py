@@ -245,15 +245,15 @@ def diagnose(
         raise SetupError(str(failure)) from failure
 
 
-class EventChangeError(SetupError):
-    """The deviations are not linear, since a perturbation changes the sequence of events."""
+class NonlinearDeviationsError(SetupError):
+    """The deviations are not linear; the message says why, as a clause."""
 
 
 class ModeTracker:
     """Follows one mode over the step: `modes` and `spectra` by the step [s] at which they were measured.
 
     `chosen` is the least damped oscillation that the wires show well at `step`, None without any.
-    Raises EventChangeError where the deviations at a step are not linear.
+    Raises NonlinearDeviationsError where the deviations at a step are not linear.
     """
 
     def __init__(self, runs: PerturbedRuns, step: float) -> None:
@@ -309,9 +309,9 @@ class ModeTracker:
         gap = max(1, count // PERTURBATIONS_IN_RECORD)
         deviations = self.runs.record(h, count, gap)
         if deviations.event_change:
-            raise EventChangeError(deviations.event_change)
+            raise NonlinearDeviationsError(deviations.event_change)
         if NOISE_MARGIN * deviations.noise >= 1.0:
-            raise EventChangeError(NOT_OPPOSITE)
+            raise NonlinearDeviationsError(NOT_OPPOSITE)
         return step_spectrum(deviations)
 
 
@@ -386,7 +386,7 @@ def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
             return replace(unknown, residual=tracker.residual)
         for part in STEP_SHARES[1:]:
             tracker.follow(part * step)
-    except EventChangeError as change:
+    except NonlinearDeviationsError as change:
         return replace(unknown, event_change=str(change))
     model = DampingModel(tracker.modes, None)
     eigenmode = _eigenmode(tracker, model)
@@ -394,9 +394,8 @@ def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
         model = DampingModel(tracker.modes, eigenmode)
     recommended = _recommended_step(tracker, model, share)
     refined = DampingModel(tracker.modes, eigenmode)
-    if (
-        refined.error < model.error
-    ):  # the search has measured shorter steps, from which less is continued
+    if refined.error < model.error:
+        # The search has measured shorter steps, from which less is continued.
         model = refined
         recommended = _recommended_step(tracker, model, share)
     mode = tracker.modes[step]

@@ -140,8 +140,8 @@ class PerturbedRuns:
                 for rows, (_, offsets) in zip(runs, perturbations)
             )
             event_change = next(filter(None, changes), "")
-        deviations = _deviations(h, runner.times * gap + runner.memory, unperturbed, runs)
-        return replace(deviations, event_change=event_change)
+        lead = runner.times * gap + runner.memory
+        return _deviations(h, lead, unperturbed, runs, event_change)
 
 
 class _Runner:
@@ -287,7 +287,9 @@ def _directions(sizes: Mapping[int, float]) -> Iterator[dict[int, float]]:
     yield from (dict(zip(sizes, row * np.array([*sizes.values()]))) for row in signs)
 
 
-def _deviations(h: float, lead: int, unperturbed: _Rows, runs: Sequence[_Rows]) -> Deviations:
+def _deviations(
+    h: float, lead: int, unperturbed: _Rows, runs: Sequence[_Rows], event_change: str
+) -> Deviations:
     """Make central differences of pairs of runs."""
     count = min(len(rows.real) for rows in (unperturbed, *runs))
     if count - lead < MIN_ROWS:
@@ -301,4 +303,4 @@ def _deviations(h: float, lead: int, unperturbed: _Rows, runs: Sequence[_Rows]) 
     rounding = float((sys.float_info.epsilon * peak / size).max(initial=0.0))
     curvature = float((np.abs(even) / size).max(initial=0.0))
     values = odd / size
-    return Deviations(h, motion[lead:], values, size, rounding + curvature**2, "")
+    return Deviations(h, motion[lead:], values, size, rounding + curvature**2, event_change)

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..dense import CUBIC_ROWS
 from ..errors import FmuError, SetupError
 from ..fmu.times import coincide
 from ..report import RunReport, RunSetup
@@ -23,8 +24,6 @@ from ..result import Result, Rows, open_unlinked, partial, read_rows, require_na
 
 #: Rows that wait in memory before they are written. A convention: a page or two of memory for each column.
 CHUNK = 4096
-#: Rows that a cubic passes through: derived, it has four coefficients.
-CUBIC_ROWS = 4
 #: Seconds that rows wait at most. A convention: who reads the file along notices no delay.
 LONGEST = 0.1
 

@@ -19,6 +19,7 @@ from ...fmu.reference_rows import read_reference_rows
 from ...master import run
 from ...result import Result, SimulationError
 from ...system import Network, System, connect
+from ..extrapolation import RUNS
 from ..reference import oracle
 
 Array = NDArray[np.float64]
@@ -53,8 +54,6 @@ LOWEST_ORDER = 0.5
 ROUNDING = 1e-12
 #: Most times that the step of certified runs is halved: each doubles the time; 2^8 steps in place of one.
 MOST_HALVINGS = 8
-#: Runs that an error follows from: derived, an observed order takes two differences.
-COMPARED_RUNS = 3
 #: Share of a run over which an error is the largest nearby: differences of two runs cross zero, errors do not.
 ENVELOPE = 0.01
 
@@ -267,11 +266,9 @@ def _refine(system: System, request: SolutionRequest, refusal: str) -> Reference
         order = float(result.provenance["convergence_order"])
         runs.append(interpolate(result, request))
         method = f"runs by {algorithm} with steps down to {step:g} s, since {refusal}"
-        if len(runs) < COMPARED_RUNS:
+        if len(runs) < RUNS:
             continue
-        errors = {
-            name: _row_errors(name, runs[-COMPARED_RUNS:], order, request) for name in request.names
-        }
+        errors = {name: _row_errors(name, runs[-RUNS:], order, request) for name in request.names}
         if clock.monotonic() > deadline or all(
             np.max(errors[name]) <= request.precision * np.ptp(runs[-1][0][name])
             for name in request.names
