@@ -1,7 +1,7 @@
 """What is public changes only on purpose: names with signatures, commands, exit statuses, JSON keys, columns.
 
-`tests/public.txt` lists them. Who changes one writes the list again, python tests/test_public.py, and a line
-into the changelog.
+`tests/public.txt` lists them. Who changes one writes the list again, python tests/test_public.py, and a file
+into `docs/changes`.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def test_the_public_interface_is_that_which_is_listed() -> None:
     new = [line for line in actual if line not in listed]
     assert not gone and not new, (
         f"gone or changed: {gone}\nnew: {new}\n"
-        "write tests/public.txt again with `python tests/test_public.py` and a line into CHANGELOG.md"
+        "write tests/public.txt again with `python tests/test_public.py` and a file in docs/changes"
     )
 
 
