@@ -1,0 +1,160 @@
+"""Thirty wrong equations, each of which a test must notice: signs, factors and wires, set one at a time.
+
+.venv/bin/python benchmarks/mutants.py [NUMBER ...] [--list]
+
+A mutant is set in a copy of the project, and the tests that should notice it run there until one fails. Where
+code has moved, the words say how to set it again. Exit status 1 if a mutant survives, or cannot be set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from pathlib import Path
+from shutil import copytree, ignore_patterns
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+class Mutant(NamedTuple):
+    """Words for what is wrong, the file, its text and the wrong text, and tests that should fail."""
+
+    words: str
+    file: str
+    right: str
+    wrong: str
+    tests: str
+
+
+PHYSICS = "tests/components/test_physics.py"
+PARTS = "tests/components/test_drive_parts.py"
+IRON = "tests/components/test_iron_drive.py"
+FLIGHT = "tests/components/test_iron_flight.py"
+ORIENTATOR = "tests/components/test_gravity_orientator.py"
+LINK = "tests/components/test_slotted_link.py"
+LOOP = "tests/cosim/test_loop.py tests/cosim/test_cosim.py"
+ALGORITHMS = "tests/cosim/test_algorithms.py tests/cosim/test_stepping.py"
+TRACE = "tests/fmukit/test_jet.py tests/fmukit/test_ops.py tests/fmukit/test_exchange.py"
+
+MUTANTS = (
+    Mutant("DriveMotor: the slope of the characteristic has the wrong sign",
+           "components/drive_motor/model.py", "return p.A - p.B * w", "return p.A + p.B * w", PHYSICS),
+    Mutant("DriveMotor: Kloss' formula without its factor 2",
+           "components/drive_motor/model.py", "return 2.0 * p.kloss.tau_b", "return p.kloss.tau_b", PHYSICS),
+    Mutant("DriveMotor: the exact step takes the slip of a speed that changes the other way",
+           "components/drive_motor/model.py", "(u0.w - u1.w) * decay", "(u1.w - u0.w) * decay", PHYSICS),
+    Mutant("CrankConveyor: the spring drives the crank instead of opposing it",
+           "components/crank_conveyor/model.py", "M_c = c * position * dx + d", "M_c = -c * position * dx + d",
+           PHYSICS),
+    Mutant("CrankConveyor: the reduced inertia lacks the trough's square of the lever",
+           "components/crank_conveyor/model.py", "p.rotor.J + m * dx * dx", "p.rotor.J + m * dx", PHYSICS),
+    Mutant("CrankConveyor: theta' w^2 / 2 is taken twice",
+           "components/crank_conveyor/model.py", "M_c + m * dx * ddx", "M_c + 2 * m * dx * ddx", PHYSICS),
+    Mutant("CrankConveyor: the finite rod's second derivative lacks its last term",
+           "components/crank_conveyor/model.py", " - (s * c) ** 2 / R**3, l / R", ", l / R", PHYSICS),
+    Mutant("DCMotor: the induced voltage has the sign of a generator",
+           "components/DC_motor/model.py", "(u.v - p.k * u.w - p.R * x.i) / p.L",
+           "(u.v + p.k * u.w - p.R * x.i) / p.L", PARTS),
+    Mutant("Gearbox: the torque of side b is not divided by the ratio",
+           "components/gearbox/model.py", "(u.tau_a + u.tau_b / p.i", "(u.tau_a + u.tau_b", PARTS),
+    Mutant("Gearbox: losses of the two senses of power are exchanged",
+           "components/gearbox/model.py", "if tau * x.w_a < 0.0", "if tau * x.w_a > 0.0", PARTS),
+    Mutant("ShaftLink: the shaft pushes both sides the same way (wire of the torque crossed)",
+           "components/shaft_link/model.py", "tau_a=-(spring + damping)", "tau_a=spring + damping", PARTS),
+    Mutant("ShaftLink: the whole backlash lies on one side",
+           "components/shaft_link/model.py", "abs(x.twist) - p.b / 2", "abs(x.twist) - p.b", PARTS),
+    Mutant("SpeedController: the integrator winds up although the torque is limited (sign of tracking)",
+           "components/speed_controller/model.py", "rise + (tau - free)", "rise - (tau - free)", PARTS),
+    Mutant("SlottedLink: the load's mass is left out of the reduced inertia",
+           "components/slotted_link/model.py", "(p.trough.m + p.load.m) * x.first", "p.trough.m * x.first", LINK),
+    Mutant("UnbalanceExciter: the rotor pulls with sin(phi) instead of cos(phi)",
+           "components/unbalance_exciter/model.py", "x.w * x.w * cos(x.phi)", "x.w * x.w * sin(x.phi)",
+           f"{PARTS} tests/components/test_drive_chain.py"),
+    Mutant("IronDrive: friction in the guide acts along the motion",
+           "components/iron_drive/dynamics.py", "p.friction.K_up if up > 0 else p.friction.K_down",
+           "p.friction.K_down if up > 0 else p.friction.K_up", IRON),
+    Mutant("IronDrive: B_1 has J' instead of J' / 2",
+           "components/iron_drive/dynamics.py", "at.J_1 / 2 + K", "at.J_1 + K", IRON),
+    Mutant("IronDrive: the chain hanging between sprocket and iron weighs nothing",
+           "components/iron_drive/dynamics.py", "T_iron + rho * at.H.value * (p.g", "T_iron + 0 * rho * (p.g", IRON),
+    Mutant("IronDrive: in flight the cam's shaft lacks the geared inertia of the rotor",
+           "components/iron_drive/flight.py", "p.reducer.J * p.reducer.i_g * p.reducer.i_g + p.cam.J",
+           "p.reducer.J * p.reducer.i_g + p.cam.J", FLIGHT),
+    Mutant("GravityOrientator: the product's centrifugal force acts at the chute's radius",
+           "components/gravity_orientator/loads.py", "w * w * (R - d / 2)", "w * w * R", ORIENTATOR),
+    Mutant("GravityOrientator: inertia torque J' w^2 / 2 of stage joint drives",
+           "components/gravity_orientator/stages.py", " - at.half_dJ * x.w1 * x.w1", " + at.half_dJ * x.w1 * x.w1",
+           ORIENTATOR),
+    Mutant("GravityOrientator: the mass matrix of stage turning loses its coupling",
+           "components/gravity_orientator/stages.py", "m * z1 * z2, p.cup.J", "0 * m * z1 * z2, p.cup.J", ORIENTATOR),
+    Mutant("Gauss-Seidel steps its parts side by side, as Jacobi does",
+           "cosim/engine/algorithms/gauss_seidel.py", "[(Turn(part),) for part in parts]",
+           "[tuple(Turn(part) for part in parts)]", ALGORITHMS),
+    Mutant("Strang: the second halves are not in reverse",
+           "cosim/engine/algorithms/strang.py", "for part in reversed(first)]", "for part in first]",
+           f"{ALGORITHMS} tests/cosim/test_linearize.py"),
+    Mutant("Iterated takes the mean of both ends of the step: another method of another order",
+           "cosim/engine/algorithms/iterated.py", "end_weight = 1.0", "end_weight = 0.5", ALGORITHMS),
+    Mutant("loop.c: a wire with a unit loses its offset",
+           "cosim/engine/loop.c", "*cells = op->factor * *source + op->offset;", "*cells = op->factor * *source;",
+           LOOP),
+    Mutant("loop.c: the row of a step has the time of its beginning",
+           "cosim/engine/loop.c", "*rows++ = start + (double)n * h;", "*rows++ = start + (double)(n - 1) * h;", LOOP),
+    Mutant("loop.c: the energy of a bond is the rectangle instead of the trapezoid",
+           "cosim/engine/loop.c", "size * 0.5 * (before + *source * *op->last)", "size * (before)", LOOP),
+    Mutant("ops.py: the derivative of cos has the wrong sign",
+           "fmukit/trace/ops.py", 'a, da: -f("sin", a) * da', 'a, da: f("sin", a) * da', TRACE),
+    Mutant("ops.py: the derivative of a quotient adds where it subtracts",
+           "fmukit/trace/ops.py", "plus(da, -times(n, db) if", "plus(da, times(n, db) if", TRACE),
+)  # fmt: skip
+
+
+def is_noticed(mutant: Mutant, folder: Path) -> bool:
+    """Whether a test fails with the mutant set in a copy of the project."""
+    copytree(
+        ROOT, folder, ignore=ignore_patterns(".git", ".venv", "results", "__pycache__", ".*_cache")
+    )
+    path = folder / mutant.file
+    text = path.read_text(encoding="utf-8")
+    if text.count(mutant.right) != 1:
+        raise LookupError(f"{mutant.file} has {mutant.right!r} {text.count(mutant.right)} times")
+    path.write_text(text.replace(mutant.right, mutant.wrong), encoding="utf-8")
+    tests = [name for name in mutant.tests.split() if (folder / name).is_file()]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-x", "-n0", *tests],
+        cwd=folder, check=False, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": str(folder)},
+    )  # fmt: skip
+    print("   ", *done.stdout.strip().splitlines()[-2:], sep="\n    ")
+    return done.returncode != 0
+
+
+def main() -> int:
+    """Set the mutants that are asked for; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("number", type=int, nargs="*", help="which (default: all)")
+    parser.add_argument("--list", action="store_true", help="print their words only")
+    options = parser.parse_args()
+    alive = 0
+    for number in options.number or range(1, len(MUTANTS) + 1):
+        mutant = MUTANTS[number - 1]
+        print(f"{number:2} {mutant.words} ({mutant.file})", flush=True)
+        if options.list:
+            continue
+        with TemporaryDirectory() as folder:
+            try:
+                noticed = is_noticed(mutant, Path(folder) / "project")
+            except LookupError as error:
+                print(f"    cannot be set: {error}")
+                noticed = False
+        print("    noticed" if noticed else "    NOT NOTICED", flush=True)
+        alive += not noticed
+    return min(1, alive)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
