@@ -149,9 +149,9 @@ static int finite_cells(const operation *op)
    from row_begin on are done too and a row of the columns goes to rows. Returns the number of rows.
    `report` is the last step that was completed, and of the operation that stopped it the index, or
    -1, and the status; `warned` of each operation the first step in which it returned a warning. */
-int advance(const operation *program, long long *warned, int length, int row_begin,
-            const column *columns, int width, double start, double h, long long first,
-            long long last, long long every, double *rows, long long *report)
+int take_steps(const operation *program, long long *warned, int length, int row_begin,
+               const column *columns, int width, double start, double h, long long first,
+               long long last, long long every, double *rows, long long *report)
 {
     int count = 0;
     long long row = first + every - first % every;

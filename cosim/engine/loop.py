@@ -56,7 +56,7 @@ def _library() -> Any:
         loop = ctypes.CDLL(str(path))
     except OSError as error:
         return error
-    loop.advance.argtypes = ARGUMENTS
+    loop.take_steps.argtypes = ARGUMENTS
     return loop
 
 
@@ -88,7 +88,7 @@ class Loop:
     """
 
     def __init__(self, program: Program, columns: Sequence[Slot], every: int) -> None:
-        self._advance = library().advance
+        self._take_steps = library().take_steps
         self._operations = program.operations
         self._layouts = (Layout * len(program.layouts))(*program.layouts)
         self._warned = (ctypes.c_longlong * len(self._operations))()
@@ -126,7 +126,7 @@ class Loop:
             laid_out.append((ctypes.c_double * len(means))(*means))
             self._layouts[k].source = address(laid_out[-1])
         report = (ctypes.c_longlong * 3)()
-        count = self._advance(
+        count = self._take_steps(
             self._layouts, self._warned, len(self._layouts), self._row_begin,
             self._columns, len(self._columns), start, h, first, last, self._every,
             rows.buffer_info()[0], report,

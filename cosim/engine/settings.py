@@ -85,6 +85,8 @@ class RunSettings:
         if isinstance(self.step, Adaptive):
             return 1 if self.output_step is None else None
         ratio = 1.0 if self.output_step is None else self.output_step / self.step
+        if ratio >= (number := self.number()):
+            return number  # the last step has a row anyhow
         steps = round(ratio)
         return steps if steps and abs(ratio / steps - 1) < MULTIPLE_ROUNDING else None
 
