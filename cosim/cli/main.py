@@ -51,7 +51,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         argv = sys.argv[1:] if arguments is None else arguments
         if argv and argv[0] in SUBSTITUTES:
             raise SetupError(f"there is no command {argv[0]!r}: use {SUBSTITUTES[argv[0]]}")
-        options = parser().parse_args(arguments)
+        top = parser()
+        options, rest = top.parse_known_args(arguments)
+        if rest and "files" in options and not any(text.startswith("-") for text in rest):
+            options.files += rest  # parts after an option
+        elif rest:
+            top.error(f"unrecognized arguments: {' '.join(rest)}")
         return int(options.run(options))
 
     return exit_code(run_command)

@@ -41,10 +41,11 @@ FIELDS = {field.name for field in fields(RunSettings)}
 
 @dataclass(frozen=True)
 class SystemFile:
-    """A system that has been read and checked, and the package that it came from."""
+    """A system that has been read and checked, the package that it came from, and a title for it."""
 
     network: Network
     package: Package
+    title: str
 
     @property
     def system(self) -> System:
@@ -69,7 +70,7 @@ class SystemFile:
         start = self.start if options.start is None else options.start
         stop = self.package.stop if options.stop is None else options.stop
         if stop is None:
-            raise SetupError(f"{options.file} states no stop time: give --stop")
+            raise SetupError(f"{' '.join(options.files)} states no stop time: give --stop")
         return start, stop
 
     def substeps(self, options: argparse.Namespace, step: float | Adaptive) -> dict[str, int]:
@@ -104,8 +105,9 @@ class SystemFile:
 def open_system(options: argparse.Namespace, *, runnable: bool = True) -> Iterator[SystemFile]:
     """Read the system of the file, with the values of --parameters and of --set over its own."""
     with TemporaryDirectory(dir=scratch()) as folder:
-        package = read_package(options.file, Path(folder) / "ssp")
-        system = package.system
+        package = read_package(options.files, Path(folder) / "ssp")
+        wires = [*package.system.wires, *options.wire]
+        system = replace(package.system, wires=wires)
         network = connect(system, runnable=runnable)
         values = read_values(options.parameters, network) if options.parameters else {}
         for name, text in map(assignment, options.start_values):
@@ -114,7 +116,9 @@ def open_system(options: argparse.Namespace, *, runnable: bool = True) -> Iterat
         network = connect(with_inputs(system, options), runnable=runnable)
         for part, schema_warning in network.schema_warnings.items() if options.strict else ():
             raise SetupError(f"part {part}: {schema_warning}")
-        yield SystemFile(network, package)
+        several = len(options.files) > 1
+        title = " ".join(system.parts) if several else Path(options.files[0]).stem
+        yield SystemFile(network, package, title)
 
 
 def with_inputs(system: System, options: argparse.Namespace) -> System:
@@ -143,25 +147,55 @@ def start_value(network: Network, name: str, text: str) -> Value:
     return text if port.type in ("String", "Binary") else literal(text)
 
 
-def read_package(path: Path, folder: Path) -> Package:
-    """Read the system of a file or a folder; packages are unpacked into `folder`."""
-    if path.suffix == ".fmu":
-        system = single_fmu_system(path)
-        ((name, fmu),) = system.parts.items()
-        experiment = describe_fmu(name, fmu, runnable=False).defaultExperiment
-        return Package(system, experiment.start, experiment.stop)
-    if path.suffix == ".xml" or (path / FILE).is_file():
-        return read_osp(path)
-    if path.suffix in (".ssp", ".ssd") or path.is_dir():
-        return read_ssp(path, folder)
-    raise SetupError(
-        f"{path} must be an .ssp, an .ssd, an {FILE}, a folder that contains one, or an .fmu"
-    )
+def read_package(files: Sequence[str], folder: Path) -> Package:
+    """Read the system of a file or a folder, or of several FMUs; packages are unpacked into `folder`.
+
+    Raises SetupError for files that are neither, and for parts of one name.
+    """
+    path = Path(files[0])
+    is_named = "=" in files[0] and not path.exists()
+    if len(files) == 1 and path.suffix != ".fmu" and not is_named:
+        if path.suffix == ".xml" or (path / FILE).is_file():
+            return read_osp(path)
+        if path.suffix in (".ssp", ".ssd") or path.is_dir():
+            return read_ssp(path, folder)
+        raise SetupError(
+            f"{path} must be an .ssp, an .ssd, an {FILE}, a folder that contains one, or an .fmu"
+        )
+    parts: dict[str, Path] = {}
+    for name, fmu in map(named_fmu, files):
+        if name in parts:
+            raise SetupError(
+                f"two parts are named {name}: {parts[name]} and {fmu}; write another NAME={fmu}"
+            )
+        parts[name] = fmu
+    experiments = [
+        describe_fmu(name, fmu, runnable=False).defaultExperiment for name, fmu in parts.items()
+    ]
+    starts, stops = {e.start for e in experiments}, {e.stop for e in experiments}
+    return Package(System(parts), _agreed(starts), _agreed(stops))
 
 
-def single_fmu_system(path: Path) -> System:
-    """Return a single FMU as a system; its part is named like the file as far as that is a name."""
-    return System({part_name(path.stem): path})
+def named_fmu(text: str) -> tuple[str, Path]:
+    """A part of the command line, "motor=Motor.fmu", or an FMU whose part is named like its file.
+
+    Raises SetupError for another text.
+    """
+    name, equals, file = text.partition("=")
+    if not equals or Path(text).is_file():
+        name, file = part_name(Path(text).stem), text
+    path = Path(file).expanduser()
+    if not name or path.suffix != ".fmu":
+        raise SetupError(
+            f"{text!r} must read NAME=FILE.fmu; of several files, each is the FMU of a part"
+        )
+    return name, path
+
+
+def _agreed(times: set[float | None]) -> float | None:
+    """The time [s] that all FMUs which state one agree on."""
+    stated = times - {None}
+    return stated.pop() if len(stated) == 1 else None
 
 
 def name_list(text: str) -> list[str]:
@@ -179,10 +213,13 @@ def substep_counts(texts: Sequence[str]) -> dict[str, int]:
 
 
 def add_options(parser: Parser, *, is_timed: bool) -> None:
-    """Add the file, its start values and how strictly it is read."""
-    parser.path(
-        "file", f".ssp, .ssd, {FILE}, a folder that contains one, or a single .fmu", metavar="file"
+    """Add the file or files, wires between parts, start values and how strictly all is read."""
+    text = (
+        f".ssp, .ssd, {FILE}, a folder that contains one, or FMUs: a.fmu, or motor=a.fmu pump=b.fmu"
     )
+    parser.add_argument("files", help=text, metavar="file", nargs="+")
+    text = "wire: 'motor.tau -> pump.tau', or 'motor.flange -- pump.flange' between terminals"
+    parser.several("--wire", text, metavar="WIRE")
     text = "start values: an .ssv, or a .csv with the columns name, value and unit"
     parser.path("--parameters", text)
     text = "start value of a parameter or input, with a unit if needed: motor.T=5ms"

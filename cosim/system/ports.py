@@ -83,6 +83,10 @@ class Catalog:
             part = text.partition(".")[0] if isinstance(name, str) else name[0]
             raise SetupError(f"{text}: there is no part {part!r}, only {choices}")
         part, variable = candidates[0]
+        if variable in self.fmus[part].terminals:
+            raise SetupError(
+                f"{part}.{variable} is a terminal: a wire joins it as '{part}.{variable} -- part.terminal'"
+            )
         choices = ", ".join(self.fmus[part].variables)
         raise SetupError(f"{part} has no variable {variable!r}, only {choices}")
 

@@ -49,6 +49,49 @@ def test_info_lists_what_a_system_consists_of(drive: Path, command_output: Comma
         assert line in text
 
 
+def test_fmus_are_coupled_on_the_command_line(
+    fmus: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
+    """Parts may come after options too; what their FMUs agree on is the stop time."""
+    motor, conveyor = fmus / "native" / "DriveMotor.fmu", fmus / "native" / "CrankConveyor.fmu"
+    out, shaft = tmp_path / "out.csv", "motor.flange -- conveyor.flange"
+    parts = {"motor": motor, "conveyor": conveyor}
+    options = ["--step", "0.001", "--stop", "0.2", "--out", out]
+    command_output("run", f"motor={motor}", f"conveyor={conveyor}", "--wire", shaft, *options)
+    result = run(System(parts, [shaft]), stop=0.2, step=0.001)
+    assert_array_equal(pd.read_csv(out).to_numpy(), result.data)
+    text = command_output("info", f"motor={motor}", "--wire", shaft, f"conveyor={conveyor}")
+    assert "motor.tau [N.m] -> conveyor.tau [N.m]" in text
+    command_output("export", f"motor={motor}", f"conveyor={conveyor}", "--wire", shaft, "--to", "ssp", "--out", tmp_path / "drive.ssp")  # fmt: skip
+    assert command_output("info", tmp_path / "drive.ssp").count("->") == text.count("->")
+
+
+@pytest.mark.parametrize(
+    ("files", "reason"),
+    [
+        (["motor=missing.fmu"], "part motor: there is no file missing.fmu"),
+        (["motor={}", "motor={}"], "two parts are named motor: "),
+        (["{}", "{}"], "two parts are named DriveMotor: "),
+        (["motor="], "'motor=' must read NAME=FILE.fmu"),
+        (["={}"], "must read NAME=FILE.fmu"),
+        (["{}=motor"], "must read NAME=FILE.fmu"),
+        (["a.ssp", "b.ssp"], "'a.ssp' must read NAME=FILE.fmu; of several files, each is the FMU"),
+        (["1a={}"], "part name '1a' must begin with a letter"),
+        (["a={}", "b={}", "--wire", "a.tau -> b.flange"], "'b.flange -- part.terminal'"),
+        (["a={}", "b={}", "--wire", "a.tau"], "wire 'a.tau' must read"),
+        (["a={}", "b={}", "--wire", "c.tau -> b.w"], "there is no part 'c', only a, b"),
+        (["a={}", "--wire", "a.tau -> b.w"], "there is no part 'b', only a"),
+        (["a={}", "b={}", "--standard"], "--standard checks one file"),
+    ],
+)
+def test_a_wrong_part_or_wire_is_refused_in_one_line(
+    files: list[str], reason: str, fmus: Path, command_output: CommandOutput
+) -> None:
+    motor = fmus / "native" / "DriveMotor.fmu"
+    given = [text.format(motor) for text in files]
+    assert reason in command_output("check", *given, "--stop", "1", code=2)
+
+
 def test_run_writes_what_the_api_computes(
     drive: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:

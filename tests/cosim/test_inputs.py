@@ -30,9 +30,8 @@ from cosim import (
     write_ssp,
 )
 from cosim.cli.main import main
-from cosim.cli.system_file import single_fmu_system
 from tests.cosim.conftest import CommandOutput
-from tests.cosim.foreign import pack
+from tests.cosim.foreign import pack, single_fmu_system
 
 A, B, T = 100.0, 2.0, 0.05
 RAMP = Table([0.0, 0.35, 0.35, 1.0], [0.0, 10.0, 20.0, 5.0])

@@ -24,11 +24,10 @@ import pytest
 from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
 from cosim.cli.commands import run as run_command
 from cosim.cli.main import main
-from cosim.cli.system_file import single_fmu_system
 from cosim.engine import driver, process_state
 from tests.conftest import ROOT, restore_ctrl_c, until
 from tests.cosim.conftest import CommandOutput
-from tests.cosim.foreign import pack
+from tests.cosim.foreign import pack, single_fmu_system
 
 COMMAND = [sys.executable, "-m", "cosim", "run"]
 

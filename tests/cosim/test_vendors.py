@@ -17,11 +17,10 @@ import pytest
 
 from cosim import Adaptive, Result, SetupError, System, run
 from cosim.cli.main import main
-from cosim.cli.system_file import single_fmu_system
 from cosim.engine.recorder import OutputGrid
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import CommandOutput
-from tests.cosim.foreign import pack
+from tests.cosim.foreign import pack, single_fmu_system
 
 H = 0.1
 
@@ -81,9 +80,9 @@ def test_an_fmu_may_log_from_a_separate_thread(tmp_path: Path) -> None:
     """Its step waits for the thread, and the thread for Python, which must not be locked."""
     fmu = pack(tmp_path / "A.fmu", chats=True)
     program = (
-        "from cosim.cli.system_file import single_fmu_system; from cosim import run\n"
+        "from cosim import System, run\n"
         "from pathlib import Path; import sys\n"
-        "print(run(single_fmu_system(Path(sys.argv[1])), stop=1.0, step=0.1).warnings)"
+        "print(run(System({'A': Path(sys.argv[1])}), stop=1.0, step=0.1).warnings)"
     )
     command = [sys.executable, "-c", program, str(fmu)]
     how: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 120}

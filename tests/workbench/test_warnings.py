@@ -14,11 +14,10 @@ import pytest
 
 from cosim import SimulationError, System, certify, quiet, run, run_isolated, write_ssp
 from cosim.cli.main import main
-from cosim.cli.system_file import single_fmu_system
 from cosim.engine.energy import bond_warnings
 from cosim.report import BondEnergy
 from cosim.verification.systems import SPRING_AND_MASS, couple
-from tests.cosim.foreign import pack
+from tests.cosim.foreign import pack, single_fmu_system
 from tests.cosim.test_cosim import WIRES
 from tests.cosim.test_library import drive
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from ... import describe
+from ...errors import SetupError
 from ...formats.ssp.standard import check_standard
 from ...requirements import setup_problems
 from ..command import Command
@@ -15,7 +17,9 @@ from ..system_file import add_stepping_options, open_system
 def check_system(options: argparse.Namespace) -> int:
     """Print notes and problems of a system; return 1 if it cannot run, or breaks the standard that is asked for."""
     if options.standard:
-        report = check_standard(options.file)
+        if len(options.files) > 1:
+            raise SetupError("--standard checks one file, an .ssp or an .ssd")
+        report = check_standard(Path(options.files[0]))
         print(report.text())
         return 0 if report.passed else 1
     with open_system(options) as file:

@@ -79,7 +79,7 @@ def _run_and_write(
     with claimed(path_at_end):
         try:
             start, stop = arguments["start"], arguments["stop"]
-            with quiet(), bar(options.file.stem, start, stop) as progress:
+            with quiet(), bar(file.title, start, stop) as progress:
                 arguments["progress"] = progress
                 if options.certify:
                     result, estimates = certify(file.system, runner=runner, **arguments)

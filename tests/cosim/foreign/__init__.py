@@ -30,6 +30,8 @@ from xml.sax.saxutils import quoteattr
 
 import fmpy
 
+from cosim import System
+from cosim.system import part_name
 from tests.cosim.compiled import binary
 
 Value = float | int | bool | str
@@ -119,6 +121,11 @@ def library() -> bytes:
         flags.append(f"-D{cell}_NAMES={','.join(v.name for v in variables)}")
         flags.append(f"-D{cell}_CAUSALITIES={','.join(v.causality.upper() for v in variables)}")
     return binary(Path(__file__).with_name("foreign.c"), *flags)
+
+
+def single_fmu_system(path: Path) -> System:
+    """A single FMU as a system; its part is named like the file as far as that is a name."""
+    return System({part_name(path.stem): path})
 
 
 def pack(path: Path, **start: Value) -> Path:
