@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from cosim import Result
-from cosim.accuracy.extrapolation import STEP_RATIO, bound_coupling_error, estimate_of_orders
+from cosim.accuracy.extrapolation import NOT_CONVERGED, STEP_RATIO, estimate_of_orders
 from cosim.accuracy.function_error import ObservedResult, after_divergence
+from cosim.accuracy.metric_error import BOTH_ROWS
 
 from .figure import Figure
 
@@ -60,7 +61,12 @@ def _add(runs: Sequence[Figure | None], orders: Sequence[float]) -> Figure:
     values = [run.value for run in runs if run is not None and run.error is not None]
     if len(values) < len(runs):
         return Figure.undetermined(finest.unit, SOME_RUNS, finest.meaning)
-    error = estimate_of_orders(values, orders).error
-    if error is None or len(set(values)) == 1:
-        error = bound_coupling_error(values, orders[0])
+    if len(set(values)) == 1 and values[0] == round(values[0]):
+        return finest  # a count that all runs agree on
+    error, spread = estimate_of_orders(values, orders).error, max(values) - min(values)
+    own = max(run.error for run in runs if run is not None and run.error is not None)
+    if error is None and spread <= BOTH_ROWS * own:
+        error = spread  # no more than what the rows leave open in two runs
+    if error is None:
+        return Figure.undetermined(finest.unit, NOT_CONVERGED, finest.meaning)
     return finest._replace(error=finest.error + error)

@@ -9,13 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cosim import SetupError
+from cosim.rounding import LEAST_POWER, rounded
 
 #: Significant digits of a value with its error, a convention of this project: more are never of use.
 MOST_DIGITS = 6
-#: Digits of an error, a convention of the Guide to the Expression of Uncertainty in Measurement (7.2.6).
-ERROR_DIGITS = 2
-#: The power of ten of the last digit below which numbers are written with an exponent, a convention of this project.
-LEAST_POWER = -7
 #: Significant digits of a figure in a sentence, a convention of this project; tables have MOST_DIGITS.
 SENTENCE_DIGITS = 4
 #: Significant digits of a difference in percent in a sentence, a convention of this project.
@@ -79,7 +76,7 @@ class Figure(NamedTuple):
             return f"not determined ({self.reason})" if self.reason else "not determined"
         if self.error == 0.0:
             return f"{self.value:.6g}{unit}"
-        value, error = rounded(self.value, self.error)
+        value, error = rounded(self.value, self.error, MOST_DIGITS)
         return f"{value} ± {error}{unit}"
 
     def brief(self, unit: str = "") -> str:
@@ -106,7 +103,8 @@ class Figure(NamedTuple):
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""
         value = self.value if math.isfinite(self.value) else None
-        record = {"value": value, "unit": self.unit, "error": self.error}
+        error = self.error if self.error is not None and math.isfinite(self.error) else None
+        record = {"value": value, "unit": self.unit, "error": error}
         return record | {"meaning": self.meaning, "reason": self.reason}
 
 
@@ -214,26 +212,3 @@ def concise(figure: Figure, digits: int) -> str:
     texts = (certain(figure.value, figure.error or 0.0, n) for n in range(digits, 0, -1))
     text = next((text for text in texts if text), "")
     return f"{text} {figure.unit}" if text and figure.error is not None else figure.text()
-
-
-def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str, str]:
-    """Return value and error as texts, the error rounded up to two digits.
-
-    The value has the digits that the error reaches, and no more than so many `digits`; the error then
-    covers the rounding, too.
-    """
-    if not math.isfinite(error):
-        return f"{value:.6g}", "?"
-    digit = math.floor(math.log10(error)) - (ERROR_DIGITS - 1)
-    last = math.floor(math.log10(abs(value))) + 1 - digits if value else digit
-    up = math.ceil(error / 10.0**digit - 1e-9)
-    if last > digit:
-        digit, up = last, math.ceil(error / 10.0**last + 0.5)
-    if up >= 10**ERROR_DIGITS:
-        digit, up = digit + 1, 10 ** (ERROR_DIGITS - 1)
-    if digit > 0:
-        return f"{round(value / 10.0**digit) * 10**digit:.0f}", f"{up * 10**digit:.0f}"
-    if digit >= LEAST_POWER:
-        return f"{value:z.{-digit}f}", f"{up * 10.0**digit:.{-digit}f}"
-    power = math.floor(math.log10(max(abs(value), error)))
-    return f"{value:.{power - digit}e}", f"{up * 10.0**digit:.1e}"

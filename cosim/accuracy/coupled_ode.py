@@ -14,6 +14,7 @@ import numpy as np
 
 from ..engine.changes import discrete_changes
 from ..engine.initialise import prepare
+from ..engine.newton import SINGULAR_EXACT, condition, solve_fixed_point
 from ..engine.part import WiredPart
 from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
@@ -25,15 +26,9 @@ from ..system.inputs import Table
 
 #: A part that offers model exchange.
 ExchangePart = WiredPart[ModelExchange]
-#: Condition number from which on an algebraic loop counts as singular. Derived: a solution loses as many digits
-#: as the condition number has, and of the sixteen of a double four remain.
-SINGULAR = 1e12
-#: Change of an input, relative to 1 + |value|, below which it is settled. A convention: the tolerance of the
-#: reference solution, below which an error is none.
+#: Change of an input over its size, below which it is settled. A convention: the tolerance of the reference
+#: solution, below which an error is none.
 SETTLED = 1e-12
-#: Newton iterations of an algebraic loop. A convention: the method doubles the right digits, so that a loop
-#: which it solves at all takes a few.
-MOST_ITERATIONS = 20
 
 
 class Blocks(NamedTuple):
@@ -189,16 +184,13 @@ class CoupledOde:
 
     def closure(self, blocks: Blocks) -> Array:
         """I - F D, by which the inputs follow what is put on them; SetupError if it is singular."""
-        from scipy.linalg import matrix_balance
-
         loop = blocks.F @ blocks.D
         index_of = {port.name: k for k, port in enumerate(self.inputs)}
         for ring in algebraic_loops(self.network):
             indices = [index_of[w.target.name] for w in ring if w.target.name in index_of]
             if not indices:
                 continue
-            inner, _ = matrix_balance(loop[np.ix_(indices, indices)])
-            if np.linalg.cond(np.eye(len(indices)) - inner) > SINGULAR:
+            if condition(np.eye(len(indices)) - loop[np.ix_(indices, indices)]) > SINGULAR_EXACT:
                 raise SetupError(f"the algebraic loop has no solution: {describe_loop(ring)}")
         return np.eye(len(self.inputs)) - loop
 
@@ -238,31 +230,38 @@ class CoupledOde:
         )
 
     def _solve(self) -> None:
-        """The Real inputs of an algebraic loop by Newton's method; raises FmuError."""
+        """The Real inputs of an algebraic loop, from the exact derivatives; raises FmuError."""
         blocks = [b for part in self.parts for b in part.inputs if b.real]
         names = [name for block in blocks for name in block.names]
         index_of = {port.name: k for k, port in enumerate(self.inputs)}
         indices = [index_of[name] for name in names]
-        for _ in range(MOST_ITERATIONS):
-            guess = np.array([value for block in blocks for value in block.cells])
-            if not np.isfinite(guess).all():
+
+        def response(z: Array) -> Array:
+            if not np.isfinite(z).all():
                 raise EvaluationError("the values of an algebraic loop are no longer finite")
-            for part in self.parts:
-                part.apply_links()
-            residual = np.array([value for block in blocks for value in block.cells]) - guess
-            tolerance = SETTLED * (1.0 + np.abs(guess).max())
-            step = np.linalg.solve(self.closure(self.blocks())[np.ix_(indices, indices)], residual)
-            values = iter((guess + step).tolist())
+            values = iter(z.tolist())
             for block in blocks:
                 block.cells[:] = [next(values) for _ in block.cells]
                 block.move()
             for part in self.parts:
                 for block in part.outputs:
                     block.move()
-            if np.abs(step).max() <= tolerance:
-                return
-        loops = "; ".join(describe_loop(loop) for loop in algebraic_loops(self.network))
-        raise FmuError(f"the algebraic loop was not solved at t = {self.t!r} s: {loops}")
+            for part in self.parts:
+                part.apply_links()
+            return np.array([value for block in blocks for value in block.cells])
+
+        def derivative() -> Array:
+            return np.eye(len(names)) - self.closure(self.blocks())[np.ix_(indices, indices)]
+
+        guess = np.array([value for block in blocks for value in block.cells])
+        nominal = np.array([size for block in blocks for size in block.nominals()])
+        if worst := solve_fixed_point(
+            response, guess, nominal, names, derivative=derivative, tolerance=SETTLED
+        ):
+            loops = "; ".join(describe_loop(loop) for loop in algebraic_loops(self.network))
+            raise FmuError(
+                f"the algebraic loop was not solved at t = {self.t!r} s, {worst} off: {loops}"
+            )
 
     def _require_going(self, part: ExchangePart, *, end: bool) -> None:
         if end:

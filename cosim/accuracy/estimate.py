@@ -5,12 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-#: Decimals of a value whose error is 0 or far below it: convention, more than any figure here has certain.
-MOST_DECIMALS = 7
-#: The error of a value is written with this many units of its last digit at most: convention, two digits.
-LARGEST_TWO_DIGITS = 99
-#: An error that exceeds a whole number of units by this share of a unit is not rounded up: rounding.
-ROUNDING_FRACTION = 1e-9
+from ..rounding import rounded
 
 
 class Estimate(NamedTuple):
@@ -40,24 +35,8 @@ class Estimate(NamedTuple):
         """
         if self.error is None:
             return f"{self.value:.5g} {unit} ({self.reason or self._unconverged()})"
-        digits = MOST_DECIMALS
-        if self.error > 0.0:
-            digits = min(digits, 1 - math.floor(math.log10(self.error)))
-        value, units = self._rounded(digits)
-        if units > LARGEST_TWO_DIGITS:
-            digits -= 1
-            value, units = self._rounded(digits)
-        decimals = max(0, digits)
-        return f"{value:.{decimals}f} +- {units * 10.0**-digits:.{decimals}f} {unit}"
-
-    def _rounded(self, digits: int) -> tuple[float, int]:
-        """The value with this many decimals, and its error in units of the last of them.
-
-        The error includes that of rounding.
-        """
-        value = round(self.value, digits)
-        error = (self.error or 0.0) + abs(self.value - value)
-        return value, max(1, math.ceil(error * 10.0**digits * (1 - ROUNDING_FRACTION)))
+        value, error = rounded(self.value, self.error)
+        return f"{value} +- {error} {unit}"
 
     def _unconverged(self) -> str:
         if math.isfinite(self.order):

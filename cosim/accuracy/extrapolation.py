@@ -382,7 +382,8 @@ def extrapolate(
     -------
     Estimate
         Its error is the distance of what the finer pair of runs extrapolates to from what the coarser pair does,
-        which is at least twice as wrong. The errors of the finer two values are added with the weights that
+        which is 2^q times as wrong where differences fall with the order q; below order 1 the distance is less than
+        the error and is divided by 2^q - 1. The errors of the finer two values are added with the weights that
         these have in the extrapolated one. Values that move by little and in no order are not
         extrapolated and keep four times their moves as error. The error is None, with a reason, where there are
         fewer than three values, or where they move by more and in no order.
@@ -399,7 +400,10 @@ def extrapolate(
     observed = math.log2(abs(previous / last)) if last else math.inf
     gain = STEP_RATIO**order - 1.0
     limit, coarse_limit = fine + last / gain, middle + previous / gain
-    error = abs(limit - coarse_limit) + EXTRAPOLATION_SHARE * abs(last)
+    distance = abs(limit - coarse_limit)
+    if observed < 1.0:
+        distance /= math.pow(STEP_RATIO, observed) - 1.0
+    error = distance + EXTRAPOLATION_SHARE * abs(last)
     error_of_values = errors[0] + (errors[0] + errors[1]) / gain
     return Estimate(limit, error + error_of_values, observed)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FmuError
+from ..errors import FmuError, SetupError
 from ..fmu.buffers import Slot
 from ..fmu.fmi2 import CoSimulation2
 from ..fmu.fmi3 import CoSimulation3
@@ -306,7 +306,10 @@ def settle(parts: Sequence[WiredPart[I]], t: float) -> None:
     else:
         names = [name for block in real for name in block.names]
         nominal = np.array([size for block in real for size in block.nominals()])
-        solve_fixed_point(response, response(), nominal, names)
+        if worst := solve_fixed_point(response, response(), nominal, names):
+            raise SetupError(
+                f"the start values of an algebraic loop were not found; still off: {worst}"
+            )
     for block in outputs:
         block(t)
 

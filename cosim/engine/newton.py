@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-
-from ..errors import SetupError
 
 Array = NDArray[np.float64]
 
@@ -20,17 +19,31 @@ TOLERANCE = 1e-10
 #: The step of a difference over the size of its signal. Derived: the square root of what is left of 16
 #: digits after FMUs have lost four, (1e-12) ** 0.5.
 DIFFERENCE = 1e-6
-#: The condition of the balanced Jacobian above which it is singular. Derived: differences give it to
+#: The condition of the scaled Jacobian above which it is singular. Derived: differences give it to
 #: about DIFFERENCE, and a hundred times less must be left of the solution.
 SINGULAR = 1e8
+#: The same where the derivatives are exact. Derived: a solution loses as many digits as the condition number has, and
+#: of the sixteen of a double four remain.
+SINGULAR_EXACT = 1e12
+#: By how much an iteration must reduce the residual to be followed by another, once all signals are within their
+#: nominal sizes. Derived: Newton's method squares it, and rounding does not reduce it at all.
+WORTHWHILE = 0.5
 
 
 def solve_fixed_point(
-    response: Callable[[Array], Array], z: Array, nominal: Array, names: Sequence[str]
-) -> None:
+    response: Callable[[Array], Array],
+    z: Array,
+    nominal: Array,
+    names: Sequence[str],
+    *,
+    derivative: Callable[[], Array] | None = None,
+    tolerance: float = TOLERANCE,
+) -> str:
     """Find z = response(z), and leave the system at the solution.
 
-    Newton's method with forward differences. Whether the Jacobian is singular is decided after balancing,
+    Newton's method. Every signal is solved to the tolerance of its own size, however large another one in the
+    loop is. One that comes no closer, since it is a small difference of larger signals, is solved to the
+    tolerance of these or of its nominal value. Whether the Jacobian is singular is decided after scaling,
     which takes out the units of the signals: coefficients of 1e6 and 1e-6 that meet in one loop are as
     harmless as two of 1.
 
@@ -44,27 +57,40 @@ def solve_fixed_point(
         The sizes of the signals, shape (n,).
     names
         The signals, for the message.
+    derivative
+        The derivative of the response where the system is, shape (n, n); by default forward differences.
+    tolerance
+        The largest residual over the size of a signal.
 
-    Raises
-    ------
-    SetupError
-        With signals and residuals, if there is no solution or no convergence.
+    Returns
+    -------
+    str
+        "" if solved; else the signals that are still off, and by how much.
     """
     residual = response(z) - z
+    worst, size = math.inf, nominal + np.abs(z)
     for _ in range(MOST_ITERATIONS):
-        if (np.abs(residual) <= TOLERANCE * (nominal + np.abs(z))).all():
-            return
-        jacobian = _jacobian(response, z, residual, nominal)
-        if not np.isfinite(jacobian).all() or _condition(jacobian) > SINGULAR:
+        remaining = np.abs(residual)
+        unsettled = ~(remaining <= tolerance * np.abs(z))
+        if not unsettled.any():
+            return ""
+        previous, worst = worst, float((remaining / nominal)[unsettled].max())
+        if (remaining <= tolerance * size).all() and worst > WORTHWHILE * previous:
+            return ""
+        if derivative is None:
+            jacobian, most = _jacobian(response, z, residual, nominal), SINGULAR
+        else:
+            jacobian, most = derivative() - np.eye(len(z)), SINGULAR_EXACT
+        if not np.isfinite(jacobian).all() or condition(jacobian) > most:
             break
         z = z - np.linalg.solve(jacobian, residual)
         residual = response(z) - z
-    worst = ", ".join(
+        size = nominal + np.abs(jacobian) @ np.abs(z)
+    return ", ".join(
         f"{name} by {r:.2g}"
-        for name, r, size in zip(names, residual, nominal)
-        if not abs(r) <= TOLERANCE * size
+        for name, r, of_signal in zip(names, residual, size)
+        if not abs(r) <= tolerance * of_signal
     )
-    raise SetupError(f"the start values of an algebraic loop were not found; still off: {worst}")
 
 
 def _jacobian(
@@ -79,9 +105,12 @@ def _jacobian(
     return np.array(columns).T
 
 
-def _condition(jacobian: Array) -> float:
-    """The condition number after balancing: Parlett and Reinsch, Numer. Math. 13 (1969)."""
-    from scipy.linalg import matrix_balance
+def condition(matrix: Array) -> float:
+    """The condition number after its rows and columns are scaled to a largest element of 1.
 
-    balanced, _ = matrix_balance(jacobian)
-    return float(np.linalg.cond(balanced))
+    Such a matrix has nearly the least condition that any scaling gives it (van der Sluis, Numer. Math. 14, 1969).
+    """
+    scaled = np.abs(matrix).max(axis=1, keepdims=True)
+    rows = matrix / np.where(scaled > 0.0, scaled, 1.0)
+    largest = np.abs(rows).max(axis=0)
+    return float(np.linalg.cond(rows / np.where(largest > 0.0, largest, 1.0)))

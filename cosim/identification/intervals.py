@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import SetupError
 from ..result import SimulationError
+from ..rounding import rounded
 from .chi2 import SIGNIFICANCE
 from .fit import Minimum
 from .linearisation import DEVIATIONS, Linearisation, Refinement, covariance
@@ -45,8 +46,6 @@ AMBIGUOUS_RISE = float(stats.chi2.isf(SIGNIFICANCE, 1))
 #: Two machines are different if a derived quantity differs by more than so many half-widths. Chosen: intervals that
 #: do not touch by as much as either is wide.
 DIFFERENT_HALF_WIDTHS = 3.0
-#: Digits of an error that a text shows. Convention: two.
-ERROR_DIGITS = 2
 
 
 class Interval(NamedTuple):
@@ -71,8 +70,8 @@ class Interval(NamedTuple):
         """The value and its interval, rounded to two digits of this."""
         if not 0.0 < self.error < math.inf:
             return f"{self.value:.6g} {self.unit} (not determined)".replace("  ", " ")
-        decimals = max(0, ERROR_DIGITS - 1 - math.floor(math.log10(self.error)))
-        return f"{self.value:.{decimals}f} +- {self.error:.{decimals}f} {self.unit}".rstrip()
+        value, error = rounded(self.value, self.error)
+        return f"{value} +- {error} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)

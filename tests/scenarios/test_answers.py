@@ -17,6 +17,7 @@ from fmpy.model_description import read_model_description
 
 import scenarios
 from cosim import SetupError, System
+from cosim.rounding import rounded
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import FIELDS, Machine
 from scenarios.iron import machine as iron
@@ -27,7 +28,7 @@ from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.catalog import load_module, names
 from workbench.cli import main
 from workbench.export import content, finish, write
-from workbench.figure import Figure, rounded
+from workbench.figure import MOST_DIGITS, Figure
 from workbench.measure import harmonics
 
 QUESTIONS = [
@@ -264,8 +265,8 @@ def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     answer = plain(name) if name != "resonance" else ask(name, speeds="34:46:7", steps_per_rev=128)
     figures = [figure for figure in answer.figures.values() if figure.error is not None]
     errors = [f for f in figures if f.error]
-    rounded_figures = {(*rounded(abs(f.value), f.error), f.unit) for f in errors}
-    rounded_figures |= {(*rounded(f.value, f.error), f.unit) for f in errors}
+    rounded_figures = {(*rounded(abs(f.value), f.error, MOST_DIGITS), f.unit) for f in errors}
+    rounded_figures |= {(*rounded(f.value, f.error, MOST_DIGITS), f.unit) for f in errors}
     rounded_figures |= {
         (value, error, "degrees") for value, error, unit in rounded_figures if unit == "deg"
     }
@@ -281,7 +282,9 @@ def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     shares = [100 * f.value / x.value for f, x in pairs]
     offs = [(100 * (f.value / x.value - 1), 100 * (f.error + x.error) / x.value) for f, x in pairs]
     rounded_figures |= {
-        (*rounded(abs(difference), abs(error)), "%") for difference, error in offs if error
+        (*rounded(abs(difference), abs(error), MOST_DIGITS), "%")
+        for difference, error in offs
+        if error
     }
     values += [(x, "%") for share in shares for x in (share, share - 100, abs(share - 100))]
     values += [(share * x / 100, unit) for share, u in options if u == "%" for x, unit in options]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from cosim import Result
+from cosim import Result, estimate
 from cosim.accuracy.extrapolation import bound_coupling_error, extrapolate
 from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
@@ -111,6 +111,26 @@ def test_a_limit_lies_within_its_error_and_an_error_is_never_nothing(order: floa
             assert limit.error > 0.0
             missed += abs(limit.value - 3.0) > limit.error
     assert missed <= 3
+
+
+@pytest.mark.parametrize("power", [0.6, 0.7, 0.8, 0.9, 1.0])
+def test_a_limit_that_is_approached_slowly_lies_within_its_error(power: float) -> None:
+    """The finer pair extrapolates to 2^q - 1 of its own distance from the coarser one's."""
+    limit = extrapolate([1.0 + 2 ** (power * k) for k in range(3)], 1.0)
+    assert limit.error is not None and abs(limit.value - 1.0) <= limit.error
+
+
+@pytest.mark.parametrize("values", [(1.0, 1.1, 1.11), (2.0, 1.0, 0.99), (1.0, 1.5, 1.2)])
+def test_what_certify_refuses_is_no_figure_of_a_question_either(
+    values: tuple[float, float, float],
+) -> None:
+    results = [result_of_steps(steps) for steps in (1.0, 2.0, 4.0)]
+    figures = [{"x": Figure(value, "N", 0.001, "force")} for value in values]
+    assert estimate(values, 2.0).error is None
+    figure = with_coupling_errors(lambda _: figures[0], results, figures)["x"]
+    assert (figure.error, figure.reason) == (None, "results do not converge as the step is halved")
+    rough = [figure._replace(value=value, error=1.0) for value in values]
+    assert with_coupling_errors(lambda _: rough[0], results, [{"x": f} for f in rough])["x"].error
 
 
 @pytest.mark.parametrize(("order", "power"), [(2.0, 2.0), (2.0, 1.0), (2.0, 3.0), (1.0, 1.0)])

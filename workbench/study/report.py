@@ -16,10 +16,11 @@ import pandas as pd
 import cosim
 from cosim import SetupError
 from cosim.errors import pluralize
+from cosim.rounding import rounded
 
 from ..answer import Answer, Show, Table
 from ..charts.mpl import draw
-from ..figure import rounded
+from ..figure import MOST_DIGITS
 from ..runs.worker import OK, Outcome
 from . import charts
 from .file import Study
@@ -117,7 +118,7 @@ def _spread(column: pd.Series[float], unit: str) -> str:
         return f"{name} is {y.min():.6g}{unit} in {runs}"
     if not unit and charts.flag(y):
         return f"{name} is 1 in {pluralize(int(y.sum()), 'run')} and 0 in {len(y) - y.sum():.0f}"
-    low, high, mean = (rounded(x, y.std())[0] for x in (y.min(), y.max(), y.mean()))
+    low, high, mean = (rounded(x, y.std(), MOST_DIGITS)[0] for x in (y.min(), y.max(), y.mean()))
     return (
         f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "
         f"standard deviation of {y.std():.2g}{unit}"
