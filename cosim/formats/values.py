@@ -7,11 +7,12 @@ from pathlib import Path
 
 from ..errors import SetupError
 from ..system import READ, Network, Value
+from ..system.base_units import Unit
 from ..system.inputs import read_table
 from .ssp.files import Budget, parse
 from .ssp.parameters import Parameter, parameters_of
 from .ssp.plan import Node, Plan, dotted
-from .ssp.units import Unit, definitions
+from .ssp.units import definitions
 
 COLUMNS = ("name", "value", "unit")
 

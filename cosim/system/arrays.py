@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import product
 from math import prod
-from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
-from zipfile import ZipFile
 
 from ..errors import SetupError
 from .description import Item, SimpleType, Variable
@@ -28,13 +25,11 @@ class Elements:
     Element [1] of an array is the first, as in the names that FMI 3.0 gives elements.
     """
 
-    def __init__(self, path: Path, originals: Sequence[Any], *, is_fmi3: bool) -> None:
-        self._root: Any = None
-        self._xml: dict[str | None, Any] = {}
-        if is_fmi3:
-            with ZipFile(path) as archive:
-                self._root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-            self._xml = {x.get("name"): x for x in self._root.iterfind("ModelVariables/*")}
+    def __init__(self, root: Any, originals: Sequence[Any], *, is_fmi3: bool) -> None:
+        self._root = root if is_fmi3 else None
+        self._xml = {x.get("name"): x for x in root.iterfind("ModelVariables/*")}
+        if not is_fmi3:
+            self._xml = {name: _typed(x) for name, x in self._xml.items()}
         _require_countable(originals)
         self._types: dict[int, SimpleType] = {}
         self._families: dict[int, Sequence[Variable]] = {}
@@ -71,8 +66,9 @@ class Elements:
         states: Sequence[Variable | None] = (
             self.of(original.derivative) if original.derivative is not None else ()
         )
-        xml = self._xml.get((original.alias or original).name) if self._xml else None
-        names, starts = _names(original), _starts(original, xml)
+        xml = self._xml[original.name if self._root is None else (original.alias or original).name]
+        names = _names(original)
+        starts = [original.start] if self._root is None else _starts(original, xml)
         states = states or [None] * len(names)
         family: list[Variable] = []
         common = self._common(original, xml)
@@ -85,7 +81,6 @@ class Elements:
     def _common(self, original: Any, xml: Any) -> dict[str, Any]:
         """What all elements of a variable share."""
         native = str(original.type)
-        limits = original if xml is None else None
         declared = self._type(original.declaredType)
         common = {
             "valueReference": original.valueReference,
@@ -99,14 +94,21 @@ class Elements:
             "shape": tuple(original.shape or ()),
             "unit": original.unit,
             "nominal": original.nominal,
-            "min": xml.get("min") if limits is None else original.min,
-            "max": xml.get("max") if limits is None else original.max,
+            "min": xml.get("min"),
+            "max": xml.get("max"),
         }
         if declared is not None:
             for name in ("unit", "min", "max", "nominal"):
                 if common[name] is None:
                     common[name] = getattr(declared, name)
-        if xml is not None:
+        is_difference = xml.get("relativeQuantity")
+        if is_difference is None:
+            common["relativeQuantity"] = bool(
+                getattr(original.declaredType, "relativeQuantity", False)
+            )
+        else:
+            common["relativeQuantity"] = is_difference.strip() in TRUE
+        if self._root is not None:
             common |= {
                 "intermediateUpdate": xml.get("intermediateUpdate") in TRUE,
                 "intervalVariability": original.intervalVariability,
@@ -146,10 +148,13 @@ def _names(original: Any) -> list[str]:
     return [f"{original.name}[{','.join(map(str, index))}]" for index in indices]
 
 
+def _typed(variable: Any) -> Any:
+    """The element of a variable of FMI 2.0 that says its type."""
+    return next(x for x in variable.iterchildren("*") if x.tag != "Annotations")
+
+
 def _starts(original: Any, xml: Any) -> Sequence[str | None]:
-    """The start values of the elements; one that is given alone is that of all."""
-    if xml is None:
-        return [original.start]
+    """The start values of the elements in FMI 3.0; one that is given alone is that of all."""
     count = prod(original.shape)
     if original.type in ("String", "Binary"):
         starts: list[str | None] = [start.get("value", "") for start in xml.findall("Start")]

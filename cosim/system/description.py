@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from .base_units import BaseUnit, Unit
+from .base_units import Unit
 
 Value = float | int | bool | str
 #: Capabilities by FMI's names of them.
@@ -63,6 +63,8 @@ class Variable:
         The elements that are got and set together, in FMI's sequence; the variable alone if it is no array.
     derivative
         The variable that this is the derivative of.
+    relativeQuantity
+        Whether it is a difference, for which the offset of its unit is ignored.
     interval, shift
         Of a clock [s].
     """
@@ -82,6 +84,7 @@ class Variable:
     nominal: str | None = None
     declaredType: SimpleType | None = None
     derivative: Variable | None = None
+    relativeQuantity: bool = False
     shape: tuple[int, ...] = ()
     family: Sequence[Variable] = ()
     intermediateUpdate: bool = False
@@ -171,7 +174,7 @@ class ModelDescription:
 
 @dataclass(frozen=True)
 class Fmu:
-    """A model description, its variables by name, its units in SI base units by name.
+    """A model description, its variables and its units by name.
 
     Attributes
     ----------
@@ -187,7 +190,7 @@ class Fmu:
 
     description: ModelDescription
     variables: Mapping[str, Variable]
-    units: Mapping[str, BaseUnit | None]
+    units: Mapping[str, Unit]
     schema_warning: str = ""
     terminals: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)

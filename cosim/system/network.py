@@ -280,10 +280,9 @@ def types_match(source: str, target: str) -> bool:
 
 def _conversion(catalog: Catalog, source: Port, target: Port) -> tuple[float, float]:
     """Factor and offset from the source's unit to the target's; no unit fits every unit."""
-    if not source.unit or not target.unit or source.unit == target.unit:
+    if not source.unit or not target.unit:
         return 1.0, 0.0
-    from_unit, to_unit = catalog.base_unit(source), catalog.base_unit(target)
-    factors = unit_conversion(from_unit, to_unit) if from_unit and to_unit else None
-    if factors is None:
-        raise SetupError(f"{source} cannot drive {target}")
-    return factors
+    try:
+        return unit_conversion(catalog.unit(source), catalog.unit(target))
+    except SetupError as error:
+        raise SetupError(f"{source} cannot drive {target}: {error}") from None

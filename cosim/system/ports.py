@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from ..errors import SetupError
-from ..units import multiples
-from .base_units import BaseUnit, unit_conversion
+from .base_units import BaseUnit, Unit, common_unit, found_unit, unit_conversion
 from .description import Fmu, ModelDescription, Value, Variable
 from .wires import Name, System, dotted
 
@@ -99,36 +98,54 @@ class Catalog:
                 return self.fmus[part].shapes[variable], elements
         return (), [self.port(name)]
 
+    def unit(self, port: Port) -> Unit:
+        """The unit of a port as its FMU defines it; no definition if it does not say.
+
+        That of a difference has no offset.
+        """
+        unit = self.fmus[port.part].units.get(port.unit, Unit(port.unit))
+        return unit.without_offset() if port.variable.relativeQuantity else unit
+
     def base_unit(self, port: Port) -> BaseUnit | None:
         """The unit of a port in SI base units, None if its model description does not say."""
-        return self.fmus[port.part].units.get(port.unit)
+        return self.unit(port).baseUnit
 
 
 def conversion_to(catalog: Catalog, port: Port, unit: str, purpose: str) -> tuple[float, float]:
     """Factor and offset from a unit to that of a port, which is to do `purpose` in that unit.
 
-    The port's display units, common multiples of its own unit and all units that an FMU of the system
-    defines are known. Raises SetupError for others.
+    A name means first what the port's own FMU says: a display unit of the port's unit, then a unit that
+    it defines. Then come the common units of measurements, and last what the other FMUs of the system
+    define. Raises SetupError for other names, units that do not fit, and names with two meanings.
     """
     if unit in ("", port.unit):
         return 1.0, 0.0
-    units = [defined for d in catalog.descriptions.values() for defined in d.unitDefinitions]
-    for display in (
-        s for defined in units if defined.name == port.unit for s in defined.displayUnits
-    ):
-        if display.name == unit:
-            return 1.0 / display.factor, -display.offset / display.factor
-    common = multiples(port.unit)
-    if unit in common:
-        return common[unit], 0.0
-    source = next((defined.baseUnit for defined in units if defined.name == unit), None)
-    target = catalog.base_unit(port)
-    if source is None or target is None:
-        raise SetupError(f"{port} cannot {purpose} in {unit}: no FMU here defines that unit")
-    factors = unit_conversion(source, target)
-    if factors is None:
-        raise SetupError(f"{port} cannot {purpose} in {unit}")
-    return factors
+    target = catalog.unit(port)
+    try:
+        for display in target.displayUnits:
+            if display.name == unit:
+                target.shown_in(display)  # refuses what converts nothing
+                return 1.0 / display.factor, -display.offset / display.factor
+        source = _meaning(catalog, port, unit)
+        if source.baseUnit is None:
+            raise SetupError("no FMU here defines that unit")
+        if port.variable.relativeQuantity:
+            source = source.without_offset()
+        if target.baseUnit is None:
+            target = common_unit(port.unit)
+        return unit_conversion(source, target)
+    except SetupError as error:
+        raise SetupError(f"{port} cannot {purpose} in {unit}: {error}") from None
+
+
+def _meaning(catalog: Catalog, port: Port, unit: str) -> Unit:
+    """What a name of a unit means where a port is given a value; not defined if nothing says."""
+    own = catalog.fmus[port.part].units.get(unit, Unit(unit))
+    if own.baseUnit is not None:
+        return own
+    others = (fmu.units[unit] for fmu in catalog.fmus.values() if unit in fmu.units)
+    common = common_unit(unit)
+    return found_unit(unit, others) if common.baseUnit is None else common
 
 
 def split_name(name: str) -> list[tuple[str, str]]:

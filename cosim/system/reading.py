@@ -14,9 +14,10 @@ from zipfile import ZipFile
 
 import fmpy
 from fmpy.model_description import read_model_description
+from lxml import etree
 
 from ..errors import SetupError
-from .arrays import Elements
+from .arrays import TRUE, Elements
 from .base_units import BaseUnit, DisplayUnit, Unit
 from .description import (
     Experiment,
@@ -96,8 +97,9 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     if original.fmiVersion not in ("2.0", "3.0"):
         raise SetupError(f"is FMI {original.fmiVersion}; {WANTED}")
     try:
-        elements = Elements(path, original.modelVariables, is_fmi3=original.fmiVersion == "3.0")
-        description = _copied(original, elements)
+        root = _root(path)
+        elements = Elements(root, original.modelVariables, is_fmi3=original.fmiVersion == "3.0")
+        description = _copied(original, elements, root)
     except SetupError:
         raise
     except Exception as error:
@@ -106,7 +108,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     for variable in description.modelVariables:
         if variables.setdefault(variable.name, variable) is not variable:
             raise SetupError(f"is not a valid FMU: it has two variables named {variable.name}")
-    units = {unit.name: unit.baseUnit for unit in reversed(description.unitDefinitions)}
+    units = {unit.name: unit for unit in reversed(description.unitDefinitions)}
     terminals, wrong = _terminals(path) if TERMINALS in files else ({}, "")
     return Fmu(
         description,
@@ -141,8 +143,15 @@ def _files(path: Path) -> list[str]:
     return files
 
 
-def _copied(original: Any, elements: Elements) -> ModelDescription:
-    """Our view of what FMPy has read."""
+def _root(path: Path) -> Any:
+    """The root of a description as XML, each element with its line."""
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
+    with ZipFile(path) as archive:
+        return etree.fromstring(archive.read(XML), parser)
+
+
+def _copied(original: Any, elements: Elements, root: Any) -> ModelDescription:
+    """Our view of what FMPy has read of the XML."""
 
     def unknowns(of: Sequence[Any]) -> tuple[Unknown, ...]:
         return tuple(
@@ -168,7 +177,9 @@ def _copied(original: Any, elements: Elements) -> ModelDescription:
             original.modelExchange, provides_derivatives=elements.derivatives("ModelExchange")
         ),
         defaultExperiment=_experiment(original.defaultExperiment),
-        unitDefinitions=tuple(map(_unit, original.unitDefinitions)),
+        unitDefinitions=tuple(
+            map(_unit, original.unitDefinitions, root.iterfind("UnitDefinitions/Unit"))
+        ),
         modelVariables=elements.all(original.modelVariables),
         outputs=unknowns(original.outputs),
         derivatives=unknowns(original.derivatives),
@@ -206,11 +217,14 @@ def _experiment(original: Any) -> Experiment:
     )
 
 
-def _unit(original: Any) -> Unit:
+def _unit(original: Any, xml: Any) -> Unit:
     base = original.baseUnit
     if base is not None:
         base = BaseUnit(**{name: getattr(base, name) for name in BaseUnit.__dataclass_fields__})
-    display_units = tuple(DisplayUnit(d.name, d.factor, d.offset) for d in original.displayUnits)
+    display_units = tuple(
+        DisplayUnit(d.name, d.factor, d.offset, element.get("inverse") in TRUE)
+        for d, element in zip(original.displayUnits, xml.iterfind("DisplayUnit"))
+    )
     return Unit(original.name, base, display_units)
 
 

@@ -20,7 +20,7 @@ from cosim import SetupError, System, Wire, linearize, oracle, run
 from cosim.describe import info
 from cosim.engine.energy import find_bonds
 from cosim.system import connect, unit_conversion
-from cosim.system.base_units import BaseUnit
+from cosim.system.base_units import BaseUnit, Unit
 from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import idle, pack
@@ -271,15 +271,18 @@ def test_names_of_wires_may_hold_anything(tmp_path: Path) -> None:
 
 def test_units_with_an_offset_are_converted() -> None:
     """20 degC are 293.15 K and 68 degF."""
-    kelvin = BaseUnit(K=1)
-    celsius = BaseUnit(K=1, offset=273.15)
-    fahrenheit = BaseUnit(K=1, factor=5 / 9, offset=273.15 - 32 * 5 / 9)
+    kelvin = Unit("K", BaseUnit(K=1))
+    celsius = Unit("degC", BaseUnit(K=1, offset=273.15))
+    fahrenheit = Unit("degF", BaseUnit(K=1, factor=5 / 9, offset=273.15 - 32 * 5 / 9))
     temperatures = [(celsius, 20.0), (kelvin, 293.15), (fahrenheit, 68.0)]
     for source, value in temperatures:
         for target, wanted in temperatures:
-            factor, offset = unit_conversion(source, target) or (math.nan, math.nan)
+            factor, offset = unit_conversion(source, target)
             assert factor * value + offset == pytest.approx(wanted, rel=1e-12)
-    assert unit_conversion(kelvin, BaseUnit(K=1, s=-1)) is None
+    with pytest.raises(
+        SetupError, match=re.escape("K cannot be converted to K/s: K is 1 K, K/s is 1 s-1.K")
+    ):
+        unit_conversion(kelvin, Unit("K/s", BaseUnit(K=1, s=-1)))
 
 
 def test_wires_convert_units(fmus: Path, tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def _ratios(port: Port, network: Network) -> dict[str, float]:
     ratios = {unit: 1.0 / scale for unit, scale in multiples(port.unit).items()}
     definitions = network.fmus[port.part].description.unitDefinitions
     for display in (d for unit in definitions if unit.name == port.unit for d in unit.displayUnits):
-        if not display.offset:
+        if not display.offset and not display.inverse:
             ratios[display.name] = float(display.factor)
     return ratios
 

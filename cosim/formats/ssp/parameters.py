@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from ...errors import SetupError
 from ...system import FALSE_TRUE, READ, Value, enumeration
+from ...system.base_units import Unit
 from ...system.description import Variable
 from .files import Element, children, parse, plain, qualified, validate
-from .units import Definitions, Step, Unit, definitions
+from .units import Definitions, Step, definitions
 
 Locate = Callable[[str, str], Path]
 log = logging.getLogger("cosim")

@@ -14,10 +14,11 @@ from typing import NamedTuple
 
 from ...errors import SetupError
 from ...system import Value, Wire, enumeration, part_name
+from ...system.base_units import Unit
 from ...system.description import ModelDescription, Variable
 from .files import ELEMENT, LINK, Budget, Element
 from .parameters import Parameter
-from .units import Step, Unit, chain, defined, unit_of
+from .units import Step, chain, defined, unit_of
 
 Node = tuple[str, str]
 DOWNWARD = ("input", "parameter")
@@ -160,22 +161,26 @@ class Plan:
             leaves = list(self.leaves(node))
             for leaf, steps in leaves:
                 unit = self._with_definition(parameter.unit, leaf)
-                self._set(leaf, parameter, chain(unit, [first, *steps]))
+                relative = self.variables[leaf].relativeQuantity
+                self._set(leaf, parameter, chain(unit, [first, *steps], relative=relative))
             return bool(leaves)
         source, steps = self.origin(node)
         if source not in self.variables:
             return False
         unit = self._with_definition(parameter.unit, source)
         last = Step(parameter.where, connector.unit or unit)
-        factor, offset = chain(self.connectors[source].unit, [*steps, last])
-        scale, shift = chain(unit, [first])
+        relative = self.variables[source].relativeQuantity
+        factor, offset = chain(self.connectors[source].unit, [*steps, last], relative=relative)
+        scale, shift = chain(unit, [first], relative=relative)
         if factor == 0.0:
             raise SetupError(f"{parameter.where}: the factor of the connection is zero")
         self._set(source, parameter, (scale / factor, (shift - offset) / factor))
         return True
 
     def _with_definition(self, unit: Unit | None, node: Node) -> Unit | None:
-        return defined(unit, self.descriptions[node[0]]) if unit else None
+        if unit is None:
+            return None
+        return defined(unit, self.descriptions[node[0]], self.variables[node].unit)
 
     def _set(self, node: Node, parameter: Parameter, scale: tuple[float, float]) -> None:
         self.budget.take(parameter.where, LINK)
@@ -205,10 +210,11 @@ class Plan:
 
     def _wire(self, source: Node, target: Node, steps: list[Step]) -> Wire:
         where = steps[-1].where
-        factor, offset = chain(self.connectors[source].unit, steps)
+        ends = [(self.variables[node], self.descriptions[node[0]]) for node in (source, target)]
+        relative = all(variable.relativeQuantity for variable, _ in ends)
+        factor, offset = chain(self.connectors[source].unit, steps, relative=relative)
         if not math.isfinite(factor + offset):
             raise SetupError(f"{where}: factor {factor!r} and offset {offset!r} must be finite")
-        ends = ((self.variables[node], self.descriptions[node[0]]) for node in (source, target))
         source_unit, target_unit = (unit_of(*end) for end in ends)
         try:
             plain = chain(source_unit, [Step(where, target_unit)])

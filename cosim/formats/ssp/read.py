@@ -337,7 +337,10 @@ def _declare(plan: Plan, node: Node, declared: Connector) -> None:
     if declared.type and actual.type and declared.type != actual.type:
         raise SetupError(f"{connector} must be of type {actual.type}, not {declared.type}")
     if declared.unit and actual.unit and not same(declared.unit, actual.unit):
-        raise SetupError(f"{connector} must be in {actual.unit.name}, not {declared.unit.name}")
+        raise SetupError(
+            f"{connector} must be in {actual.unit.name}, not {declared.unit.name}: {actual.unit}, "
+            f"{declared.unit}"
+        )
     if declared.items and actual.items and declared.items != actual.items:
         raise SetupError(f"{connector}: its Enumeration differs from that of {node[0]}")
     unit = actual.unit or declared.unit

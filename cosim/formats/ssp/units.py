@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 from ...errors import SetupError
 from ...system import BASES, unit_conversion
-from ...system.base_units import BaseUnit
+from ...system.base_units import BaseUnit, Unit, found_unit
 from ...system.description import ModelDescription, Variable
 from .files import Element, children
 
 SCALE = {"factor": 1.0, "offset": 0.0}
-
-
-class Unit(NamedTuple):
-    """A unit by name and, if it is defined anywhere, its base units."""
-
-    name: str
-    base: BaseUnit | None = None
 
 
 UNKNOWN = Unit("")
@@ -76,45 +67,40 @@ def _new(element: Element, defined_names: Iterable[str], file: str) -> str:
 
 
 def unit_of(variable: Variable, description: ModelDescription) -> Unit | None:
-    """The unit that an FMU gives a variable."""
-    return defined(Unit(variable.unit), description) if variable.unit else None
+    """The unit that an FMU gives a variable, that of a difference without an offset."""
+    unit = defined(Unit(variable.unit), description) if variable.unit else None
+    return unit.without_offset() if unit and variable.relativeQuantity else unit
 
 
-def defined(unit: Unit, description: ModelDescription) -> Unit:
-    """A unit with the base units of the FMU that knows it, if the file did not define it."""
-    return unit if unit.base is not None else _units_of(description).get(unit.name, unit)
+def defined(unit: Unit, description: ModelDescription, shown: str | None = None) -> Unit:
+    """A unit as its file defines it, else as the FMU does that knows it; raises SetupError.
 
-
-@lru_cache(maxsize=64)
-def _units_of(description: ModelDescription) -> dict[str, Unit]:
-    """The units of an FMU, and its display units: shown = factor * value + offset."""
-    units = {}
-    for unit in description.unitDefinitions:
-        base = unit.baseUnit
-        for display_unit in unit.displayUnits:
-            if base is not None:
-                factor = base.factor / display_unit.factor
-                offset = base.offset - factor * display_unit.offset
-                units[display_unit.name] = Unit(
-                    display_unit.name, replace(base, factor=factor, offset=offset)
-                )
-    return units | {
-        unit.name: Unit(unit.name, unit.baseUnit) for unit in description.unitDefinitions
-    }
+    In an FMU it may be a display unit of the unit `shown`, a unit, or another display unit.
+    """
+    units = description.unitDefinitions
+    if unit.baseUnit is not None:
+        return unit
+    for own in (u for u in units if u.name == shown):
+        for display in (d for d in own.displayUnits if d.name == unit.name):
+            return own.shown_in(display)
+    for own in (u for u in units if u.name == unit.name and u.baseUnit is not None):
+        return own
+    displays = ((own, d) for own in units for d in own.displayUnits if d.name == unit.name)
+    return found_unit(unit.name, (own.shown_in(display) for own, display in displays))
 
 
 def same(first: Unit, second: Unit) -> bool:
-    """Whether two units have one name or one meaning."""
-    if first.name == second.name:
-        return True
+    """Whether two units have one meaning."""
     try:
-        return _conversion(first, second, "") == (1.0, 0.0)
+        return unit_conversion(first, second) == (1.0, 0.0)
     except SetupError:
         return False
 
 
-def chain(unit: Unit | None, steps: Iterable[Step]) -> tuple[float, float]:
-    """Factor and offset of all steps together for a value in `unit`.
+def chain(
+    unit: Unit | None, steps: Iterable[Step], *, relative: bool = False
+) -> tuple[float, float]:
+    """Factor and offset of all steps together for a value in `unit`, a `relative` one without offsets of units.
 
     Where no unit is given, that of the step before is meant. Raises SetupError where units do not
     fit each other or a unit cannot be deduced.
@@ -122,26 +108,20 @@ def chain(unit: Unit | None, steps: Iterable[Step]) -> tuple[float, float]:
     factor, offset = 1.0, 0.0
     for step in steps:
         if step.convert and step.unit is not None and unit is not None:
-            scale, shift = _conversion(unit, step.unit, step.where)
+            ends = (unit, step.unit)
+            if relative:
+                ends = (unit.without_offset(), step.unit.without_offset())
+            scale, shift = _conversion(*ends, step.where)
             factor, offset = scale * factor, scale * offset + shift
         factor, offset = step.factor * factor, step.factor * offset + step.offset
         unit = step.unit or (unit if step.convert or unit is None else UNKNOWN)
     return factor, offset
 
 
-def _base(unit: Unit, where: str) -> BaseUnit:
-    """The base units of a unit; raises SetupError if nothing defines it."""
-    if unit.base is None:
-        raise SetupError(f"{where}: unit {unit.name!r} is not defined")
-    return unit.base
-
-
 def _conversion(source: Unit, target: Unit, where: str) -> tuple[float, float]:
-    if source is UNKNOWN:
+    if source.name == UNKNOWN.name:
         raise SetupError(f"{where}: its source has no unit from which to convert to {target.name}")
-    if source.name == target.name:
-        return 1.0, 0.0
-    factors = unit_conversion(_base(source, where), _base(target, where))
-    if factors is None:
-        raise SetupError(f"{where}: {source.name} cannot be converted to {target.name}")
-    return factors
+    try:
+        return unit_conversion(source, target)
+    except SetupError as error:
+        raise SetupError(f"{where}: {error}") from None
