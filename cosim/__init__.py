@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .accuracy.certify import Certified, certify, summary
 from .accuracy.estimate import Estimate
-from .accuracy.extrapolation import estimate
+from .accuracy.limit import Limit, limit
 from .accuracy.referee import RefereeReport, referee
 from .accuracy.reference import Judged, oracle, true_errors
 from .analysis.compare import Comparison, Deviation, compare
@@ -48,9 +48,9 @@ HOMES = {
 __all__ = [
     "ALGORITHMS", "CONVERGENCE_ORDERS", "Adaptive", "Advice", "Certified", "Comparison", "Crosscheck",
     "Deviation", "Diagnosis", "Estimate", "Experiment", "Identified", "Interrupted", "Interval",
-    "Judged", "Linear", "Package", "RefereeReport", "Result", "SetupError", "SimulationError", "System", "Table",
+    "Judged", "Limit", "Linear", "Package", "RefereeReport", "Result", "SetupError", "SimulationError", "System", "Table",
     "Verdict", "Wire", "advise", "certify", "compare", "crosscheck", "crossing", "diagnose",
-    "estimate", "identify", "largest", "linearize", "mean", "measured", "oracle", "quiet",
+    "identify", "largest", "limit", "linearize", "mean", "measured", "oracle", "quiet",
     "read_osp", "read_ssp", "referee", "rms", "run", "run_isolated", "smallest", "summary",
     "time_of_largest", "time_of_smallest", "true_errors", "versions", "write_container",
     "write_osp", "write_ssp",

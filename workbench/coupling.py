@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from cosim import Result
-from cosim.accuracy.extrapolation import NOT_CONVERGED, STEP_RATIO, estimate_of_orders
+from cosim.accuracy.extrapolation import NOT_CONVERGED
 from cosim.accuracy.function_error import ObservedResult, after_divergence
-from cosim.accuracy.metric_error import BOTH_ROWS
+from cosim.accuracy.limit import STEP_RATIO, likeliest
 
 from .figure import Figure
 
@@ -34,7 +34,7 @@ def with_coupling_errors(
     -------
     dict
         The figures of the finest run. Their order is that of the algorithm, or 1 for outputs with direct
-        feedthrough; `estimate_of_orders` decides which one counts where the figures read both. Figures that need
+        feedthrough; `likeliest` decides which one counts where the figures read both. Figures that need
         rows after trajectories have diverged are refused.
     """
     finest = results[0]
@@ -63,10 +63,8 @@ def _add(runs: Sequence[Figure | None], orders: Sequence[float]) -> Figure:
         return Figure.undetermined(finest.unit, SOME_RUNS, finest.meaning)
     if len(set(values)) == 1 and values[0] == round(values[0]):
         return finest  # a count that all runs agree on
-    error, spread = estimate_of_orders(values, orders).error, max(values) - min(values)
-    own = max(run.error for run in runs if run is not None and run.error is not None)
-    if error is None and spread <= BOTH_ROWS * own:
-        error = spread  # no more than what the rows leave open in two runs
-    if error is None:
+    errors = [run.error for run in runs if run is not None and run.error is not None]
+    of_runs = likeliest(values, orders, noise=errors)
+    if not of_runs.is_stated:
         return Figure.undetermined(finest.unit, NOT_CONVERGED, finest.meaning)
-    return finest._replace(error=finest.error + error)
+    return finest._replace(error=float(of_runs.error))

@@ -1,11 +1,6 @@
-"""What runs with smaller and smaller steps say of the solution: the one place that knows step sizes.
+"""Columns of three runs whose steps, or tolerances, differ by one ratio: at a step of zero, and where they diverge.
 
-Three runs have the steps h, r h and r^2 h, the finest first. Their differences d = v(h) - v(r h) and
-D = v(r h) - v(r^2 h) fall with the observed order q = log(D / d) / log r. Numbers get their error from the
-Grid Convergence Index (Roache, J. Fluids Eng. 116, 1994), with the factors of safety of Oberkampf and Roy
-(Verification and Validation in Scientific Computing, 2010, section 8.7); the data range takes its place where
-the runs do not converge monotonically (Eca and Hoekstra, J. Comput. Phys. 262, 2014). Columns are extrapolated
-to a step of zero value by value (Richardson).
+What numbers and values make of three runs is in `limit`.
 """
 
 from __future__ import annotations
@@ -19,30 +14,10 @@ from numpy.typing import NDArray
 
 from ..dense import Array, DenseSolution
 from .estimate import Estimate
+from .limit import LOWEST_ORDER, ROUNDING_SHARE, STEP_RATIO, limit
 
-#: Ratio of two steps: convention, the smallest that keeps all rows of the coarser run.
-STEP_RATIO = 2.0
 #: Ratio of two tolerances of adaptive steps: convention, steps of order 1 then differ by sqrt(10).
 TOLERANCE_RATIO = 10.0
-#: Factor of safety where the observed order is that of the algorithm: convention of Roache (1998).
-CONFIRMED_FACTOR = 1.25
-#: Factor of safety where it is another one: convention of Roache (1994) for two grids.
-UNCONFIRMED_FACTOR = 3.0
-#: Distance of the two, as a share of the order, up to which it is confirmed: convention of Oberkampf and Roy.
-CONFIRMED_DISTANCE = 0.1
-#: Lowest order with which differences may fall: convention of Oberkampf and Roy, and of Eca and Hoekstra.
-LOWEST_ORDER = 0.5
-#: An order so far above that of the algorithm is an accident: a convention of this project, not derived.
-ACCIDENTAL_EXCESS = 1.5
-#: Largest error of a number without an order, as a share of it: convention, a number without one digit
-#: is none.
-ACCIDENTAL_SHARE = 0.15
-#: Factor on the data range of runs that come closer to each other from both sides: a convention of this project. One
-#: draw of benchmarks/certify.py has a figure that is off by 1.13 times this error. Eca and Hoekstra use 3 for runs
-#: that do not come closer; those are refused here.
-RANGE_FACTOR = 1.5
-#: Differences below this share of a value are rounding: derived, 10^6 operations of relative error 1e-16.
-ROUNDING_SHARE = 1e-10
 #: Parts of a run over which trajectories are compared: convention, a jump that one run makes a row later
 #: than another is a small share of such a part, and a run that has diverged fills many.
 PARTS = 20
@@ -75,8 +50,6 @@ UNORDERED_FACTOR = 4.0
 #: Smallest error of an extrapolated value as a share of the last difference, for limits of both pairs that agree by
 #: accident: a convention of this project, not derived.
 EXTRAPOLATION_SHARE = 0.02
-#: Factor on the spread of runs that show no order: convention, the truth is as far again on either side.
-SPREAD_FACTOR = 2.0
 #: The reasons why nothing is extrapolated.
 UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated"
 NOT_CONVERGED = "results do not converge as the step is halved"
@@ -84,63 +57,6 @@ NOT_CONVERGED = "results do not converge as the step is halved"
 DIVERGED = "not converged: the runs diverge"
 #: The reason why all numbers of a column are refused.
 COLUMN_NOT_CONVERGED = "not converged: the error of {} falls with order {:.1f}"
-
-
-def estimate(
-    values: Sequence[float], order: float, ratio: float = STEP_RATIO, scale: float = 0.0
-) -> Estimate:
-    """Estimate the error of the first of three values of runs with the steps h, r h and r^2 h.
-
-    Parameters
-    ----------
-    values : sequence of three floats
-        The value with the step h, r h and r^2 h.
-    order : float
-        The order p of the algorithm for this value.
-    ratio : float
-        The ratio r of the steps.
-    scale : float
-        What an error without an order is compared with, if that is larger than the value.
-
-    Returns
-    -------
-    Estimate
-        Monotonic values that fall with the observed order q have the error F max(d, D / r^p) / (r^s - 1), with
-        F = 1.25 and s = p where q is within a tenth of p, else F = 3 and s = q between 0.5 and p. Values that
-        come closer from both sides have the error 1.5 D. No error is stated where the differences do not
-        fall, or where q is no order that the algorithm has and the error would exceed 0.15 of the value
-        or the scale.
-    """
-    fine, middle, coarse = values
-    last, previous = abs(fine - middle), abs(middle - coarse)
-    least = ROUNDING_SHARE * (abs(fine) or 1.0)
-    if max(last, previous) <= least:
-        return Estimate(fine, least, float(order))
-    falls = math.log(previous / max(last, least), ratio) if previous else -math.inf
-    most = ACCIDENTAL_SHARE * max(abs(fine), scale)
-    if (fine - middle) * (middle - coarse) < 0.0:
-        error = RANGE_FACTOR * previous
-        if not falls > 0.0 or error > most:
-            return Estimate(fine, None, math.nan)
-        return Estimate(fine, max(error, least), math.nan)
-    error = _grid_convergence_index(last, previous, order, falls, ratio)
-    if falls > order + ACCIDENTAL_EXCESS:
-        error = max(error, RANGE_FACTOR * previous)
-        falls = falls if error <= most else -math.inf
-    if not falls >= LOWEST_ORDER:
-        return Estimate(fine, None, falls)
-    return Estimate(fine, max(error, least), falls)
-
-
-def _grid_convergence_index(
-    last: float, previous: float, order: float, observed: float, ratio: float
-) -> float:
-    """The index of the finest of three runs; see `estimate`."""
-    difference = max(last, previous / math.pow(ratio, order))
-    if abs(observed - order) <= CONFIRMED_DISTANCE * order:
-        return CONFIRMED_FACTOR * difference / (math.pow(ratio, order) - 1.0)
-    used = min(max(observed, LOWEST_ORDER), order)
-    return UNCONFIRMED_FACTOR * difference / (math.pow(ratio, used) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -156,8 +72,7 @@ class ErrorBand:
     shift : array of shape (times,)
         What the extrapolation to a step of zero adds; nothing where the values do not converge regularly.
     widths : array of shape (times,)
-        By how much the sum may be off: with the factor of safety where the values converge regularly, and with the
-        lowest order elsewhere.
+        By how much the values of the finest run may be off; with the lowest order where they do not converge.
     regular : array of bool
         Where they converge regularly.
     rounding : float
@@ -220,21 +135,15 @@ def error_band(
     if finest.is_discrete:
         return None
     shared, fine, middle, coarse = _shared_values(runs)
-    last, previous = fine - middle, middle - coarse
-    with np.errstate(all="ignore"):
-        falls = np.log(previous / last) / math.log(ratio)
-    regular = (
-        (last * previous > 0.0) & (falls >= LOWEST_ORDER) & (falls <= order + ACCIDENTAL_EXCESS)
-    )
-    correction = last / (ratio**order - 1.0)
-    irregular = last / (math.pow(ratio, LOWEST_ORDER) - 1.0)
     rounding = ROUNDING_SHARE * max(abs(float(finest.x.min())), abs(float(finest.x.max())))
+    of_runs = limit([fine, middle, coarse], order, ratio, noise=rounding)
+    irregular = np.abs(fine - middle) / (math.pow(ratio, LOWEST_ORDER) - 1.0)
     return ErrorBand(
         finest,
         times=shared,
-        shift=np.where(regular, correction, 0.0),
-        widths=np.where(regular, CONFIRMED_FACTOR * np.abs(correction), np.abs(irregular)),
-        regular=regular | (np.maximum(np.abs(last), np.abs(previous)) <= rounding),
+        shift=of_runs.extrapolated - fine,
+        widths=np.where(of_runs.is_stated, of_runs.error, irregular),
+        regular=of_runs.is_stated,
         rounding=rounding,
     )
 
@@ -406,33 +315,3 @@ def extrapolate(
     error = distance + EXTRAPOLATION_SHARE * abs(last)
     error_of_values = errors[0] + (errors[0] + errors[1]) / gain
     return Estimate(limit, error + error_of_values, observed)
-
-
-def bound_coupling_error(values: Sequence[float], order: float) -> float:
-    """The error of the first of values with the steps h, 2 h and 4 h, see `estimate`, where one is needed.
-
-    It is twice the spread of the values where `estimate` states none, and 0 for a count that all runs agree on.
-    Where the longest steps have no value, NaN, the two others have the order of the algorithm and the factor of
-    safety for two grids (Roache 1994, doi:10.1115/1.2910291).
-    """
-    if math.isnan(values[-1]):
-        fine, medium = values[0], values[1]
-        return UNCONFIRMED_FACTOR * abs(fine - medium) / (math.pow(STEP_RATIO, order) - 1.0)
-    spread = max(values) - min(values)
-    if spread == 0.0 and values[0] == round(values[0]):
-        return 0.0
-    error = estimate(values, order).error
-    return SPREAD_FACTOR * spread if error is None else error
-
-
-def estimate_of_orders(
-    values: Sequence[float], orders: Sequence[float], ratio: float = STEP_RATIO
-) -> Estimate:
-    """Estimate the error of a value that may have one of several orders, see `estimate`.
-
-    The order is the highest one that is within CONFIRMED_DISTANCE of the order observed, else the lowest. A value
-    of a low order that happens to fall with a higher one gets too small an error.
-    """
-    observed = estimate(values, min(orders), ratio).order
-    confirmed = [p for p in orders if abs(observed - p) <= CONFIRMED_DISTANCE * p]
-    return estimate(values, max(confirmed, default=min(orders)), ratio)

@@ -12,14 +12,12 @@ import numpy as np
 from ..result import DerivedResult, Result, Rows
 from .estimate import Estimate
 from .extrapolation import (
-    CONFIRMED_DISTANCE,
     DIVERGED,
     after_widened,
     divergence,
-    estimate_of_orders,
 )
+from .limit import CONFIRMED_DISTANCE, likeliest
 from .metric_error import (
-    BOTH_ROWS,
     NO_ROWS,
     ROWS_FACTOR,
     SOME_RUNS,
@@ -81,7 +79,7 @@ def function_errors(function: Function, runs: ThreeRuns) -> dict[str, Estimate]:
     fewer ones: of all rows where the runs confirm the order, else of those of the results, since these may hide
     differences of the runs. What all rows change of the number counts, too, so that the error of a function that
     counts rows is large. Of the order only that of the columns is known that the function reads, see
-    `estimate_of_orders`.
+    `likeliest`.
 
     A function of rows cannot look between them. It is therefore called again, at the times of all rows, with
     values extrapolated to a step of zero, with the extremes that the start and hidden events may have behind a row,
@@ -122,26 +120,24 @@ def _estimate(name: str, numbers: _Numbers, orders: Sequence[float], ratio: floa
     """The estimate of one number."""
     value = numbers.value[name]
     series = [run[name] for run in numbers.runs]
-    coupling = estimate_of_orders(series, orders, ratio)._replace(value=value)
+    order = float(likeliest(series, orders, ratio).order)
     coarse = _rows_share(name, series[0], numbers.fewer_of_result)
     rows = _rows_share(name, value, numbers.fewer)
-    confirmed = any(abs(coupling.order - p) <= CONFIRMED_DISTANCE * p for p in orders)
+    confirmed = any(abs(order - p) <= CONFIRMED_DISTANCE * p for p in orders)
     hidden = max(abs(side[name] - value) for side in numbers.sides)
     rows = max(rows, ROWS_FACTOR * hidden, abs(value - series[0]))
     rows = rows if confirmed else max(rows, coarse)
     if not math.isfinite(rows):
-        return coupling._replace(error=None, reason=NO_ROWS)
-    spread = max(series) - min(series)
-    error = coupling.error
-    if error is None and spread > BOTH_ROWS * rows:
-        return coupling
+        return Estimate(value, None, order, reason=NO_ROWS)
+    of_runs = likeliest(series, orders, ratio, [rows] * len(series))
+    if not of_runs.is_stated:
+        return Estimate(value, None, order, rows, of_runs.sentence())
     unshifted = [*(side[name] for side in numbers.sides), *(value for _ in (*TILTS, *SIGNS))]
     shift = max(abs(limit[name] - v) for limit, v in zip(numbers.limits, unshifted))
     if math.isnan(shift):
-        return coupling._replace(error=None, reason=SOME_RUNS)
+        return Estimate(value, None, order, rows, SOME_RUNS)
     shift = shift if shift > rows else 0.0  # to the next row, which the rows' share has
-    error = spread if error is None else error
-    return coupling._replace(error=band_error(error, shift) + rows, rows=rows)
+    return Estimate(value, band_error(float(of_runs.error) - rows, shift) + rows, order, rows)
 
 
 def _rows_share(

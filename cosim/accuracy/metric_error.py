@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from ..dense import DenseSolution, Side
 from ..metrics import Metric
 from .estimate import Estimate
-from .extrapolation import CONFIRMED_FACTOR, UNCONFIRMED_FACTOR, ErrorBand, estimate
+from .limit import CONFIRMED_FACTOR, UNCONFIRMED_FACTOR, limit
 from .three_runs import ColumnRuns
 
 #: Every second and every third row are left: convention, the smallest numbers without a common factor.
@@ -17,8 +18,6 @@ THINNED = (2, 3)
 ROW_ORDERS = (1.0, 2.0)
 #: Factor of safety of the rows' share: convention of this project, between those of Roache, as the order is bounded.
 ROWS_FACTOR = 1.5
-#: Times the rows' share by which the values of two runs may differ: derived, each has it once.
-BOTH_ROWS = 2.0
 SOME_RUNS = "only some of the runs have it"
 NO_ROWS = "it cannot be determined from fewer rows"
 
@@ -33,48 +32,51 @@ def metric_error(metric: Metric, runs: ColumnRuns) -> Estimate:
     """
     value = metric.value(runs.finest)
     values = [metric.value(s) for s in runs.solutions]
-    coupling = estimate(values, runs.order, runs.ratio, metric.scale(runs.finest))
     rows = rows_error(metric, runs.finest, value)
     if rows is None or not math.isfinite(value):
-        return replace_error(coupling, None, NO_ROWS)._replace(value=value)
-    spread = max(values) - min(values)
-    if coupling.error is None and spread <= BOTH_ROWS * rows:
-        coupling = coupling._replace(error=spread)
+        return Estimate(value, None, math.nan, reason=NO_ROWS)
+    of_runs = limit(values, runs.order, runs.ratio, rows, scale=metric.scale(runs.finest))
+    if math.isnan(sum(values)):
+        return Estimate(value, None, math.nan, rows, SOME_RUNS)
+    error = float(of_runs.error) if of_runs.is_stated else None
+    order = float(of_runs.order)
     if runs.band is not None:
-        coupling = _with_band(coupling, metric, runs.finest, runs.band, value=value, spread=spread)
-    if coupling.error is None:
-        return coupling._replace(value=value)
-    return coupling._replace(value=value, error=coupling.error + rows, rows=rows)
+        error, reason = _with_band(error, metric, runs, value, rows=rows, values=values)
+        if reason:
+            return Estimate(value, None, order, rows, reason)
+    reason = of_runs.sentence() if error is None else ""
+    return Estimate(value, error, order, rows, reason)
 
 
 def _with_band(
-    coupling: Estimate,
+    error: float | None,
     metric: Metric,
-    finest: DenseSolution,
-    band: ErrorBand,
-    *,
+    runs: ColumnRuns,
     value: float,
-    spread: float,
-) -> Estimate:
-    """The estimate of a number that is at least as wide as the band of the solution makes it.
+    *,
+    rows: float,
+    values: Sequence[float],
+) -> tuple[float | None, str]:
+    """The error of a number that is at least as wide as the band of the solution makes it, or a reason against it.
 
     Where the number has no order, but the solution converges at the times that decide it, its error is
     the spread of the runs or what the extrapolation moves, with the larger factor of safety.
     """
+    finest, band = runs.finest, runs.band
+    assert band is not None
     behind = metric.value(finest.filled(Side.AFTER))
     shift = max(
         abs(metric.value(band.solution) - value),
         abs(metric.value(band.solution.filled(Side.AFTER)) - behind),
     )
     if math.isnan(shift):
-        return replace_error(coupling, None, SOME_RUNS)
-    error = coupling.error
+        return None, SOME_RUNS
     if error is None:
         times = [*metric.times(finest), *metric.times(band.solution)]
         if not times or not all(band.converges_at(t) for t in times):
-            return coupling
-        error = max(spread, UNCONFIRMED_FACTOR * shift)
-    return coupling._replace(error=band_error(error, shift, metric.doubt(finest, band.width)))
+            return None, ""
+        error = max(max(values) - min(values), UNCONFIRMED_FACTOR * shift) + rows
+    return band_error(error - rows, shift, metric.doubt(finest, band.width)) + rows, ""
 
 
 def band_error(error: float, shift: float, doubt: float = 0.0) -> float:
@@ -92,11 +94,6 @@ def band_error(error: float, shift: float, doubt: float = 0.0) -> float:
     agree = shift * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error
     factor = CONFIRMED_FACTOR if agree else UNCONFIRMED_FACTOR
     return max(error, factor * shift, doubt)
-
-
-def replace_error(of: Estimate, error: float | None, reason: str) -> Estimate:
-    """The estimate with another error, and why."""
-    return of._replace(error=error, reason=reason)
 
 
 def rows_error(metric: Metric, solution: DenseSolution, value: float) -> float | None:

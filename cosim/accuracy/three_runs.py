@@ -19,12 +19,12 @@ from ..system import System
 from .extrapolation import (
     COLUMN_NOT_CONVERGED,
     RUNS,
-    STEP_RATIO,
     TOLERANCE_RATIO,
     ErrorBand,
     error_band,
     slow_order,
 )
+from .limit import STEP_RATIO
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from ..engine.algorithms import CONVERGENCE_ORDERS
+from ..accuracy.limit import likeliest
 from ..errors import SetupError
 from ..result import SimulationError
 from .chi2 import chi2_band
@@ -30,16 +30,12 @@ CENTRAL_STEP = 1e-4
 SINGULAR = 1e-12
 #: The least of the largest singular values. Derived: keeps the above above zero where nothing depends on anything.
 SMALLEST_SINGULAR = 1e-300
-#: Factor on the error of the coupling. Convention: above 1, as in the Grid Convergence Index with three grids, 1.25.
-COUPLING_SAFETY = 1.5
 #: Largest error of the coupling, over the half-width of an interval. Chosen: adds at most a tenth to it.
 LARGEST_COUPLING_ERROR = 0.1
 #: How often steps are halved or noise is corrected. Chosen: steps of 1/64 of the spacing of the rows.
 MOST_REFINEMENTS = 6
 #: Evaluations of the final fit, per free parameter. Chosen: it starts at its minimum, which moves little.
 EVALUATIONS_PER_PARAMETER = 2
-#: The coupling algorithm of `run`, by name, if settings name none.
-DEFAULT_ALGORITHM = "strang"
 
 
 @dataclass(frozen=True)
@@ -48,7 +44,7 @@ class Linearisation:
 
     At the values p of the n free parameters: the m residuals, their Jacobian (m, n), the covariance of p, (n, n), k
     derived quantities with their gradients (k, n). `displacements`, shape (2, n), is how far p moves with a half
-    and a quarter of the step, and `convergence_order` the power of the step with which that falls.
+    and a quarter of the step, and `orders` are the powers of the step with which columns fall.
     """
 
     p: Array
@@ -58,7 +54,7 @@ class Linearisation:
     derived: Array
     gradients: Array
     displacements: Array
-    convergence_order: float
+    orders: Sequence[float]
 
     @property
     def chi2(self) -> float:
@@ -72,11 +68,10 @@ class Linearisation:
     def coupling_error(self, gradient: Array) -> float:
         """The error of that quantity from the coupling and from the spacing of the rows of the runs.
 
-        What a quarter of the step changes, and what is left below it by Richardson's extrapolation.
+        What a quarter of the step changes, and what is left below it.
         """
         half, quarter = (self.displacements @ gradient).tolist()
-        remaining = abs(quarter - half) / (2.0**self.convergence_order - 1.0)
-        return float(COUPLING_SAFETY * (abs(quarter) + remaining))
+        return float(abs(quarter) + likeliest([quarter, half, 0.0], self.orders).error)
 
     def is_resolved(self) -> bool:
         """Whether the coupling moves each value and derived quantity little, compared with its interval."""
@@ -153,7 +148,9 @@ def linearise(evaluator: Evaluator, p: Array) -> Linearisation:
             for result in finer
         ]
     )
-    order = CONVERGENCE_ORDERS[problem.settings.get("algorithm", DEFAULT_ALGORITHM)]
+    provenance = finer[0].provenance
+    order = float(provenance["convergence_order"])
+    orders = {order} | ({min(order, 1.0)} if provenance.get("first_order") else set())
     return Linearisation(
         p,
         centre.residuals,
@@ -162,7 +159,7 @@ def linearise(evaluator: Evaluator, p: Array) -> Linearisation:
         centre.derived,
         np.stack(gradients, axis=1),
         changes @ jacobian @ C,
-        float(order),
+        sorted(orders),
     )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
 from cosim import CONVERGENCE_ORDERS, SetupError
-from cosim.accuracy.extrapolation import bound_coupling_error
+from cosim.accuracy.limit import limit
 from workbench.answer import Parameter, parameters
 from workbench.charts.model import Direction
 from workbench.options import at_least
@@ -184,7 +184,8 @@ def coupling_error(
             "no orbit is steady with a quarter of the steps per revolution: take more steps"
         )
     order = order or CONVERGENCE_ORDERS[runner.algorithm]
-    return float(max(bound_coupling_error(run, order) / run[0] for run in runs.tolist()))
+    of_runs = limit(runs.T, order)
+    return float((of_runs.error / of_runs.value).max())
 
 
 def on_edge(probabilities: Any, count: int) -> list[int]:

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from cosim import System
-from cosim.accuracy.extrapolation import bound_coupling_error
+from cosim.accuracy.limit import limit
 from cosim.system import Value
 from workbench import Chart, Context, Curve, Figure, Mark, Panel, Table
 from workbench.answer import parameters
@@ -165,9 +165,9 @@ def compare(
     table = context.record_rows(TABLE, {"n": "rpm", **dict.fromkeys(kinds, "s")}, rows)
     all_figures = figures({name: of_kind[0] for name, of_kind in taken.items()})
     ends = context.each(partial(ending, mu), [*kinds.values()], "limits", probes=True)
-    for name, limit in zip(kinds, ends):
+    for name, end in zip(kinds, ends):
         which = f"with {EFFECTS[name]}" if name in EFFECTS else "of the paper"
-        all_figures[f"limit_{name}"] = limit._replace(meaning=f"largest rotor speed {which}")
+        all_figures[f"limit_{name}"] = end._replace(meaning=f"largest rotor speed {which}")
     return NeglectedComparison(kinds, mu, speeds[0], all_figures, {TABLE: table})
 
 
@@ -184,7 +184,7 @@ def with_slower_creep(system: System) -> list[System]:
 
 def crept(values: Sequence[float]) -> float:
     """What the creep still makes of the first of values of `with_slower_creep` machines: they are linear in it."""
-    return bound_coupling_error(values, 1.0) if len(values) > 1 else 0.0
+    return float(limit(values, 1.0).error) if len(values) > 1 else 0.0
 
 
 def takes(mu: float, case: tuple[System, float]) -> Measured:

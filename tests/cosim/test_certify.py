@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cosim import Result, System, certify, diagnose, estimate, run, smallest
+from cosim import Result, System, certify, diagnose, limit, run, smallest
 from cosim.accuracy.extrapolation import divergence
 from cosim.analysis.coupling_theory import Ideal
 from cosim.dense import DenseSolution
@@ -21,30 +21,9 @@ from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_error_of_a_clean_series_is_estimated(order: int) -> None:
-    """v(h) = 5 + 0.3 h^p + a little of the next order."""
-    values = [5 + 0.3 * h**order + 0.05 * h ** (order + 1) for h in (0.1, 0.2, 0.4)]
-    got = estimate(values, order)
-    assert got.order == pytest.approx(order, abs=0.15)
-    assert 1.0 < got.error / abs(values[0] - 5.0) < 3.6
-
-
-def test_a_figure_that_does_not_converge_is_no_figure() -> None:
-    for values in ([1.0, 1.1, 1.15], [1.0, 1.1, 1.0], [1.0, 1.1, 5.0], [1.0, 0.9, math.nan]):
-        got = estimate(values, 2)
-        assert got.error is None
-        assert "not converged" in got.text("N")
-
-
-def test_text_shows_the_digits_that_the_error_leaves() -> None:
-    assert estimate([104.968, 104.96, 104.928], 2).text("N.m") == "104.9680 +- 0.0034 N.m"
-    assert estimate([7.0, 7.0, 7.0], 1).text("s") == "7.0000000 +- 0.0000001 s"
-
-
 def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:
     values = [ripple(fmus, "jacobi", steps, 48)[1] for steps in (320, 160, 80)]
-    assert estimate(values, 1).error is None
+    assert not limit(values, 1).is_stated
 
 
 @pytest.mark.parametrize(

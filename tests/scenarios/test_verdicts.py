@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cosim import SetupError
-from cosim.accuracy.extrapolation import bound_coupling_error
+from cosim import SetupError, limit
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.orbits import STEP_MULTIPLES
@@ -283,7 +282,7 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_point() -> None
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
     points = [data.plane.points()[at]._replace(step_multiple=k) for k in STEP_MULTIPLES]
     runs = [largest_force_of(orbit) for orbit in data.runner.orbits(points, "test")]
-    point_error = 100 * ratio[at] * bound_coupling_error(runs, ORDER) / runs[0]
+    point_error = 100 * ratio[at] * float(limit(runs, ORDER).error) / runs[0]
     assert point_error > 200 * coupling_error(data.plane, data.runner, largest_force_of, ORDER)
     assert figure.error is not None and figure.error >= 0.999 * point_error
 

@@ -19,7 +19,7 @@ from ...fmu.reference_rows import read_reference_rows
 from ...master import run
 from ...result import Result, SimulationError
 from ...system import Network, System, connect
-from ..extrapolation import RUNS
+from ..limit import limit
 from ..reference import oracle
 
 Array = NDArray[np.float64]
@@ -40,18 +40,11 @@ FEWEST_OF_A_SPLINE = 4
 DENSITY = 4
 #: Most rows of a solution: limits memory; 20 000 rows of 100 columns are 16 MB.
 MOST_ROWS = 20_000
-#: Safety factor of the grid convergence index for an observed order near the formal one: a convention of Roache
-#: (J. Fluids Eng. 116, 1994) and of Eça and Hoekstra (J. Comput. Phys. 262, 2014).
-SAFETY_REGULAR = 1.25
-#: The same for another order: a convention of Roache (1994).
-SAFETY_IRREGULAR = 3.0
-#: How far an observed order may be from the formal one and count as near: a convention of Eça and Hoekstra.
-ORDER_MARGIN = 0.5
-#: Lowest observed order at which runs count as converging: a convention of Eça and Hoekstra (2014).
-LOWEST_ORDER = 0.5
 #: Differences of two runs that are rounding, as a share of the largest value: a thousand units of double precision
 #: (2.2e-16), and of several operations in each step.
 ROUNDING = 1e-12
+#: Runs of which `limit` makes errors.
+THREE = 3
 #: Most times that the step of certified runs is halved: each doubles the time; 2^8 steps in place of one.
 MOST_HALVINGS = 8
 #: Share of a run over which an error is the largest nearby: differences of two runs cross zero, errors do not.
@@ -259,16 +252,19 @@ def _refine(system: System, request: SolutionRequest, refusal: str) -> Reference
     errors: dict[str, Array] = {
         name: np.full(len(request.times), math.inf) for name in request.names
     }
-    order = 1.0
     for _ in range(MOST_HALVINGS):
         step *= 0.5
         result = _run(system, request, algorithm, step, spacing)
         order = float(result.provenance["convergence_order"])
+        first_order = result.provenance.get("first_order", ())
         runs.append(interpolate(result, request))
         method = f"runs by {algorithm} with steps down to {step:g} s, since {refusal}"
-        if len(runs) < RUNS:
+        if len(runs) < THREE:
             continue
-        errors = {name: _row_errors(name, runs[-RUNS:], order, request) for name in request.names}
+        errors = {
+            name: _row_errors(name, runs[-THREE:], 1.0 if name in first_order else order, request)
+            for name in request.names
+        }
         if clock.monotonic() > deadline or all(
             np.max(errors[name]) <= request.precision * np.ptp(runs[-1][0][name])
             for name in request.names
@@ -307,21 +303,11 @@ def _row_errors(
     order: float,
     request: SolutionRequest,
 ) -> Array:
-    """The errors of a column in the finest of three runs by the grid convergence index.
-
-    error = F |x(h) - x(2h)| / (2^q - 1), with the observed order q from the largest differences, at most the
-    formal one. The differences are the largest nearby, since they cross zero.
-    """
-    coarse, middle, fine = (values[name] for values, _ in runs)
-    last, previous = np.abs(fine - middle), np.abs(middle - coarse)
-    negligible = ROUNDING * max(1.0, float(np.abs(fine).max()))
-    if last.max() <= negligible:
-        return np.full(len(fine), negligible)
-    observed = math.log2(max(float(previous.max()), negligible) / float(last.max()))
-    if observed < LOWEST_ORDER:
-        return np.full(len(fine), math.inf)
-    safety = SAFETY_REGULAR if abs(observed - order) <= ORDER_MARGIN else SAFETY_IRREGULAR
-    return np.asarray(safety * _envelope(last, request.times) / (2.0 ** min(observed, order) - 1.0))
+    """The errors of a column in the finest of three runs: the largest nearby, since differences cross zero."""
+    values = np.array([values[name] for values, _ in reversed(runs)])
+    rounding = ROUNDING * max(1.0, float(np.abs(values[0]).max()))
+    of_runs = limit(values, order, noise=rounding, scale=float(np.ptp(values[0])))
+    return _envelope(of_runs.error, request.times)
 
 
 def _envelope(values: Array, time: Array) -> Array:

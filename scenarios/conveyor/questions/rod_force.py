@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
-from cosim.accuracy.extrapolation import bound_coupling_error
+from cosim.accuracy.limit import limit
 from workbench import Context, Figure, Findings, Show, option
 from workbench.answer import parameters
 from workbench.charts.model import Direction, Picture
@@ -256,12 +256,12 @@ def deviation(
         [every[k]._replace(step_multiple=n) for k in points for n in STEP_MULTIPLES], "deviation"
     )
     runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(STEP_MULTIPLES))
-    if not np.isfinite(runs[:, :2]).all():  # an orbit may be lost with the longest steps only
+    of_runs = limit(runs.T, order or CONVERGENCE_ORDERS[r.runner.algorithm])
+    if not of_runs.is_stated.all():  # an orbit may be lost with the longest steps only
         return Figure.undetermined(
             "%", "the coupling error is not known; take more steps per revolution"
         )
-    vanishing = order or CONVERGENCE_ORDERS[r.runner.algorithm]
-    errors = [bound_coupling_error(run, vanishing) / run[0] for run in runs.tolist()]
+    errors = (of_runs.error / of_runs.value).tolist()
     ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
     at = points.index(int(np.nanargmax(sizes)))
     error = max(max(ends) - top, float(ratio[points[at]]) * errors[at])

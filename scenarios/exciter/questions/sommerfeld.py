@@ -16,7 +16,7 @@ import numpy as np
 import cosim
 import workbench
 from cosim import Result, SetupError, System
-from cosim.accuracy.extrapolation import bound_coupling_error
+from cosim.accuracy.limit import limit
 from cosim.system import connect
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
@@ -178,8 +178,10 @@ def figure(jumps: Sequence[Jump], name: str, direction: str, observed: Observed)
     if not np.isfinite(values).all():
         reason = next(x.reason for x in jumps if x.reason)
         return Figure.undetermined(unit, reason, meaning)
-    error = bound_coupling_error(values, cosim.CONVERGENCE_ORDERS["strang"]) + ROUNDING * values[0]
-    return Figure(values[0], unit, error, meaning)
+    of_runs = limit(values, cosim.CONVERGENCE_ORDERS["strang"])
+    if reason := of_runs.sentence():
+        return Figure.undetermined(unit, reason, meaning)
+    return Figure(values[0], unit, float(of_runs.error) + ROUNDING * values[0], meaning)
 
 
 def no_jump(observed: Observed) -> str:

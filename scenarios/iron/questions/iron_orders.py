@@ -18,7 +18,7 @@ import numpy as np
 import cosim
 import workbench
 from cosim import System, largest
-from cosim.accuracy.extrapolation import bound_coupling_error
+from cosim.accuracy.limit import limit
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
@@ -238,18 +238,25 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
         for at in mine.head(1).itertuples():
             left, most = 2 * at.settling, machine.most(at.nu)
             row_error = machine.excitation(at.nu, at.order).error
-            added = bound_coupling_error(mine["added"].to_list(), order)
-            added += (100 * (left + row_error) + at.added * most.error) / most.value
-            gain = (
-                bound_coupling_error(mine["gain"].to_list(), order)
-                + (left + at.gain * row_error) / at.excitation
+            by_rows = (100 * (left + row_error) + at.added * most.error) / most.value
+            of_lag["added"] = figure_of(mine["added"], order, by_rows, "%", share)
+            by_rows, meaning = (
+                (left + at.gain * row_error) / at.excitation,
+                f"gain of order {at.order} there",
             )
-            of_lag["added"] = Figure(at.added, "%", added, share)
-            of_lag["gain"] = Figure(at.gain, "1", gain, f"gain of order {at.order} there")
+            of_lag["gain"] = figure_of(mine["gain"], order, by_rows, "1", meaning)
             of_lag["worst_speed"] = Figure(at.nu, "rad/s", 0.0, "speed of the sweep there")
         for name, x in of_lag.items():
             all_figures[f"{name}_{lag}ms"] = x._replace(meaning=f"{x.meaning}, lag {lag} ms")
     return all_figures
+
+
+def figure_of(runs: Any, order: float, by_rows: float, unit: str, meaning: str) -> Figure:
+    """The first of values of runs with longer and longer steps; `by_rows` is added to its error."""
+    of_runs = limit(runs, order)
+    if reason := of_runs.sentence():
+        return Figure.undetermined(unit, reason, meaning)
+    return Figure(float(of_runs.value), unit, float(of_runs.error) + by_rows, meaning)
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
