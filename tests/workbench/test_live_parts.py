@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import re
@@ -439,3 +440,24 @@ def test_the_scripts_are_formatted_and_linted(tool: str, tmp_path: Path) -> None
         [program, *options, *files], capture_output=True, text=True, check=False, cwd=ROOT
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("algorithm", cosim.ALGORITHMS)
+def test_the_coupling_loop_gives_the_rows_of_the_master(
+    algorithm: str, javascript: Evaluate
+) -> None:
+    """Motor and conveyor over a start from rest, all columns of all rows."""
+    answer = ask("run_up", stop=0.05, algorithm=algorithm)
+    assert answer.live is not None
+    worker = answer.live.worker.replace("\nonmessage =", "\nconst handle =")
+    modules = {k: base64.b64encode(x).decode() for k, x in answer.live.modules.items()}
+    rows = javascript(f"""{worker}
+        const bytes = (text) => Uint8Array.from(atob(text), x => x.charCodeAt(0));
+        const compiled = Object.entries({json.dumps(modules)}).map(([k, x]) => [k, new WebAssembly.Module(bytes(x))]);
+        model = new Model({json.dumps(answer.live.data)}, Object.fromEntries(compiled));
+        const rows = model.rows(model.values({{}}), model.data.runs[0], {{}}, 1);
+        return Object.fromEntries(Object.entries(rows).map(([k, x]) => [k, [...x]]));""")
+    frame = answer.tables["linear.csv"].frame
+    for column in ("time", "motor.tau", "conveyor.w", "conveyor.f_rod", "conveyor.phi"):
+        scale = float(frame[column].abs().max())
+        assert rows[column] == pytest.approx(frame[column].tolist(), rel=1e-11, abs=1e-12 * scale)

@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cosim import SetupError
+from cosim.engine.algorithms import find_algorithm
 from cosim.system import Network, Port, Value
 from cosim.system.graph import stepping_order
 
@@ -86,7 +87,7 @@ class Content:
         return {
             "sliders": sliders, "scope": scope, "base": base, "values": values,
             "wires": self.wires(live), "sequence": stepping_order(self.network, None),
-            "algorithm": live.algorithm or getattr(self.options, "algorithm", "strang"),
+            "schedule": self.schedule(live.algorithm or getattr(self.options, "algorithm", "strang")),
             "start": self.pairs(live.start, "start"),
             "runs": [{"name": x.name, "start": self.pairs(x.start, "runs")} for x in live.runs],
             "stop": self.formula(live.stop, "stop"), "step": self.formula(live.step, "step"),
@@ -144,6 +145,12 @@ class Content:
             "option": is_option,
         }  # fmt: skip
 
+    def schedule(self, algorithm: str) -> dict[str, Any]:
+        """Return the stages of a step by a coupling algorithm, and the weight of its end; refuse one that is none."""
+        chosen = find_algorithm(algorithm)
+        stages = chosen.stages(stepping_order(self.network, None))
+        return {"stages": stages, "end_weight": chosen.end_weight}
+
     def wires(self, live: Live) -> list[dict[str, Any]]:
         """Return the wires with their factors, which may be formulas."""
         targets = [wire.target.name for wire in self.network.wires]
@@ -157,6 +164,8 @@ class Content:
         return [
             {
                 "from": wire.source.name, "to": wire.target.name, "factor": wire.factor, "offset": wire.offset,
+                "nominal": abs(float(wire.source.variable.nominal or 0.0)) or 1.0,
+                "discrete": wire.source.type != "Real",
                 "formula": self.formula(live.factors.get(wire.target.name, wire.factor), "factors"),
             }
             for wire in self.network.wires

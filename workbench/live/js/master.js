@@ -1,6 +1,12 @@
 // FMUs as modules for WebAssembly, coupled with fixed steps as cosim does it.
 
 class Failure extends Error {}
+// Sweeps of a repeated step, the change of an output in a sweep over its size below which it agrees, and the
+// sweeps that are mixed: those of cosim/engine/iteration.py.
+const [MOST_SWEEPS, AGREEMENT, MEMORY] = [50, 1e-12, 5];
+// The square of what is left of a difference of residuals, over that of the difference, below which it is a
+// combination of the others but for rounding.
+const DEPENDENT = 1e-28;
 const STATUS = ["OK", "Warning", "Discard", "Error", "Fatal", "Pending"];
 
 // An instance of a module; docs/wasm.md says what it exports.
@@ -91,19 +97,6 @@ class Network {
     for (const part of this.sequence) part.check(part.flat.begin(part.instance));
   }
 
-  // Stages of a step, each of turns [part, at, size] in shares of the step.
-  stages(algorithm) {
-    const all = this.sequence.map((part) => [part, 0, 1]);
-    if (algorithm === "jacobi") return [all];
-    if (algorithm === "gauss-seidel") return all.map((turn) => [turn]);
-    const before = this.sequence.slice(0, -1);
-    return [
-      ...before.map((part) => [[part, 0, 0.5]]),
-      [all.at(-1)],
-      ...before.reverse().map((part) => [[part, 0.5, 0.5]]),
-    ];
-  }
-
   // The messages since the start, each sentence once.
   warnings() {
     const lines = this.sequence.flatMap((part) =>
@@ -117,16 +110,24 @@ class Network {
   }
 }
 
-// A run of a network that was started, in steps of h up to `stop`, by default without an end.
+// A run of a network that was started, in steps of h up to `stop`, by default without an end. A step has
+// stages of turns [part, at, size] in shares of the step. With an `end_weight` above 0 it is repeated until the
+// outputs at its end are those of which inputs take this share, and the rest of those at its beginning.
 class Run {
-  constructor(network, h, algorithm, stop = Infinity) {
-    Object.assign(this, { network, h, stop, n: 0, time: 0 });
+  constructor(network, h, { stages, end_weight: weight }, stop = Infinity) {
+    Object.assign(this, { network, h, weight, stop, n: 0, time: 0 });
     this.count = Math.max(1, Math.ceil(stop / h - 1e-6));
     const sources = network.wires.map(({ from }) => `${from.part.name}.${from.variable}`);
     this.cells = new Map(sources.map((name) => [name, cellOf(network.end(name))]));
-    this.stages = network.stages(algorithm).map((stage) => ({
-      turns: stage.map((turn) => this.turn(...turn)),
-      outputs: stage.flatMap(([part]) => [...this.cells.values()].filter((x) => x.part === part)),
+    for (const { from, nominal, discrete } of network.wires) {
+      const cell = this.cells.get(`${from.part.name}.${from.variable}`);
+      Object.assign(cell, { nominal, discrete });
+    }
+    this.stages = stages.map((stage) => ({
+      turns: stage.map(([name, ...rest]) => this.turn(network.parts[name], ...rest)),
+      outputs: stage.flatMap(([name]) =>
+        [...this.cells.values()].filter((x) => x.part.name === name),
+      ),
     }));
     for (const cell of this.cells.values()) read(cell);
   }
@@ -147,6 +148,14 @@ class Run {
     const t = this.n * this.h;
     const last = this.n + 1 >= this.count;
     const step = last && t + this.h !== this.stop ? this.stop - t : this.h;
+    if (this.weight) this.iterate(t, step);
+    else this.sweep(t, step);
+    this.n++;
+    this.time = last ? this.stop : this.n * this.h;
+  }
+
+  // All stages of a step once.
+  sweep(t, step) {
     for (const { turns, outputs } of this.stages) {
       for (const turn of turns) {
         const { at, size, flat, instance, links } = turn;
@@ -158,8 +167,41 @@ class Run {
       }
       for (const cell of outputs) read(cell);
     }
-    this.n++;
-    this.time = last ? this.stop : this.n * this.h;
+  }
+
+  // A step that is repeated, from the same state, until its outputs agree.
+  iterate(t, step) {
+    const cells = [...this.cells.values()];
+    const begin = cells.map(({ value }) => value);
+    const states = this.network.sequence.map(({ flat, instance }) => flat.save(instance));
+    const each = (act) =>
+      this.network.sequence.forEach(({ flat, instance }, k) => flat[act](instance, states[k]));
+    const [images, residuals] = [[], []];
+    let supposed = begin;
+    try {
+      for (let sweep = 0; sweep < MOST_SWEEPS; sweep++) {
+        if (sweep) each("restore");
+        cells.forEach((cell, k) => {
+          const share = cell.discrete ? 1 : this.weight;
+          cell.value = share * supposed[k] + (1 - share) * begin[k];
+        });
+        this.sweep(t, step);
+        const image = cells.map(({ value }) => value);
+        const change = image.map((value, k) => value - supposed[k]);
+        const agrees = ({ nominal }, k) =>
+          Math.abs(change[k]) <= AGREEMENT * (nominal + Math.abs(image[k]));
+        if (cells.every(agrees)) return;
+        images.unshift(image);
+        residuals.unshift(change.map((x, k) => (cells[k].discrete ? 0 : x)));
+        supposed = mixed(images.slice(0, MEMORY), residuals.slice(0, MEMORY));
+        cells.forEach(({ discrete }, k) => {
+          if (discrete) supposed[k] = image[k];
+        });
+      }
+    } finally {
+      each("free");
+    }
+    throw new Failure(`no convergence in ${MOST_SWEEPS} sweeps from t = ${t} s`);
   }
 
   // Rows of columns by name, and time: one now and one after each of so many steps.
@@ -180,6 +222,32 @@ class Run {
     return { time, ...Object.fromEntries(record.map((name, k) => [name, columns[k]])) };
   }
 }
+
+// The next guess z after images g(z) and residuals g(z) - z, the newest first: the mixture of images that leaves the
+// least residual (Anderson, J. ACM 12, 1965), by Gram and Schmidt's method on the differences of residuals.
+const mixed = (images, residuals) => {
+  const minus = (x, y, factor = 1) => x.map((value, k) => value - factor * y[k]);
+  const dot = (x, y) => x.reduce((sum, value, k) => sum + value * y[k], 0);
+  const basis = [];
+  let [next, rest] = [images[0], residuals[0]];
+  for (let n = 1; n < images.length; n++) {
+    let direction = minus(residuals[n - 1], residuals[n]);
+    let step = minus(images[n - 1], images[n]);
+    const before = dot(direction, direction);
+    for (const [other, its_step, size] of basis) {
+      const factor = dot(direction, other) / size;
+      direction = minus(direction, other, factor);
+      step = minus(step, its_step, factor);
+    }
+    const size = dot(direction, direction);
+    if (!(size > DEPENDENT * before)) continue;
+    basis.push([direction, step, size]);
+    const factor = dot(rest, direction) / size;
+    rest = minus(rest, direction, factor);
+    next = minus(next, step, factor);
+  }
+  return next;
+};
 
 // An output that is read again and again.
 const cellOf = ({ part, variable }) => {

@@ -23,7 +23,7 @@ class Model {
 
   // The rows of a run with values v, at `multiple` times its step.
   rows(v, run, sliders, multiple, { step, steady } = this.data) {
-    const { base, start, columns, algorithm, adapted } = this.data;
+    const { base, start, columns, schedule, adapted } = this.data;
     const own = computed(run.start, v);
     const all = { ...v, ...own };
     const starts = computed(start, all);
@@ -33,8 +33,8 @@ class Model {
     this.network.start({ ...base, ...starts, ...own, ...Object.fromEntries(user) });
     const h = multiple * formulas[step](all);
     const stop = formulas[this.data.stop](all);
-    if (!steady) return new Run(this.network, h, algorithm, stop).rows(columns);
-    return this.settled(new Run(this.network, h, algorithm), Math.ceil((2 * stop) / h), steady);
+    if (!steady) return new Run(this.network, h, schedule, stop).rows(columns);
+    return this.settled(new Run(this.network, h, schedule), Math.ceil((2 * stop) / h), steady);
   }
 
   // Two revolutions, of about `steps`, after as many as it takes until columns repeat.
