@@ -9,14 +9,15 @@ import sys
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 
 from cosim import SetupError, SimulationError
 
-#: Names of the modules that were loaded from a user's own file.
-_from_file: set[str] = set()
+#: What the name of a module begins with that is a user's own file: no `import` of other code can mean it.
+FROM_FILE = "workbench.from_file."
 
 
 class QuestionError(RuntimeError):
@@ -51,7 +52,7 @@ def summary(home: Path, module: str) -> str:
 
 def is_from_file(module: ModuleType) -> bool:
     """Whether a module is a user's own file and no module of a package."""
-    return module.__name__ in _from_file
+    return module.__name__.startswith(FROM_FILE)
 
 
 def locator(module: ModuleType) -> str:
@@ -75,7 +76,7 @@ def load_module(locator: str) -> ModuleType:
     Raises
     ------
     SetupError
-        If there is no such file, or a module of that name.
+        If there is no such file.
     QuestionError
         If the question's own code raises.
     """
@@ -84,15 +85,12 @@ def load_module(locator: str) -> ModuleType:
     path = Path(locator).resolve()
     if not path.is_file():
         raise SetupError(f"there is no file {locator}")
-    loaded = sys.modules.get(path.stem)
-    if loaded is not None and not is_from_file(loaded):
-        raise SetupError(f"{locator}: {path.stem!r} is the name of a module; rename the file")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    name = FROM_FILE + path.stem
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
-    _from_file.add(path.stem)
+    sys.modules[name] = module
     try:
         with attribute_errors(module):
             spec.loader.exec_module(module)
@@ -105,7 +103,6 @@ def load_module(locator: str) -> ModuleType:
 def unload(module: ModuleType) -> None:
     """Unload a module that was loaded from a file, so that its name is free."""
     if is_from_file(module):
-        _from_file.discard(module.__name__)
         sys.modules.pop(module.__name__, None)
 
 
@@ -125,7 +122,9 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
     if text.endswith(".py") and (folder / text).is_file():
         return str((folder / text).resolve())
     choices = f"one of {', '.join(names(home))}, or " if home else ""
-    raise SetupError(f"{text!r} must be {choices}an existing file NAME.py")
+    near = get_close_matches(text, names(home), 1)
+    hint = f": did you mean {near[0]!r}?" if near else ""
+    raise SetupError(f"{text!r} must be {choices}an existing file NAME.py{hint}")
 
 
 @contextmanager

@@ -8,7 +8,9 @@ from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from pathlib import Path
 
+from cosim import SetupError
 from cosim.cli.options import Parser, exit_code
+from cosim.units import QUANTITY
 
 from . import catalog
 from .catalog import QuestionError, attribute_errors
@@ -24,13 +26,28 @@ from .runs.worker import OK
 REFUSED = 3
 USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
 
+SUMMARY = """\
+Ask questions about machines made of FMUs; answers are figures with errors, tables, pictures and pages.
+
+  {0} list             prints the questions, a line each
+  {0} run NAME         answers one of them, or the question in a file of yours, NAME.py
+  {0} study FILE.toml  asks a question many times, with varied inputs (docs/studies.md)
+"""
+
 
 def main(argv: Sequence[str], project: Project, program: str) -> int:
     """Run a command line, the arguments after the name of the program; returns its exit code."""
 
     def act() -> int:
-        top = Parser(prog=program, usage=f"{program} {USAGE}", allow_abbrev=False)
-        top.add_argument("command", choices=COMMANDS)
+        top = Parser(
+            prog=program,
+            usage=f"{program} {USAGE}",
+            description=SUMMARY.format(program),
+            epilog=f"{program} run NAME --help lists the options of a question.",
+            formatter_class=RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        top.add_argument("command", choices=COMMANDS, help="what to do")
         return COMMANDS[top.parse_args(argv[:1]).command](argv[1:], project, program)
 
     logging.getLogger("cosim").addHandler(logging.NullHandler())
@@ -77,7 +94,7 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     parsed, rest = parser.parse_known_args(argv[1:])
     if rest:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
-        raise unknown_option(rest[0].lstrip("-").partition("=")[0], flags, question.name)
+        raise misplaced(rest[0], argv[1:], flags, question.name)
     args = {name: value for name, value in vars(parsed).items() if value is not None}
     options = {
         name: args.pop(name) for name in (*declared(question.options), "start") if name in args
@@ -91,6 +108,18 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
         with attribute_errors(question.module):
             finish(answer, args["out"], animate=animate)
     return REFUSED if answer.refused else 0
+
+
+def misplaced(word: str, words: Sequence[str], flags: Sequence[str], who: str) -> SetupError:
+    """The error for a word of a command line that belongs to no option: one that does not exist, or a lone unit."""
+    if word.startswith("-"):
+        return unknown_option(word.lstrip("-").partition("=")[0], flags, who)
+    before = words[: words.index(word)]
+    if before and (quantity := QUANTITY.fullmatch(before[-1])) and not quantity[2]:
+        return SetupError(
+            f"{word!r} after {before[-1]} belongs to no option: write {before[-1]}{word}"
+        )
+    return SetupError(f"{word!r} belongs to no option; options of {who} begin with --")
 
 
 def _description(question: Question, project: Project) -> str:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import math
+import sys
 from base64 import b64encode
+from collections.abc import Mapping
+from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +20,7 @@ from .charts.gif import gif
 from .charts.mpl import draw
 from .files import replacement
 from .page.html import report
+from .runs.fingerprint import differences
 from .runs.folder import reservation
 
 #: File name of the page.
@@ -30,7 +36,10 @@ def draw_show(show: Show, title: str, path: Path) -> list[str]:
         The file's name; none where there is nothing to draw.
     """
     pictures = [*(motion for motion in show.motions if motion.ghosts), *show.charts]
-    return draw(pictures, show.title or title, path)
+    if pictures:
+        with replacement(path) as fresh:
+            draw(pictures, show.title or title, fresh)
+    return [path.name] * bool(pictures)
 
 
 def picture(answer: Answer) -> str:
@@ -60,16 +69,18 @@ def _write(answer: Answer, folder: Path, *, animate: bool) -> list[str]:
             table.frame.to_csv(fresh, index=False)
         partial(folder / name).unlink(missing_ok=True)
     with replacement(folder / f"{answer.scenario}.json") as fresh:
-        write_json(fresh, content(answer))
+        write_json(fresh, finite(content(answer)))
     for name, save in answer.files.items():
-        save(folder / name)
+        with replacement(folder / name) as fresh:
+            save(fresh)
     if find_spec("plotly"):
         with replacement(folder / PAGE) as fresh:
             report(answer, fresh)
     pictures = draw_show(answer.show(), answer.question, folder / f"{answer.scenario}.png")
     for number, motion in enumerate(answer.show().motions if animate else (), 1):
         pictures.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
-        gif(folder / pictures[-1], motion)
+        with replacement(folder / pictures[-1]) as fresh:
+            gif(fresh, motion)
     data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
     return [*data, *pictures, *[PAGE] * bool(find_spec("plotly"))]
 
@@ -98,11 +109,49 @@ def content(answer: Answer) -> dict[str, Any]:
     }
 
 
+def finite(value: Any) -> Any:
+    """Return data for JSON, in which None stands for numbers that are infinite or nan."""
+    if isinstance(value, Mapping):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def replaced(answer: Answer, folder: Path) -> str:
+    """Say in a sentence which answer to other values a folder has, and in what they differ; "" without one."""
+    path = folder / f"{answer.scenario}.json"
+    try:
+        before, after = (_values(json.loads(text)) for text in (
+            path.read_text(encoding="utf-8"), json.dumps(finite(content(answer)))))  # fmt: skip
+        written = datetime.fromtimestamp(path.stat().st_mtime)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return ""
+    if before == after:
+        return ""
+    return (
+        f"{folder}: this replaces the answer of {written:%Y-%m-%d %H:%M} to other values: "
+        f"{differences(before, after)}; to keep both, choose another folder with --out"
+    )
+
+
+def _values(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What was asked: the values of options and parameters of a JSON file, and its flavour."""
+    asked = {**content["options"], **content["parameters"]}
+    values = {name: parameter["value"] for name, parameter in asked.items()}
+    return {**values, "flavour": content["flavour"]} if "flavour" in content else values
+
+
 def finish(answer: Answer, folder: Path, *, animate: bool = False) -> None:
-    """Write the files; print the verdict, the figures, the FMUs' warnings, and where the files are."""
+    """Write the files; print the verdict, the figures, the FMUs' warnings, and where the files are.
+
+    An answer to other values that the folder has is replaced, which is said on stderr.
+    """
+    if text := replaced(answer, folder):
+        print(text, file=sys.stderr)
     names = write(answer, folder, animate=animate)
     if text := repr(answer):
         print(text)
     print(f"{', '.join(names)} written to {folder}")
     if PAGE not in names:
-        print("no page was written: it needs the package plotly")
+        print('no page was written: install it with pip install "drive-fmus[page]"')

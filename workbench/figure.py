@@ -108,22 +108,27 @@ class Figure(NamedTuple):
         return record | {"meaning": self.meaning, "reason": self.reason}
 
 
-def check_figures(figures: Any, path: Path) -> None:
-    """Refuse what is no figure.
+def checked(figures: Any, path: Path) -> dict[str, Figure]:
+    """Return the figures of a question, those whose error has no bound as undetermined.
 
     Raises
     ------
     SetupError
-        With the file of the question, the name and what is wrong.
+        For what is no figure, with the file of the question, the name and what is wrong.
     """
     if not isinstance(figures, Mapping):
         raise SetupError(f"{path}: figures must be a dict of workbench.Figure")
+    result: dict[str, Figure] = {}
     for key, figure in figures.items():
         prefix = f"{path}: figure {key!r}"
         if not isinstance(figure, Figure):
             raise SetupError(f"{prefix} must be a workbench.Figure(value, unit, error, meaning)")
         if problem := figure.problem():
             raise SetupError(f"{prefix} {problem}")
+        is_bounded = figure.error is None or math.isfinite(figure.error)
+        unbounded = Figure.undetermined(figure.unit, "its error has no bound", figure.meaning)
+        result[key] = figure if is_bounded else unbounded
+    return result
 
 
 def refusals(figures: Mapping[str, Figure]) -> list[str]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
+from shutil import rmtree
 from typing import TextIO
 
 from cosim.result import partial
 
 from .runs.folder import reservation
+
+#: Where files are until they are complete.
+UNFINISHED = ".unfinished"
 
 Rows = Callable[[Iterable[Sequence[float]]], None]
 
@@ -25,14 +28,27 @@ def new_file(path: Path) -> TextIO:
 
 @contextmanager
 def replacement(path: Path) -> Iterator[Path]:
-    """Give a new file of this process that takes the place of another when it is complete."""
-    fresh = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    fresh.unlink(missing_ok=True)
+    """Give a path for a file that takes the place of another when it is complete; a link is not followed.
+
+    The new file has the same name, in the folder UNFINISHED beside it. What a killed run left there is removed:
+    nobody else may write to the folder of `path` meanwhile.
+    """
+    folder = path.parent / UNFINISHED
+    remove(folder)
+    folder.mkdir(parents=True)
     try:
-        yield fresh
-        fresh.replace(path)
+        yield folder / path.name
+        (folder / path.name).replace(path)
     finally:
-        fresh.unlink(missing_ok=True)
+        remove(folder)
+
+
+def remove(path: Path) -> None:
+    """Remove a folder with all that is in it, a file or a link, but not what the link leads to."""
+    if path.is_dir() and not path.is_symlink():
+        rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -249,10 +249,12 @@ def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:
     """
     values = np.asarray(function(grid))
     changes = np.flatnonzero((values[1:] > 0.0) != (values[:-1] > 0.0))
-    return [
-        float(brentq(lambda x: float(function(x)), grid[k], grid[k + 1], xtol=1e-12 * abs(grid[k])))
-        for k in changes.tolist()
-    ]
+
+    def root(low: float, high: float) -> float:
+        xtol = 1e-12 * max(abs(low), abs(high))
+        return float(brentq(lambda x: float(function(x)), low, high, xtol=xtol))
+
+    return [root(*grid[k : k + 2].tolist()) for k in changes.tolist()]
 
 
 def falling_roots(x: Array, values: Array, *, derivative: bool = False) -> list[Crossing]:

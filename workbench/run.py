@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +19,7 @@ from . import catalog, export, live
 from .answer import Answer, Findings, Parameter, Show, parameters
 from .catalog import QuestionError, attribute_errors
 from .context import IN_PROCESS, Context, captured_warnings
-from .figure import Figure, check_figures, drop_undetermined
+from .figure import Figure, checked, drop_undetermined
 from .options import Options, check_fixed_starts, declared
 from .question import FLAVOURS, PYTHON, Project, Question, read
 from .runs.codec import Records
@@ -110,31 +111,11 @@ def answer(
     command : str
         The start of the command line that asks the same.
     """
-    check_fixed_starts(o.start, question.fixed_starts)
     with (
-        reservation(out),
-        ExitStack() as stack,
         captured_warnings() as warnings,
         attribute_errors(question.module),
+        found(question, o, fmus, runner, out) as findings,
     ):
-        files = [*fmus.values(), *question.files]
-        runner = runner.prepared(question.locator, files)
-
-        @cache
-        def journal() -> Journal | None:
-            if out is None:
-                return None
-            packages = _packages(question, runner.setup.packages)
-            records = Records(frozenset({*SOURCES, *packages, question.module.__name__}))
-            fingerprint = _fingerprint(question, o, fmus, packages)
-            return stack.enter_context(
-                open_journal(out, fingerprint, passing=True, records=records)
-            )
-
-        findings = question.solve(o, Context(fmus, runner, out, journal))
-        if not isinstance(findings, Findings):
-            raise SetupError(f"{question.path}: solve must return workbench.Findings")
-        check_figures(findings.figures, question.path)
         verdict = drop_undetermined(
             question.verdict(o, findings.figures, findings.data), findings.figures
         )
@@ -165,6 +146,39 @@ def answer(
     )
 
 
+@contextmanager
+def found(
+    question: Question,
+    o: Options,
+    fmus: Mapping[str, Path],
+    runner: Runner = IN_PROCESS,
+    out: Path | None = None,
+) -> Iterator[Findings]:
+    """Give what a question finds, as `answer` does, without what is said and shown of it.
+
+    The rows of its sweeps are kept in the folder `out` until the end, and stay there after an error.
+    """
+    check_fixed_starts(o.start, question.fixed_starts)
+    with reservation(out), ExitStack() as stack:
+        runner = runner.prepared(question.locator, [*fmus.values(), *question.files])
+
+        @cache
+        def journal() -> Journal | None:
+            if out is None:
+                return None
+            packages = _packages(question, runner.setup.packages)
+            records = Records(frozenset({*SOURCES, *packages, question.module.__name__}))
+            fingerprint = _fingerprint(question, o, fmus, packages)
+            return stack.enter_context(
+                open_journal(out, fingerprint, passing=True, records=records)
+            )
+
+        findings = question.solve(o, Context(fmus, runner, out, journal))
+        if not isinstance(findings, Findings):
+            raise SetupError(f"{question.path}: solve must return workbench.Findings")
+        yield replace(findings, figures=checked(findings.figures, question.path))
+
+
 def is_refused(question: Question, figures: Mapping[str, Figure]) -> bool:
     """Whether an answer is refused: a figure that it hangs on is undetermined.
 
@@ -186,7 +200,7 @@ def is_refused(question: Question, figures: Mapping[str, Figure]) -> bool:
 
 
 def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the question of a file or a module answers to options and start values, which have a dot.
+    """Return what the question of a file or a module finds for options and start values, which have a dot.
 
     It is {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Its errors name no folder.
     """
@@ -195,17 +209,22 @@ def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> 
     try:
         question = read(catalog.load_cached(str(page)))
         o = question.parse({**options, "start": start})
-        result = answer(question, o, fmus)
+        with (
+            captured_warnings() as warnings,
+            attribute_errors(question.module),
+            found(question, o, fmus) as findings,
+        ):
+            figures = findings.figures
     except (SetupError, QuestionError) as error:
         text = str(error)
         for folder in {path.parent for path in (page, *fmus.values()) if isinstance(path, Path)}:
             text = text.replace(f"{folder}{os.sep}", "")
         raise type(error)(text) from error
-    figures = {
+    cells = {
         key: (float(f.value), f.unit, None if f.error is None else float(f.error), f.reason)
-        for key, f in result.figures.items()
+        for key, f in figures.items()
     }
-    return {"figures": figures, "warnings": list(result.warnings)}
+    return {"figures": cells, "warnings": warnings()}
 
 
 def is_row(answer: Any) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cosim import Result, System
 
 from .answer import Findings, Table
-from .figure import Figure, check_figures
+from .figure import Figure, checked
 from .options import Run
 
 if TYPE_CHECKING:
@@ -129,9 +129,7 @@ class SimpleForm:
         """Return the result of a system, processed, and its figures with their errors."""
 
         def figures(result: Result) -> Mapping[str, Figure]:
-            computed = self.figures(o, self.process(o, result))
-            check_figures(computed, self.path)
-            return computed
+            return checked(self.figures(o, self.process(o, result)), self.path)
 
         result, certified = context.certify(system, figures, self.run(o), self.record, csv)
         return self.process(o, result), certified

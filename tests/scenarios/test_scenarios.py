@@ -149,7 +149,11 @@ def test_stability_limits_are_those_of_the_linearised_map() -> None:
 
 REFUSED = [
     ("run resonanz", f"'resonanz' must be one of {', '.join(catalog.names(PROJECT.home))}, or"),
+    ("run resonanse", "or an existing file NAME.py: did you mean 'resonance'?"),
     ("run none.py", "'none.py' must be one of"),
+    ("run resonance --speed 420 rpm", "'rpm' after 420 belongs to no option: write 420rpm"),
+    ("run resonance --set A --speed 4.2e2 rpm --speeds 40", "write 4.2e2rpm"),
+    ("run resonance quickly", "'quickly' belongs to no option; options of resonance begin with --"),
     ("sweep", "invalid choice: 'sweep'"),
     ("run resonance --sped 3", "resonance has no option 'sped': did you mean 'speed'?"),
     ("run run_up --within 3", "run_up has no option 'within'"),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 
 import pytest
 
-from workbench.figure import Figure, concise
+from workbench.export import finite
+from workbench.figure import Figure, checked, concise
 
 
 @pytest.mark.parametrize(
@@ -22,7 +25,6 @@ from workbench.figure import Figure, concise
         (0.000123456, 1e-9, "0.0001235 N"),
         (1.23456e-9, 1e-14, "1.235e-09 N"),
         (0.0, 0.1, "0.00 ± 0.10 N"),
-        (40.0022, math.inf, "40.0022 ± ? N"),
         (720000.0, 0.0, "720000 N"),
     ],
 )
@@ -31,6 +33,16 @@ def test_a_sentence_has_four_digits_or_the_error(value: float, error: float, sen
     if "±" not in sentence and error:
         unit = 10.0 ** (math.floor(math.log10(abs(float(sentence.split()[0])))) - 3)
         assert abs(float(sentence.split()[0]) - value) + error < unit
+
+
+def test_a_figure_whose_error_has_no_bound_is_undetermined_and_json_has_no_infinity() -> None:
+    figures = checked({"force": Figure(1.0, "N", math.inf, "a force")}, Path("q.py"))
+    assert figures["force"].text() == "not determined (its error has no bound)"
+    assert figures["force"].meaning == "a force"
+    for figure in (*figures.values(), Figure(math.inf, "N", math.inf)):
+        assert json.loads(json.dumps(figure.json(), allow_nan=False))["error"] is None
+    facts = {"a": (1.0, math.nan, {"b": [math.inf, 2, True, "x"]})}
+    assert finite(facts) == {"a": [1.0, None, {"b": [None, 2, True, "x"]}]}
 
 
 def test_a_refused_figure_says_why_in_a_sentence() -> None:

@@ -9,15 +9,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import scenarios
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, until
-from workbench.answer import Table
+from workbench.answer import Answer, Show, Table
+from workbench.charts.model import Chart, Curve, Panel
+from workbench.charts.motion import Motion, Shape, line
 from workbench.cli import main
-from workbench.files import stream
+from workbench.export import write
+from workbench.files import UNFINISHED, replacement, stream
 
 ROWS = 2000
 QUESTION = '''
@@ -145,9 +149,6 @@ def test_a_table_has_no_rows_of_the_run_whose_file_blocks_it(tmp_path: Path) -> 
     precious.write_text("mine\n")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "rows.partial.csv").symlink_to(precious)
-    from workbench.answer import Answer
-    from workbench.export import write
-
     frame = Table.of_rows([(1.0,)], {"x": "1"})
     bare = {"parts": {}, "versions": {}, "flavour": "native"}
     write(
@@ -157,3 +158,78 @@ def test_a_table_has_no_rows_of_the_run_whose_file_blocks_it(tmp_path: Path) -> 
     )  # fmt: skip
     assert precious.read_text() == "mine\n"
     assert (tmp_path / "out" / "rows.csv").read_text() == "x\n1.0\n"
+
+
+DRAWN = {
+    "rows.csv",
+    "a.json",
+    "a.png",
+    "a.gif",
+    "a_2.gif",
+    "rows.parquet",
+    "report.html",
+    "study.toml",
+}
+
+
+def drawn_answer() -> Answer:
+    """An answer that writes a file of each kind."""
+    table = Table.of_rows([(1.0,), (2.0,)], {"x": "1"})
+    arm = Shape("arm", line((0.0, 0.0), np.exp(1j * np.arange(3.0))), "blue")
+    turning = Motion("turns", np.arange(3.0), 1.0, ["", "", ""], [arm])
+    chart = Chart("x", "x [1]", [Panel("y", "1", [Curve("y", [0.0, 1.0], [1.0, 2.0], "blue")])])
+    bare = {"parts": {}, "versions": {}, "flavour": "native"}
+    return Answer(
+        {}, tables={"rows.csv": table}, provenance=bare, scenario="a", question="?", verdict="",
+        files={"rows.parquet": table.frame.to_parquet},
+        show=lambda: Show([chart], motions=[turning, turning]),
+    )  # fmt: skip
+
+
+def test_links_at_the_names_of_results_are_replaced(tmp_path: Path) -> None:
+    """What they lead to stays; so it is with a folder of links that a killed run may have left."""
+    precious, out = tmp_path / "precious", tmp_path / "out"
+    precious.mkdir()
+    out.mkdir()
+    for name in DRAWN:
+        (precious / name).write_text("mine")
+        (out / name).symlink_to(precious / name)
+    (out / UNFINISHED).symlink_to(precious)
+    written = set(write(drawn_answer(), out, animate=True))
+    assert written == DRAWN - {"study.toml"}
+    assert {path.name for path in out.iterdir()} == DRAWN
+    for name in written:
+        assert not (out / name).is_symlink() and (out / name).stat().st_size > 5
+    assert {path.name: path.read_text() for path in precious.iterdir()} == dict.fromkeys(
+        DRAWN, "mine"
+    )
+
+
+@pytest.mark.parametrize("name", sorted(DRAWN - {"study.toml"}))
+def test_a_file_that_is_not_complete_takes_no_place(name: str, tmp_path: Path) -> None:
+    """The write ends half-way: the old file is whole, and nothing lies beside it."""
+    write(drawn_answer(), tmp_path, animate=True)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(KeyboardInterrupt), replacement(tmp_path / name) as fresh:
+        assert fresh.name == name
+        fresh.write_bytes(b"half")
+        raise KeyboardInterrupt
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    (tmp_path / UNFINISHED).mkdir()
+    (tmp_path / UNFINISHED / name).write_bytes(b"half")  # as after SIGKILL
+    write(drawn_answer(), tmp_path, animate=True)
+    assert {path.name for path in tmp_path.iterdir()} == set(before)
+
+
+def test_an_answer_to_other_values_is_not_replaced_without_a_word(
+    question: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    for scale, said in ((1.0, False), (1.0, False), (2.0, True)):
+        assert main(arguments_of(question, "kept", scale, out), PROJECT, "scenarios") == 0
+        words = capsys.readouterr().err
+        assert ("this replaces the answer of" in words) == said
+    assert "to other values: scale was 1.0 and is 2.0; to keep both, choose another" in words
+    (out / "rows_of_mine.json").write_text("[1")
+    assert main(arguments_of(question, "kept", 1.0, out), PROJECT, "scenarios") == 0
+    assert "replaces" not in capsys.readouterr().err

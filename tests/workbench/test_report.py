@@ -785,6 +785,17 @@ def test_thinning_keeps_ends_and_peaks() -> None:
     assert y[:10][plotly.thinned(y[:10])].tolist() == y[:10].tolist()
 
 
+def test_thinning_keeps_peaks_beside_gaps_and_the_gaps() -> None:
+    y = np.zeros(20_000)
+    y[[5000, 5007]] = np.nan, 5.0
+    y[[9000, 9001]] = np.inf, -4.0
+    y[12_000:13_000] = np.nan
+    indices = plotly.thinned(y)
+    assert len(indices) <= STYLE.max_points
+    assert {5000, 5007, 9000, 9001} <= set(indices)
+    assert np.isnan(y[[k for k in indices if 12_010 <= k < 12_990]]).all()
+
+
 def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

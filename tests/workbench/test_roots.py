@@ -14,6 +14,7 @@ from workbench.roots import (
     PeakSearch,
     Root,
     next_coefficient,
+    roots_between,
 )
 
 
@@ -94,3 +95,10 @@ def test_errors_of_values_are_weighted_as_the_values_are() -> None:
     assert with_errors.value == bare.value
     assert bare.error is not None and with_errors.error is not None
     assert with_errors.error - bare.error == pytest.approx(6e-3)
+
+
+def test_roots_are_found_beside_zero_and_below_it() -> None:
+    grid = np.linspace(0.0, 1.0, 11)
+    assert roots_between(lambda x: x - 0.05, grid) == pytest.approx([0.05], rel=1e-11)
+    assert roots_between(lambda x: (x + 0.05) * (x - 0.31), grid - 1.0) == pytest.approx([-0.05])
+    assert roots_between(lambda x: x * (x - 0.5) - 1e-9, grid)[-1] == pytest.approx(0.5)

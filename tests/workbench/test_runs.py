@@ -305,18 +305,18 @@ def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
         "workbench/runs/worker.py",
         "scenarios/orientator/machine.py",
     } <= {*present}
-    assert not [name for name in present if "/report/" in name or name.endswith("show.py")]
-    for name in ("some/__init__.py", "some/b.c", "some/d/e.py", "some/d/show.py"):
+    assert not [name for name in present if "/charts/" in name or name.endswith("motion.py")]
+    for name in ("some/__init__.py", "some/b.c", "some/d/e.py", "some/d/motion.py"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text("1")
+        (tmp_path / name).write_text("x = 1")
     monkeypatch.syspath_prepend(tmp_path)
     before = fingerprint.code("some")
     assert set(before) == {"some/__init__.py", "some/b.c", "some/d/e.py"}
     for name in before:
-        (tmp_path / name).write_text("2")
+        (tmp_path / name).write_text("x = 2")
         after = fingerprint.code.__wrapped__("some")
         assert [key for key in before if before[key] != after[key]] == [name]
-        (tmp_path / name).write_text("1")
+        (tmp_path / name).write_text("x = 1")
 
 
 def test_a_damaged_journal_is_named(tmp_path: Path) -> None:

@@ -51,14 +51,11 @@ def style() -> AbstractContextManager[None]:
     return with_style
 
 
-def draw(pictures: Sequence[Picture | Motion], title: str, path: Path) -> list[str]:
-    """Write pictures and the still frames of motions to a file; return its name, if there are any."""
-    if not pictures:
-        return []
+def draw(pictures: Sequence[Picture | Motion], title: str, path: Path) -> None:
+    """Write pictures and the still frames of motions to a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with style():
         render(pictures, title).savefig(path)
-    return [path.name]
 
 
 def render(pictures: Sequence[Picture | Motion], title: str) -> Figure:

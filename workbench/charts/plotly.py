@@ -315,12 +315,22 @@ def _faint(color: str, opacity: float) -> str:
 
 
 def thinned(y: Samples) -> list[int]:
-    """Return at most `max_points` rows: the ends, and the smallest and largest of every stretch in order."""
+    """Return at most `max_points` rows in order: the ends, and of every stretch the smallest and the largest number.
+
+    A stretch with rows that are no finite number keeps one of them, so that its gap is seen.
+    """
     if len(y) <= STYLE.max_points:
         return list(range(len(y)))
+    gaps = ~np.isfinite(y)
     rows = {0, len(y) - 1}
-    for stretch in np.array_split(np.arange(len(y)), STYLE.max_points // 2 - 1):
-        rows |= {int(stretch[np.argmin(y[stretch])]), int(stretch[np.argmax(y[stretch])])}
+    for stretch in np.array_split(
+        np.arange(len(y)), (STYLE.max_points - 2) // (3 if gaps.any() else 2)
+    ):
+        known = stretch[~gaps[stretch]]
+        if len(known):
+            rows |= {int(known[np.argmin(y[known])]), int(known[np.argmax(y[known])])}
+        if len(known) < len(stretch):
+            rows.add(int(stretch[np.argmax(gaps[stretch])]))
     return sorted(rows)
 
 

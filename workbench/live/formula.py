@@ -2,38 +2,59 @@
 
 A formula contains numbers, names with dots, `+ - * / **`, one comparison, and the functions of `FUNCTIONS`.
 It is written out with all its parentheses, and every name as `v["name"]`. This text means the same in both
-languages, so nothing is translated.
+languages, so nothing is translated. Both compute as IEEE 754 says, with infinities and nan: nothing is raised.
 """
 
 from __future__ import annotations
 
 import ast
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from types import CodeType
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from cosim import SetupError
+from cosim.errors import pluralize
 
 
-def _mod(x: float, y: float) -> float:
-    return x % y
+def _mod(x: np.float64, y: np.float64) -> np.float64:
+    return np.float64(np.fmod(np.fmod(x, y) + y, y))
 
 
-def _where(condition: float, yes: float, no: float) -> float:
-    return yes if condition else no
+def _power(x: np.float64, y: np.float64) -> np.float64:
+    """JavaScript has no value for a 1 to an infinite power, or to nan; C has 1."""
+    return np.float64(math.nan) if abs(x) == 1.0 and not np.isfinite(y) else x**y
+
+
+def _where(condition: np.float64, yes: np.float64, no: np.float64) -> np.float64:
+    return no if condition == 0.0 or np.isnan(condition) else yes
+
+
+def _of_all(function: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda *x: reduce(function, x)
+
+
+class Function(NamedTuple):
+    """A function of a formula, of so many arguments; 0 are any number from 1 on."""
+
+    call: Callable[..., Any]
+    arguments: int = 1
 
 
 #: the functions of a formula; those that JavaScript's Math lacks are in js/formula.js
-FUNCTIONS: Mapping[str, Callable[..., float]] = {
-    "abs": abs, "atan2": math.atan2, "cos": math.cos, "exp": math.exp, "hypot": math.hypot,
-    "log": math.log, "max": max, "min": min, "mod": _mod, "sin": math.sin, "sqrt": math.sqrt,
-    "where": _where,
+FUNCTIONS: Mapping[str, Function] = {
+    "abs": Function(np.abs), "atan2": Function(np.arctan2, 2), "cos": Function(np.cos), "exp": Function(np.exp),
+    "hypot": Function(lambda *x: reduce(np.hypot, x, 0.0), 0), "log": Function(np.log),
+    "max": Function(_of_all(np.maximum), 0), "min": Function(_of_all(np.minimum), 0),
+    "mod": Function(_mod, 2), "sin": Function(np.sin), "sqrt": Function(np.sqrt), "where": Function(_where, 3),
 }  # fmt: skip
 OPERATORS: Mapping[type[ast.AST], str] = {
-    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**", ast.Lt: "<",
-    ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==",
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==",
 }  # fmt: skip
 
 
@@ -75,17 +96,32 @@ class Formula:
             tree = ast.parse(text.strip(), mode="eval").body
         except SyntaxError as error:
             raise SetupError(f"LIVE: the formula {text!r} is not valid: {error.msg}") from error
+        except (ValueError, RecursionError, MemoryError) as error:
+            raise SetupError(f"LIVE: the formula {text!r} is not valid: {error}") from error
         names: set[str] = set()
         source = _written(tree, text, names)
-        return cls(text, source, frozenset(names), compile(source, "<formula>", "eval"))
+        ieee = ast.fix_missing_locations(_Ieee().visit(ast.parse(source, mode="eval")))
+        return cls(text, source, frozenset(names), compile(ieee, "<formula>", "eval"))
 
     def __call__(self, values: Mapping[str, float]) -> float:
-        """Compute the formula with values by name; nan where it has no finite value."""
-        try:
-            value = eval(self._code, {"__builtins__": {}, **FUNCTIONS}, {"v": values})
-            return float(value)
-        except (ArithmeticError, ValueError):
-            return math.nan
+        """Compute the formula with values by name."""
+        calls = {name: function.call for name, function in FUNCTIONS.items()}
+        known = {"__builtins__": {}, "number": np.float64, "pow": _power, **calls}
+        with np.errstate(all="ignore"):
+            v = {name: np.float64(values[name]) for name in self.names}
+            return float(eval(self._code, known, {"v": v}))
+
+
+class _Ieee(ast.NodeTransformer):
+    """Makes numbers and comparisons floats of NumPy, which divide by zero."""
+
+    def generic_visit(self, node: ast.AST) -> ast.AST:
+        """Wrap a node where Python has a type of its own."""
+        node = super().generic_visit(node)
+        is_number = isinstance(node, ast.Constant) and isinstance(node.value, float)
+        if isinstance(node, ast.expr) and (is_number or isinstance(node, ast.Compare)):
+            return ast.Call(ast.Name("number", ast.Load()), [node], [])
+        return node
 
 
 def _written(node: ast.AST, text: str, names: set[str]) -> str:
@@ -94,9 +130,11 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
     def inside(part: ast.AST) -> str:
         return _written(part, text, names)
 
-    number = getattr(node, "value", None) if isinstance(node, ast.Constant) else None
-    if isinstance(number, (int, float)) and not isinstance(number, bool):
-        return repr(float(number))
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return _number(number, text)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+        return f"pow({inside(node.left)},{inside(node.right)})"
     if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
         return f"({inside(node.left)}{OPERATORS[type(node.op)]}{inside(node.right)})"
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
@@ -104,11 +142,7 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
     if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in OPERATORS:
         return f"({inside(node.left)}{OPERATORS[type(node.ops[0])]}{inside(node.comparators[0])})"
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-        if node.func.id not in FUNCTIONS:
-            raise SetupError(
-                f"LIVE: the formula {text!r} uses the function {node.func.id!r}, which is none of "
-                f"{', '.join(FUNCTIONS)}"
-            )
+        _check_call(node.func.id, len(node.args), text)
         return f"{node.func.id}({','.join(map(inside, node.args))})"
     name = _dotted(node)
     if name == "pi":
@@ -120,6 +154,27 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
         )
     names.add(name)
     return f'v["{name}"]'
+
+
+def _number(number: float, text: str) -> str:
+    """A number, which both languages can hold."""
+    if abs(number) > sys.float_info.max:
+        raise SetupError(f"LIVE: the formula {text!r} has a number that is too large")
+    return repr(float(number))
+
+
+def _check_call(name: str, given: int, text: str) -> None:
+    """Refuse a function that is none of `FUNCTIONS`, or with other arguments."""
+    if name not in FUNCTIONS:
+        raise SetupError(
+            f"LIVE: the formula {text!r} uses the function {name!r}, which is none of {', '.join(FUNCTIONS)}"
+        )
+    wanted = FUNCTIONS[name].arguments
+    if given != (wanted or max(given, 1)):
+        raise SetupError(
+            f"LIVE: the formula {text!r} gives {pluralize(given, 'argument')} to {name}, which takes "
+            f"{wanted or 'one or more'}"
+        )
 
 
 def _dotted(node: Any) -> str | None:

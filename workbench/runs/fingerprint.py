@@ -13,16 +13,29 @@ from typing import Any
 import cosim
 from cosim.system import describe_fmu
 
+from .syntax import code_digest
 from .transport import digest
 
 SOURCES = ("cosim", "workbench")
+#: Files that only show results, or make what runs are given; no pattern is without a file.
 PRESENTATION = (
+    "cosim/__main__.py",
+    "cosim/cli/commands/*",
+    "cosim/picture.py",
     "workbench/charts/*",
+    "workbench/cli.py",
+    "workbench/export.py",
+    "workbench/live/*",
     "workbench/page/*",
     "workbench/study/*",
-    "*/show.py",
-    "*/mechanism.py",
+    "*/__main__.py",
+    "*/live_*.py",
+    "*/motion.py",
+    "*/overview.py",
+    "*/papers.py",
 )
+#: Files that contain a question each, of which no question knows another.
+QUESTIONS = "*/questions/*"
 #: Differences that a message lists; chosen: they fit a line.
 MAX_DIFFERENCES = 4
 DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
@@ -35,11 +48,18 @@ def computation(where: str, fmus: Mapping[str, Path], *packages: str) -> dict[st
     in.
     """
     is_file = where.endswith(".py")
+    known, own = facts(*packages), f"{where.replace('.', '/')}.py"
+    code = {
+        name: text
+        for name, text in known["code"].items()
+        if name == own or not fnmatch(name, QUESTIONS)
+    }
     return {
-        "question": digest(Path(where).read_bytes()) if is_file else where,
+        "question": _code_digest(Path(where), is_question=True) if is_file else where,
         "fmus": {part: describe_fmu(part, path).guid for part, path in fmus.items()},
         "contents": {part: digest(path.read_bytes()) for part, path in fmus.items()},
-        **facts(*packages),
+        **known,
+        "code": code,
     }
 
 
@@ -52,9 +72,10 @@ def facts(*packages: str) -> dict[str, dict[str, str]]:
 
 @cache
 def code(*packages: str) -> dict[str, str]:
-    """A hash of each source file of these packages but those that only show results.
+    """A hash of what each source file of these packages computes, but for those that only show results.
 
-    Of a study, what its runs are given is hashed instead of the code that makes it.
+    Comments and docstrings are not in it. Of a study, what its runs are given is hashed instead of the code
+    that makes it.
     """
     hashes = {}
     for package in packages:
@@ -65,8 +86,21 @@ def code(*packages: str) -> dict[str, str]:
                 name = f"{package}/{path.relative_to(folder).as_posix()}"
                 is_presentation = any(fnmatch(name, pattern) for pattern in PRESENTATION)
                 if path.suffix in (".py", ".c") and not is_presentation:
-                    hashes[name] = digest(path.read_bytes())
+                    hashes[name] = _code_digest(path, is_question=fnmatch(name, QUESTIONS))
     return hashes
+
+
+def _code_digest(path: Path, *, is_question: bool) -> str:
+    """The digest of what a file computes; of one that is no Python, that of its bytes."""
+    content = path.read_bytes()
+    try:
+        return (
+            digest(content)
+            if path.suffix != ".py"
+            else code_digest(content, is_question=is_question)
+        )
+    except (SyntaxError, ValueError):
+        return digest(content)
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:

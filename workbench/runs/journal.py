@@ -11,7 +11,7 @@ import json
 import sqlite3
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -82,6 +82,16 @@ class Journal:
         if time.monotonic() > self._synced + SYNC_INTERVAL:
             self._base.execute("PRAGMA wal_checkpoint")
             self._synced = time.monotonic()
+
+    def items(self) -> list[tuple[Key, Outcome]]:
+        """Return the outcomes by key, in the order in which they came."""
+        return list(self._rows.items())
+
+    def forget(self, keys: Iterable[Key]) -> None:
+        """Remove outcomes, whose runs are then done again."""
+        for key in keys:
+            del self._rows[key]
+            self._base.execute("DELETE FROM rows WHERE key = ?", (key,))
 
     def read(self, sound: Callable[[Outcome], bool]) -> None:
         """Take the rows of sessions before; those that are damaged or not `sound` are removed and named."""

@@ -83,6 +83,8 @@ class Bundle(NamedTuple):
     def unpacked(self, folder: Path) -> Path:
         """The files in a folder of their own, in this folder; they may be there already, whole."""
         target = folder.resolve() / self.name
+        if target.is_symlink():
+            target.unlink()
         present = {file: target / file for file in self.files if (target / file).is_file()}
         if {file: path.read_bytes() for file, path in present.items()} != self.files:
             shutil.rmtree(target, ignore_errors=True)

@@ -29,8 +29,8 @@ from typing import Any, NamedTuple
 from .. import THREADS
 from .transport import Call
 
-OK = "ok"
-STATUSES = (OK, "refused", "failed", "crashed", "timeout")
+OK, TIMEOUT = "ok", "timeout"
+STATUSES = (OK, "refused", "failed", "crashed", TIMEOUT)
 MACHINE = "machine"
 #: What the operating system lacks, whatever is asked of it: room, open files, memory, a device that
 #: works; codes of POSIX.
@@ -120,7 +120,7 @@ class Worker:
         if self.left() == 0.0:
             output, _ = self._bury(at_once=True)
             text = f"no answer after {self._timeout:g} s"
-            return Outcome("timeout", None, text, self._timeout or 0.0, output)
+            return Outcome(TIMEOUT, None, text, self._timeout or 0.0, output)
         return None
 
     def left(self) -> float | None:

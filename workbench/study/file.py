@@ -53,11 +53,12 @@ class Sampling(NamedTuple):
     number: int
     seed: int
 
-    def cube(self, dimensions: int) -> Samples:
-        """Samples of the unit cube but for its faces, shape (rows, dimensions).
+    def group(self, dimensions: int) -> int:
+        """Rows of a sample; those of Saltelli's extension give indices of first and total order."""
+        return dimensions + 2 if self.method == "saltelli" else 1
 
-        Saltelli's extension, number * (dimensions + 2) rows, is for indices of first and total order.
-        """
+    def cube(self, dimensions: int) -> Samples:
+        """Samples of the unit cube but for its faces, shape (number * group, dimensions)."""
         if self.method == "saltelli":
             from SALib.sample import sobol
 
@@ -133,7 +134,7 @@ def load(path: Path, project: Project = NO_PROJECT) -> Study:
     Raises SetupError with file, key, value and what was expected.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise SetupError(f"{path} cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -181,7 +182,8 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if bool(read["tolerances"]) != ("sampling" in content):
         raise SetupError("[tolerances] and [sampling] must be given together")
     sampling = _sampling(tables["sampling"]) if "sampling" in content else None
-    count = prod(map(len, read["grid"].values())) * (sampling.number if sampling else 1)
+    samples = sampling.number * sampling.group(len(read["tolerances"])) if sampling else 1
+    count = prod(map(len, read["grid"].values())) * samples
     if count > MAX_RUNS:
         raise SetupError(f"{count} runs are more than {MAX_RUNS}")
     timeout = TIMEOUT.read(content.get("timeout"))

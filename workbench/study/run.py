@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -11,22 +12,25 @@ from pathlib import Path
 from typing import Any
 
 from cosim import SetupError, System
+from cosim.errors import pluralize
 from cosim.system import connect
 
 from ..answer import Answer
 from ..export import write
+from ..files import remove, replacement
 from ..options import declared
 from ..run import is_row, row
 from ..runs.fingerprint import computation
 from ..runs.folder import reservation
-from ..runs.journal import open_journal
+from ..runs.journal import Journal, open_journal
 from ..runs.select import select_runner
 from ..runs.transport import Bundle, digest
-from ..runs.worker import OK, Outcome
+from ..runs.worker import OK, TIMEOUT, Outcome
 from .file import Study, ends
 from .report import conclude
 
-PRESENTATION = "figures"
+#: Keys of a study file on which no row depends.
+BESIDE_ROWS = ("figures", "timeout")
 
 
 def run(
@@ -52,9 +56,13 @@ def run(
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
     with reservation(folder), open_journal(folder, who, sound=_sound) as journal:
-        (folder / "study.toml").write_bytes(study.path.read_bytes())
+        with replacement(folder / "study.toml") as fresh:
+            fresh.write_bytes(study.path.read_bytes())
+        _forget_short_of(study.timeout, journal)
         before, question_files = len(journal), study.question.files
         inputs = Bundle.of([*fmus.values(), *question_files])
+        for unfinished in (folder / "inputs").glob(f"{inputs.name}.*"):  # a killed run left it
+            remove(unfinished)
         home = inputs.unpacked(folder / "inputs")
         page = home / question_files[0].name if question_files else study.question.locator
         answers = partial(row, page, {part: home / path.name for part, path in fmus.items()})
@@ -74,6 +82,19 @@ def run(
     return answer
 
 
+def _forget_short_of(timeout: float | None, journal: Journal) -> None:
+    """Let runs be done again that had less time than they may take now [s]; None is without end."""
+    ended = [
+        number
+        for number, outcome in journal.items()
+        if outcome.status == TIMEOUT and (timeout is None or outcome.seconds < timeout)
+    ]
+    journal.forget(ended)
+    if ended:
+        runs = f"{pluralize(len(ended), 'run')} that had no answer in time {'is' if len(ended) == 1 else 'are'}"
+        print(f"{journal.path.parent}: {runs} done again", file=sys.stderr)
+
+
 def _sound(outcome: Outcome) -> bool:
     """Whether a row of the journal is one of a study's."""
     return is_row(outcome.answer) if outcome.status == OK else outcome.answer is None
@@ -82,7 +103,7 @@ def _sound(outcome: Outcome) -> bool:
 def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, Any]:
     """Everything that the rows of a study depend on."""
     return {
-        "file": {key: value for key, value in study.content.items() if key != PRESENTATION},
+        "file": {key: value for key, value in study.content.items() if key not in BESIDE_ROWS},
         "flavour": flavour,
         **computation(study.question.locator, fmus, *study.project.packages),
         "inputs": digest(json.dumps(study.cases()).encode()),

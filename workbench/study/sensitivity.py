@@ -25,6 +25,9 @@ STRAIGHT = 0.9
 #: deviations, 4 % of the interval, by which its ends then vary.
 RESAMPLES = 400
 LEAST = {"lhs": 64, "sobol": 64, "saltelli": 16}
+#: Samples beyond those through which a plane over all inputs always goes. Derived: a figure of noise alone then has an
+#: adjusted R2 above STRAIGHT, where chi-square with 20 degrees of freedom is below 2, once in ten million.
+FREEDOM = 20
 #: Relative spread of a figure that does not vary; derived from the rounding of a sum of many values.
 FLAT = 1e-12
 
@@ -52,10 +55,11 @@ def indices(
 ) -> list[Index] | str:
     """The indices of all inputs, x of shape (runs, inputs), y of shape (runs,); or why there are none."""
     saltelli = sampling.method == "saltelli"
-    group = len(inputs) + 2 if saltelli else 1
+    group = sampling.group(len(inputs))
     is_complete = np.repeat(np.isfinite(y).reshape(-1, group).all(axis=1), group)
     x, y = x[is_complete], y[is_complete]
-    count, least = len(y) // group, LEAST[sampling.method]
+    count = len(y) // group
+    least = max(LEAST[sampling.method], len(inputs) + 1 + FREEDOM if not saltelli else 0)
     if count < least:
         return f"{count} complete samples are too few; at least {least} are needed"
     if np.ptp(y) <= FLAT * np.abs(y).max():

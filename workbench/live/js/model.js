@@ -190,15 +190,17 @@ const computed = (pairs, v) => Object.fromEntries(pairs.map(([name, k]) => [name
 const thinned = (y) => {
   if (y.length <= MOST) return Array.from(y.keys());
   const rows = new Set([0, y.length - 1]);
-  const stretch = (2 * y.length) / MOST;
+  const stretch = (3 * y.length) / MOST;
   for (let begin = 0; begin < y.length; begin += stretch) {
-    let low = Math.floor(begin);
-    let high = low;
-    for (let k = low; k < Math.min(y.length, begin + stretch); k++) {
-      if (y[k] < y[low]) low = k;
-      if (y[k] > y[high]) high = k;
+    let [low, high, gap] = [];
+    for (let k = Math.floor(begin); k < Math.min(y.length, begin + stretch); k++) {
+      if (!Number.isFinite(y[k])) gap = k;
+      else {
+        if (!(y[k] >= y[low])) low = k;
+        if (!(y[k] <= y[high])) high = k;
+      }
     }
-    rows.add(low).add(high);
+    for (const k of [low, high, gap]) if (k !== undefined) rows.add(k);
   }
   return [...rows].sort((a, b) => a - b);
 };

@@ -1,0 +1,112 @@
+"""What of a file of Python computes: its code without comments and docstrings, of a question without what it shows."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Collection, Iterable, Iterator
+from types import CodeType
+from typing import Any
+
+#: Names by which a question is read, but for those that say what is shown of its answer.
+COMPUTED = frozenset({
+    "Options", "PARTS", "FIXED_STARTS", "PARALLEL", "RECORD", "LABELS", "solve", "system", "figures", "run", "process",
+    "more_runs", "more_figures", "tables", "files",
+})  # fmt: skip
+
+
+def code_digest(content: bytes, *, is_question: bool = False) -> str:
+    """Return a short name for the code that Python makes of a file.
+
+    Comments, docstrings and line numbers are not in it; of a question neither is what only serves its
+    verdict, its pictures and its live part.
+
+    Raises
+    ------
+    SyntaxError
+        For what is no Python.
+    """
+    tree = ast.parse(content)
+    if is_question:
+        tree.body = computing(tree.body)
+    code = compile(tree, "", "exec", dont_inherit=True, optimize=2)
+    return hashlib.sha256(b"\0".join(_parts(code))).hexdigest()[:16]
+
+
+def computing(body: Iterable[ast.stmt]) -> list[ast.stmt]:
+    """Return the definitions of a question to which `COMPUTED` leads, and all statements that define nothing."""
+    statements = [single for statement in body for single in _singles(statement)]
+    names = [_names(statement) for statement in statements]
+    others = [_used(statement) for statement, own in zip(statements, names) if not own]
+    kept = _reached(COMPUTED.union(*others), statements, names)
+    return [x for x, own in zip(statements, names) if not own or own & kept]
+
+
+def _singles(statement: ast.stmt) -> Iterator[ast.stmt]:
+    """A statement; of an import, one for each name."""
+    if isinstance(statement, ast.Import | ast.ImportFrom):
+        for alias in statement.names:
+            yield type(statement)(**{**dict(ast.iter_fields(statement)), "names": [alias]},
+                                  lineno=statement.lineno, col_offset=statement.col_offset)  # fmt: skip
+    else:
+        yield statement
+
+
+def _names(statement: ast.stmt) -> set[str]:
+    """The names that a statement defines; none for one that does something else."""
+    match statement:
+        case ast.ImportFrom(module="__future__") | ast.ImportFrom(names=[ast.alias(name="*")]):
+            return set()
+        case ast.Import(names=[alias]) | ast.ImportFrom(names=[alias]):
+            return {alias.asname or alias.name.partition(".")[0]}
+        case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+            return {name}
+        case ast.Assign(targets=targets):
+            return {x.id for target in targets for x in ast.walk(target) if isinstance(x, ast.Name)}
+        case ast.AnnAssign(target=ast.Name(id=name)):
+            return {name}
+    return set()
+
+
+def _used(statement: ast.stmt) -> set[str]:
+    """The names that a statement mentions."""
+    return {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
+
+
+def _reached(start: Collection[str], statements: list[ast.stmt], names: list[set[str]]) -> set[str]:
+    """The names of definitions that some names lead to, themselves among them."""
+    uses: dict[str, set[str]] = {}
+    for statement, own in zip(statements, names):
+        for name in own:
+            uses.setdefault(name, set()).update(_used(statement))
+    reached: set[str] = set()
+    waiting = [*start]
+    while waiting:
+        name = waiting.pop()
+        if name in uses and name not in reached:
+            reached.add(name)
+            waiting += uses[name]
+    return reached
+
+
+def _parts(code: CodeType) -> Iterator[bytes]:
+    """What tells a code from others, and what is inside it."""
+    yield code.co_code
+    yield repr((
+        code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags, code.co_names,
+        code.co_varnames, code.co_freevars, code.co_cellvars, getattr(code, "co_exceptiontable", b""),
+    )).encode()  # fmt: skip
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _parts(constant)
+        else:
+            yield _text(constant).encode("utf-8", "surrogatepass")
+
+
+def _text(constant: Any) -> str:
+    """A constant, the same in every process: the order of a set is not."""
+    if isinstance(constant, frozenset):
+        return f"{{{', '.join(sorted(map(_text, constant)))}}}"
+    if isinstance(constant, tuple):
+        return f"({', '.join(map(_text, constant))})"
+    return f"{type(constant).__name__} {constant!r}"
