@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from zipfile import ZipFile
 
@@ -15,12 +16,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from components.crank_conveyor import model as crank_conveyor
+from components.DC_motor import model as DC_motor
+from components.drive_motor import model as drive_motor
+from components.unbalance_exciter import model as unbalance_exciter
 from cosim import SetupError, System, oracle, referee, run, write_ssp
 from cosim.accuracy.referee.signals import Verdict
 from cosim.accuracy.referee.table import read_foreign
 from cosim.cli.main import main
 from cosim.fmu.reference_rows import read_reference_rows
-from tests.oracle import monolithic
+from fmukit.declare.record import declarations
+from tests.oracle import monolithic, part
 
 DRIVE_START = {
     "conveyor.phi": 0.3,
@@ -416,12 +422,155 @@ def test_units_of_headings_are_converted(native: Path) -> None:
     assert report["conveyor.w"].verdict is Verdict.AGREES
 
 
+EXCITER_START = {
+    "motor.v": 24.0, "motor.i": 3.0, "exciter.rotor.J": 0.004, "exciter.mount.d": 30.0, "exciter.w": 30.0,
+    "exciter.x": 0.004,
+}  # fmt: skip
+
+
+def exciter(native: Path, **changes: Any) -> System:
+    """A motor turns an unbalance on a mount with little damping."""
+    parts = {"motor": native / "DCMotor.fmu", "exciter": native / "UnbalanceExciter.fmu"}
+    wires = ["motor.tau -> exciter.tau", "exciter.w -> motor.w"]
+    return replace(System(parts, wires, EXCITER_START), **changes)
+
+
+class Alone(NamedTuple):
+    """A system, and what it is as one differential equation without any FMU: models, speed and torque between them."""
+
+    system: Callable[..., System]
+    motor: Any
+    machine: Any
+    start: dict[str, float]
+
+    def columns(self) -> list[str]:
+        """The states, the motor's first."""
+        names = list(self.system(Path()).parts)
+        return [
+            f"{name}.{state}"
+            for name, model in zip(names, (self.motor, self.machine))
+            for state, _ in declarations(model.State)
+        ]
+
+    def rates(self) -> tuple[Any, Callable[[Any, Any], Any]]:
+        """The states at the start, and their rates where the motor has another view of them."""
+        parts = []
+        for name, model in zip(self.system(Path()).parts, (self.motor, self.machine)):
+            values = {
+                k.partition(".")[2]: v for k, v in self.start.items() if k.startswith(f"{name}.")
+            }
+            parts.append(part(model, **values))
+        motor, machine = parts
+        w = 1 + [name for name, _ in declarations(self.machine.State)].index("w")
+
+        def rates(x: Any, seen: Any) -> Any:
+            state = self.motor.State(x[0])
+            inputs = motor.u._replace(w=(x if seen is None else seen)[w])
+            known = {**state._asdict(), **self.motor.outputs(motor.p, 0.0, state, inputs)._asdict()}
+            torque = known["tau"]
+            of_motor = self.motor.derivatives(motor.p, 0.0, state, inputs)
+            of_machine = self.machine.derivatives(
+                machine.p, 0.0, self.machine.State(*x[1:]), self.machine.Inputs(torque)
+            )
+            return np.array([*of_motor, *of_machine])
+
+        return np.array([*motor.x, *machine.x]), rates
+
+
+ALONE = {
+    "drive": Alone(drive, drive_motor, crank_conveyor, DRIVE_START),
+    "exciter": Alone(exciter, DC_motor, unbalance_exciter, EXCITER_START),
+}
+
+
+def stepped(name: str, method: str, h: float, stop: float, late: int = 0) -> pd.DataFrame:
+    """A system stepped as a whole, where one part sees the other some steps late."""
+    x, rates = ALONE[name].rates()
+    past = [x]
+    for _ in range(round(stop / h)):
+        seen = past[max(0, len(past) - 1 - late)]
+        next_seen = past[max(0, len(past) - late)] if late else seen
+        if method == "explicit":
+            x = x + h * rates(x, x)
+        elif method == "implicit":
+            y = x
+            for _ in range(60):
+                y = x + h * rates(y, y)
+            x = y
+        else:
+            views = [seen, 0.5 * (seen + next_seen), next_seen] if late else [None] * 3
+            k1 = rates(x, views[0])
+            k2 = rates(x + 0.5 * h * k1, views[1])
+            k3 = rates(x + 0.5 * h * k2, views[1])
+            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(x + h * k3, views[2]))
+        past.append(x)
+    frame = pd.DataFrame(np.array(past), columns=ALONE[name].columns())
+    frame.insert(0, "time", h * np.arange(len(frame)))
+    return frame
+
+
+@pytest.mark.parametrize(("name", "stop"), [("drive", 0.3), ("exciter", 0.6)])
+@pytest.mark.parametrize("method", ["explicit", "implicit"])
+@pytest.mark.parametrize("per_row", [1, 4])
+def test_eulers_method_over_a_whole_system_is_named(
+    native: Path, name: str, stop: float, method: str, per_row: int
+) -> None:
+    """Its negative damping looks like a lost damper, and is none."""
+    frame = stepped(name, method, 2e-3 / per_row, stop)[::per_row]
+    report = referee(ALONE[name].system(native), frame)
+    assert report.verdict is Verdict.DIFFERS
+    cause = report.causes[0]
+    title = {"explicit": "Euler's method", "implicit": "the implicit Euler method"}[method]
+    assert title in cause.text and f"{2e-3 / per_row:g} s" in cause.text, report.text()
+    assert cause.is_certain and "lost" not in report.text()
+
+
+@pytest.mark.parametrize(("name", "stop"), [("drive", 0.3), ("exciter", 0.6)])
+@pytest.mark.parametrize("late", [3, pytest.param(1, marks=pytest.mark.slow)])
+def test_an_input_that_is_late_by_a_transport_time_is_named(
+    native: Path, name: str, stop: float, late: int
+) -> None:
+    report = referee(
+        ALONE[name].system(native), stepped(name, "continuous", 1e-4, stop, 10 * late)[::10]
+    )
+    assert report.verdict is Verdict.DIFFERS
+    cause = report.causes[0]
+    assert cause.kind == "late input", report.text()
+    delay = float(re.search(r"([\d.e-]+) s earlier", cause.text)[1])  # type: ignore[index]
+    assert delay == pytest.approx(1e-3 * late, rel=0.02)
+    assert "lost" not in report.text()
+
+
+@pytest.mark.parametrize(
+    ("name", "stop", "value"), [("drive", 0.3, "motor.T"), ("exciter", 0.6, "exciter.mount.d")]
+)
+def test_what_a_lost_value_only_imitates_is_not_called_lost(
+    native: Path, name: str, stop: float, value: str
+) -> None:
+    """The other master had another value, close to the FMU's own."""
+    system = ALONE[name].system(native)
+    given, own = system.start[value], {"motor.T": 0.0625, "exciter.mount.d": 80.0}[value]
+    other = replace(system, start={**system.start, value: given + 0.95 * (own - given)})
+    report = referee(system, exact(other, stop))
+    assert report.verdict is Verdict.DIFFERS
+    assert " is lost" not in report.text(), report.text()
+    assert f"a lost start value imitates it: {value}" in report.sentence(), report.text()
+
+
 def test_times_in_ms_are_noticed(native: Path) -> None:
     frame = independent(0.3, 301)
     frame["time"] *= 1000.0
     report = referee(drive(native), frame, stop=0.3)
     assert (report.verdict, report.causes[0].kind) == (Verdict.DIFFERS, "time unit")
     assert all(signal.verdict is Verdict.AGREES for signal in report.signals)
+    assert "differs" in report.sentence() and "ms" in report.sentence()
+    assert report.exit_status == 1
+    suite = ElementTree.fromstring(report.junit())
+    assert (suite.attrib["failures"], suite.attrib["tests"]) == ("1", "4")
+    slow = exact(without(drive(native), "motor.T"), 0.3)
+    slow["time"] *= 1000.0
+    report = referee(drive(native), slow, stop=0.3)
+    assert "motor.T = 0.05 is lost" in report.sentence() and "ms" in report.sentence()
     assert (
         referee(drive(native), frame.rename(columns={"time": "time [ms]"}), stop=0.3).exit_status
         == 0

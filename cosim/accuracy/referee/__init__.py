@@ -15,11 +15,12 @@ from ...errors import SetupError, pluralize
 from ...system import Network, Port, System, connect
 from ...units import multiples
 from .causes import Cause, not_finite, table_causes
+from .connections import DECISIVE_REDUCTION
 from .report import RefereeReport
 from .signals import SignalJudgement, Verdict, judge_signal
 from .solution import ReferenceSolution, SolutionRequest, solve_reference
 from .table import ForeignTable, MatchedColumn, match_columns, read_foreign
-from .variants import DECISIVE_REDUCTION, Reproduction, best_coupling, variant_causes
+from .variants import Reproduction, best_coupling, variant_causes
 
 if TYPE_CHECKING:
     from .table import Source
@@ -150,9 +151,7 @@ def _in_seconds(table: ForeignTable, stop: float | None) -> tuple[ForeignTable, 
             text = (
                 f"the times are in {unit}, not in s: the last is {table.time[-1]:g}, not {stop:g}"
             )
-            return replace(table, time=scale * table.time), Cause(
-                "time unit", text, math.inf, tuple(table.columns)
-            )
+            return replace(table, time=scale * table.time), Cause("time unit", text, math.inf, ())
     return table, None
 
 

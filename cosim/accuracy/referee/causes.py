@@ -41,19 +41,22 @@ class Cause:
     kind : str
         One of "no number", "unit", "sign", "columns crossed", "delay", "offset", "missed event", "time unit", "held inputs",
         "step too long", "lost start value", "lost wire", "wires crossed", "lost factor", "lost input",
-        "integration in the FMUs".
+        "late input", "integration in the FMUs".
     text : str
         The cause as a clause.
     reduction : float
         How many times smaller the difference is once the cause is reproduced (root mean square).
     signals : tuple of str
-        The variables that it explains.
+        The variables that it explains; none for a cause that concerns the times of all rows.
+    is_certain : bool
+        Whether it is told from what imitates it.
     """
 
     kind: str
     text: str
     reduction: float
     signals: tuple[str, ...]
+    is_certain: bool = True
 
 
 def root_mean_square(values: Array) -> float:

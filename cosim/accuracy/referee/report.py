@@ -119,17 +119,27 @@ class RefereeReport:
             vague = ", ".join(s.name for s in self.signals if s.verdict is Verdict.UNDECIDED)
             reason = f"the reference is not exact enough for {vague}" if vague else self.method
             return f"It cannot be told whether {self.source} is right: {reason}."
+        times = next((cause for cause in self.causes if cause.kind == "time unit"), None)
         if not differing:
             allowed = f"within {self.tolerance:.3g} of its range"
             many = pluralize(len(self.signals), "signal")
+            if times is not None:
+                return f"{self.source} differs from the reference solution in its times: {times.text}; {self._in_seconds()}."
             return f"{self.source} agrees with the reference solution: {many}, each {allowed} and the error of the reference."
         worst = max(differing, key=_severity)
         first = (
             f"{self.source} differs from the reference solution in {len(differing)} of "
             f"{pluralize(len(self.signals), 'signal')}: {worst.name} {_distance(worst)} at {worst.time:.4g} s"
         )
-        cause = self.explained(worst.name)
-        return f"{first}; {'probable cause: ' + cause.text if cause else NO_CAUSE}."
+        second = f"; and {times.text}" if times is not None else ""
+        return f"{first}; {_because(self.explained(worst.name))}{second}."
+
+    def _in_seconds(self) -> str:
+        """What is said of the signals once their times are in s, where none differs."""
+        vague = [s.name for s in self.signals if s.verdict is Verdict.UNDECIDED]
+        if vague:
+            return f"with times in s, none differs, but the reference is not exact enough for {', '.join(vague)}"
+        return f"with times in s, {pluralize(len(self.signals), 'signal')} would agree"
 
     def text(self) -> str:
         """The verdict, how it was reached, and a line for each signal and each figure that is off."""
@@ -144,7 +154,9 @@ class RefereeReport:
             for s in self.signals for f in s.figures if abs(f.deviation) > s.allowed + f.error
         ]  # fmt: skip
         causes = [
-            f"cause: {c.text} (the difference of {', '.join(c.signals)} is {_smaller(c)} with it)"
+            f"{'cause' if c.is_certain else 'not certain'}: {c.text} (the difference of {', '.join(c.signals)} is {_smaller(c)} with it)"
+            if c.signals
+            else f"cause: {c.text}"
             for c in self.causes
         ]
         method = f"reference: {self.method}; tolerance {self.tolerance:g} of the range of a signal"
@@ -165,6 +177,7 @@ class RefereeReport:
                 {
                     "kind": c.kind,
                     "text": c.text,
+                    "is_certain": c.is_certain,
                     "reduction": c.reduction,
                     "signals": list(c.signals),
                 }
@@ -174,12 +187,19 @@ class RefereeReport:
         }
 
     def junit(self) -> str:
-        """JUnit's XML: a test for each signal; a signal of which nothing can be told is skipped."""
+        """JUnit's XML: a test for each signal, and one for the times where they are in another unit.
+
+        A signal of which nothing can be told is skipped.
+        """
         counts = {v: sum(s.verdict is v for s in self.signals) for v in Verdict}
+        times = [cause for cause in self.causes if cause.kind == "time unit"]
         suite = ElementTree.Element(
-            "testsuite", name=f"referee of {Path(self.source).name}", tests=str(len(self.signals)),
-            failures=str(counts[Verdict.DIFFERS]), errors="0", skipped=str(counts[Verdict.UNDECIDED]),
+            "testsuite", name=f"referee of {Path(self.source).name}", tests=str(len(self.signals) + len(times)),
+            failures=str(counts[Verdict.DIFFERS] + len(times)), errors="0", skipped=str(counts[Verdict.UNDECIDED]),
         )  # fmt: skip
+        for unit in times:
+            case = ElementTree.SubElement(suite, "testcase", classname=self.source, name="time")
+            ElementTree.SubElement(case, "failure", message=unit.text).text = unit.text
         for signal in self.signals:
             case = ElementTree.SubElement(
                 suite, "testcase", classname=self.source, name=signal.name
@@ -189,7 +209,7 @@ class RefereeReport:
                 failure = ElementTree.SubElement(
                     case, "failure", message=f"{_distance(signal)} {_since(signal)}"
                 )
-                failure.text = cause.text if cause else NO_CAUSE
+                failure.text = _because(cause)
             elif signal.verdict is Verdict.UNDECIDED:
                 ElementTree.SubElement(case, "skipped", message="the reference is not exact enough")
         ElementTree.indent(suite)
@@ -222,7 +242,9 @@ class RefereeReport:
         image = BytesIO()
         self.plot(image)
         causes = [
-            f"Probable cause for {', '.join(c.signals)}: {c.text}. With it, the difference is {_smaller(c)}."
+            f"{'Probable' if c.is_certain else 'No certain'} cause for {', '.join(c.signals)}: {c.text}. With it, the difference is {_smaller(c)}."
+            if c.signals
+            else f"Cause: {c.text}."
             for c in self.causes
         ]
         return PAGE.format(
@@ -316,6 +338,13 @@ def _signal_json(signal: SignalJudgement) -> dict[str, Any]:
             for f in signal.figures
         ],
     }  # fmt: skip
+
+
+def _because(cause: Cause | None) -> str:
+    """A cause as the rest of a sentence."""
+    if cause is None:
+        return NO_CAUSE
+    return f"probable cause: {cause.text}" if cause.is_certain else f"{NO_CAUSE}; {cause.text}"
 
 
 def _severity(signal: SignalJudgement) -> float:

@@ -8,20 +8,21 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations
+from itertools import permutations
 
-from ...errors import SetupError
-from ...system import Network, System, Wire, connect
-from .causes import LEAST_REDUCTION, Cause, ratio, root_mean_square
+from ...system import Network, System, Wire
+from ...system.ports import is_continuous_input
+from ...system.wires import dotted
+from .causes import LEAST_REDUCTION, LONGEST_DELAY, Cause, ratio, root_mean_square
+from .connections import DECISIVE_REDUCTION, MOST_VARIANTS, Variant, plain_wires, wrongly_connected
+from .continuous import EULER, Method, initial_outputs, integrated, late
 from .signals import SignalJudgement, Verdict
 from .solution import SolutionRequest, integrate_variant, reproduce
 from .table import Array
 
 Columns = Mapping[str, Array]
-#: Most variants of one kind that are tried: a convention, to limit the time.
-MOST_VARIANTS = 30
 #: Numbers of communication steps per row that masters are run with: a convention of decimal steps.
 STEPS_PER_ROW = (1, 2, 4, 5, 10, 20, 50, 100)
 #: Steps that are longer than the time between rows, in rows.
@@ -36,8 +37,6 @@ EARLY_STEP = 0.5
 VARIANT_SECONDS = 0.5
 #: Longest real time of an integration of a variant [s], likewise.
 VARIANT_TIMEOUT = 20.0
-#: A reduction of the difference from which on no other cause is sought: what is left is a thousandth of it.
-DECISIVE_REDUCTION = 1e3
 #: Share of the difference that a run may be off and serve in place of an integration: a third of what a
 #: reduction of LEAST_REDUCTION leaves.
 ACCURATE_ENOUGH = 0.03
@@ -45,20 +44,20 @@ ACCURATE_ENOUGH = 0.03
 MOST_HALVINGS = 6
 #: Most variants of the system that are tried together with a coupling that holds inputs.
 MOST_COMBINED = 3
+#: Delays that are tried until one makes a difference of the right size: four scale it, then it is bisected.
+MOST_GUESSES = 12
+#: Share by which two differences may differ and be of one size: the search for the closest delay covers twice that.
+SAME_SIZE = 0.2
+#: Share of the difference that a delay of the right size leaves where it is the cause: one that does not resemble
+#: the table at all leaves the root of 2.
+RESEMBLES = 0.7
+#: Shortest delay that is sought, in rows.
+SHORTEST_DELAY = 0.01
 HELD = {
     "jacobi": "all parts step at once with inputs that are one step old (Jacobi)",
     "gauss-seidel": "the parts step one after the other with held inputs (Gauss-Seidel)",
     "strang": "the parts step forth and back with held inputs (Strang)",
 }
-
-
-@dataclass(frozen=True)
-class Variant:
-    """A changed system and the cause that it stands for."""
-
-    kind: str
-    text: str
-    system: System
 
 
 @dataclass(frozen=True)
@@ -128,6 +127,16 @@ class Reproduction:
         ]
         return math.sqrt(sum(squares) / len(squares))
 
+    def deviation(self, columns: Columns | None) -> float:
+        """The distance of these columns from those of the reference solution, likewise."""
+        if columns is None:
+            return math.inf
+        squares = [
+            (root_mean_square(signal.reference - columns[signal.name]) / signal.scale) ** 2
+            for signal in self.signals
+        ]
+        return math.sqrt(sum(squares) / len(squares))
+
     @property
     def reference(self) -> dict[str, Array]:
         """The columns of the reference solution."""
@@ -170,6 +179,20 @@ class Reproduction:
             seconds=VARIANT_SECONDS,
         )
 
+    def integrated(self, method: Method, step: float) -> Columns | None:
+        """What a method makes of the whole system with a step [s]."""
+        if clock.process_time() > self.deadline:
+            return None
+        return integrated(self.system, self.request, method, step)
+
+    def late(
+        self, wires: Sequence[Wire], delay: float, initial: Mapping[str, float]
+    ) -> Columns | None:
+        """What the system does if these wires bring their values a time [s] later."""
+        if clock.process_time() > self.deadline:
+            return None
+        return late(self.network, self.request, wires, delay, initial)
+
     def _find_fine_step(self) -> float | None:
         """A step with which runs are accurate enough in place of integrations, None if there is none."""
         wanted = ACCURATE_ENOUGH * self.distance(self.reference)
@@ -190,27 +213,156 @@ class Reproduction:
 
 def variant_causes(reproduction: Reproduction) -> list[Cause]:
     """The causes that explain the columns of a table, the best first."""
-    _, cause = best_coupling(reproduction, reproduction.system)
-    if cause is not None and cause.reduction >= DECISIVE_REDUCTION:
-        return [cause]
-    causes = [] if cause is None else [cause]
+    causes: list[Cause] = []
     scores: list[tuple[float, Variant]] = []
+    finders: tuple[Callable[[], Iterator[Cause]], ...] = (
+        lambda: _coupling_causes(reproduction),
+        lambda: euler_causes(reproduction),
+        lambda: _connection_causes(reproduction, scores),
+        lambda: late_causes(reproduction),
+    )
+    for find in finders:
+        for cause in find():
+            causes.append(cause)
+            if cause.reduction >= DECISIVE_REDUCTION:
+                return sorted(causes, key=lambda cause: -cause.reduction)
+    if not causes:
+        causes.extend(_combined_causes(reproduction, scores))
+    if not causes and (inexact := less_exact_integration(reproduction)) is not None:
+        causes.append(inexact)
+    return sorted(causes, key=lambda cause: -cause.reduction)
+
+
+def _coupling_causes(reproduction: Reproduction) -> Iterator[Cause]:
+    _, cause = best_coupling(reproduction, reproduction.system)
+    if cause is not None:
+        yield cause
+
+
+def _connection_causes(
+    reproduction: Reproduction, scores: list[tuple[float, Variant]]
+) -> Iterator[Cause]:
+    """What is lost or crossed; the distance of each variant is added to the scores."""
     for variant in wrongly_connected(reproduction.network):
         columns = reproduction.columns(variant.system)
         scores.append((reproduction.distance(columns), variant))
-        if (cause := reproduction.cause(variant.kind, variant.text, columns)) is not None:
-            causes.append(reproduction.confirmed(cause, variant))
-            if causes[-1].reduction >= DECISIVE_REDUCTION:
+        cause = reproduction.cause(variant.kind, variant.text, columns)
+        if cause is not None:
+            yield variant.clause(reproduction.confirmed(cause, variant))
+
+
+def _combined_causes(
+    reproduction: Reproduction, scores: list[tuple[float, Variant]]
+) -> Iterator[Cause]:
+    """What is lost, together with a coupling: two free choices, so that each must pay its LEAST_REDUCTION."""
+    for _, variant in sorted(scores, key=lambda score: score[0])[:MOST_COMBINED]:
+        coupling, cause = best_coupling(reproduction, variant.system)
+        if coupling is not None and cause is not None and cause.reduction >= LEAST_REDUCTION**2:
+            told = variant.clause(cause)
+            yield replace(told, text=f"{told.text}; and {coupling.text()}")
+
+
+def euler_causes(reproduction: Reproduction) -> Iterator[Cause]:
+    """Euler's methods over the whole system, with the steps of a row and shorter ones."""
+    before = reproduction.distance(reproduction.reference)
+    request = reproduction.request
+    for name, method in EULER.items():
+        best: tuple[float, float, Columns] | None = None
+        steps = [request.output_step() / n for n in STEPS_PER_ROW]
+        for step in [request.step, *steps] if request.step else steps:
+            columns = reproduction.integrated(method, step)
+            if columns is None:
+                continue
+            distance = reproduction.distance(columns)
+            if best is None or distance < best[0]:
+                best = distance, step, columns
+            # A shorter step makes less of a difference than this one.
+            if (
+                before >= DECISIVE_REDUCTION * distance
+                or reproduction.deviation(columns) < 0.5 * before
+            ):
                 break
-    if not causes:
-        for _, variant in sorted(scores, key=lambda score: score[0])[:MOST_COMBINED]:
-            coupling, cause = best_coupling(reproduction, variant.system)
-            if coupling is not None and cause is not None:
-                text = f"{variant.text}; and {coupling.text()}"
-                causes.append(replace(cause, kind=variant.kind, text=text))
-    if not causes and (cause := less_exact_integration(reproduction)) is not None:
-        causes.append(cause)
-    return sorted(causes, key=lambda cause: -cause.reduction)
+        if best is not None:
+            text = f"{name} with steps of {best[1]:.4g} s integrates the whole system"
+            cause = reproduction.cause("step too long", text, best[2])
+            if cause is not None:
+                yield cause
+
+
+def late_causes(reproduction: Reproduction) -> Iterator[Cause]:
+    """Wires whose values arrive a transport time later, one by one and all together.
+
+    The time is the one that makes as large a difference as the table has, then the one that comes closest to it.
+    """
+    network, request = reproduction.network, reproduction.request
+    initial = initial_outputs(network, request)
+    if initial is None:
+        return
+    wires = [
+        wire
+        for wire in plain_wires(network)
+        if not wire.adds
+        and dotted(wire.source) in initial
+        and is_continuous_input(network.port(dotted(wire.target)))
+    ]
+    groups = [[wire] for wire in wires[:MOST_VARIANTS]] + ([wires] if len(wires) > 1 else [])
+    for group in groups:
+
+        def delayed(delay: float) -> Columns | None:
+            return reproduction.late(group, delay, initial)  # noqa: B023
+
+        delay = _delay_of_size(reproduction, delayed)
+        if delay is None:
+            continue
+        delay = _closest_delay(reproduction, delayed, delay)
+        if len(group) == 1:
+            text = f"{group[0].target} gets what {group[0].source} was {delay:.4g} s earlier"
+        else:
+            text = f"all inputs get what their sources were {delay:.4g} s earlier"
+        cause = reproduction.cause("late input", text, delayed(delay))
+        if cause is not None:
+            yield Variant("late input", text, network.system, text).clause(cause)
+
+
+def _delay_of_size(
+    reproduction: Reproduction, delayed: Callable[[float], Columns | None]
+) -> float | None:
+    """The delay [s] that makes a difference as large as that of the table; None if it does not resemble it."""
+    request = reproduction.request
+    before = reproduction.distance(reproduction.reference)
+    longest = LONGEST_DELAY * (request.stop - request.start)
+    delay, least, most = min(request.output_step(), longest), 0.0, math.inf
+    for _ in range(MOST_GUESSES):
+        columns = delayed(delay)
+        size = reproduction.deviation(columns)
+        if abs(size - before) <= SAME_SIZE * before:
+            return delay if reproduction.distance(columns) <= RESEMBLES * before else None
+        if size < before:
+            least = delay
+        else:
+            most = delay
+        # In proportion to it until it is bracketed; beyond, a difference may grow exponentially with the delay.
+        if least > 0.0 and most < math.inf:
+            delay = math.sqrt(least * most)
+        elif size > 0.0:
+            delay *= min(10.0, max(0.1, before / size))
+        if size == 0.0 or not SHORTEST_DELAY * request.output_step() <= delay <= longest:
+            return None
+    return None
+
+
+def _closest_delay(
+    reproduction: Reproduction, delayed: Callable[[float], Columns | None], delay: float
+) -> float:
+    """The delay [s] near this one that comes closest to the table."""
+    from scipy.optimize import minimize_scalar
+
+    bounds = ((1.0 - 2.0 * SAME_SIZE) * delay, (1.0 + 2.0 * SAME_SIZE) * delay)
+    found = minimize_scalar(
+        lambda d: min(reproduction.distance(delayed(d)), 1e9), bounds=bounds, method="bounded",
+        options={"xatol": 1e-5 * delay},
+    )  # fmt: skip
+    return float(found.x)
 
 
 def best_coupling(
@@ -275,126 +427,6 @@ def couplings(reproduction: Reproduction) -> Iterator[Coupling]:
         for order in orders:
             yield Coupling("gauss-seidel", step, order)
         yield Coupling("strang", step)
-
-
-def wrongly_connected(network: Network) -> Iterator[Variant]:
-    """Systems in which something has been lost, crossed or not converted."""
-    for make in (
-        _missing_values,
-        _missing_inputs,
-        _missing_factors,
-        _missing_wires,
-        _crossed_wires,
-    ):
-        count = 0
-        for variant in make(network):
-            try:
-                connect(variant.system)
-            except SetupError:
-                continue
-            yield variant
-            count += 1
-            if count == MOST_VARIANTS:
-                break
-
-
-def _missing_values(network: Network) -> Iterator[Variant]:
-    system = network.system
-    for name, value in system.start.items():
-        start = {other: v for other, v in system.start.items() if other != name}
-        text = f"the start value {name} = {value} is lost: the FMU has its own"
-        yield Variant("lost start value", text, replace(system, start=start))
-    if len(system.start) > 1:
-        text = "all start values are lost: the FMUs have their own"
-        yield Variant("lost start value", text, replace(system, start={}))
-    for part in system.parts:
-        start = {n: v for n, v in system.start.items() if network.port(n).part != part}
-        if 0 < len(start) < len(system.start) - 1:
-            text = f"all start values of {part} are lost: its FMU has its own"
-            yield Variant("lost start value", text, replace(system, start=start))
-
-
-def _missing_inputs(network: Network) -> Iterator[Variant]:
-    system = network.system
-    driven = {port.name: value for port, value in network.open if port.type == "Real" and value}
-    for names in ([name] for name in driven) if len(driven) > 1 else ():
-        yield _zeroed(system, names)
-    if driven:
-        yield _zeroed(system, list(driven))
-    for change in system.changes:
-        changes = [other for other in system.changes if other != change]
-        yield Variant(
-            "lost input", f"the change {change!r} is missed", replace(system, changes=changes)
-        )
-    for name in system.inputs:
-        inputs = {other: v for other, v in system.inputs.items() if other != name}
-        yield Variant(
-            "lost input", f"nothing drives the input {name}", replace(system, inputs=inputs)
-        )
-
-
-def _zeroed(system: System, names: Sequence[str]) -> Variant:
-    """Inputs that nothing drives, at 0 in place of the start values of their FMUs."""
-    text = f"the open inputs {', '.join(names)} are 0, not the start values of their FMUs"
-    return Variant(
-        "lost input", text, replace(system, start={**system.start, **dict.fromkeys(names, 0.0)})
-    )
-
-
-def _plain_wires(network: Network) -> list[Wire]:
-    """The checked wires with their total factors and offsets."""
-    sums = network.sums()
-    return [
-        Wire(
-            c.source.name,
-            c.target.name,
-            c.factor,
-            c.offset,
-            converts=False,
-            adds=c.target.name in sums,
-        )
-        for c in network.wires
-    ]
-
-
-def _rewired(network: Network, changed: Mapping[int, Wire | None]) -> System:
-    """The system with some of its wires replaced, or left out."""
-    wires = [changed.get(k, wire) for k, wire in enumerate(_plain_wires(network))]
-    return replace(network.system, wires=[w for w in wires if w is not None], bonds=())
-
-
-def _missing_factors(network: Network) -> Iterator[Variant]:
-    for k, wire in enumerate(_plain_wires(network)):
-        ends = f"{wire.source} to {wire.target}"
-        if (wire.factor, wire.offset) != (1.0, 0.0):
-            text = f"the wire from {ends} lacks its factor {wire.factor:.6g}"
-            text += f" and offset {wire.offset:.6g}" if wire.offset else ""
-            yield Variant(
-                "lost factor", text, _rewired(network, {k: wire._replace(factor=1.0, offset=0.0)})
-            )
-        if network.wires[k].source.type == "Real":
-            opposite = wire._replace(factor=-wire.factor, offset=-wire.offset)
-            text = f"the wire from {ends} has the opposite sign"
-            yield Variant("lost factor", text, _rewired(network, {k: opposite}))
-
-
-def _missing_wires(network: Network) -> Iterator[Variant]:
-    for k, wire in enumerate(_plain_wires(network)):
-        text = f"the wire from {wire.source} to {wire.target} is lost"
-        yield Variant("lost wire", text, _rewired(network, {k: None}))
-
-
-def _crossed_wires(network: Network) -> Iterator[Variant]:
-    wires = _plain_wires(network)
-    for (i, first), (j, second) in combinations(enumerate(wires), 2):
-        if (
-            first.source == second.source
-            or network.wires[i].source.type != network.wires[j].source.type
-        ):
-            continue
-        changed = {i: first._replace(source=second.source), j: second._replace(source=first.source)}
-        text = f"{first.target} and {second.target} are crossed: each is driven by the source of the other"
-        yield Variant("wires crossed", text, _rewired(network, changed))
 
 
 def less_exact_integration(reproduction: Reproduction) -> Cause | None:
