@@ -234,6 +234,28 @@ def test_a_motor_that_stalls_has_no_orbit() -> None:
     ]
 
 
+@pytest.mark.parametrize("nu", [28.0, 30.0, 32.0, 40.0, 60.0])
+def test_few_steps_per_revolution_settle_in_few_runs(
+    nu: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the coarsest of the runs with 128, 64 and 32 steps; the sections lie between their rows."""
+    runs, run = [], cosim.run
+
+    def counted(*arguments: Any, **settings: Any) -> cosim.Result:
+        runs.append(settings["step"])
+        return run(*arguments, **settings)
+
+    monkeypatch.setattr(cosim, "run", counted)
+    runner = orbits.OrbitRunner(Context(FMUS), {}, "strang", 128)
+    fine, middle, coarse = (
+        orbits.simulate(runner.task(SETS["A"], nu, multiple)) for multiple in (1, 2, 4)
+    )
+    assert (fine.problem, middle.problem, coarse.problem) == ("", "", "")
+    assert len(runs) <= 3 * 4
+    ratio = abs(coarse.torque - middle.torque) / abs(middle.torque - fine.torque)
+    assert ratio == pytest.approx(4.0, rel=0.25), "the coupling is of order 2"
+
+
 def test_an_orbit_that_deviations_leave_is_refused() -> None:
     """A rotor on a torque that grows with its speed: the steady speed is there and not held."""
 
