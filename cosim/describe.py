@@ -80,8 +80,8 @@ def _wire(wire: Connection, *, adds: bool = False) -> str:
 
 def notes(network: Network, settings: RunSettings) -> Iterator[str]:
     """What is worth knowing about a run of the system, whether it is possible or not."""
-    for name, schema_warning in network.schema_warnings.items():
-        yield f"{name}: {schema_warning}"
+    for name, flaws in network.flaws.items():
+        yield from (f"{name}: {flaw}" for flaw in flaws)
     for port, value in network.open:
         yield f"input {port} is open and keeps the start value of its FMU, {value!r}"
     yield f"order of steps: {', '.join(stepping_order(network, settings.order))}"

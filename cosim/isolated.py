@@ -21,9 +21,10 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from .engine.settings import RunSettings
 from .errors import SetupError, pluralize
-from .fmu.messages import log
-from .master import run
+from .fmu.messages import log, quiet
+from .master import begin, run
 from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
 from .scratch import scratch
 from .signals import collect_interrupts
@@ -118,6 +119,45 @@ def run_isolated(
     warnings = [record.getMessage() for record in log_records if record.name == log.name]
     path = csv if before[1] != after[1] else partial(csv)
     raise _error_with_rows(path, dead, warnings, pressed=bool(pressed))
+
+
+def begin_isolated(system: System, settings: RunSettings) -> None:
+    """Bring a system to its start in a child process, as a run does before its first step.
+
+    Parameters
+    ----------
+    system : System
+        What is begun.
+    settings : RunSettings
+        How it would be run.
+
+    Raises
+    ------
+    SetupError
+        For what `run` refuses before the first step, and if an FMU ends the process.
+    """
+    with child(_start, system, settings, grace=GRACE) as (process, ours):
+        try:
+            error = ours.recv()
+        except (EOFError, OSError):
+            process.join(GRACE)
+            parts = ", ".join(system.parts)
+            raise SetupError(
+                f"the process that ran the parts {parts} {death(process)} before the first step"
+            ) from None
+    if error is not None:
+        raise error
+
+
+def _start(pipe: Connection, system: System, settings: RunSettings) -> None:
+    """Begin in the child and tell the parent what is refused, or None."""
+    with suppress(BrokenPipeError), quiet():
+        try:
+            begin(system, settings)
+        except SetupError as error:
+            pipe.send(error)
+        else:
+            pipe.send(None)
 
 
 @contextmanager

@@ -151,6 +151,29 @@ def run(
     return result
 
 
+def begin(system: System, settings: RunSettings) -> None:
+    """Bring a system to its start, as `run` does before the first step, and end it there.
+
+    Parameters
+    ----------
+    system : System
+        What is begun.
+    settings : RunSettings
+        How it would be run.
+
+    Raises
+    ------
+    SetupError
+        For what `run` refuses before the first step.
+    """
+    network = connect(system)
+    require_runnable(network, settings)
+    with ExitStack() as stack:
+        process = ProcessState()
+        stack.callback(process.restore)
+        _Simulation(network, settings, stack, process)
+
+
 class _Simulation:
     """The parts of a checked system, initialised, on their way from start to stop."""
 
@@ -248,7 +271,7 @@ class _Simulation:
     def _report(self, driver: Driver, outcome: Outcome, began: float) -> RunReport:
         parts = self.parts.values()
         balance = energy_balance(side for part in parts for side in part.bond_sides)
-        warnings = [f"{name}: {text}" for name, text in self.network.schema_warnings.items()]
+        warnings = list(self.network.flaw_texts())
         warnings += [f"{part.name}: {text}" for part in parts for text in part.messages.warnings]
         warnings += self.process.warnings
         if not self.ports:

@@ -14,6 +14,7 @@ from .errors import SetupError
 from .fmu.times import coincide
 from .system import STATE, VARIABLE_STEP, Network, parts_without, require_cosimulation
 from .system.graph import algebraic_loops, describe_loop
+from .system.inputs import parse_change
 
 #: Sub-steps of a part in a communication step. A convention: more than a million are a mistake.
 MOST_SUBSTEPS = 1 << 20
@@ -38,6 +39,11 @@ def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
         yield from _missing_for_control(network, settings.step)
     else:
         yield from _times_between_steps(network, settings, settings.step)
+    for text in network.system.changes:
+        time, _, _ = parse_change(text)
+        if not settings.start <= time <= settings.stop:
+            span = f"from {settings.start!r} to {settings.stop!r} s"
+            yield f"change {text!r}: {time!r} s is not in the run, {span}"
     for port, profile in network.inputs:
         if lack := profile.lacks(settings.start, settings.stop):
             yield f"{port.name}: its table {lack}"

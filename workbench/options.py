@@ -17,8 +17,8 @@ import numpy as np
 
 import cosim
 from cosim import SetupError
-from cosim.cli.options import assignment, literal
-from cosim.system import Value
+from cosim.cli.options import assignment
+from cosim.system import Value, literal
 from cosim.units import QUANTITY, multiples
 
 Start = dict[str, Value]

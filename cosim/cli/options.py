@@ -15,7 +15,6 @@ from typing import Any, NoReturn
 from ..errors import SetupError
 from ..result import SimulationError
 from ..signals import handle_stop_signals
-from ..system import Value
 from ..units import QUANTITY, multiples
 
 
@@ -60,11 +59,11 @@ class Parser(argparse.ArgumentParser):
 
 def number(text: str) -> float:
     """A number; raises ArgumentTypeError for another text."""
-    try:
-        return float(text)
-    except ValueError:
+    quantity = QUANTITY.fullmatch(text)
+    if quantity is None or quantity[2]:
         other = "; start values are given with --set or --start" if "=" in text else ""
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number{other}") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number{other}")
+    return float(quantity[1])
 
 
 def seconds(text: str) -> float:
@@ -167,15 +166,3 @@ def assignment(text: str) -> tuple[str, str]:
     if not equals:
         raise SetupError(f"{text!r} must read NAME=VALUE")
     return name.strip(), value.strip()
-
-
-def literal(text: str) -> Value:
-    """A number or truth value where it is one, else the text."""
-    if text in ("true", "false"):
-        return text == "true"
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text

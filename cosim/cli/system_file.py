@@ -24,15 +24,13 @@ from ..scratch import scratch
 from ..system import (
     Network,
     System,
-    Value,
     connect,
-    conversion_to,
     describe_fmu,
     part_name,
+    value_of_text,
 )
 from ..system.inputs import Table
-from ..units import QUANTITY
-from .options import Parser, StartAction, assignment, literal, seconds
+from .options import Parser, StartAction, assignment, seconds
 
 #: The longest step as a fraction of a run: derived from 1 + the rounding of a difference of times.
 MAX_STEP_FRACTION = 1.0 + 1e-9
@@ -108,14 +106,14 @@ def open_system(options: argparse.Namespace, *, runnable: bool = True) -> Iterat
         package = read_package(options.files, Path(folder) / "ssp")
         wires = [*package.system.wires, *options.wire]
         system = replace(package.system, wires=wires)
-        network = connect(system, runnable=runnable)
+        network = connect(system, runnable=False)
         values = read_values(options.parameters, network) if options.parameters else {}
         for name, text in map(assignment, options.start_values):
-            values[name] = start_value(network, name, text)
+            values[name] = value_of_text(network, network.port(name), text)
         system = replace(system, start={**system.start, **values})
         network = connect(with_inputs(system, options), runnable=runnable)
-        for part, schema_warning in network.schema_warnings.items() if options.strict else ():
-            raise SetupError(f"part {part}: {schema_warning}")
+        for text in network.flaw_texts() if options.strict else ():
+            raise SetupError(f"part {text}")
         several = len(options.files) > 1
         title = " ".join(system.parts) if several else Path(options.files[0]).stem
         yield SystemFile(network, package, title)
@@ -135,16 +133,6 @@ def with_inputs(system: System, options: argparse.Namespace) -> System:
     if options.input is not None and not inputs:
         raise SetupError("--input needs a --map NAME=COLUMN")
     return replace(system, inputs=inputs, changes=options.at)
-
-
-def start_value(network: Network, name: str, text: str) -> Value:
-    """Return the value that a text gives a variable; that of a Real may be in any unit that fits."""
-    port = network.port(name)
-    quantity = QUANTITY.fullmatch(text) if port.type == "Real" else None
-    if quantity and quantity[2]:
-        factor, offset = conversion_to(network, port, quantity[2], "be given")
-        return factor * float(quantity[1]) + offset
-    return text if port.type in ("String", "Binary") else literal(text)
 
 
 def read_package(files: Sequence[str], folder: Path) -> Package:

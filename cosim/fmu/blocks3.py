@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from typing import Any
 
-from ..system.arrays import WIDTHS
+from ..errors import FmuError
+from ..system.declarations import WIDTHS
 from ..system.description import Variable
 from .blocks import CELL, Transfer, VariableBlock
 from .messages import OK, WARNING
@@ -36,6 +38,7 @@ class Piece:
     transfer: Transfer
     buffer: Any
     cells: Any
+    names: list[str]
 
 
 def block3(
@@ -91,10 +94,11 @@ def _piece(
         arguments.append((ctypes.c_int32 * len(references))(*[orders[0]] * len(references)))
     name = f"{action}{'Int64' if native == 'Enumeration' else native}"
     function = session.function(name)
+    names = [f"{session.name}.{v.name}" for v in elements]
     run: Callable[[], int] = partial(
         function, session.component, *arguments, buffer, ctypes.c_size_t(n)
     )
-    return Piece(Transfer(name, run, function, references, Code.EXCHANGE3), buffer, cells)
+    return Piece(Transfer(name, run, function, references, Code.EXCHANGE3), buffer, cells, names)
 
 
 def _move(pieces: Sequence[Piece], *, reads: bool) -> int:
@@ -103,6 +107,11 @@ def _move(pieces: Sequence[Piece], *, reads: bool) -> int:
     for piece in pieces:
         if not reads and piece.buffer is not piece.cells:
             piece.buffer[:] = piece.cells[:]
+            for name, short, value in zip(piece.names, piece.buffer, piece.cells):
+                if math.isinf(short) and math.isfinite(value):
+                    raise FmuError(
+                        f"{name} cannot take {value!r}: it is a 32-bit floating-point number"
+                    )
         status = piece.transfer.run()
         if not OK <= status <= WARNING:
             return status

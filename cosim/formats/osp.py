@@ -8,13 +8,15 @@ import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import count, takewhile
+from os.path import normpath
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ..engine.energy import declared_bond
 from ..errors import SetupError, pluralize
+from ..numbers import real, whole
 from ..system import (
     READ,
     Connection,
@@ -60,7 +62,7 @@ def read_osp(path: Path) -> Package:
     several wires into one input. Two groups of variables, defined by a
     MODEL_OspModelDescription.xml next to the FMU or the structure, are connected one by one in their
     order. A simulator whose `stepSize` is shorter than the base step gets sub-steps, no longer than that;
-    a longer one takes the base step, with a logged warning.
+    a longer one takes the base step, with a logged warning. FMUs are files in the folder of the structure.
 
     Parameters
     ----------
@@ -127,7 +129,7 @@ class _Reader:
         """Take one element; raises KeyError or ValueError for what it lacks or has wrong."""
         tag, attributes = plain(element.tag), element.attrib
         if tag in TIMES:
-            self.times[tag] = float(element.text or "")
+            self.times[tag] = real(element.text or "")
         elif tag == "Simulator":
             self._simulator(attributes["name"], attributes["source"], attributes.get("stepSize"))
         elif tag == "InitialValue":
@@ -135,12 +137,12 @@ class _Reader:
             self._initial(self.plan.elements[""][simulator], element)
         elif tag == "LinearTransformation":
             entry, leave = self._function(attributes["name"], ["in"], ["out"])
-            factor = float(attributes.get("factor", 1.0))
-            offset = float(attributes.get("offset", 0.0))
+            factor = real(attributes.get("factor", "1"))
+            offset = real(attributes.get("offset", "0"))
             step = Step(tag, None, convert=False, factor=factor, offset=offset)
             self.plan.add_arrow(Arrow(entry, leave, step))
         elif tag in ("Sum", "VectorSum"):
-            inputs, width = int(attributes["inputCount"]), int(attributes.get("dimension", 1))
+            inputs, width = whole(attributes["inputCount"]), whole(attributes.get("dimension", "1"))
             if min(inputs, width) < 1:
                 raise ValueError("inputCount and dimension must be at least 1")
             self.plan.budget.take(self.at(element), LINK * inputs * width)
@@ -197,11 +199,13 @@ class _Reader:
                     yield Wire(source, node, *scale, converts=False, adds=k > 0)
 
     def _simulator(self, name: str, source: str, step: str | None) -> None:
+        if normpath(unquote(source)).startswith(("..", "/")):
+            raise ValueError(f"source {source!r} points outside the folder of the structure")
         fmu = locate(source, self.file.parent, Path(self.file.absolute().anchor))
         part = self.plan.add_element("", name)
         self.plan.add_fmu(part, fmu, describe_fmu(part, fmu))
         if step is not None:
-            self.steps[part] = float(step)
+            self.steps[part] = real(step)
 
     def substeps(self) -> Iterator[tuple[str, int]]:
         """The sub-steps of the parts with a step of their own, none longer than that.

@@ -70,6 +70,6 @@ def _rows(path: Path, plan: Plan, root_path: str) -> Iterator[Parameter]:
             kind = "Integer"
         try:
             value = READ[kind](text)
-        except (KeyError, ValueError):
+        except ValueError:
             raise SetupError(f"{where} = {text!r} must be of type {kind}") from None
         yield Parameter(where, name, kind, value, Unit(unit) if unit else None)

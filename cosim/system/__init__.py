@@ -7,7 +7,6 @@ from .base_units import (
     unit_exponents,
 )
 from .description import (
-    FALSE_TRUE,
     NUMERIC,
     READ,
     STATE,
@@ -41,6 +40,10 @@ from .reading import (
     file_version,
     part_name,
 )
+from .start_values import (
+    literal,
+    value_of_text,
+)
 from .wires import (
     System,
     Wire,
@@ -49,7 +52,6 @@ from .wires import (
 __all__ = [
     "ANGLE",
     "BASES",
-    "FALSE_TRUE",
     "NUMERIC",
     "READ",
     "STATE",
@@ -72,6 +74,7 @@ __all__ = [
     "feedthrough",
     "file_version",
     "is_continuous_input",
+    "literal",
     "obstacles",
     "part_name",
     "parts_without",
@@ -80,4 +83,5 @@ __all__ = [
     "types_match",
     "unit_conversion",
     "unit_exponents",
+    "value_of_text",
 ]

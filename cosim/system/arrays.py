@@ -8,10 +8,10 @@ from math import prod
 from typing import Any
 
 from ..errors import SetupError
+from ..numbers import real
+from .declarations import WIDTHS
 from .description import Item, SimpleType, Variable
 
-#: The widths in bits of the integer types of FMI 3.0, and whether they have a sign.
-WIDTHS = {f"{sign}Int{bits}": (bits, not sign) for bits in (8, 16, 32, 64) for sign in ("", "U")}
 #: The types of FMI 2.0 that those of FMI 3.0 are.
 KINDS = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")
 TRUE = ("true", "1")
@@ -171,6 +171,6 @@ def _starts(original: Any, xml: Any) -> Sequence[str | None]:
 def _seconds(xml: Any, name: str) -> float | None:
     """What a clock says of its interval or shift [s], as a decimal or a fraction."""
     if f"{name}Decimal" in xml.attrib:
-        return float(xml.get(f"{name}Decimal"))
+        return real(xml.get(f"{name}Decimal"))
     counter, resolution = xml.get(f"{name}Counter"), xml.get("resolution")
     return float(counter) / float(resolution) if counter and resolution else None

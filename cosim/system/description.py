@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from ..numbers import real, truth, whole
 from .base_units import Unit
 
 Value = float | int | bool | str
@@ -16,12 +17,11 @@ Value = float | int | bool | str
 STATE, VARIABLE_STEP = "canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"
 #: The types whose values are numbers, and what Python calls such a value.
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
-FALSE_TRUE = {"false": False, "0": False, "true": True, "1": True}
-#: What reads the text of a value in XML, by type; it raises ValueError or KeyError.
+#: What reads the text of a value in XML, by type; it raises ValueError.
 READ: dict[str, Callable[[str], Value]] = {
-    "Real": float,
-    "Integer": int,
-    "Boolean": lambda text: FALSE_TRUE[text.strip()],
+    "Real": real,
+    "Integer": whole,
+    "Boolean": truth,
     "String": str,
     "Enumeration": str,
 }
@@ -178,8 +178,10 @@ class Fmu:
 
     Attributes
     ----------
-    schema_warning
-        What is wrong in the description but does not affect a run.
+    flaws
+        What is wrong in the description but does not affect a run, a sentence each.
+    wrong_starts
+        By variable, what is wrong with a start value of the file.
     terminals
         The variables of each terminal by member.
     shapes
@@ -191,7 +193,8 @@ class Fmu:
     description: ModelDescription
     variables: Mapping[str, Variable]
     units: Mapping[str, Unit]
-    schema_warning: str = ""
+    flaws: tuple[str, ...] = ()
+    wrong_starts: Mapping[str, str] = field(default_factory=dict)
     terminals: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     obstacle: str = ""

@@ -14,7 +14,7 @@ from .description import Fmu, ModelDescription, Value, Variable, declared_start
 from .inputs import FunctionInput, Table
 from .ports import Catalog, Port, size_text, split_name
 from .profiles import checked_profile, profiles_of_changes
-from .reading import WANTED, read_fmu
+from .reading import WANTED, XML, read_fmu
 from .start_values import checked_start
 from .wires import SHAFT, System, Wire
 
@@ -76,7 +76,9 @@ def connect(system: System, *, runnable: bool = True) -> Network:
     catalog = Catalog(system, fmus)
     written = [wire for entry in system.wires for wire in _wires(catalog, entry)]
     wires = [_connection(catalog, wire) for wire in written]
-    start = [checked_start(catalog.port(name), value) for name, value in system.start.items()]
+    start = [
+        checked_start(catalog, catalog.port(name), value) for name, value in system.start.items()
+    ]
     driven = _require_single_drivers(written, wires)
     inputs = [checked_profile(catalog, *item) for item in system.inputs.items()]
     inputs += profiles_of_changes(catalog, start)
@@ -84,6 +86,8 @@ def connect(system: System, *, runnable: bool = True) -> Network:
         if port.name in driven:
             raise SetupError(f"{port} is driven twice, by {driven[port.name]} and over time")
     closed = driven.keys() | {port.name for port, _ in (*start, *inputs)}
+    for text in _wrong_starts(catalog, closed) if runnable else ():
+        raise SetupError(text)
     unset = tuple(_open_inputs(catalog, closed, runnable=runnable))
     return Network(system, fmus, tuple(wires), (*start, *unset), tuple(inputs), unset)
 
@@ -112,6 +116,19 @@ def _sums(wires: Sequence[Connection]) -> dict[str, list[Connection]]:
     for wire in wires:
         into.setdefault(wire.target.name, []).append(wire)
     return {name: several for name, several in into.items() if len(several) > 1}
+
+
+def _wrong_starts(catalog: Catalog, closed: set[str]) -> Iterator[str]:
+    """Start values of FMUs that are out of their own bounds, of what nothing else sets."""
+    for part, fmu in catalog.fmus.items():
+        for name, text in fmu.wrong_starts.items():
+            elements = [
+                v.name
+                for v in fmu.description.modelVariables
+                if v.name == name or v.name.startswith(f"{name}[")
+            ]
+            if not all(f"{part}.{element}" in closed for element in elements):
+                yield f"part {part}: {catalog.system.parts[part]}: {XML}, {text}; give it another one"
 
 
 def _open_inputs(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -12,6 +12,9 @@ from ..errors import SetupError
 from .base_units import BaseUnit, Unit, common_unit, found_unit, unit_conversion
 from .description import Fmu, ModelDescription, Value, Variable
 from .wires import Name, System, dotted
+
+#: Flaws of a part that are named in one line. A convention: a line that one reads.
+MOST_FLAWS = 3
 
 
 class Port(NamedTuple):
@@ -61,9 +64,16 @@ class Catalog:
         return {name: fmu.description for name, fmu in self.fmus.items()}
 
     @cached_property
-    def schema_warnings(self) -> dict[str, str]:
-        """By part, what is wrong in its model description but does not affect a run."""
-        return {name: fmu.schema_warning for name, fmu in self.fmus.items() if fmu.schema_warning}
+    def flaws(self) -> dict[str, tuple[str, ...]]:
+        """By part, what is wrong in its model description but does not affect a run, a sentence each."""
+        return {name: fmu.flaws for name, fmu in self.fmus.items() if fmu.flaws}
+
+    def flaw_texts(self) -> Iterator[str]:
+        """The flaws of each part in a line, which names the first three."""
+        for part, flaws in self.flaws.items():
+            more = f"; and {len(flaws) - MOST_FLAWS} more, see cosim check"
+            text = "; ".join(flaws[:MOST_FLAWS])
+            yield f"{part}: {text}{more if len(flaws) > MOST_FLAWS else ''}"
 
     def port(self, name: Name) -> Port:
         """The port of a name; raises SetupError if there is none."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 
 from ..errors import SetupError
-from .description import READ, Value, declared_start
+from .description import Value, declared_start
 from .inputs import FunctionInput, Table, parse_change
 from .ports import Catalog, Port, conversion_to, is_continuous_input
-from .start_values import checked_start
+from .start_values import checked_start, value_of_text
 from .wires import Name
 
 
@@ -37,7 +36,7 @@ def checked_profile(
     extremes = set(profile.values)
     if moving:
         extremes = {min(extremes), max(extremes), *filter(math.isnan, extremes)}
-    fitting = {value: checked_start(port, value)[1] for value in extremes}
+    fitting = {value: checked_start(catalog, port, value)[1] for value in extremes}
     return port, profile.mapped(float if moving else fitting.__getitem__)
 
 
@@ -48,11 +47,7 @@ def profiles_of_changes(
     steps: dict[str, list[tuple[float, Value]]] = {}
     for time, name, text in map(parse_change, catalog.system.changes):
         port = catalog.port(name)
-        value: Value = text
-        with suppress(KeyError, ValueError):
-            is_integer = text.isdecimal() and port.type != "String"
-            value = READ["Integer" if is_integer else port.type](text)
-        steps.setdefault(port.name, []).append((time, value))
+        steps.setdefault(port.name, []).append((time, value_of_text(catalog, port, text)))
     starts = {port.name: value for port, value in start} if steps else {}
     for name, rows in steps.items():
         port = catalog.port(name)
@@ -61,7 +56,7 @@ def profiles_of_changes(
         if is_profile or before is None:
             why = "also follows a table" if is_profile else "has no start value"
             raise SetupError(f"{port} cannot change: it {why}")
-        fitting = [(time, checked_start(port, value)[1]) for time, value in rows]
+        fitting = [(time, checked_start(catalog, port, value)[1]) for time, value in rows]
         times, values = zip(*sorted(fitting, key=lambda row: row[0]))
         table = Table(times, values, held=True)
         yield checked_profile(catalog, name, table.after(before))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Sequence
 from functools import lru_cache
 from io import BytesIO
@@ -17,8 +18,10 @@ from fmpy.model_description import read_model_description
 from lxml import etree
 
 from ..errors import SetupError
+from ..numbers import real
 from .arrays import TRUE, Elements
 from .base_units import BaseUnit, DisplayUnit, Unit
+from .declarations import Declarations, unreadable
 from .description import (
     Experiment,
     Fmu,
@@ -28,6 +31,7 @@ from .description import (
     Variable,
     is_positive,
 )
+from .flaws import forbidden, wrong_starts
 
 #: The file of an FMU that describes it, by FMI.
 XML = "modelDescription.xml"
@@ -37,10 +41,13 @@ TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 MOST_BYTES = 128 * 2**20
 #: FMUs whose descriptions are kept. A convention: more than a system of different machines has.
 MOST_CACHED = 64
+VERSIONS = ("2.0", "3.0")
 WANTED = "this master runs co-simulation by FMI 2.0 and 3.0"
 #: What reading a description raises where it lacks something: errors of Python, not of the file.
 INTERNAL = (TypeError, AttributeError, LookupError, NameError, MemoryError, ArithmeticError)
 NO_NUMBER = re.compile(r"(?:could not convert string to float:|invalid literal for int.*:) ('.*')")
+#: What an XML file says of its encoding.
+ENCODING = re.compile(r"<\?xml[^>]*encoding=[\"']([^\"']*)")
 PIECE = r"[^\W\d][\w\[\]-]*"
 PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
@@ -91,14 +98,20 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     """An FMU, kept as long as its file has this version."""
     files = _files(path)
     try:
-        original, schema_warning = _parsed(path)
+        declarations = Declarations(_root(path))
+        if declarations.root.get("fmiVersion") in VERSIONS:
+            for text in unreadable(declarations):
+                raise SetupError(f"is not a valid FMU: {XML}, {text}")
+        original, schema_flaws = _parsed(path)
+    except SetupError:
+        raise
     except Exception as error:
         raise SetupError(f"is not a valid FMU: {XML}: {_reason(error)}") from error
-    if original.fmiVersion not in ("2.0", "3.0"):
+    if original.fmiVersion not in VERSIONS:
         raise SetupError(f"is FMI {original.fmiVersion}; {WANTED}")
     try:
-        root = _root(path)
-        elements = Elements(root, original.modelVariables, is_fmi3=original.fmiVersion == "3.0")
+        root, is_fmi3 = declarations.root, original.fmiVersion == "3.0"
+        elements = Elements(root, original.modelVariables, is_fmi3=is_fmi3)
         description = _copied(original, elements, root)
     except SetupError:
         raise
@@ -109,12 +122,15 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
         if variables.setdefault(variable.name, variable) is not variable:
             raise SetupError(f"is not a valid FMU: it has two variables named {variable.name}")
     units = {unit.name: unit for unit in reversed(description.unitDefinitions)}
-    terminals, wrong = _terminals(path) if TERMINALS in files else ({}, "")
+    terminals, wrong = _terminals(path) if TERMINALS in files else ({}, [])
+    flaws = [f"{XML} is not valid: {text}" for text in schema_flaws]
+    flaws += [f"{XML}, {text}" for text in forbidden(declarations)]
     return Fmu(
         description,
         variables,
         units,
-        schema_warning or wrong,
+        (*flaws, *wrong),
+        dict(wrong_starts(declarations)),
         terminals,
         elements.shapes,
         _obstacle(path, files, description),
@@ -147,7 +163,12 @@ def _root(path: Path) -> Any:
     """The root of a description as XML, each element with its line."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
     with ZipFile(path) as archive:
-        return etree.fromstring(archive.read(XML), parser)
+        content = archive.read(XML)
+    if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        said = ENCODING.match(content[:200].decode("utf-16", "ignore"))
+        if said and not said[1].lower().startswith("utf-16"):
+            raise SetupError(f"is not a valid FMU: {XML} says {said[1]} and is UTF-16")
+    return etree.fromstring(content, parser)
 
 
 def _copied(original: Any, elements: Elements, root: Any) -> ModelDescription:
@@ -208,7 +229,7 @@ def _experiment(original: Any) -> Experiment:
         return Experiment()
     names = ("startTime", "stopTime", "stepSize", "tolerance")
     texts = (getattr(original, name) for name in names)
-    start, stop, step, tolerance = (None if text is None else float(text) for text in texts)
+    start, stop, step, tolerance = (None if text is None else real(text) for text in texts)
     return Experiment(
         start,
         stop,
@@ -269,33 +290,33 @@ def _has_document_type(content: bytes) -> bool:
     return False
 
 
-def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], str]:
+def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], list[str]]:
     """The variables of each terminal by member, without terminals within terminals; what is wrong."""
     try:
         with ZipFile(path) as archive:
             root = ElementTree.fromstring(archive.open(TERMINALS).read(MOST_BYTES))
     except (OSError, ElementTree.ParseError) as error:
-        return {}, f"{TERMINALS} cannot be read: {error}"
+        return {}, [f"{TERMINALS} cannot be read: {error}"]
     return {
         terminal.get("name", ""): {
             member.get("memberName", ""): member.get("variableName", "")
             for member in terminal.findall("TerminalMemberVariable")
         }
         for terminal in root.findall("Terminals/Terminal")
-    }, ""
+    }, []
 
 
-def _parsed(path: Path) -> tuple[Any, str]:
+def _parsed(path: Path) -> tuple[Any, list[str]]:
     """What FMPy reads of an FMU, and what is wrong in it if it can be read all the same."""
     try:
-        return read_model_description(str(path)), ""
+        return read_model_description(str(path)), []
     except Exception as error:  # noqa: BLE001
         reason = _reason(error)
     try:
-        return read_model_description(str(path), validate=False), f"{XML} is not valid: {reason}"
+        return read_model_description(str(path), validate=False), [reason]
     except Exception as error:
         if isinstance(error, INTERNAL):
-            raise SetupError(reason) from error
+            raise SetupError(f"is not a valid FMU: {XML}: {reason}") from error
         raise
 
 

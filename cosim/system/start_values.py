@@ -5,14 +5,46 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 
 from ..errors import SetupError
-from .arrays import WIDTHS
+from ..numbers import whole
+from ..units import QUANTITY
+from .declarations import WIDTHS, integer_text
 from .description import NUMERIC, Value, enumeration
-from .ports import Port
+from .ports import Catalog, Port, conversion_to
+
+#: The types of FMI 2.0 that hold whole numbers, in words of FMI 3.0, of which an Enumeration has at least as many bits.
+NATIVE_INTEGERS = {"Integer": "Int32", "Enumeration": "Int64"}
+#: The largest finite number of 32 bits, by IEEE 754.
+SINGLE = (2.0 - 2.0**-23) * 2.0**127
 
 
-def checked_start(port: Port, value: Value) -> tuple[Port, Value]:
+def value_of_text(catalog: Catalog, port: Port, text: str) -> Value:
+    """The value that a text of the command line gives a variable, that of a Real in any unit that fits.
+
+    Raises SetupError for a unit that does not fit; a text that is no value of its type is left as it is.
+    """
+    if port.type in ("String", "Binary"):
+        return text
+    quantity = QUANTITY.fullmatch(text)
+    if quantity is not None and quantity[2] and port.type == "Real":
+        factor, offset = conversion_to(catalog, port, quantity[2], "be given")
+        return factor * float(quantity[1]) + offset
+    return literal(text)
+
+
+def literal(text: str) -> Value:
+    """A number or truth value where it is one, else the text."""
+    if text in ("true", "false"):
+        return text == "true"
+    with suppress(ValueError):
+        return whole(text)
+    quantity = QUANTITY.fullmatch(text)
+    return text if quantity is None or quantity[2] else float(quantity[1])
+
+
+def checked_start(catalog: Catalog, port: Port, value: Value) -> tuple[Port, Value]:
     """A start value in the type of its port; raises SetupError for one that it cannot have."""
     variable = port.variable
     if variable.causality == "structuralParameter" or port.type == "Clock":
@@ -23,49 +55,61 @@ def checked_start(port: Port, value: Value) -> tuple[Port, Value]:
         raise SetupError(
             f"{port} has causality {variable.causality} and cannot be given a start value"
         )
-    if port.type in ("String", "Binary"):
-        if not isinstance(value, str):
-            raise SetupError(f"{port} = {value!r} must be of type {port.type}")
-        if port.type == "Binary":
-            try:
-                value = bytes.fromhex(value).hex()
-            except ValueError:
-                raise SetupError(f"{port} = {value!r} must be hexadecimal digits") from None
+    if port.type not in ("String", "Binary"):
+        return port, _checked_number(catalog, port, value)
+    if not isinstance(value, str):
+        raise SetupError(f"{port} = {value!r} must be of type {port.type}")
+    if port.type == "String":
         return port, value
+    try:
+        return port, bytes.fromhex(value).hex()
+    except ValueError:
+        raise SetupError(f"{port} = {value!r} must be hexadecimal digits") from None
+
+
+def _checked_number(catalog: Catalog, port: Port, value: Value) -> Value:
+    """A number in the type of its port; raises SetupError for one that it cannot have, with what to write."""
     items = enumeration(port.variable)
+    if isinstance(value, str) and value not in items:
+        number = value_of_text(catalog, port, value)
+        if not isinstance(number, str):
+            raise SetupError(f"{port} = {value!r} must be of type {port.type}: write {number!r}")
     try:
         value = items.get(value, value) if isinstance(value, str) else value
         number = NUMERIC[port.type](value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         expected = f"one of {', '.join(items)}" if items else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {expected}") from None
     logical = isinstance(value, bool) and port.type != "Boolean"
     if isinstance(value, str) or logical or number != value:
-        expected = f"of type {port.type}" if logical or port.type != "Real" else "a finite number"
+        is_number = port.type == "Real" and not logical and not isinstance(value, str)
+        expected = "a finite number" if is_number else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {expected}")
-    if not math.isfinite(number):
-        raise SetupError(f"{port} = {value!r} must be a finite number")
     for limit in _broken_limits(port, number):
         unit = "" if port.unit in ("", "1") else f" {port.unit}"
         raise SetupError(f"{port} = {value!r} must be {limit}{unit}")
     if items and number not in items.values():
         choices = ", ".join(f"{n} ({item})" for item, n in items.items())
         raise SetupError(f"{port} = {value!r} must be one of {choices}")
-    return port, ctypes.c_float(number).value if port.native == "Float32" else number
+    return ctypes.c_float(number).value if port.native == "Float32" else number
 
 
 def _broken_limits(port: Port, number: float) -> Iterator[str]:
     """The limits of a port that a number does not keep."""
+    if not math.isfinite(number):
+        yield "a finite number"
+    if port.native == "Float32" and math.isinf(ctypes.c_float(number).value):
+        yield f"a 32-bit floating-point number, at most {SINGLE:.7g}"
     if port.type == "Boolean":
         if number not in (0, 1):
             yield "true or false"
         return
-    if port.type == "Integer":
-        bits, signed = WIDTHS.get(port.native, (32, True))
+    native = NATIVE_INTEGERS.get(port.native, port.native)
+    if native in WIDTHS:
+        bits, signed = WIDTHS[native]
         lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
         if not lowest <= number < highest:
-            article = "an" if str(bits).startswith("8") else "a"
-            yield f"{article} {bits}-bit {'' if signed else 'unsigned '}integer"
+            yield integer_text(native)
     if port.variable.min is not None and not number >= (low := float(port.variable.min)):
         yield f"at least {low!r}"
     if port.variable.max is not None and not number <= (high := float(port.variable.max)):

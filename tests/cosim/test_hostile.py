@@ -249,9 +249,9 @@ def test_an_array_with_too_many_elements_is_named(
     ("swap", "message"),
     [
         (('<Float64 name="h"', "<Float64"), "The attribute 'name' is required but missing"),
-        (('stepSize="[^"]*"', 'stepSize="ten"'), "modelDescription.xml: 'ten' is not a number"),
+        (('stepSize="[^"]*"', 'stepSize="ten"'), "modelDescription.xml, line 8: stepSize: 'ten' is not a number"),
         ((r"(?s)<ModelVariables>.*</ModelVariables>", ""), "is not a valid FMU: modelDescription.xml"),
-        ((r'valueReference="\d+"', 'valueReference="-"'), "is not a number"),
+        ((r'valueReference="\d+"', 'valueReference="-"'), "valueReference of time: '-' is not a whole number"),
     ],
 )  # fmt: skip
 def test_a_malformed_description_is_refused_with_a_sentence(

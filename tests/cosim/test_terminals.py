@@ -99,7 +99,7 @@ def test_terminals_that_cannot_be_read_hinder_nobody(
         "motor": rewritten(parts["motor"], tmp_path / "broken.fmu", edit(b"<fmiTerminals"))
     }
     system = joined(broken, "motor", "conveyor", wires=("motor.tau -> conveyor.tau",))
-    assert TERMINALS in connect(system).schema_warnings["motor"]
+    assert TERMINALS in connect(system).flaws["motor"][0]
     other = (
         b'<a><Terminals><Terminal name="flange"><TerminalMemberVariable memberName="torque" '
         b'variableName="tau"/></Terminal></Terminals></a>'

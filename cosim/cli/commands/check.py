@@ -1,4 +1,4 @@
-"""cosim check: whether a system can run, without running it."""
+"""cosim check: whether a system can run, as far as its start shows it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from ... import describe
 from ...errors import SetupError
 from ...formats.ssp.standard import check_standard
+from ...isolated import begin_isolated
 from ...requirements import setup_problems
 from ..command import Command
 from ..options import Parser
@@ -28,6 +29,11 @@ def check_system(options: argparse.Namespace) -> int:
         notes = list(describe.notes(file.network, settings))
         if file.package.step is not None:
             notes.append(f"communication step: {file.package.step!r} s, given by the file")
+        if not problems:
+            try:
+                begin_isolated(file.system, settings)
+            except SetupError as error:
+                problems.append(str(error))
     for note in notes:
         print(note)
     for problem in problems:

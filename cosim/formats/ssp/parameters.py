@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...errors import SetupError
-from ...system import FALSE_TRUE, READ, Value, enumeration
+from ...numbers import truth
+from ...system import READ, Value, enumeration
 from ...system.base_units import Unit
 from ...system.description import Variable
 from .files import Element, children, parse, plain, qualified, validate
@@ -109,7 +110,10 @@ def _parameter(element: Element, prefix: str, source: str, defined: Definitions)
     kind = plain(content.tag)
     if kind not in READ:
         raise SetupError(f"{where}: type {kind} is not supported")
-    value = READ[kind](content.get("value"))
+    try:
+        value = READ[kind](content.get("value"))
+    except ValueError as error:  # what the schema permits, such as 1e400
+        raise SetupError(f"{where}: {error}") from None
     items = defined.items.get(content.get("name")) if kind == "Enumeration" else None
     if items and value not in items:
         raise SetupError(f"{where}: {value!r} must be one of {', '.join(items)}")
@@ -153,7 +157,7 @@ def _transformed(parameter: Parameter, entry: Element, where: str) -> Parameter:
 
 def linear(element: Element, where: str) -> Step:
     """The linear step of a mapping entry or a connection."""
-    suppressed = FALSE_TRUE[element.get("suppressUnitConversion", "false").strip()]
+    suppressed = truth(element.get("suppressUnitConversion", "false"))
     scale = element.find(qualified("ssc:LinearTransformation"))
     coefficients = (
         {} if scale is None else {key: float(value) for key, value in scale.attrib.items()}

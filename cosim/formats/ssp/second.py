@@ -10,7 +10,8 @@ from math import prod
 from typing import Any
 
 from ...errors import SetupError
-from ...system.arrays import KINDS, WIDTHS
+from ...system.arrays import KINDS
+from ...system.declarations import WIDTHS
 
 Element = Any
 Shape = tuple[int, ...]
@@ -180,7 +181,7 @@ def _wide(root: Element, name: str) -> Iterator[tuple[Element, str]]:
     """Values of whole numbers that are too large for SSP 1.0, with 0 in their place."""
     for element in root.iter(*(f"{{*}}{kind}" for kind in WIDTHS)):
         text = element.get("value", "")
-        if not re.fullmatch(r"\s*[+-]?\d{1,20}\s*", text):
+        if not re.fullmatch(r"\s*[+-]?[0-9]{1,20}\s*", text):
             continue
         bits, signed = WIDTHS[_plain(element.tag)]
         lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
