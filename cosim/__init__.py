@@ -1,49 +1,78 @@
 """Couple co-simulation FMUs of FMI 2.0 and 3.0: systems of parts and wires, and their coupling errors."""
 
+from difflib import get_close_matches
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from .accuracy.certify import Certified, certify, summary
-from .accuracy.estimate import Estimate
-from .accuracy.limit import Limit, limit
-from .accuracy.referee import RefereeReport, referee
-from .accuracy.reference import Judged, oracle, true_errors
-from .analysis.compare import Comparison, Deviation, compare
-from .analysis.crosscheck import crosscheck
-from .analysis.crosscheck.checks import Verdict
-from .analysis.crosscheck.report import Crosscheck
-from .analysis.linearize import Linear, linearize
-from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
-from .engine.control import Adaptive
-from .errors import SetupError
-from .fmu.messages import quiet
-from .formats.container import write_container
-from .formats.osp import read_osp, write_osp
-from .formats.ssp.read import Package, read_ssp
-from .formats.ssp.write import write_ssp
-from .isolated import run_isolated
-from .master import run, versions
-from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
-from .result import Interrupted, Result, SimulationError
-from .system import System, Wire
-from .system.inputs import Table
-
 if TYPE_CHECKING:
+    from .accuracy.certify import Certified, certify, summary
+    from .accuracy.estimate import Estimate
+    from .accuracy.limit import Limit, limit
+    from .accuracy.referee import RefereeReport, referee
+    from .accuracy.reference import Judged, oracle, true_errors
+    from .analysis.compare import Comparison, Deviation, compare
+    from .analysis.crosscheck import crosscheck
+    from .analysis.crosscheck.checks import Verdict
+    from .analysis.crosscheck.report import Crosscheck
     from .analysis.damping import Diagnosis, diagnose
+    from .analysis.linearize import Linear, linearize
+    from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
+    from .engine.control import Adaptive
+    from .errors import SetupError
+    from .fmu.messages import quiet
+    from .formats.container import write_container
+    from .formats.osp import read_osp, write_osp
+    from .formats.ssp.read import Package, read_ssp
+    from .formats.ssp.write import write_ssp
     from .identification.design import Advice, Experiment, advise
     from .identification.identify import Identified, identify
     from .identification.intervals import Interval
     from .identification.record import measured
+    from .isolated import run_isolated
+    from .master import run, versions
+    from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
+    from .result import Interrupted, Result, SimulationError
+    from .system import System, Wire
+    from .system.inputs import Table
 
 __version__ = "1.0.0rc1"
 
-#: the modules whose parts of SciPy take longer to import than most runs, loaded on request
-HOMES = {
-    "Advice": "identification.design", "Experiment": "identification.design", "advise": "identification.design",
-    "Diagnosis": "analysis.damping", "diagnose": "analysis.damping",
-    "Identified": "identification.identify", "Interval": "identification.intervals",
-    "identify": "identification.identify", "measured": "identification.record",
-}  # fmt: skip
+#: The module of each public name, imported when the name is first asked for: NumPy and SciPy take longer than most runs.
+_HOMES = {
+    name: module
+    for module, names in {
+        "accuracy.certify": "Certified, certify, summary",
+        "accuracy.estimate": "Estimate",
+        "accuracy.limit": "Limit, limit",
+        "accuracy.referee": "RefereeReport, referee",
+        "accuracy.reference": "Judged, oracle, true_errors",
+        "analysis.compare": "Comparison, Deviation, compare",
+        "analysis.crosscheck": "crosscheck",
+        "analysis.crosscheck.checks": "Verdict",
+        "analysis.crosscheck.report": "Crosscheck",
+        "analysis.damping": "Diagnosis, diagnose",
+        "analysis.linearize": "Linear, linearize",
+        "engine.algorithms": "ALGORITHMS, CONVERGENCE_ORDERS",
+        "engine.control": "Adaptive",
+        "errors": "SetupError",
+        "fmu.messages": "quiet",
+        "formats.container": "write_container",
+        "formats.osp": "read_osp, write_osp",
+        "formats.ssp.read": "Package, read_ssp",
+        "formats.ssp.write": "write_ssp",
+        "identification.design": "Advice, Experiment, advise",
+        "identification.identify": "Identified, identify",
+        "identification.intervals": "Interval",
+        "identification.record": "measured",
+        "isolated": "run_isolated",
+        "master": "run, versions",
+        "metrics": "crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest",
+        "result": "Interrupted, Result, SimulationError",
+        "system": "System, Wire",
+        "system.inputs": "Table",
+    }.items()
+    for name in names.split(", ")
+}
 
 __all__ = [
     "ALGORITHMS", "CONVERGENCE_ORDERS", "Adaptive", "Advice", "Certified", "Comparison", "Crosscheck",
@@ -58,7 +87,22 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Load a name of `HOMES` from its module."""
-    if name in HOMES:
-        return getattr(import_module(f"{__name__}.{HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    """Load a public name from its module, or a module."""
+    if name.startswith("_"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in _HOMES:
+        value = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+        return value
+    try:
+        return import_module(f"{__name__}.{name}")
+    except ModuleNotFoundError as error:
+        if error.name != f"{__name__}.{name}":
+            raise
+    near = get_close_matches(name, __all__, 1)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
+
+
+def __dir__() -> list[str]:
+    """The public names, loaded or not."""
+    return [*__all__, "__version__"]

@@ -1,10 +1,19 @@
-"""python -m cosim: the command line of `cosim.cli.main`."""
+"""The command `cosim`, and python -m cosim: the command line of `cosim.cli.main`."""
 
 from __future__ import annotations
 
 import sys
 
-from .cli.main import main
+
+def main() -> int:
+    """Run the command line; Ctrl-C while its modules are imported ends it as it does later."""
+    try:
+        from .cli.main import main as command_line  # what takes seconds to import
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return command_line()
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,7 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..errors import FmuError
-from ..fmu.library import LOCK
 from ..signals import reinstall_handlers
 
 #: Seconds between two looks at what FMUs may have changed. A convention: a look takes some 10 us.
@@ -34,19 +33,17 @@ class ProcessState:
             _flushes(),
         )
         C.fegetenv(self._environment)
-        with LOCK:  # while an FMU is loaded, the folder is another
-            self._folder = _folder()
+        self._folder = _folder()
         self._looked = clock.perf_counter()
 
     def restore(self) -> None:
         """Bring back what an FMU has changed."""
         self._looked = clock.perf_counter()
         reinstall_handlers()
-        with LOCK:
-            if self._folder is not None and _folder() != self._folder:
-                with suppress(OSError):
-                    os.chdir(self._folder)
-                self._warn("the working directory")
+        if self._folder is not None and _folder() != self._folder:
+            with suppress(OSError):
+                os.chdir(self._folder)
+            self._warn("the working directory")
         if locale.setlocale(locale.LC_ALL) != self._locale:
             locale.setlocale(locale.LC_ALL, self._locale)
             self._warn("the locale")

@@ -15,7 +15,7 @@ from zipfile import ZipFile
 
 import fmpy
 from fmpy.fmi2 import FMU2Model, FMU2Slave
-from fmpy.fmi3 import FMU3Model, FMU3Slave
+from fmpy.fmi3 import _FMU3, FMU3Model, FMU3Slave
 
 from ..errors import FmuError
 from ..scratch import scratch
@@ -144,12 +144,33 @@ def unpack(path: Path, folder: Path) -> None:
 
 
 def _loaded(kind: Any, folder: Path, guid: str, interface: Any) -> Any:
-    """The binary of one of an FMU's interfaces."""
-    platforms = Path.cwd()
+    """The binary of one of an FMU's interfaces, by its absolute path.
+
+    What FMPy does to load it changes the working directory of the whole process, where other threads may
+    be writing files: this makes the same object without.
+    """
+    platform = fmpy.platform_tuple if issubclass(kind, _FMU3) else fmpy.platform
+    binary = (
+        folder / "binaries" / platform / f"{interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    )
+    fmu = kind.__new__(kind)
+    fmu.guid, fmu.modelIdentifier, fmu.unzipDirectory = guid, interface.modelIdentifier, str(folder)
+    fmu.instanceName, fmu.fmiCallLogger, fmu.requireFunctions = None, None, True
+    vars(fmu).update(_functions={}, component=None, callbacks=None)
     try:
-        location = {"unzipDirectory": str(folder), "modelIdentifier": interface.modelIdentifier}
-        return kind(guid=guid, instanceName=None, **location)
-    except Exception as error:
-        raise FmuError(str(error)) from error
-    finally:
-        os.chdir(platforms)
+        fmu.dll = ctypes.CDLL(str(binary.absolute()))
+        fmu._loadFunctions()  # noqa: SLF001
+    except (OSError, AttributeError) as error:
+        raise FmuError(f"Failed to load shared library {binary}: {error}") from error
+    return fmu
+
+
+def _begin_child() -> None:
+    """In a forked child nothing is loaded yet, and no thread of the parent holds the lock."""
+    global LOCK
+    LOCK = RLock()
+    LOADED.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_child)

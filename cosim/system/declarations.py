@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from ..numbers import real, truth, whole
@@ -63,42 +61,19 @@ def value_reader(kind: str, version: str) -> Reader | None:
     return {"Float32": single, "Float64": real, "Real": real, "Boolean": truth}.get(kind)
 
 
-@dataclass(frozen=True)
 class Declared:
     """A variable: the element that names it, and the one that says its type, which are one in FMI 3.0."""
 
-    element: Any
-    typed: Any
-
-    @cached_property
-    def name(self) -> str:
-        """Its name; empty if it has none."""
-        return str(self.element.get("name") or "")
-
-    @cached_property
-    def kind(self) -> str:
-        """Its type in the words of the version."""
-        return str(self.typed.tag)
-
-    @cached_property
-    def causality(self) -> str:
-        """What it is to its environment."""
-        return str(self.element.get("causality", "local"))
-
-    @cached_property
-    def variability(self) -> str:
-        """When it changes."""
-        if self.element.get("variability"):
-            return str(self.element.get("variability"))
+    def __init__(self, element: Any, typed: Any) -> None:
+        self.element, self.typed = element, typed
+        self.name, self.kind = str(element.get("name") or ""), str(typed.tag)
+        self.causality = str(element.get("causality", "local"))
+        usual = "continuous" if self.kind in REALS else "discrete"
         if self.causality in ("parameter", "calculatedParameter", "structuralParameter"):
-            return "fixed"
-        return "continuous" if self.kind in REALS else "discrete"
-
-    @cached_property
-    def initial(self) -> str:
-        """Whether its start value holds."""
+            usual = "fixed"
+        self.variability = str(element.get("variability") or usual)
         is_exact = self.causality in SETTABLE or self.variability == "constant"
-        return str(self.element.get("initial") or ("exact" if is_exact else "calculated"))
+        self.initial = str(element.get("initial") or ("exact" if is_exact else "calculated"))
 
 
 class Declarations:
@@ -115,6 +90,11 @@ class Declarations:
             )
         self.variables = [Declared(holder, kind) for holder, kind in zip(holders, types)]
         self.types = {str(x.get("name")): x for x in self.type_elements()}
+        # what the model structure calls them: an index in FMI 2.0, a value reference in FMI 3.0
+        self.by_reference = {str(n): v for n, v in enumerate(self.variables, 1)}
+        if self.version == "3.0":
+            references = (plain(v.element.get("valueReference", "")) for v in self.variables)
+            self.by_reference = dict(zip(references, self.variables))
 
     def type_elements(self) -> Iterator[Any]:
         """The elements that name types."""
@@ -154,13 +134,6 @@ class Declarations:
             for element in self.root.iterfind("ModelStructure/*"):
                 if element.tag in UNKNOWNS:
                     yield str(element.tag), element
-
-    @cached_property
-    def by_reference(self) -> Mapping[str, Declared]:
-        """The variables by what the model structure calls them: an index in FMI 2.0, a value reference in FMI 3.0."""
-        if self.version == "2.0":
-            return {str(n): v for n, v in enumerate(self.variables, 1)}
-        return {str(v.element.get("valueReference")).strip(): v for v in self.variables}
 
     def named(self, element: Any) -> Declared | None:
         """The variable that an element of the model structure means."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from ..errors import SetupError
@@ -58,12 +57,12 @@ class Catalog:
     system: System
     fmus: Mapping[str, Fmu]
 
-    @cached_property
+    @property
     def descriptions(self) -> dict[str, ModelDescription]:
         """The model descriptions by part."""
         return {name: fmu.description for name, fmu in self.fmus.items()}
 
-    @cached_property
+    @property
     def flaws(self) -> dict[str, tuple[str, ...]]:
         """By part, what is wrong in its model description but does not affect a run, a sentence each."""
         return {name: fmu.flaws for name, fmu in self.fmus.items() if fmu.flaws}
