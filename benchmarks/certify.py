@@ -52,6 +52,7 @@ from cosim.metrics import (
     Smallest,
     TimeOfLargest,
 )
+from cosim.series import TIME, Column
 from cosim.verification import systems as linear
 from scenarios.conveyor import machine
 from scenarios.conveyor.first_order import SETS
@@ -280,7 +281,7 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
         rows = dense[::every]
         fed = any(unit.D is not None for unit in units.values())
         order = 2 if algorithm == "strang" and not fed else 1
-        return Result(["time", *columns], {}, {"convergence_order": order}, lambda: rows)
+        return Result([TIME, *map(Column, columns)], {"convergence_order": order}, lambda: rows)
 
     return Case(linear.couple(units, FMUS / "LinearSystem.fmu"), stop, step, exact, runner)
 

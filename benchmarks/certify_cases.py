@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from cosim import Result, System
+from cosim.series import TIME, Column
 
 Array = NDArray[np.float64]
 Draw = Callable[[float, float], float]
@@ -64,7 +65,7 @@ class SyntheticCase:
         if all_rows is not None:
             rows(step).tofile(all_rows)
         report = {"convergence_order": self.order, "warnings": []}
-        return Result(["time", "x"], {}, report, partial(rows, output_step))
+        return Result([TIME, Column("x")], report, partial(rows, output_step))
 
 
 def synthetic_cases(draw: Draw) -> Iterator[SyntheticCase]:

@@ -316,9 +316,9 @@ def row_entry(item: str, folder: Path) -> Entry:
     except (SetupError, SimulationError) as error:
         return {"refusal": f"{type(error).__name__}: {mask(str(error), folder)}"}
     return {
-        "columns": list(result.columns),
+        "columns": list(result.names),
         "rows": len(result.data),
-        "last": {x: number(value) for x, value in zip(result.columns, result.data[-1])},
+        "last": {x: number(value) for x, value in zip(result.names, result.data[-1])},
         "sha256": digest(result.data.astype("<f8").tobytes()),
         "warnings": [mask(text, folder) for text in result.warnings],
     }

@@ -1,8 +1,9 @@
 """A column of a result as a function of time: cubic splines between breakpoints.
 
 A run gives rows. Between them the solution is smooth except at breakpoints: where two rows have the same
-time, where a discrete column changes, and where a part changes its course inside a step without telling
-the master (`hidden_gaps`). A spline through a breakpoint would ring, so each piece has its own.
+time, in the breaks that the master knows, and where a part changes its course inside a step without telling
+the master (`hidden_gaps`). A spline through a breakpoint would ring, so each piece has its own. A column that
+is not continuous keeps the value of a row until the next.
 """
 
 from __future__ import annotations
@@ -10,17 +11,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from itertools import pairwise
 from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .series import Kind
+
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+#: No intervals.
+NO_BREAKS = np.zeros((0, 2))
 
 #: Rows through which a cubic is laid: derived, a polynomial of degree 3 has four coefficients.
 CUBIC_ROWS = 4
@@ -66,37 +72,62 @@ class DenseSolution:
     Parameters
     ----------
     t : array of shape (rows,)
-        Times [s], which do not fall. Two rows with the same time and other values are a jump.
+        Times [s], which do not fall. Two rows with the same time are a jump.
     x : array of shape (rows,)
-        Values. If all are whole numbers, the column is discrete and keeps a value until the next row.
+        Values.
+    kind : Kind
+        What the values are; those of any kind but continuous hold until the next row.
+    breaks : array of shape (breaks, 2)
+        Intervals, begin and end [s], in which the master knows of a jump without rows at its time.
     gaps : array of int, optional
-        Numbers k of rows behind which, before row k + 1, an event is hidden; by default `hidden_gaps`
-        looks for them.
+        Numbers k of rows behind which, before row k + 1, an event is hidden; by default those of the breaks
+        and those that `hidden_gaps` finds.
     side : Side
         How these gaps are filled. The truth lies between Side.BEFORE and Side.AFTER: it follows the
         first up to the event and the second from then on.
     """
 
     def __init__(
-        self, t: Array, x: Array, gaps: Indices | None = None, side: Side = Side.LINE
+        self,
+        t: Array,
+        x: Array,
+        kind: Kind = Kind.CONTINUOUS,
+        breaks: Array = NO_BREAKS,
+        *,
+        gaps: Indices | None = None,
+        side: Side = Side.LINE,
     ) -> None:
-        self.t, self.x, self.side = t, x, side
-        self.is_discrete = _are_integers(x[:CHUNK_ROWS]) and _are_integers(x[CHUNK_ROWS:])
-        if gaps is None:
-            gaps = np.flatnonzero(np.diff(x)) if self.is_discrete else hidden_gaps(t, x)
+        self.t, self.x, self.kind, self.breaks, self.side = t, x, kind, breaks, side
+        if gaps is None and kind.is_held:
+            gaps = np.flatnonzero(np.diff(x))
+        elif gaps is None:
+            gaps = np.union1d(broken_gaps(t, breaks), hidden_gaps(t, x)).astype(np.intp)
+            gaps = np.union1d(gaps, lonely_intervals(t, gaps)).astype(np.intp)
         self.gaps = gaps
 
     @classmethod
-    def from_rows(cls, t: Array, x: Array) -> DenseSolution:
+    def from_rows(
+        cls, t: Array, x: Array, kind: Kind = Kind.CONTINUOUS, breaks: Array = NO_BREAKS
+    ) -> DenseSolution:
         """The solution of rows of which some may repeat the one before, or nearly."""
-        distinct = distinct_rows(t, x)
-        return cls(t, x) if distinct.all() else cls(t[distinct], x[distinct])
+        distinct = distinct_rows(t, x, breaks)
+        if not distinct.all():
+            t, x = t[distinct], x[distinct]
+        return cls(t, x, kind, breaks)
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether its values hold from a row to the next."""
+        return self.kind.is_held
+
+    def _with(self, t: Array, x: Array, gaps: Indices, side: Side | None = None) -> DenseSolution:
+        """The same column with other rows."""
+        side = self.side if side is None else side
+        return DenseSolution(t, x, self.kind, self.breaks, gaps=gaps, side=side)
 
     def with_values(self, x: Array) -> DenseSolution:
         """Other values at the same times, with the same gaps, such as the square of this column."""
-        other = DenseSolution(self.t, x, self.gaps, self.side)
-        other.is_discrete = self.is_discrete
-        return other
+        return self._with(self.t, x, self.gaps)
 
     def filled(self, side: Side) -> DenseSolution:
         """The same rows with their gaps filled from another side.
@@ -105,9 +136,7 @@ class DenseSolution:
         relaxes within the first step shows in no row.
         """
         gaps = np.union1d(self.gaps, [0]) if side is Side.AFTER else self.gaps
-        other = DenseSolution(self.t, self.x, gaps.astype(np.intp), side)
-        other.is_discrete = self.is_discrete
-        return other
+        return self._with(self.t, self.x, gaps.astype(np.intp), side)
 
     def with_extremes(self, sign: float) -> Array:
         """The values of the rows, of which those behind a gap may be higher (or lower, for a sign of -1).
@@ -133,8 +162,7 @@ class DenseSolution:
         the band may have an extreme of its own between the two rows; it is -inf where it has none.
         """
         k = int(np.argmax(np.diff(self.t) > 0.0))
-        edge = DenseSolution(self.t, self.x + sign * width, self.gaps, self.side)
-        edge.is_discrete = self.is_discrete
+        edge = self.with_values(self.x + sign * width)
         highest = edge.highest_in_gap(k, sign)
         inside = highest > max(sign * edge.x[k], sign * edge.x[k + 1])
         return k + 1, highest if inside else -np.inf
@@ -171,35 +199,31 @@ class DenseSolution:
         return float(values.max(initial=-np.inf))
 
     def thinned(self, n: int, first: int) -> DenseSolution:
-        """The solution of the rows first, first + n, ..., of the first and the last row."""
-        start, end = slice(0, min(first, 1)), slice(-1, None)
-        if (len(self.t) - 1 - first) % n == 0:
-            end = slice(0, 0)
-        t, x = (
-            np.concatenate([values[start], values[first::n], values[end]])
-            for values in (self.t, self.x)
-        )
-        before = (self.gaps - first) // n + min(first, 1)  # the row of these in front of a gap
-        other = DenseSolution(t, x, np.unique(np.maximum(before, 0)), self.side)
-        other.is_discrete = self.is_discrete
-        return other
+        """The solution of the rows first, first + n, ..., of the first and the last row, and of both at a jump."""
+        kept = thinned_rows(self.t, n, first)
+        before = np.cumsum(kept)[self.gaps] - 1  # the row of these in front of a gap
+        return self._with(self.t[kept], self.x[kept], np.unique(before).astype(np.intp))
 
     def between(self, begin: float, end: float) -> DenseSolution:
-        """The part from one time to another [s], which get rows of their own."""
+        """The part from one time to another [s], which get rows of their own.
+
+        It begins with the value after a jump at its first time, and ends with that before one at its last.
+        """
         begin, end = max(begin, float(self.t[0])), min(end, float(self.t[-1]))
         inside = np.flatnonzero((self.t > begin) & (self.t < end))
         ends = self(np.array([begin, end]))
+        last = int(np.searchsorted(self.t, end))
+        if last < len(self.t) - 1 and self.t[last] == end:
+            ends[1] = self.x[last]
         first = int(np.searchsorted(self.t, begin, side="right")) - 1
         t = np.concatenate([[begin], self.t[inside], [end]])
         x = np.concatenate([ends[:1], self.x[inside], ends[1:]])
         gaps = self.gaps - first
-        other = DenseSolution(t, x, gaps[(gaps >= 0) & (gaps < len(t) - 1)], self.side)
-        other.is_discrete = self.is_discrete
-        return other
+        return self._with(t, x, gaps[(gaps >= 0) & (gaps < len(t) - 1)])
 
     def __call__(self, t: Array) -> Array:
-        """The values at times [s] between the first and the last row; shape of t."""
-        values = np.empty(np.shape(t))
+        """The values at times [s] between the first and the last row, and nan elsewhere; shape of t."""
+        values = np.full(np.shape(t), np.nan)
         for polynomial in self.polynomials():
             inside = (t >= polynomial.x[0]) & (t <= polynomial.x[-1])
             values[inside] = polynomial(t[inside])
@@ -224,7 +248,7 @@ class DenseSolution:
         else:
             c = self._coefficients(t, x, begin)
         gaps = self.gaps[(self.gaps >= begin) & (self.gaps < end - 1)] - begin
-        _fill(c, t, x, gaps, self.side)
+        _fill(c, (t, x), gaps, self.side, broken_gaps(t, self.breaks))
         used = slice(low - begin, high - begin)
         widths = np.diff(t)[used]
         wide = widths > 0.0
@@ -285,11 +309,6 @@ class DenseSolution:
         return float(sum(p.integrate(p.x[0], p.x[-1]) for p in self.polynomials()))
 
 
-def _are_integers(x: Array) -> bool:
-    """Whether all values are integers."""
-    return bool(np.array_equal(x, np.round(x)))
-
-
 def _around_top(x: Array) -> slice:
     """The rows around the highest, down to where they rise again."""
     top, steps = int(np.argmax(x)), np.diff(x)
@@ -312,12 +331,14 @@ def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Arra
     return values.ravel(), (begin + candidates).ravel()
 
 
-def _fill(c: Array, t: Array, x: Array, gaps: Indices, side: Side) -> None:
-    """Set the coefficients in gaps, from the next piece that has a polynomial.
+def _fill(c: Array, rows: tuple[Array, Array], gaps: Indices, side: Side, broken: Indices) -> None:
+    """Set the coefficients in gaps between rows, from the next piece that has a polynomial.
 
-    Without such a piece they keep the value of its row.
+    Without such a piece up to the next jump they keep the value of its row; but behind a `broken` gap, whose row
+    in front says nothing of what follows, there are no values, nan.
     """
-    hidden = {int(k) for k in gaps}
+    t, x = rows
+    hidden, unknown = {int(k) for k in gaps}, {int(k) for k in broken}
     for k in gaps:
         width = t[k + 1] - t[k]
         if side is Side.LINE:
@@ -325,10 +346,11 @@ def _fill(c: Array, t: Array, x: Array, gaps: Indices, side: Side) -> None:
             continue
         step = -1 if side is Side.BEFORE else 1
         neighbour = int(k) + step
-        while neighbour in hidden:
+        while neighbour in hidden and t[neighbour] < t[neighbour + 1]:
             neighbour += step
-        if not 0 <= neighbour < c.shape[1]:
-            c[:, k] = [0.0, 0.0, 0.0, x[k] if side is Side.BEFORE else x[k + 1]]
+        if not 0 <= neighbour < c.shape[1] or t[neighbour] == t[neighbour + 1]:
+            value = x[k] if side is Side.BEFORE else x[k + 1]
+            c[:, k] = [0.0, 0.0, 0.0, np.nan if side is Side.AFTER and k in unknown else value]
             continue
         shift = t[k] - t[neighbour]
         of = c[:, neighbour]
@@ -344,24 +366,63 @@ def _median_gap(gaps: Array) -> float:
     return float(np.median(positive, overwrite_input=True)) if len(positive) else 0.0
 
 
-def distinct_rows(t: Array, x: Array) -> NDArray[np.bool_]:
-    """Which rows say something new.
+def distinct_rows(t: Array, x: Array, breaks: Array = NO_BREAKS) -> NDArray[np.bool_]:
+    """Which rows say something new, or are one of the two of a jump.
 
-    These are not the rows that repeat a time with the same value, nor those that come right after
-    another, as the row of an event beside one of the grid.
-
-    Of several rows at one time the first and the last are kept, the values before and after a jump.
+    Those do not that come right after another, as the row of an event beside one of the grid, or that repeat time
+    and value of the row before, unless the time is that of one of the breaks: the slope may jump there.
     """
     gaps = np.diff(t)
     if not len(gaps):
         return np.ones(len(t), dtype=bool)
     least = REPEATED_FRACTION * _median_gap(gaps)
     distinct = np.ones(len(t), dtype=bool)
-    distinct[1:] = (gaps > least) | ((gaps == 0.0) & (np.diff(x) != 0.0))
+    is_jump = (np.diff(x) != 0.0) | np.isin(t[1:], breaks[breaks[:, 0] == breaks[:, 1], 0])
+    distinct[1:] = (gaps > least) | ((gaps == 0.0) & is_jump)
     distinct[-1] = True
     if len(gaps) > 1 and not gaps[-1] > least and gaps[-1] > 0.0:
         distinct[-2] = False
     return distinct
+
+
+def thinned_rows(t: Array, n: int, first: int) -> NDArray[np.bool_]:
+    """Which rows are the first, the last, number first, first + n, ..., or one of the two at a jump."""
+    kept = np.zeros(len(t), dtype=bool)
+    kept[first::n] = kept[0] = kept[-1] = True
+    jumps = np.flatnonzero(np.diff(t) <= 0.0)
+    kept[jumps] = kept[jumps + 1] = True
+    return kept
+
+
+def separate(t: Array) -> Array:
+    """Times of which the first of two equal ones, the row before a jump, is the next smaller number."""
+    before = np.flatnonzero(np.diff(t) == 0.0)
+    if not len(before):
+        return t
+    times = t.copy()
+    times[before] = np.nextafter(times[before], -np.inf)
+    return times
+
+
+def broken_gaps(t: Array, breaks: Array) -> Indices:
+    """The rows k behind which, before row k + 1, lies a part of one of the intervals `breaks` [s]."""
+    wide = breaks[breaks[:, 1] > breaks[:, 0]]
+    first = np.searchsorted(t, wide[:, 0], side="right") - 1
+    last = np.searchsorted(t, wide[:, 1], side="left")
+    gaps = [np.arange(max(a, 0), min(b, len(t) - 1)) for a, b in zip(first, last)]
+    return np.concatenate([np.zeros(0, dtype=np.intp), *gaps])
+
+
+def lonely_intervals(t: Array, gaps: Indices) -> Indices:
+    """The rows k of pieces that have no other row than k and k + 1, so that nothing tells of what is between them.
+
+    A table of two rows has none: that they are all says more than a polynomial.
+    """
+    cuts = np.ones(len(t) + 1, dtype=bool)
+    cuts[1:-1] = np.diff(t) <= 0.0
+    cuts[gaps + 1] = True
+    lonely = ~cuts[1:-1] & cuts[:-2] & cuts[2:]
+    return np.flatnonzero(lonely & (len(lonely) > 1))
 
 
 def hidden_gaps(t: Array, x: Array) -> Indices:
@@ -378,18 +439,17 @@ def hidden_gaps(t: Array, x: Array) -> Indices:
     It takes motions that decay by more than a factor of 8 per row for events; an extrapolation over one
     gap then only widens an error.
     """
-    many = len(t) - CUBIC_ROWS
-    if many <= SMOOTH_STENCILS:
-        return np.zeros(0, dtype=np.intp)
-    floor = NOISE_FRACTION * float(np.ptp(x))
-    gaps = []
-    for low in range(0, len(t), CHUNK_ROWS):
-        part = slice(max(0, low - OVERLAP_ROWS), low + CHUNK_ROWS + OVERLAP_ROWS)
-        if len(t[part]) - CUBIC_ROWS <= SMOOTH_STENCILS:
-            continue
-        after = _leaps(t[part], x[part], floor)
-        before = _leaps(-t[part][::-1], x[part][::-1], floor)
-        gaps.append(part.start + np.concatenate([after, len(t[part]) - 2 - before]))
+    floor = NOISE_FRACTION * float(np.ptp(x)) if len(x) else 0.0
+    ends = [0, *(np.flatnonzero(np.diff(t) <= 0.0) + 1), len(t)]
+    gaps = [np.zeros(0, dtype=np.intp)]
+    for begin, end in pairwise(ends):
+        for low in range(begin, end, CHUNK_ROWS):
+            part = slice(max(begin, low - OVERLAP_ROWS), min(end, low + CHUNK_ROWS + OVERLAP_ROWS))
+            if part.stop - part.start - CUBIC_ROWS <= SMOOTH_STENCILS:
+                continue
+            after = _leaps(t[part], x[part], floor)
+            before = _leaps(-t[part][::-1], x[part][::-1], floor)
+            gaps.append(part.start + np.concatenate([after, part.stop - part.start - 2 - before]))
     return np.unique(np.concatenate(gaps)).astype(np.intp)
 
 

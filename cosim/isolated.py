@@ -21,12 +21,15 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+
 from .engine.settings import RunSettings
 from .errors import SetupError, pluralize
 from .fmu.messages import log, quiet
 from .master import begin, run
 from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
 from .scratch import scratch
+from .series import described_columns
 from .signals import collect_interrupts
 from .system import System
 
@@ -100,8 +103,9 @@ def run_isolated(
                 if (logger := logging.getLogger(content.name)).isEnabledFor(content.levelno):
                     logger.handle(content)
             elif kind == "end":
-                error, text, columns, units, facts, path = content
-                result = Result(columns, units, facts, functools.partial(read_rows, path))
+                error, text, columns, breaks, facts, path = content
+                load = functools.partial(read_rows, path)
+                result = Result(columns, facts, load, breaks=breaks)
                 if error is not None:
                     raise error(text, result)
                 return result
@@ -216,7 +220,7 @@ def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any])
             return
         else:
             pipe.send(("progress", 1.0))
-        facts = (result.columns, result.units, result.provenance)
+        facts = (result.columns, result.breaks, result.provenance)
         path = partial(csv) if ended else csv
         pipe.send(("end", (ended and type(ended), str(ended), *facts, path)))
 
@@ -336,7 +340,8 @@ def _error_with_rows(
     else:
         dead = f"{facts['reason']}; {dead}"
     write_json(path.with_suffix(".json"), facts)
-    units = facts.pop("units")
-    result = Result(header.split(","), units, facts, lambda: read_rows(path))
+    columns = described_columns(header.split(","), facts.pop("units"), facts.pop("kinds"))
+    breaks = np.reshape(facts.pop("breaks"), (-1, 2))
+    result = Result(columns, facts, lambda: read_rows(path), breaks=breaks)
     text = f"{dead} after t = {reached!r} s, {pluralize(len(rows), 'row')} in {path.name}"
     return Interrupted(text, result) if pressed else SimulationError(text, result)

@@ -60,7 +60,8 @@ def run(
     told it.
 
     There is a row at every communication point, or at every `output_step` [s] and at changes of a
-    recorded discrete variable. `record` lists the columns (default: all outputs). With `csv`, the
+    recorded discrete variable. Where an input jumps or a parameter changes at a communication point, two
+    rows have that time: the one before and the one after. `record` lists the columns (default: all outputs). With `csv`, the
     rows are streamed to this file, which no other run may write at the same time. `progress` is
     called with the fraction of the run that is done. `all_rows` is a file that takes the rows of all
     communication points, also those that `output_step` leaves out, as plain doubles.
@@ -116,7 +117,7 @@ def run(
     >>> from pathlib import Path
     >>> from cosim import System, run
     >>> result = run(System({"motor": Path("fmus/DriveMotor.fmu")}), stop=0.1, step=0.01)
-    >>> result.columns
+    >>> result.names
     ['time', 'motor.tau', 'motor.tau_static', 'motor.P']
     >>> len(result["time"])
     11
@@ -226,8 +227,7 @@ class _Simulation:
         began: float,
     ) -> tuple[Result, RunReport]:
         """Take all steps; the result and report, complete or not, of a run that `began` at a reading of the clock [s]."""
-        units = {port.name: port.unit for port in self.ports}
-        recorder = Recorder([port.name for port in self.ports], units, csv, self.setup)
+        recorder = Recorder([port.column for port in self.ports], csv, self.setup)
         settings = self.settings
         changes = discrete_changes(self.network, self.parts, settings.start, settings.stop)
         row = RowReader(list(self.parts.values()), self.ports)
@@ -241,7 +241,7 @@ class _Simulation:
         finally:
             outcome = Outcome(status, reason, driver.t, recorder.count)
             report = self._report(driver, outcome, began)
-            result = recorder.finish(report)
+            result = recorder.finish(report, driver.breaks)
         return result, report
 
     def _drive(

@@ -8,6 +8,7 @@ import json
 import os
 import stat
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from importlib.util import find_spec
 from io import BytesIO, FileIO
@@ -17,8 +18,10 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .dense import NO_BREAKS, DenseSolution
 from .errors import SetupError
 from .report import RunReport
+from .series import TIME, Column, column_facts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,25 +35,59 @@ MOST_CURVES = 6
 class Result:
     """Rows of a run; rows streamed to a file are read from it on first use.
 
-    `provenance` are the entries of the JSON file beside the rows, `report` the same in types where `run`
-    made the result in this process.
+    At a jump that the master knows, of an input or by a change, two rows have the same time: the first is the
+    last before the jump, the second the first after it.
+
+    Attributes
+    ----------
+    columns
+        What each column is; the first is the time.
+    provenance
+        The entries of the JSON file beside the rows.
+    report
+        The same in types, where `run` made the result in this process.
+    breaks
+        Intervals, begin and end [s], in which columns may jump, shape (breaks, 2): of length zero where two
+        rows show the jump, else from a row before it to the first that what is behind it reaches.
     """
 
     def __init__(
         self,
-        columns: list[str],
-        units: dict[str, str],
+        columns: Sequence[Column],
         provenance: dict[str, Any],
         load: Callable[[], Rows],
         *,
         report: RunReport | None = None,
+        breaks: Rows = NO_BREAKS,
     ) -> None:
-        self.columns, self.units, self.provenance = columns, units, provenance
-        self.report = report
+        self.columns, self.provenance = tuple(columns), provenance
+        self.report, self.breaks = report, breaks
         self._load = load
 
+    @property
+    def names(self) -> list[str]:
+        """The names of the columns; the first is "time"."""
+        return [column.name for column in self.columns]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The units of the columns by name; empty where none is known."""
+        return {column.name: column.unit for column in self.columns}
+
+    def column(self, name: str) -> Column:
+        """What a column is; raises KeyError for a variable that was not recorded."""
+        for column in self.columns:
+            if column.name == name:
+                return column
+        raise KeyError(f"{name} was not recorded, only {', '.join(self.names)}")
+
+    def solution(self, name: str) -> DenseSolution:
+        """A column as a function of time, of its kind and with its breaks; raises KeyError."""
+        kind = self.column(name).kind
+        return DenseSolution.from_rows(self["time"], self[name], kind, self.breaks)
+
     def __repr__(self) -> str:
-        columns = (f"{name} [{self.units.get(name, '')}]" for name in self.columns[1:])
+        columns = (f"{column.name} [{column.unit}]" for column in self.columns[1:])
         return f"Result({self._span()}: {', '.join(columns)})"
 
     def _span(self) -> str:
@@ -66,10 +103,10 @@ class Result:
             return content
         rows = self.frame.drop(columns="time")
         table = rows.agg(["min", "mean", "max"]).T.assign(last=rows.iloc[-1])
-        table.insert(0, "unit", [self.units.get(x, "") for x in self.columns[1:]])
+        table.insert(0, "unit", [column.unit for column in self.columns[1:]])
         content += table.to_html(float_format="{:.6g}".format)
         if find_spec("matplotlib"):
-            self.plot(self.columns[1 : 1 + MOST_CURVES], buffer := BytesIO())
+            self.plot(self.names[1 : 1 + MOST_CURVES], buffer := BytesIO())
             picture = base64.b64encode(buffer.getvalue()).decode()
             content += f'<img src="data:image/png;base64,{picture}" style="max-width: 100%">'
         return content
@@ -87,9 +124,7 @@ class Result:
         KeyError
             For a variable that was not recorded.
         """
-        if name not in self.columns:
-            raise KeyError(f"{name} was not recorded, only {', '.join(self.columns)}")
-        column: Rows = self.data[:, self.columns.index(name)]
+        column: Rows = self.data[:, self.columns.index(self.column(name))]
         return column
 
     @property
@@ -109,7 +144,7 @@ class Result:
         """The rows as a pandas frame."""
         import pandas as pd
 
-        return pd.DataFrame(self.data, columns=self.columns)
+        return pd.DataFrame(self.data, columns=self.names)
 
     def write(self, path: Path | str, part: str | None = None) -> None:
         """Write NAME.csv or NAME.parquet, with units and provenance in NAME.json: both files or neither.
@@ -127,22 +162,16 @@ class Result:
             For any other suffix or a part without columns.
         OSError
             If there is no room.
-
-        Parameters
-        ----------
-        path : path
-            The file, whose suffix decides the format.
-        part : str, optional
-            The part whose columns are written.
         """
-        path, frame, units = Path(path), self.frame, self.units
+        path, frame, columns = Path(path), self.frame, self.columns
         if part is not None:
-            bare_names = {name: name.removeprefix(f"{part}.") for name in self.columns[1:]}
-            bare_names = {name: bare for name, bare in bare_names.items() if name != bare}
-            if not bare_names:
-                raise SetupError(f"no column of part {part!r}, only {', '.join(self.columns)}")
+            prefix = f"{part}."
+            own = [column for column in columns if column.name.startswith(prefix)]
+            if not own:
+                raise SetupError(f"no column of part {part!r}, only {', '.join(self.names)}")
+            bare_names = {column.name: column.name.removeprefix(prefix) for column in own}
             frame = frame[["time", *bare_names]].rename(columns=bare_names)
-            units = {"time": "s"} | {bare: units[name] for name, bare in bare_names.items()}
+            columns = (TIME, *(replace(column, name=bare_names[column.name]) for column in own))
         if path.suffix not in (".csv", ".parquet"):
             raise SetupError(f"{path} must end in .csv or .parquet")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -154,7 +183,7 @@ class Result:
                 frame.to_csv(rows, index=False)
             else:
                 frame.to_parquet(rows)
-            write_json(facts, {**self.provenance, "units": units})
+            write_json(facts, self.provenance | table_facts(columns, self.breaks))
             facts.replace(path.with_suffix(".json"))
             rows.replace(path)
         except ImportError:
@@ -182,17 +211,10 @@ class Result:
         -------
         Figure
             A figure of matplotlib.
-
-        Parameters
-        ----------
-        names : sequence of str or str, optional
-            The columns; by default all.
-        path : path or binary file, optional
-            Where the figure is written to.
         """
         from .picture import Picture
 
-        names = self.columns[1:] if names is None else names
+        names = self.names[1:] if names is None else names
         names = [names] if isinstance(names, str) else list(names)
         axes_of = list(dict.fromkeys(self.units.get(name, "") for name in names))
         figure = Picture(figsize=(9, 1.2 + 2.2 * len(axes_of)), layout="constrained")
@@ -272,6 +294,11 @@ def read_rows(path: Path) -> Rows:
     return rows
 
 
+def table_facts(columns: Sequence[Column], breaks: Rows) -> dict[str, Any]:
+    """What the JSON file says of the columns beside it: `units`, `kinds` and `breaks`."""
+    return {**column_facts(columns), "breaks": breaks.tolist()}
+
+
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write readable JSON."""
     with open_unlinked(path, "wb") as file:
@@ -291,12 +318,12 @@ class DerivedResult(Result):
 
     def __init__(self, result: Result, column: Callable[[str], Rows]) -> None:
         super().__init__(
-            result.columns, result.units, result.provenance,
-            lambda: np.column_stack([column(name) for name in result.columns]),
-        )  # fmt: skip
-        self._column = column
+            result.columns,
+            result.provenance,
+            lambda: np.column_stack([column(name) for name in result.names]),
+            breaks=result.breaks,
+        )
+        self._values = column
 
     def __getitem__(self, name: str) -> Rows:
-        if name not in self.columns:
-            return super().__getitem__(name)
-        return self._column(name)
+        return self._values(self.column(name).name)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import Result, metrics
+from cosim.series import Column
 
 from .figure import Figure
 
@@ -90,14 +91,14 @@ def with_row_errors(
 
 def with_rows(result: Result, rows: Samples) -> Result:
     """The result with these rows instead, of shape (n, columns)."""
-    return Result(result.columns, result.units, result.provenance, lambda: rows)
+    return Result(result.columns, result.provenance, lambda: rows, breaks=result.breaks)
 
 
 def extended(result: Result, unit: str, more: Mapping[str, Samples]) -> Result:
     """The result with more columns, which are all in that unit."""
     data = np.column_stack([result.data, *more.values()])
-    units = result.units | dict.fromkeys(more, unit)
-    return Result([*result.columns, *more], units, result.provenance, lambda: data)
+    columns = [*result.columns, *(Column(name, unit) for name in more)]
+    return Result(columns, result.provenance, lambda: data, breaks=result.breaks)
 
 
 def _halves(rows: int) -> list[NDArray[np.int64]]:

@@ -103,7 +103,7 @@ def certify(
     """
     with three_runs(system, step, runner, settings) as runs:
         if metrics is None:
-            metrics = summary_metrics(runs.finest.columns[1:])
+            metrics = summary_metrics(runs.finest.names[1:])
         return Certified(runs.finest, estimates_of(metrics, runs))
 
 
@@ -119,9 +119,10 @@ def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
         else:
             function = metric
             estimates |= function_errors(lambda r, n=name, f=function: {n: f(r)}, runs)  # type: ignore[misc]
-    begin, diverged = divergence([result.data for result in runs.results], runs.ratio)
+    held = [k for k, each in enumerate(runs.finest.columns) if each.kind.is_held]
+    begin, diverged = divergence([result.data for result in runs.results], runs.ratio, held)
     for column, group in by_column.items():
-        has_diverged = bool(diverged[runs.finest.columns.index(column)])
+        has_diverged = bool(diverged[runs.finest.names.index(column)])
         estimates |= _estimates_of_column(column, group, runs, begin if has_diverged else math.inf)
     return {name: estimates[name] for name in metrics}
 
@@ -170,15 +171,11 @@ def evaluate(metrics: Metrics, result: Result) -> dict[str, float]:
     if not isinstance(metrics, Mapping):
         return dict(metrics(result))
     return {
-        name: metric.value(_solution(result, metric.column))
+        name: metric.value(result.solution(metric.column))
         if isinstance(metric, Metric)
         else metric(result)
         for name, metric in metrics.items()
     }
-
-
-def _solution(result: Result, column: str) -> DenseSolution:
-    return DenseSolution.from_rows(result["time"], result[column])
 
 
 def summary(result: Result) -> dict[str, float]:
@@ -194,13 +191,13 @@ def summary(result: Result) -> dict[str, float]:
     dict
         The values, in the unit of their column, by names such as "motor.tau at the end".
     """
-    return evaluate(summary_metrics(result.columns[1:]), result)
+    return evaluate(summary_metrics(result.names[1:]), result)
 
 
 def summary_rows_errors(result: Result) -> dict[str, float | None]:
     """The errors of `summary` that are due to the spacing of the rows; None where there is none."""
     errors = {}
-    for name, metric in summary_metrics(result.columns[1:]).items():
-        solution = _solution(result, metric.column)
+    for name, metric in summary_metrics(result.names[1:]).items():
+        solution = result.solution(metric.column)
         errors[name] = rows_error(metric, solution, metric.value(solution))
     return errors

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dense import Array, DenseSolution
+from ..dense import Array, DenseSolution, separate
 from .estimate import Estimate
 from .limit import LOWEST_ORDER, ROUNDING_SHARE, STEP_RATIO, limit
 
@@ -98,7 +98,7 @@ class ErrorBand:
 
     def _at_rows(self, values: Array, addend: Array | float) -> Array:
         """Values at all rows of the finest run, and what is added to them."""
-        rows: Array = np.interp(self.finest.t, self.times, values)
+        rows: Array = np.interp(separate(self.finest.t), separate(self.times), values)
         rows += addend
         return rows
 
@@ -158,9 +158,10 @@ def _shared_values(runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, A
         shared = shared[_is_in(shared, t)]
     if 2 * len(shared) < len(runs[2][0]) or len(shared) <= 1:
         shared, coarse = runs[2]
-        fine, middle = (DenseSolution.from_rows(*run)(shared) for run in runs[:2])
+        times = separate(shared)
+        fine, middle = (DenseSolution.from_rows(*run)(times) for run in runs[:2])
     else:
-        fine, middle, coarse = (x[_last_index(t, shared)] for t, x in runs)
+        fine, middle, coarse = (x[_row_index(t, shared)] for t, x in runs)
     return shared, fine, middle, coarse
 
 
@@ -197,14 +198,16 @@ def _is_in(times: Array, sorted_times: Array) -> NDArray[np.bool_]:
     return np.asarray(nearest <= rounding)
 
 
-def _last_index(t: Array, times: Array) -> NDArray[np.intp]:
-    """The last row at each of these times, which are times of rows but for rounding."""
+def _row_index(t: Array, times: Array) -> NDArray[np.intp]:
+    """The row at each of these times, which are times of rows but for rounding: the first and the last of two equal ones."""
     rounding = ROUNDING_SHARE * max(abs(float(t[0])), abs(float(t[-1])))
-    return np.searchsorted(t, times + rounding, side="right") - 1
+    last = np.searchsorted(t, times + rounding, side="right") - 1
+    is_before = np.append(np.diff(times) == 0.0, False)
+    return np.where(is_before, np.searchsorted(t, times - rounding), last)
 
 
 def divergence(
-    runs: Sequence[NDArray[np.float64]], ratio: float = STEP_RATIO
+    runs: Sequence[NDArray[np.float64]], ratio: float = STEP_RATIO, held: Sequence[int] = ()
 ) -> tuple[float, NDArray[np.bool_]]:
     """Find the time [s] from which on the finest two of three runs have diverged, and in which columns.
 
@@ -223,6 +226,8 @@ def divergence(
         The rows of the runs, the finest first; the first column is the time [s].
     ratio : float
         The ratio of the steps of two runs.
+    held : sequence of int
+        The columns whose values hold from row to row, which are left out.
 
     Returns
     -------
@@ -232,7 +237,8 @@ def divergence(
     t = runs[-1][:, 0]
     parts = np.array_split(np.arange(len(t)), min(PARTS, len(t)))
     fine, middle, coarse = (
-        np.column_stack([t, *(np.interp(t, rows[:, 0], x) for x in rows.T[1:])]) for rows in runs
+        np.column_stack([t, *(np.interp(separate(t), separate(rows[:, 0]), x) for x in rows.T[1:])])
+        for rows in runs
     )
     last, previous = (
         np.array([np.abs(of_short_step - of_long_step)[part].mean(axis=0) for part in parts])
@@ -244,7 +250,7 @@ def divergence(
     around = np.max([padded[k : k + len(previous)] for k in range(2 * NEIGHBOURS + 1)], axis=0)
     distant = last > least
     diverged = distant & (last > around / ratio**LOWEST_ORDER)
-    diverged[:, (fine == np.round(fine)).all(axis=0)] = False
+    diverged[:, list(held)] = False
     if not diverged.any():
         return math.inf, np.zeros(fine.shape[1], dtype=bool)
     first = int(diverged.any(axis=1).argmax())

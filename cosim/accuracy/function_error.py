@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..dense import thinned_rows
 from ..result import DerivedResult, Result, Rows
 from .estimate import Estimate
 from .extrapolation import (
@@ -42,7 +43,9 @@ class ObservedResult(Result):
     """A result that notes which columns are read."""
 
     def __init__(self, result: Result) -> None:
-        super().__init__(result.columns, result.units, result.provenance, lambda: result.data)
+        super().__init__(
+            result.columns, result.provenance, lambda: result.data, breaks=result.breaks
+        )
         self._rows, self._read = result, set[str]()
 
     def __getitem__(self, name: str) -> Rows:
@@ -52,7 +55,7 @@ class ObservedResult(Result):
     def columns_read(self) -> list[str]:
         """The columns asked for by name; all, if the rows were taken as a whole."""
         reads_all = "data" in vars(self) or not self._read
-        return [name for name in self.columns[1:] if reads_all or name in self._read]
+        return [name for name in self.names[1:] if reads_all or name in self._read]
 
 
 @dataclass(frozen=True)
@@ -187,14 +190,14 @@ def _other_values(runs: ThreeRuns, columns: Sequence[str]) -> tuple[list[Result]
 
 def _thinned(result: Result, n: int) -> Iterator[Result]:
     """The result with the rows first, first + n, ..., and the ends, for each first row."""
-    count = len(result["time"])
+    t = result["time"]
     for first in range(n):
-        indices = np.unique([0, *range(first, count, n), count - 1])
+        indices = np.flatnonzero(thinned_rows(t, n, first))
         yield DerivedResult(result, lambda name, indices=indices: result[name][indices])  # type: ignore[misc]
 
 
 def _with_rows(result: Result, rows: Rows) -> Result:
-    return Result(result.columns, result.units, result.provenance, lambda: rows)
+    return Result(result.columns, result.provenance, lambda: rows, breaks=result.breaks)
 
 
 def after_divergence(
@@ -214,12 +217,13 @@ def after_divergence(
     ratio : float
         The ratio of the steps of two runs.
     """
-    begin, is_diverged = divergence([result.data for result in results], ratio)
+    held = [k for k, each in enumerate(results[0].columns) if each.kind.is_held]
+    begin, is_diverged = divergence([result.data for result in results], ratio, held)
     if not is_diverged.any():
         return {}
     observed = ObservedResult(results[0])
     values = function(observed)
-    names = results[0].columns
+    names = results[0].names
     if not any(is_diverged[names.index(name)] for name in observed.columns_read()):
         return {}
     reason = f"{DIVERGED} from {begin:.4g} s on"

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..engine.changes import known_jumps
 from ..engine.control import Adaptive
 from ..engine.driver import RowReader
 from ..engine.settings import RunSettings
@@ -20,6 +22,7 @@ from ..errors import FmuError, SetupError
 from ..fmu.exchange import Array
 from ..master import versions
 from ..result import Result, SimulationError
+from ..series import TIME
 from ..system import System, connect, require_cosimulation
 from .certify import Metrics, certify, evaluate, summary_metrics
 from .coupled_ode import CoupledOde, opened
@@ -43,7 +46,7 @@ MOST_AT_ONCE = 100
 
 
 class Piece(NamedTuple):
-    """The states over time from `begin` to `end` [s]; no curve just after an event."""
+    """The states over time from `begin` to `end` [s]; no curve at an event, just before it and once more just after."""
 
     begin: float
     end: float
@@ -84,8 +87,9 @@ def oracle(
 
     `method` is one of SciPy's: DOP853, or Radau or LSODA for stiff systems. `tolerance` is relative to
     each state, or to its nominal value where that is larger. Rows are `output_step` [s] apart, by default
-    a thousandth of the time, with one more where a recorded discrete variable changes. `record` lists the
-    columns (default: all outputs).
+    a thousandth of the time. Where an input jumps or a parameter changes, and at each event at which a column
+    jumps, there are two more, with equal times: before and after. `record` lists the columns (default: all
+    outputs).
 
     The system is integrated twice. `provenance["errors"]` gives, by column, the largest distance of the
     rows from those with a tolerance TOLERANCE_RATIO times as large; `provenance["events"]` gives the times [s] of
@@ -155,9 +159,14 @@ def oracle(
             outcome["warnings"] = [
                 f"{part.name}: {text}" for part in ode.parts for text in part.messages.warnings
             ]
-        units = {"time": "s"} | {port.name: port.unit for port in ports}
+        columns = [TIME, *(port.column for port in ports)]
+        times = [row[0] for row in rows]
+        jumps = [(a, a) for a, b in pairwise(times) if a == b]
         result = Result(
-            [*units], units, provenance | outcome, lambda: np.array(rows).reshape(-1, len(units))
+            columns,
+            provenance | outcome,
+            lambda: np.array(rows).reshape(-1, len(columns)),
+            breaks=np.array(jumps).reshape(-1, 2),
         )
         if outcome["status"] == "failed":
             raise SimulationError(
@@ -174,7 +183,7 @@ def oracle(
         tight_rows[:, 0], loose_rows[:, 0], return_indices=True
     )
     distances = np.abs(tight_rows[tight_index] - loose_rows[loose_index]).max(axis=0)
-    result.provenance["errors"] = dict(zip(result.columns[1:], distances[1:].tolist()))
+    result.provenance["errors"] = dict(zip(result.names[1:], distances[1:].tolist()))
     result.provenance["wall_time"] = clock.perf_counter() - began
     return result
 
@@ -230,7 +239,7 @@ def true_errors(
         timeout=timeout,
     )
     if metrics is None:
-        metrics = summary_metrics(exact.columns[1:])
+        metrics = summary_metrics(exact.names[1:])
     truth = evaluate(metrics, exact)
     certified = certify(
         system, metrics, stop=stop, step=step, start=start, record=record, **settings
@@ -267,6 +276,7 @@ def travel(ode: CoupledOde, stop: float, method: str, tolerance: float) -> Itera
             at_once = at_once + 1 if ode.t - begin <= 64 * math.ulp(ode.t) else 0
             if at_once > MOST_AT_ONCE:
                 raise FmuError(f"events follow each other without end at t = {ode.t!r} s")
+            yield Piece(ode.t, ode.t, None)
             ode.until = math.inf
             ode.jump(ode.t)
             yield Piece(ode.t, ode.t, None)
@@ -296,7 +306,7 @@ def _crossing(
 def _rows(
     ode: CoupledOde, row: RowReader, plan: RunSettings, pieces: Iterable[Piece], events: list[float]
 ) -> Iterator[list[float]]:
-    """The rows of a plan, and those at which a discrete column changes."""
+    """The rows of a plan, and those before and after a jump."""
     assert not isinstance(plan.step, Adaptive)
 
     def read_row(t: float) -> list[float]:
@@ -305,19 +315,25 @@ def _rows(
                 block.move()
         return row(t)
 
-    before = read_row(plan.start)
-    yield before
+    last = read_row(plan.start)
+    yield last
+    known = {jump.time for jump in known_jumps(ode.changes, ode.feeds, plan.start, plan.stop)}
     times = iter([*(plan.start + k * plan.step for k in range(1, plan.number())), plan.stop])
     due = next(times)
+    before: list[float] = []
     for _, end, curve in pieces:
-        while curve is not None and due <= end:
-            ode.at(due, curve(due))
-            before = read_row(due)
-            yield before
-            due = next(times, math.inf)
-        if curve is None:
+        if curve is not None:
+            while due <= end:
+                ode.at(due, curve(due))
+                last = read_row(due)
+                yield last
+                due = next(times, math.inf)
+        elif not before:
+            before = read_row(end)
+        else:
             events.append(end)
-            now = read_row(end)
-            if end != before[0] and any(now[k] != before[k] for k in row.discrete):
-                before = now
-                yield now
+            after = read_row(end)
+            if after != before or end in known:
+                yield from (after,) if last[0] == end else (before, after)
+                last = after
+            before = []

@@ -63,21 +63,20 @@ class ThreeRuns:
 
     def column(self, name: str, *, keep_rows: bool = False) -> ColumnRuns:
         """A column of the three runs, with all rows or without those that say nothing new."""
-        t, x = self.dense["time"], self.dense[name]
-        finest = DenseSolution(t, x) if keep_rows else DenseSolution.from_rows(t, x)
+        t, x, kind = self.dense["time"], self.dense[name], self.dense.column(name).kind
+        make = DenseSolution if keep_rows else DenseSolution.from_rows
+        finest = make(t, x, kind, self.dense.breaks)
         runs = [(r["time"], r[name]) for r in self.results]
         order = self.order(name)
         band = error_band(finest, runs, order, self.ratio)
-        return ColumnRuns(
-            finest, [DenseSolution.from_rows(t, x) for t, x in runs], band, order, self.ratio
-        )
+        return ColumnRuns(finest, [r.solution(name) for r in self.results], band, order, self.ratio)
 
 
 def not_converged(runs: ThreeRuns, columns: Sequence[str]) -> str:
     """Why no number of these columns is known: one of them has an error that falls too slowly; else nothing."""
     for name in columns:
         rows = [(r["time"], r[name]) for r in runs.results]
-        if not DenseSolution(*rows[0]).is_discrete:
+        if not runs.finest.column(name).kind.is_held:
             order = slow_order(rows, runs.ratio)
             if order is not None:
                 return COLUMN_NOT_CONVERGED.format(name, order)
@@ -118,7 +117,7 @@ def three_runs(
         dense = finest
         if path.exists():
             rows = StoredRows(path, len(finest.columns))
-            dense = DerivedResult(finest, lambda name: rows.column(finest.columns.index(name)))
+            dense = DerivedResult(finest, lambda name: rows.column(finest.names.index(name)))
         yield ThreeRuns(results, dense, ratio)
 
 

@@ -245,7 +245,7 @@ class _Runner:
             start=origin + first * self.h, stop=origin + last * self.h, step=self.h,
         )  # fmt: skip
         ports = [*self.real, *self.discrete]
-        recorder = Recorder([port.name for port in ports], {})
+        recorder = Recorder([port.column for port in ports])
         changes = discrete_changes(
             self.experiment.network, self.by_name, settings.start, settings.stop
         )
@@ -254,7 +254,10 @@ class _Runner:
         with suppress(FmuError) if first >= 0 else ExitStack():
             for _ in driver.steps():
                 divided += [first + driver.accepted] * (driver.discarded - len(divided))
-        rows = np.array(recorder.rows).reshape(recorder.count, -1)[:, 1:]
+        rows = np.array(recorder.rows).reshape(recorder.count, -1)
+        points = settings.start + self.h * np.round((rows[:, 0] - settings.start) / self.h)
+        at_step = np.isclose(rows[:, 0], points, rtol=0.0, atol=1e-6 * self.h)
+        rows = rows[at_step & (np.diff(rows[:, 0], prepend=-np.inf) > 0.0), 1:]  # none behind jumps
         split = len(self.real)
         return _Rows(rows[:, :split], rows[:, split:], divided)
 

@@ -119,4 +119,4 @@ def print_table(rows: Iterable[Sequence[str]]) -> None:
 
 def summary_columns(result: Result) -> Iterator[tuple[str, str]]:
     """Yield the names of the metrics of `summary`, each with its column."""
-    return ((f"{column}{metric}", column) for column in result.columns[1:] for metric in SUMMARY)
+    return ((f"{column}{metric}", column) for column in result.names[1:] for metric in SUMMARY)

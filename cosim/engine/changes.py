@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from ..fmu.instance import Instance
@@ -13,6 +13,7 @@ from ..system import Network, Port, Value, is_continuous_input
 from ..system.description import Variable
 from ..system.inputs import FunctionInput, Table
 from .part import I, WiredPart
+from .sources import InputSource
 
 
 class Change(NamedTuple):
@@ -43,21 +44,58 @@ def discrete_changes(
     return sorted(changes, key=lambda change: change.time)
 
 
-def with_changes(
-    advance: Callable[[float, float], None], changes: Sequence[Change]
+class Jump(NamedTuple):
+    """What happens at once at a time [s]: changes, and jumps of the inputs that follow `sources`."""
+
+    time: float
+    changes: Sequence[Change]
+    sources: Sequence[InputSource]
+
+
+def known_jumps(
+    changes: Sequence[Change], sources: Iterable[InputSource], start: float, stop: float
+) -> list[Jump]:
+    """The jumps between start and stop [s], in their order; times that differ by rounding are one."""
+    events: list[tuple[float, Change | InputSource]] = [(each.time, each) for each in changes]
+    events += [(t, source) for source in sources for t in source.profile.jumps(start, stop)]
+    groups: list[list[tuple[float, Change | InputSource]]] = []
+    for event in sorted(events, key=lambda event: event[0]):
+        if groups and coincide(groups[-1][0][0], event[0]):
+            groups[-1].append(event)
+        else:
+            groups.append([event])
+    return [
+        Jump(
+            group[0][0],
+            [each for _, each in group if isinstance(each, Change)],
+            [each for _, each in group if isinstance(each, InputSource)],
+        )
+        for group in groups
+    ]
+
+
+def with_jumps(
+    advance: Callable[[float, float], None],
+    jumps: Sequence[Jump],
+    occur: Callable[[float, float, Jump], None],
 ) -> Callable[[float, float], None]:
-    """The same step from t by h [s], with the changes at t made and one inside split off."""
-    times = [change.time for change in changes]
+    """The same step from t by h [s], before which a jump at t is to `occur`, and which changes inside it split.
+
+    An input that jumps inside a step does not split it: its part gets the mean.
+    """
+    times = [jump.time for jump in jumps]
 
     def go(t: float, h: float) -> None:
         end, near = t + h, 64 * math.ulp(t)
-        for change in changes[bisect_left(times, t - near) : bisect_right(times, end)]:
-            if coincide(change.time, end):
+        for jump in jumps[bisect_left(times, t - near) : bisect_right(times, end)]:
+            if coincide(jump.time, end):
                 break
-            if not coincide(change.time, t):
-                advance(t, change.time - t)
-                t, h = change.time, end - change.time
-            change.instance.set(change.variable, change.value)
+            if not coincide(jump.time, t):
+                if not jump.changes:
+                    continue
+                advance(t, jump.time - t)
+                t, h = jump.time, end - jump.time
+            occur(t, h, jump)
         advance(t, h)
 
-    return go if changes else advance
+    return go if jumps else advance

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
-from bisect import bisect_left
+from bisect import bisect_left, insort
 from collections.abc import Callable, Iterator, Sequence
-from itertools import chain
 
 import numpy as np
 
@@ -16,12 +16,13 @@ from ..report import Statistics
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
 from .algorithms import find_algorithm
-from .changes import Change, with_changes
+from .changes import Change, Jump, known_jumps, with_jumps
 from .control import Adaptive, Controller, by_energy, doubling
 from .iteration import Iteration
 from .loop import Loop, lay_out
 from .part import I, Part, WiredPart
 from .recorder import IntermediateValues, OutputGrid, Recorder
+from .response import values_at_once, values_by_probe, wired_values
 from .row_file import RowFile
 from .schedule import Advance, coupling_context, explicit, schedule
 from .settings import RunSettings
@@ -61,11 +62,7 @@ class RowReader:
         self.columns = [slots[port.name] for port in ports]
         self.names = [port.name for port in ports]
         self._cells = [(slot.cells, slot.element) for slot in self.columns]
-        self.discrete = [
-            k
-            for k, port in enumerate(ports, 1)
-            if port.type != "Real" or port.variable.variability in ("discrete", "tunable")
-        ]
+        self.discrete = [k for k, port in enumerate(ports, 1) if port.kind.is_held]
 
     def __call__(self, t: float) -> list[float]:
         """The time and the values of the columns; raises FmuError."""
@@ -75,7 +72,10 @@ class RowReader:
 
 
 class Driver:
-    """The parts of a system on their way; `t` is the last communication point they reached [s]."""
+    """The parts of a system on their way; `t` is the last communication point they reached [s].
+
+    `breaks` are the intervals, begin and end [s], in which columns may jump, see `Result`.
+    """
 
     def __init__(
         self,
@@ -96,15 +96,22 @@ class Driver:
         by_name = {part.name: part for part in parts}
         steps = None if algorithm.is_implicit else schedule(algorithm.stages([*by_name]), by_name)
         self._advance: Advance = Iteration(algorithm, parts) if steps is None else explicit(steps)
-        self._advance = with_changes(self._advance, changes)
-        self._events = [change.time for change in changes]
+        sources = [feed for part in parts for feed in part.feeds]
+        self._jumps = known_jumps(changes, sources, plan.start, plan.stop)
+        self._plain_advance = self._advance
+        self._advance = with_jumps(self._advance, self._jumps, self._occur)
+        self.breaks: list[tuple[float, float]] = []
+        self._add: Callable[[Sequence[float]], None] = recorder.add
+        # times of the last rows, of the result and of the file of all, and of the last jump
+        self._shown = self._kept = self._jumped = math.nan
+        self._unanswered: float | None = None  # where a break has begun
         context = coupling_context(parts, plan.input_order)
         self._order, behind = (
             algorithm.convergence_order(context),
             algorithm.first_order_outputs(context),
         )
         self._instant = {each.output for each in context.feedthroughs if each.is_wired}
-        self._first_order = [name for name in recorder.columns if name in behind]
+        self._first_order = [name for name in recorder.names if name in behind]
         every = plan.every()
         if plan.output_step is not None and self.row.discrete:
             every = None
@@ -115,9 +122,11 @@ class Driver:
         self.loop = "Python"
         descriptions = {part.name: part.description for part in parts}
         without_state = parts_without(descriptions, STATE)
+        unable = without_state or parts_without(descriptions, VARIABLE_STEP)
+        self._can_probe = not unable
         if isinstance(plan.step, Adaptive):
             self.control = plan.step.control or ("energy" if without_state else "doubling")
-        elif not without_state and not parts_without(descriptions, VARIABLE_STEP):
+        elif not unable:
             self._checkpoint = (0, Snapshot(parts))
         back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
@@ -143,17 +152,16 @@ class Driver:
                 self.recorder.add,
                 self.plan.output_step,
                 self.row.discrete,
+                self.breaks,
                 self._intermediate_values(),
             )
-        add = self.recorder.add if grid is None else grid.take
+            self._add = grid.take
         try:
-            first = self.row(self.t)
-            self._keep(first)
-            add(first)
+            self._show(self.row(self.t))
             if isinstance(self.plan.step, Adaptive):
-                yield from self._adaptive(self.plan.step, add)
+                yield from self._adaptive(self.plan.step)
             else:
-                yield from self._fixed(self.plan.step, add)
+                yield from self._fixed(self.plan.step)
         finally:
             if grid is not None:
                 grid.flush()
@@ -167,21 +175,69 @@ class Driver:
         if self.t < time and len(self.parts) == 1:
             for block in self.parts[0].outputs:
                 block.move()
-            last = self.row(time)
-            self._keep(last)
-            self.recorder.add(last)
+            self._show(self.row(time))
             self.t = time
+
+    def _show(self, row: Sequence[float]) -> None:
+        """Take a row, for the result and for the file of all rows."""
+        self._keep(row)
+        self._take(row)
+
+    def _take(self, row: Sequence[float]) -> None:
+        """Take a row for the result."""
+        self._shown = row[0]
+        self._add(row)
+
+    def _occur(self, t: float, h: float, jump: Jump) -> None:
+        """Make the changes of a jump before a step from t by h [s]; at the first time with rows before and after it.
+
+        Where the values after it are not known, a break begins.
+        """
+        if t <= self._jumped or coincide(t, self._jumped):
+            for change in jump.changes:
+                change.instance.set(change.variable, change.value)
+            return
+        self._jumped = t
+        row = self.row(t)
+        if not coincide(t, self._kept):
+            self._keep(row)
+        if not coincide(t, self._shown):
+            self._take(row)
+        before = wired_values(self.parts) | dict(zip(self.row.names, row[1:]))
+        for change in jump.changes:
+            change.instance.set(change.variable, change.value)
+
+        def read() -> dict[str, float]:
+            return dict(zip(self.row.names, self.row(t)[1:]))
+
+        after, answered = values_at_once(self.parts, read, t, jump, before)
+        if not answered and self._can_probe:
+            held = [self.row.names[k - 1] for k in self.row.discrete]
+            probed = values_by_probe(self.parts, self._plain_advance, read, (t, h), held=held)
+            after, answered = (after, False) if probed is None else (probed, True)
+        if after is not None:
+            self._show([self._shown, *after.values()])
+            insort(self.breaks, (self._shown, self._shown))
+        if not answered:
+            self._unanswered = self._shown
+
+    def _arrive(self, t: float) -> None:
+        """Let a break that has begun end at a communication point [s]."""
+        if self._unanswered is not None:
+            insort(self.breaks, (self._unanswered, t))
+            self._unanswered = None
 
     def _keep(self, rows: Sequence[float]) -> None:
         """Write rows to the file that takes all of them, if there is one."""
-        if self._all_rows is not None:
+        if self._all_rows is not None and len(rows):
+            self._kept = rows[-len(self.recorder.names)]
             self._all_rows.add(rows)
 
     def _due(self, rows: Sequence[float], first: int, every: int) -> Sequence[float]:
         """Of rows after steps number `first`, `first` + 1, ..., those that the result has."""
         if self._all_rows is None:
             return rows
-        width = len(self.recorder.columns)
+        width = len(self.recorder.names)
         skipped = -first % every
         due: list[float] = np.reshape(rows, (-1, width))[skipped::every].ravel().tolist()
         return due
@@ -195,26 +251,23 @@ class Driver:
             if p.watched
         ]
 
-    def _adaptive(
-        self, settings: Adaptive, add: Callable[[Sequence[float]], None]
-    ) -> Iterator[float]:
+    def _adaptive(self, settings: Adaptive) -> Iterator[float]:
         start, stop = self.plan.start, self.plan.stop
-        jumps = (f.profile.jumps(start, stop) for part in self.parts for f in part.feeds)
-        times = [start, *sorted({*self._events, *chain.from_iterable(jumps)}), stop]
+        times = [start, *(jump.time for jump in self._jumps), stop]
         self.controller = Controller(self._order, settings, times, self._instant)
         method = doubling if self.control == "doubling" else by_energy
         for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)
             self.accepted, self.t = self.accepted + 1, t
-            self._keep(row)
-            add(row)
+            self._arrive(t)
+            self._show(row)
             yield (t - start) / (stop - start)
 
-    def _fixed(self, step: float, add: Callable[[Sequence[float]], None]) -> Iterator[float]:
+    def _fixed(self, step: float) -> Iterator[float]:
         start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
         every = self._every or 1
         chunk = 16
-        split = [*(self._step_at(time, step) for time in self._events), count]
+        split = [*self._split_steps(step), count]
         while self.accepted < count:
             n = self.accepted
             if self._checkpoint is not None:
@@ -229,7 +282,9 @@ class Driver:
                 began = clock.perf_counter()
                 rows, self.accepted, failure = self._loop.run(start, step, n, last)
                 self._keep(rows)
-                self.recorder.add(self._due(rows, n + 1, every))
+                due = self._due(rows, n + 1, every)
+                self.recorder.add(due)
+                self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
                 self.t = start + self.accepted * step
                 if failure is not None:
                     self._redo(failure, step)
@@ -249,11 +304,29 @@ class Driver:
                 is_due = is_last or (n + 1) % every == 0
                 row = self.row(end) if is_due or self._all_rows is not None else None
                 self.accepted, self.t = n + 1, end
-                if row is not None:
-                    self._keep(row)
+                self._arrive(end)
                 if row is not None and is_due:
-                    add(row)
+                    self._show(row)
+                elif row is not None:
+                    self._keep(row)
             yield self.accepted / count
+
+    def _split_steps(self, step: float) -> Iterator[int]:
+        """The numbers of the fixed steps at whose beginning a jump occurs, or inside which a change does.
+
+        An input that jumps inside a step makes a break of it and of the next one: the step gets the mean, and what
+        outputs show at its end is made of that.
+        """
+        start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
+        for jump in self._jumps:
+            n = min(self._step_at(jump.time, step), count - 1)
+            begin = start + n * step
+            if jump.changes or coincide(begin, jump.time):
+                yield n
+            else:
+                broken = (begin, stop if n + 2 >= count else start + (n + 2) * step)
+                if broken not in self.breaks[-1:]:
+                    self.breaks.append(broken)
 
     def _step_at(self, time: float, step: float) -> int:
         """The number of the step that a time lies in, or that begins there."""

@@ -12,15 +12,26 @@ import time as clock
 from array import array
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..dense import CUBIC_ROWS
+from ..dense import CUBIC_ROWS, NO_BREAKS
 from ..errors import FmuError, SetupError
 from ..fmu.times import coincide
-from ..report import RunReport, RunSetup
-from ..result import Result, Rows, open_unlinked, partial, read_rows, require_names, write_json
+from ..report import RunReport, RunSetup, Statistics
+from ..result import (
+    Result,
+    Rows,
+    open_unlinked,
+    partial,
+    read_rows,
+    require_names,
+    table_facts,
+    write_json,
+)
+from ..series import TIME, Column
 
 #: Rows that wait in memory before they are written. A convention: a page or two of memory for each column.
 CHUNK = 4096
@@ -38,13 +49,12 @@ class Recorder:
 
     def __init__(
         self,
-        columns: Sequence[str],
-        units: dict[str, str],
+        columns: Sequence[Column],
         path: Path | None = None,
         setup: RunSetup | None = None,
     ) -> None:
-        self.columns = ["time", *columns]
-        self.units = {"time": "s", **units}
+        self.columns = [TIME, *columns]
+        self.names = [column.name for column in self.columns]
         self.count = 0
         self.rows = array("d")
         self._path = path
@@ -54,9 +64,9 @@ class Recorder:
                 raise SetupError(f"csv = {path} must be a file that ends in .csv")
             require_names(path)
             self._stream = Stream(partial(path))
-            self._write(self.columns)
+            self._write(self.names)
             facts = setup.to_json() if setup else {}
-            facts |= {"status": "running", "units": self.units}
+            facts |= {"status": "running", **table_facts(self.columns, NO_BREAKS)}
             write_json(partial(path).with_suffix(".json"), facts)
 
     def add(self, row: Sequence[float]) -> None:
@@ -83,16 +93,21 @@ class Recorder:
         self._stream.append(text.getvalue())
         self._flushed = clock.perf_counter()
 
-    def finish(self, report: RunReport) -> Result:
-        """Close the file; only a run of status "complete" gets the name that was asked for."""
+    def finish(self, report: RunReport, breaks: Sequence[tuple[float, float]] = ()) -> Result:
+        """Close the file; only a run of status "complete" gets the name that was asked for.
+
+        `breaks` are the intervals, begin and end [s], in which columns may jump.
+        """
         width, rows, provenance = len(self.columns), self.rows, report.to_json()
+        columns = [_with_order(column, report.statistics) for column in self.columns]
+        intervals = np.array(breaks, dtype=float).reshape(-1, 2)
         if self._stream is None or self._path is None:
             return Result(
-                self.columns,
-                self.units,
+                columns,
                 provenance,
                 lambda: np.array(rows).reshape(-1, width),
                 report=report,
+                breaks=intervals,
             )
         with suppress(FmuError):
             self.flush()
@@ -101,11 +116,19 @@ class Recorder:
             target.with_suffix(".json").unlink(missing_ok=True)
             target = target.replace(self._path)
         with suppress(OSError):
-            write_json(target.with_suffix(".json"), {**provenance, "units": self.units})
+            write_json(target.with_suffix(".json"), provenance | table_facts(columns, intervals))
         self._stream.close()
         return Result(
-            self.columns, self.units, provenance, lambda: read_rows(target), report=report
+            columns, provenance, lambda: read_rows(target), report=report, breaks=intervals
         )
+
+
+def _with_order(column: Column, statistics: Statistics) -> Column:
+    """A column with its convergence order; adaptive steps keep the error per time, of order 1."""
+    if column == TIME or column.kind.is_held:
+        return column
+    is_first = statistics.control != "fixed" or column.name in statistics.first_order
+    return replace(column, order=1 if is_first else statistics.convergence_order)
 
 
 class Stream:
@@ -178,8 +201,10 @@ class OutputGrid:
 
     A time of the grid that is met is taken as it is. Between two others a row is interpolated by
     the cubic through the four values around it; the columns in `discrete` keep the value before.
-    A change of such a column is an event: it gets a row, and no cubic reaches over it. What parts have
-    `seen` of their columns within a step takes the place of the values at the other times.
+    A change of such a column is an event: it gets a row. So do both values of a time that is taken twice, a
+    jump. No cubic reaches over an event, a jump or one of the intervals `breaks`, begin and end [s], which may
+    still be added to; within these rows lie on straight lines. What parts have shown of their columns within a
+    step, `observations`, takes the place of the values at the other times.
     """
 
     def __init__(
@@ -187,9 +212,11 @@ class OutputGrid:
         add: Callable[[Sequence[float]], None],
         spacing: float,
         discrete: Sequence[int],
+        breaks: Sequence[tuple[float, float]] = (),
         observations: Sequence[IntermediateValues] = (),
     ) -> None:
         self._add, self._spacing, self._discrete = add, spacing, list(discrete)
+        self._breaks, self._passed, self._broken_until = breaks, 0, -math.inf
         self._observations = observations
         self._window: list[Rows] = []
         self._start = self._last = 0.0
@@ -203,7 +230,15 @@ class OutputGrid:
             self._window = [now]
             self._emit(now)
             return
-        if (self._window[-1][self._discrete] != now[self._discrete]).any():
+        before = self._window[-1]
+        if before[0] == now[0]:
+            self.flush()
+            self._add(now.tolist())
+            self._window = [now]
+            return
+        if (before[self._discrete] != now[self._discrete]).any() or self._breaks_between(
+            before[0], now[0]
+        ):
             if len(self._window) > 1:
                 self._fill(*self._window[-2:])
             self._window = [self._window[-1], now]
@@ -222,6 +257,13 @@ class OutputGrid:
         if len(self._window) > 1:
             self._fill(*self._window[-2:])
             self._emit(self._window[-1])
+
+    def _breaks_between(self, begin: float, end: float) -> bool:
+        """Whether a part of a break lies between two times [s]."""
+        while self._passed < len(self._breaks) and self._breaks[self._passed][0] < end:
+            self._broken_until = max(self._broken_until, self._breaks[self._passed][1])
+            self._passed += 1
+        return self._broken_until > begin
 
     def _fill(self, before: Rows, after: Rows) -> None:
         """The rows after one time, up to the next."""

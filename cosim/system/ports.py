@@ -8,10 +8,20 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..errors import SetupError
+from ..series import Column, Kind
 from .base_units import BaseUnit, Unit, common_unit, found_unit, unit_conversion
 from .description import Fmu, ModelDescription, Value, Variable
 from .wires import Name, System, dotted
 
+#: The kinds of columns by type of variable, but for Reals.
+KINDS = {
+    "Integer": Kind.INTEGER,
+    "Boolean": Kind.BOOLEAN,
+    "Clock": Kind.BOOLEAN,
+    "Enumeration": Kind.ENUMERATION,
+    "String": Kind.TEXT,
+    "Binary": Kind.TEXT,
+}
 #: Flaws of a part that are named in one line. A convention: a line that one reads.
 MOST_FLAWS = 3
 
@@ -41,6 +51,19 @@ class Port(NamedTuple):
     def unit(self) -> str:
         """The unit of the model description; empty if it gives none."""
         return self.variable.unit or ""
+
+    @property
+    def column(self) -> Column:
+        """What it is as a column of a table."""
+        return Column(self.name, self.unit, self.kind)
+
+    @property
+    def kind(self) -> Kind:
+        """What its values are. A Real is discrete if it changes only at events or between steps."""
+        if self.type == "Real":
+            is_held = self.variable.variability in ("discrete", "tunable")
+            return Kind.DISCRETE if is_held else Kind.CONTINUOUS
+        return KINDS[self.type]
 
     def text(self, value: Value) -> str:
         """A value of it as XML spells it."""

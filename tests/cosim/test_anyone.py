@@ -777,7 +777,7 @@ def test_an_isolated_run_is_the_same_run(
     caplog.clear()
     result = run_isolated(coupled, csv=tmp_path / "run.csv", progress=shares.append, **settings)
     assert np.array_equal(result.data, plain.data)
-    assert (result.columns, result.units) == (plain.columns, plain.units)
+    assert (result.names, result.units) == (plain.names, plain.units)
     assert result.energy == plain.energy
     assert [record.getMessage() for record in caplog.records] == ["A: t = 1 s in A"]
     assert shares == sorted(shares)

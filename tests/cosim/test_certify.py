@@ -16,6 +16,7 @@ from cosim.accuracy.extrapolation import divergence
 from cosim.analysis.coupling_theory import Ideal
 from cosim.dense import DenseSolution
 from cosim.metrics import Largest, Mean, Smallest, TimeOfLargest, TimeOfSmallest
+from cosim.series import TIME, Column
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple
@@ -40,7 +41,7 @@ def test_an_extreme_that_every_run_smoothes_is_in_the_error(metric: Any, widest:
 
     def runner(_: System, *, step: float, **__: Any) -> Result:
         rows = np.column_stack([t, 20 * t**2 - t + 80 * step * t])
-        return Result(["time", "x"], {}, {"convergence_order": 1}, lambda: rows)
+        return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
 
     estimate = certify(System({}), {"x": metric}, step=0.05, runner=runner).figures["x"]
     assert estimate.value == pytest.approx(0.0, abs=1e-12)
@@ -80,7 +81,7 @@ def certified_estimate(x: Any, metric: Any) -> Any:
 
     def runner(_: System, *, step: float, **__: Any) -> Result:
         report = {"convergence_order": 1}
-        return Result(["time", "x"], {}, report, lambda: np.column_stack([t, x(t, step)]))
+        return Result([TIME, Column("x")], report, lambda: np.column_stack([t, x(t, step)]))
 
     return certify(System({}), {"x": metric}, step=0.01, runner=runner).figures["x"]
 
@@ -239,9 +240,9 @@ def test_figures_after_the_runs_have_diverged_are_refused(stop: float) -> None:
     def runner(_: System, *, step: float, output_step: float, **__: Any) -> Result:
         t = np.linspace(0.0, stop, round(stop / output_step) + 1)
         x = lorenz(step, stop)[:: round(output_step / step)]
-        names = ["time", "x", "y", "z", "ramp"]
+        columns = [TIME, *map(Column, ("x", "y", "z", "ramp"))]
         rows = np.column_stack([t, x, t])
-        return Result(names, {}, {"convergence_order": 2}, lambda: rows)
+        return Result(columns, {"convergence_order": 2}, lambda: rows)
 
     def figures(r: Result) -> dict[str, float]:
         final, early = r["time"] >= stop - 1.0, r["time"] <= 1.0
@@ -267,7 +268,7 @@ def test_runs_that_differ_much_but_converge_have_not_diverged() -> None:
         runs = [np.column_stack([t, np.sin(2 * (1 - delay * h) * t)]) for h in (0.025, 0.05, 0.1)]
         assert divergence(runs)[0] == math.inf
     steps = [np.column_stack([t, t > 5 + 4 * h]) * 1.0 for h in (0.025, 0.05, 0.1)]
-    assert not divergence(steps)[1].any()
+    assert not divergence(steps, held=[1])[1].any()
 
 
 def test_results_show_themselves_in_a_notebook(fmus: Path) -> None:

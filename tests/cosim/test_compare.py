@@ -13,6 +13,7 @@ import pytest
 
 from cosim import Result, SetupError, compare, run
 from cosim.analysis.compare import Band
+from cosim.series import TIME, Column
 from examples import measured_drive as drive
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_measured import geared
@@ -85,7 +86,7 @@ def test_grids_and_units_of_each_are_honoured() -> None:
     """rpm beside rad/s, ms beside s, a column of percent of something."""
     t = np.linspace(-0.5, 9.0, 333)
     ours = Result(
-        ["time", "w", "x[1]"], {"time": "s", "w": "rad/s", "x[1]": "m"}, {},
+        [TIME, Column("w", "rad/s"), Column("x[1]", "m")], {},
         lambda: np.column_stack([T, saw(T), saw(T)]),
     )  # fmt: skip
     theirs = pd.DataFrame(
@@ -224,7 +225,7 @@ def test_the_measured_drive_is_its_fmus_but_where_its_belt_slips(fmus: Path) -> 
             column
         )
     assert comparison["motor.w"].unit == "rpm"
-    stale = Result(result.columns, result.units, {}, lambda: result.data * [1.0, 1.03, 1.0])
+    stale = Result(result.columns, {}, lambda: result.data * [1.0, 1.03, 1.0])
     misfit = compare(
         stale, drive.record(), columns={"motor.w": "speed"}, errors={"motor.w": "8rpm"}
     )

@@ -46,7 +46,7 @@ def test_container_equals_master(
     assert [file.name for file in tmp_path.iterdir()] == ["drive.fmu"]
     result = run(pair(fmus), stop=0.1, step=1e-3, algorithm=algorithm, order=order)
     rows = simulate(path)
-    for name in result.columns[1:]:
+    for name in result.names[1:]:
         assert_array_equal(rows[name][1:], result[name][1:], err_msg=name)
     for name in ("line.motor.tau", "conveyor.w", "conveyor.phi"):
         assert rows[name][0] == result[name][0]

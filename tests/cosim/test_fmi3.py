@@ -150,7 +150,7 @@ def test_all_types_go_over_wires(two: dict[str, Path]) -> None:
         start |= {"A.String_in": "Größe", "A.Gear_in": ("low", "high")[k]}
         wires = [f"A.{kind}_out -> B.{kind}_in" for kind in kinds]
         result = run(System(two, wires, start), stop=0.3, step=0.1)
-        last = dict(zip(result.columns, result.data[-1]))
+        last = dict(zip(result.names, result.data[-1]))
         for kind, both in RANGES.items():
             assert last[f"B.{kind}_out"] == both[k], kind
         assert last["B.Float32_out"] == np.float32(0.1)
@@ -223,7 +223,7 @@ def test_arrays_go_over_wires_together_and_by_element(two: dict[str, Path]) -> N
     changes.append("at 0.3 s A.Int32_in = 4")
     record = ["B.Float64_outs", "B.Int32_outs", "B.Float32_outs"]
     result = run(System(two, wires, start, changes=changes), stop=0.5, step=0.1, record=record)
-    assert result.columns[1:5] == [f"B.Float64_outs[{i},{j}]" for i in (1, 2) for j in (1, 2)]
+    assert result.names[1:5] == [f"B.Float64_outs[{i},{j}]" for i in (1, 2) for j in (1, 2)]
     assert result.data[0, 1:].tolist() == [22, 24, 42, 44, 0, 5, 0, 0, 21, 0, 0, 0.5]
     assert result.data[-1, 1:].tolist() == [22, -2, 42, 44, 0, 5, 4, 9, 21, 0, 0, 0.5]
     still = run(System(two, wires, start), stop=0.1, step=0.1, record=record)

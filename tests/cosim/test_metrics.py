@@ -26,6 +26,7 @@ from cosim import (
 )
 from cosim.dense import DenseSolution
 from cosim.metrics import Harmonic, Integral, Largest, Last
+from cosim.series import TIME, Column, Kind
 
 SEED = 20261122
 DRIVES = ("Kloss motor", "Brusselator", "drive", "quarter car", "DC motor", "dual mass")
@@ -74,20 +75,27 @@ def test_low_coverage_of_machines_is_a_failure(
     assert ("coverage 99.00%, machines" in capsys.readouterr().out) == bool(status)
 
 
-def of(values: Callable[[Any], Any], stop: float = 1.0) -> Callable[..., Result]:
+def of(
+    values: Callable[[Any], Any], stop: float = 1.0, kind: Kind = Kind.CONTINUOUS
+) -> Callable[..., Result]:
     """A run whose rows are exact whatever the step."""
 
     def runner(_: Any, *, output_step: float, **__: Any) -> Result:
         t = np.linspace(0.0, stop, round(stop / output_step) + 1)
         rows = np.column_stack([t, values(t)])
-        return Result(["time", "x"], {}, {"convergence_order": 2}, lambda: rows)
+        return Result([TIME, Column("x", kind=kind)], {"convergence_order": 2}, lambda: rows)
 
     return runner
 
 
-def rows_only(figure: Callable[[Any, Any], float], values: Callable[[Any], Any]) -> Estimate:
+def rows_only(
+    figure: Callable[[Any, Any], float],
+    values: Callable[[Any], Any],
+    kind: Kind = Kind.CONTINUOUS,
+) -> Estimate:
     """A figure of rows that the coupling does not touch."""
-    got = certify(None, lambda r: {"f": figure(r["time"], r["x"])}, step=0.01, runner=of(values))
+    runner = of(values, kind=kind)
+    got = certify(None, lambda r: {"f": figure(r["time"], r["x"])}, step=0.01, runner=runner)
     return got.figures["f"]
 
 
@@ -132,10 +140,14 @@ def test_a_function_that_counts_rows_is_refused_with_its_sentence() -> None:
 
 def test_an_event_that_locks_to_rows_is_reported() -> None:
     """The change of a discrete column is known to a row."""
-    got = rows_only(lambda t, x: t[np.argmax(x > 0)], lambda t: np.where(t >= 0.4567, 1.0, 0.0))
+
+    def switch(t: Any) -> Any:
+        return np.where(t >= 0.4567, 1.0, 0.0)
+
+    got = rows_only(lambda t, x: t[np.argmax(x > 0)], switch, Kind.DISCRETE)
     assert got.value - 0.4567 <= 0.01 <= got.error <= 0.02
     assert got.rows > 0.99 * got.error
-    got = rows_only(lambda t, x: crossing(t, x, 0.5), lambda t: np.where(t >= 0.4567, 1.0, 0.0))
+    got = rows_only(lambda t, x: crossing(t, x, 0.5), switch, Kind.DISCRETE)
     assert abs(got.value - 0.4567) <= got.error
 
 
@@ -178,7 +190,7 @@ def test_a_row_of_an_event_close_to_a_row_does_not_make_a_peak_uncertain() -> No
 
         def runner(_: Any, *, step: float, **__: Any) -> Result:
             rows = np.column_stack([t, np.sin(7.0 * t) * (1.0 + step)])
-            return Result(["time", "x"], {}, {"convergence_order": 1}, lambda: rows)
+            return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
 
         return certify(None, {"f": Largest("x")}, step=0.01, runner=runner).figures["f"]
 

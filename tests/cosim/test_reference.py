@@ -50,7 +50,7 @@ def test_the_conveyor_is_integrated_as_from_its_equations(native: Path) -> None:
         assert error <= 1e-10 * np.abs(values).max(), name
         assert error <= 1.5 * got.provenance["errors"][name] + 1e-11 * np.abs(values).max()
     assert got.provenance["events"] == []
-    assert (got.units["motor.tau"], got.columns[0], len(got.data)) == ("N.m", "time", 1001)
+    assert (got.units["motor.tau"], got.names[0], len(got.data)) == ("N.m", "time", 1001)
 
 
 @pytest.mark.parametrize("method", ["DOP853", "Radau", "LSODA"])
@@ -179,7 +179,7 @@ def test_events_are_those_of_co_simulation(native: Path, case: Any) -> None:
             result = run(system, stop=end, step=end, record=[f"m.{discrete}"])
             assert result[f"m.{discrete}"][-1] == column[row], (t[k], aside)
     fine = run(system, stop=stop, step=stop / 100)
-    for output in fine.columns[1:]:
+    for output in fine.names[1:]:
         scale = max(np.abs(fine[output]).max(), 1e-3)
         assert abs(got[output][-1] - fine[output][-1]) <= 1e-7 * scale, output
 

@@ -140,7 +140,7 @@ def same(package: Package, system: System, rtol: float = 0.0, **names: str) -> N
     """The package and the system give the same torque and speed; `names` are parts' other names."""
     settings: dict[str, Any] = {"stop": 0.02, "step": 1e-3, "algorithm": "jacobi"}
     result, expected = run(package.system, **settings), run(system, **settings)
-    for name in expected.columns[1:]:
+    for name in expected.names[1:]:
         part, _, variable = name.partition(".")
         column = f"{names.get(part, part)}.{variable}"
         assert_allclose(result[column], expected[name], rtol=rtol, atol=rtol, err_msg=column)

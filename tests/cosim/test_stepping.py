@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 
 from cosim import Adaptive, Result, SetupError, System, run
 from cosim.engine.recorder import CHUNK, OutputGrid, Recorder
+from cosim.series import Column
 from scenarios.conveyor.first_order import SETS
 from tests.cosim.foreign import idle, pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
@@ -219,7 +220,7 @@ def test_events_get_separate_rows(fmus: Path) -> None:
 
 
 def test_streamed_rows_do_not_stay_in_memory(fmus: Path, tmp_path: Path) -> None:
-    recorder = Recorder(["x"], {}, tmp_path / "rows.csv")
+    recorder = Recorder([Column("x")], tmp_path / "rows.csv")
     for n in range(50_000):
         recorder.add([n, n / 3])
     assert len(recorder.rows) < 3 * CHUNK

@@ -213,7 +213,7 @@ def test_a_run_without_files_shows_where_it_ends(
         assert text in page
     result.provenance["warnings"].append("A: 3 < 4")
     assert "<p>A: 3 &lt; 4</p>" in result._repr_html_()
-    empty = Result(result.columns, result.units, result.provenance, lambda: result.data[:0])
+    empty = Result(result.columns, result.provenance, lambda: result.data[:0])
     assert "<td>" not in empty._repr_html_()
 
 

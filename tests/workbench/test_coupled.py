@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, limit
 from cosim.accuracy.extrapolation import extrapolate
+from cosim.series import TIME, Column
 from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
@@ -154,10 +155,8 @@ def result_of_steps(steps: float = 1.0, first_order: Sequence[str] = ()) -> Resu
     t = np.linspace(0.0, 1.0, 11)
     error = 0.1 * steps**2 * np.ones_like(t)
     report = {"convergence_order": 2, "first_order": first_order}
-    units = {"time": "s", "x": "N", "y": "N"}
-    return Result(
-        list(units), units, report, lambda: np.column_stack([t, 5.0 + error, 5.0 + error])
-    )
+    columns = [TIME, Column("x", "N"), Column("y", "N")]
+    return Result(columns, report, lambda: np.column_stack([t, 5.0 + error, 5.0 + error]))
 
 
 def ends(r: Result) -> dict[str, Figure]:
@@ -275,7 +274,7 @@ def test_the_cost_of_a_jam_and_its_error_follow_the_cycle() -> None:
 
 def test_rows_of_a_result_are_thinned_together() -> None:
     t = np.linspace(0.0, 1.0, 21)
-    r = Result(["time", "a.x"], {"time": "s", "a.x": "m"}, {}, lambda: np.column_stack([t, t**2]))
+    r = Result([TIME, Column("a.x", "m")], {}, lambda: np.column_stack([t, t**2]))
 
     def figures_of(r: Result) -> dict[str, Figure]:
         area = float(np.trapezoid(r["a.x"], r["time"]))
@@ -302,7 +301,7 @@ def test_figures_after_the_runs_have_diverged_are_refused() -> None:
 
     def diverged(phase: float) -> Result:
         rows = np.column_stack([t, np.sin(t + phase * past_divergence)])
-        return Result(["time", "x"], {}, {"convergence_order": 1}, lambda: rows)
+        return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
 
     results = [diverged(phase) for phase in (5.5, 3.0, 1.0)]
 

@@ -425,7 +425,7 @@ def test_a_module_computes_what_its_fmu_does(
     result = cosim.run(system, stop=50 * step, step=step)
     engine = script(WORKER[:3])
     letters = base64.b64encode((FMUS / "wasm" / f"{name}.wasm").read_bytes()).decode()
-    columns, empty = json.dumps(result.columns[1:]), tmp_path / "empty.html"
+    columns, empty = json.dumps(result.names[1:]), tmp_path / "empty.html"
     empty.write_text("<!doctype html><html data-ready='yes'>")
     page_browser.open(empty, 1000)
     page_browser.value(f"window.letters = '{letters}', 0")

@@ -49,7 +49,7 @@ def run_system(options: argparse.Namespace) -> int:
         print("\n".join(run_summary(result)))
         print_new_files(options, folders)
         if options.out is None and options.plot is None:
-            last = zip(result.columns, result.data[-1])
+            last = zip(result.names, result.data[-1])
             print_table((name, f"{value:.6g} {result.units[name]}") for name, value in last)
     if outcome.estimates:
         print_estimates(result, outcome.estimates, is_adaptive=options.adaptive is not None)
