@@ -340,8 +340,8 @@ def _error_with_rows(
     else:
         dead = f"{facts['reason']}; {dead}"
     write_json(path.with_suffix(".json"), facts)
-    columns = described_columns(header.split(","), facts.pop("units"), facts.pop("kinds"))
-    breaks = np.reshape(facts.pop("breaks"), (-1, 2))
+    columns = described_columns(header.split(","), facts.pop("units"), facts.pop("kinds", {}))
+    breaks = np.reshape(facts.pop("breaks", []), (-1, 2))
     result = Result(columns, facts, lambda: read_rows(path), breaks=breaks)
     text = f"{dead} after t = {reached!r} s, {pluralize(len(rows), 'row')} in {path.name}"
     return Interrupted(text, result) if pressed else SimulationError(text, result)

@@ -55,11 +55,17 @@ class ThreeRuns:
         return self.results[0]
 
     def order(self, column: str) -> float:
-        """The convergence order of a column; adaptive steps keep the error per time, of order 1."""
+        """The convergence order of a column, in the step or in the tolerance.
+
+        Adaptive steps keep the error per time, h^p, within the tolerance: it has order 1 in that, and an output that
+        converges with order 1 in h has 1 / p.
+        """
         provenance = self.finest.provenance
-        if self.ratio == TOLERANCE_RATIO or column in provenance.get("first_order", ()):
-            return 1.0
-        return float(provenance["convergence_order"])
+        order = float(provenance["convergence_order"])
+        is_first = column in provenance.get("first_order", ())
+        if self.ratio == TOLERANCE_RATIO:
+            return 1.0 / order if is_first else 1.0
+        return 1.0 if is_first else order
 
     def column(self, name: str, *, keep_rows: bool = False) -> ColumnRuns:
         """A column of the three runs, with all rows or without those that say nothing new."""

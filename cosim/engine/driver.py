@@ -63,6 +63,7 @@ class RowReader:
         self.names = [port.name for port in ports]
         self._cells = [(slot.cells, slot.element) for slot in self.columns]
         self.discrete = [k for k, port in enumerate(ports, 1) if port.kind.is_held]
+        self.held = {port.name: port.part for port in ports if port.kind.is_held}
 
     def __call__(self, t: float) -> list[float]:
         """The time and the values of the columns; raises FmuError."""
@@ -210,13 +211,16 @@ class Driver:
         def read() -> dict[str, float]:
             return dict(zip(self.row.names, self.row(t)[1:]))
 
+        held = self.row.held
         after, answered = values_at_once(self.parts, read, t, jump, before)
         if not answered and self._can_probe:
-            held = [self.row.names[k - 1] for k in self.row.discrete]
             probed = values_by_probe(self.parts, self._plain_advance, read, (t, h), held=held)
             after, answered = (after, False) if probed is None else (probed, True)
         if after is not None:
-            self._show([self._shown, *after.values()])
+            changed = {c.instance.session.name for c in jump.changes}
+            # Other parts see an event at their next turn.
+            kept = {name: before[name] for name, part in held.items() if part not in changed}
+            self._show([self._shown, *(after | kept).values()])
             insort(self.breaks, (self._shown, self._shown))
         if not answered:
             self._unanswered = self._shown

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -13,7 +13,7 @@ from .schedule import Advance
 from .snapshot import Snapshot, drop_nodes_after
 
 #: The values of columns by name.
-Values = Mapping[str, float]
+Values = dict[str, float]
 #: Length of a step that is taken back, over the one at hand. Derived: the values of two such steps, of which one is half
 #: as long, are extrapolated to none, so that what remains is of the order of the square of this, 4e-15.
 PROBE = 2.0**-24
@@ -72,7 +72,7 @@ def values_by_probe(
     read: Callable[[], Values],
     step: tuple[float, float],
     *,
-    held: Sequence[str],
+    held: Collection[str],
 ) -> Values | None:
     """What `read` gives right after a jump, from steps that are taken back; None if a part discards one.
 
@@ -126,7 +126,10 @@ def _entered(part: Part) -> dict[str, Any]:
 
 
 def _settles(parts: Sequence[Part]) -> bool:
-    """Bring outputs over the wires until no input changes; False if that takes more sweeps than there are parts."""
+    """Bring Reals over the wires until no input changes; False if that takes more sweeps than there are parts.
+
+    Other values are events, which parts see at their next turn.
+    """
     for sweep in range(len(parts) + 2):
         changed = False
         for part in parts:
@@ -135,7 +138,7 @@ def _settles(parts: Sequence[Part]) -> bool:
             fresh = [
                 block
                 for block, values in zip(part.inputs, old)
-                if not block.held and list(block.cells) != values
+                if block.real and list(block.cells) != values
             ]
             for block in fresh:
                 block.move()
@@ -157,12 +160,10 @@ def _has_answered(
 ) -> bool:
     """Whether the outputs of a part follow what has changed of it, as far as it says or shows.
 
-    `entered` are the values of its inputs before. Those that it takes only in event mode wait for the step.
+    `entered` are the values of its inputs before.
     """
-    now = _entered(part)
-    new = {name for name, value in now.items() if value != entered[name]}
-    if new & {name for block in part.inputs if block.held for name in block.names}:
-        return False
+    now = {name for block in part.inputs if block.real for name in block.names}
+    new = {name for name, value in _entered(part).items() if name in now and value != entered[name]}
     changes = [c.variable for c in jump.changes if c.instance is part.instance]
     new |= {f"{part.name}.{v.name}" for v in changes}
     if not new:

@@ -165,8 +165,10 @@ def test_what_changes_enters_by_event_mode(two: dict[str, Path]) -> None:
     changes = ["at 0.25 s A.Int8_in = 7", "at 0.4 s A.Boolean_in = true"]
     system = System(two, wires, {"A.e": 0.9, "A.h": 50.0, "B.h": 50.0}, changes=changes)
     result = run(system, stop=0.6, step=0.1, algorithm="gauss-seidel")
-    assert result["B.Int8_out"].tolist() == [0, 0, 0, 7, 7, 7, 7]
-    assert result["A.Boolean_out"].tolist() == [0, 0, 0, 0, 0, 1, 1]
+    times = [0.0, 0.1, 0.2, 0.25, 0.25, 0.3, 0.4, 0.4, 0.5, 0.6]
+    assert result["time"] == pytest.approx(times, abs=1e-12)
+    assert result["B.Int8_out"].tolist() == [0, 0, 0, 0, 0, 7, 7, 7, 7, 7]
+    assert result["A.Boolean_out"].tolist() == [0] * 7 + [1] * 3
     assert result["B.events"].max() == 1
     assert result["A.events"].max() == 2
 
