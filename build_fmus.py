@@ -1,24 +1,22 @@
 """Build the FMUs: components/NAME/model.py -> fmus/Name.fmu, each validated before it is kept.
 
-usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|wasm|both|fmi3|all] [--into DIR]
-                            [--force] [--docs]
+usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|wasm|both|fmi3|all] [--platforms host|all]
+                            [--into DIR] [--force] [--verbose] [--docs]
 
 By default both flavours are built, or the Python FMUs alone where there is no compiler. Native FMUs are
 written to the folder `native`, those of FMI 3.0 to `fmi3`, and WebAssembly modules to `wasm`. Building a
-native FMU also builds its module.
+native FMU also builds its module. Native FMUs run on this machine; with `--platforms all`, on every platform.
 """
 
 import argparse
 import re
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
 from fmukit.declare.interface import Interface, class_name, component_name
-from fmukit.fmu import page, plot, reference
-from fmukit.fmu.load import load
-from fmukit.fmu.make import FLAVOURS, make_all
+from fmukit.fmu import make, page, plot, reference
+from fmukit.fmu.load import ModelError, load
 from scenarios import fmu_files
 from scenarios.fmu_files import plain
 
@@ -42,17 +40,10 @@ def main() -> int:
     """Build the FMUs that the command line asks for; returns the exit status."""
     parser = argparse.ArgumentParser(description="Build and validate the FMUs.")
     parser.add_argument("component", nargs="*", help=f"one of {', '.join(MACHINES)} (default: all)")
-    default = "both" if find_spec("ziglang") else "python"
-    parser.add_argument(
-        "--flavour",
-        choices=FLAVOURS,
-        default=default,
-        help=f"which FMUs to build (default here: {default})",
-    )
     parser.add_argument(
         "--into", type=Path, default=ROOT / "fmus", help="folder for the FMUs (default: fmus)"
     )
-    parser.add_argument("--force", action="store_true", help="rebuild even what is up to date")
+    make.add_options(parser)
     parser.add_argument(
         "--docs",
         action="store_true",
@@ -69,9 +60,17 @@ def main() -> int:
         )
     names = options.component or buildable(options.flavour)
     models = [files_by_name[plain(name)] for name in names]
-    if failed := make_all(models, options.flavour, options.into, options.force):
-        return min(1, failed)
-    fmu_files.record(names, options.into)
+    number = "all" if len(models) == len(MACHINES) else str(len(models))
+    print(
+        f"building {number} of {len(MACHINES)} machines: {', '.join(f.parent.name for f in models)}"
+    )
+
+    def record(outcome: make.Outcome) -> None:
+        for file in outcome.made:
+            fmu_files.record(file.path, options.into)
+
+    if failed := make.run(models, options.into, options, record):
+        return failed
     if options.docs:
         write_pages([load(file) for file in models], options.into)
         write_papers()
@@ -79,9 +78,17 @@ def main() -> int:
 
 
 def buildable(flavour: str) -> list[str]:
-    """The components that can be built in the flavour."""
+    """The components that can be built in the flavour, and those that cannot be read, which the build reports."""
     compiled = flavour in ("native", "wasm", "fmi3")
-    return [name for name, file in MACHINES.items() if not (compiled and load(file).PYTHON_ONLY)]
+    return [name for name, file in MACHINES.items() if not (compiled and _python_only(file))]
+
+
+def _python_only(file: Path) -> str:
+    """Why a model has no native flavour; "" if it has one, or cannot be read."""
+    try:
+        return str(load(file).PYTHON_ONLY)
+    except ModelError:
+        return ""
 
 
 def write_pages(models: list[ModuleType], fmus: Path) -> None:

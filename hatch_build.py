@@ -1,18 +1,25 @@
 """What a wheel of the project contains besides its Python: the FMUs, and the master's loop compiled.
 
-A wheel is complete, so that nothing is built where it is installed. FMUs in `fmus/` that are up to date are
-taken as they are. An editable installation takes the FMUs of the clone, which build_fmus.py builds.
+A wheel is complete, so that nothing is built where it is installed. What pip makes of a folder or of git is for the
+machine that makes it, and its name says so; release.py asks for a wheel for all platforms. FMUs in `fmus/` that are
+up to date are taken as they are. An editable installation takes the FMUs of the clone, which build_fmus.py builds.
 """
 
 import importlib.util
+import os
+import platform
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 from shutil import rmtree
 from types import ModuleType
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+#: The variable of the environment with which release.py asks for all platforms: "all", else "host".
+PLATFORMS = "DRIVE_FMUS_PLATFORMS"
 
 
 class CustomBuildHook(BuildHookInterface[Any]):
@@ -24,11 +31,19 @@ class CustomBuildHook(BuildHookInterface[Any]):
             return
         root = Path(self.root)
         loops = root / "build" / "loops"
+        platforms = os.environ.get(PLATFORMS, "host")
         command = [sys.executable, str(root / "build_fmus.py"), "--flavour", "both"]
+        command += ["--platforms", platforms]
         done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"the FMUs cannot be built:\n{done.stderr}")
-        _compiler(root).compile_every_loop(loops)
+        compiler = _compiler(root)
+        if platforms == "all":
+            compiler.compile_every_loop(loops)
+        else:
+            compiler.compile_loop(loops / compiler.file_name(sys.platform, platform.machine()))
+            tag = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+            build_data["pure_python"], build_data["tag"] = False, f"py3-none-{tag}"
         fmus = [
             path
             for pattern in ("*.fmu", "native/*.fmu", "wasm/*.wasm")

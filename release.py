@@ -2,11 +2,12 @@
 
 usage: python release.py
 
-The wheel holds the FMUs in both flavours, and the loop of the master compiled for each platform, so that
+The wheel holds the FMUs in both flavours and the loop of the master, compiled for every platform, so that
 nothing needs a compiler where it is installed.
 """
 
 import hashlib
+import os
 import subprocess
 import sys
 import zipfile
@@ -24,10 +25,11 @@ def main() -> int:
     rmtree(DIST, ignore_errors=True)
     DIST.mkdir()
     for command in (
-        [sys.executable, "build_fmus.py", "--flavour", "both"],
+        [sys.executable, "build_fmus.py", "--flavour", "both", "--platforms", "all"],
         [sys.executable, "-m", "uv", "build", "--quiet", "--out-dir", str(DIST)],
     ):
-        if subprocess.run(command, cwd=ROOT, check=False).returncode:
+        environment = os.environ | {"DRIVE_FMUS_PLATFORMS": "all"}
+        if subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode:
             print(f"error: {' '.join(command[1:])} failed; nothing is released", file=sys.stderr)
             return 1
     write_fmus(DIST / "fmus.zip")

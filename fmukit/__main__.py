@@ -1,26 +1,33 @@
 """The command line: how models become FMUs.
 
-    fmukit build MODEL ... [--flavour python|native|wasm|both|fmi3|all] [--out DIR] [--force]
+    fmukit build MODEL ... [--flavour python|native|wasm|both|fmi3|all] [--platforms host|all] [--out DIR]
+                           [--force] [--verbose]
 
 MODEL is a file, NAME.py or NAME/model.py, or the name of a machine that comes with the package.
 """
 
 import argparse
+import difflib
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
+KIT = Path(__file__).resolve().parent
 #: the machines of the project, which an installed package carries as files and a clone as `components`
-MACHINES = Path(__file__).resolve().parent / "machines"
-COMPILED = ("native", "wasm", "both", "fmi3", "all")
+MACHINES = next(
+    folder
+    for folder in (KIT.parent / "components", KIT / "machines")
+    if folder.is_dir() or folder.parent == KIT
+)
 
 
 def main() -> int:
-    """Run the command line; 0 if every FMU was built, else 1."""
+    """Run the command line; 0 if every FMU was built, else 1; 2 for what cannot be meant."""
     try:
-        from .fmu.make import FLAVOURS, make_all
+        from .fmu import make
     except ModuleNotFoundError as missing:
         sys.exit(f"error: fmukit needs the package {missing.name}, which is not installed")
+    except KeyboardInterrupt:
+        return 130
     parser = argparse.ArgumentParser(
         prog="fmukit", description="Make FMUs from pages of equations."
     )
@@ -29,31 +36,45 @@ def main() -> int:
     build.add_argument(
         "model", nargs="+", help="NAME.py, NAME/model.py, or the name of a machine: drive_motor"
     )
-    has_compiler = find_spec("ziglang") is not None
-    default = "both" if has_compiler else "python"
     build.add_argument(
-        "--flavour",
-        choices=FLAVOURS,
-        default=default,
-        help=f"which FMUs to build (default here: {default})",
+        "--out",
+        type=Path,
+        default=Path(),
+        help="folder for the FMUs, with the folders native, wasm and fmi3 for compiled ones (default: the current one)",
     )
-    build.add_argument(
-        "--out", type=Path, default=Path(), help="folder for the FMUs (default: the current one)"
-    )
-    build.add_argument("--force", action="store_true", help="rebuild even what is up to date")
+    make.add_options(build)
     options = parser.parse_args()
-    if options.flavour in COMPILED and not has_compiler:
-        build.error(
-            f"--flavour {options.flavour} needs a C compiler: pip install 'drive-fmus[native]'"
-        )
     models = [model_file(model) for model in options.model]
-    return min(1, make_all(models, options.flavour, options.out, options.force))
+    if problems := [text for text in map(problem, options.model, models) if text]:
+        print(*(f"error: {text}" for text in problems), sep="\n", file=sys.stderr)
+        return 2
+    return make.run(models, options.out, options)
 
 
 def model_file(model: str) -> Path:
     """The file of a model that is given as a path or as the name of a machine."""
     machine = MACHINES / model / "model.py"
     return machine if not Path(model).exists() and machine.is_file() else Path(model)
+
+
+def problem(given: str, file: Path) -> str:
+    """Why what was given is no model, with what to write; "" if it may be one."""
+    if file.is_dir():
+        inside = file / "model.py"
+        hint = f"write {inside}" if inside.is_file() else "write the .py file of a model"
+        return f"{given} is a folder: {hint}"
+    if not file.exists():
+        if file.suffix or file.parent != Path():
+            return f"there is no file {given}"
+        names = sorted(path.parent.name for path in MACHINES.glob("*/model.py"))
+        close = difflib.get_close_matches(given, names, 1)
+        hint = f"did you mean {close[0]}?" if close else f"the machines are {', '.join(names)}"
+        return f"there is no file and no machine {given}; {hint}"
+    return (
+        ""
+        if file.suffix == ".py"
+        else f"{given} is not a Python file: write the .py file of a model"
+    )
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 
 PACKAGE = Path(__file__).resolve().parent
 CLONE = PACKAGE.parent
@@ -20,8 +19,7 @@ FMUS = (CLONE if IS_CLONE else PACKAGE) / "fmus"
 FOLDERS = {"python": FMUS, "native": FMUS / "native", "wasm": FMUS / "wasm"}
 #: the folder beside the FMUs that keeps the hash of the sources of each, one small file per FMU
 RECORDS = ".sources"
-BUILT = ("*.fmu", "native/*.fmu", "fmi3/*.fmu", "wasm/*.wasm")
-ENDINGS = {".py", ".c"}
+ENDINGS = {".py", ".c", ".zig"}
 
 
 def plain(name: str) -> str:
@@ -52,17 +50,13 @@ def source_digest(name: str) -> str:
     return hashlib.sha256(kit_digest() + machine).hexdigest()
 
 
-def record(names: Iterable[str], folder: Path) -> None:
-    """Write for the FMUs and modules of these machines in a folder which sources they were made from."""
-    for name in names:
-        digest = source_digest(name)
-        for path in [path for pattern in BUILT for path in folder.glob(pattern)]:
-            if plain(path.stem) == plain(name):
-                target = record_of(path, folder)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                with NamedTemporaryFile("w", dir=target.parent, delete=False) as file:
-                    file.write(digest)
-                Path(file.name).replace(target)
+def record(file: Path, folder: Path) -> None:
+    """Write for an FMU or module in a folder of FMUs that it is made from the sources as these are now."""
+    digest, target = source_digest(file.stem), record_of(file, folder)
+    if target.is_file() and target.read_text(encoding="utf-8") == digest:
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(digest, encoding="utf-8")  # one that is cut off says the same as none
 
 
 def record_of(fmu: Path, folder: Path) -> Path:
@@ -86,7 +80,7 @@ def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> s
     if IS_CLONE and plain(name) not in machines():
         existing = ", ".join(sorted(other.stem for other in path.parent.glob(f"*{path.suffix}")))
         return f"there is no machine {name!r} in components; {path.parent} has {existing or 'none'}"
-    build = f"python build_fmus.py --flavour {flavour}"
+    build = f".venv/bin/python build_fmus.py --flavour {flavour}"
     if not path.is_file():
         return f"there is no {path.name} in {path.parent}" + (
             f": build it with `{build}`" if IS_CLONE else ""

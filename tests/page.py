@@ -1,7 +1,6 @@
 """Run the blocks of a page in order: JSON [[language, place, text], ...] on stdin.
 
-Blocks of Python share their names; the aliases of a shell block hold in the later ones. What is not
-python or sh is the path of a file to write.
+Blocks of Python share their names. What is not python or sh is the path of a file to write.
 """
 
 import json
@@ -14,15 +13,13 @@ from typing import Any
 def main() -> None:
     names: dict[str, Any] = {"__name__": "page"}
     sys.path.insert(0, "")
-    aliases = ""
     for language, label, text in json.load(sys.stdin):
         print(f"--- {label}", flush=True)
         if language == "python":
             exec(compile(text, label, "exec"), names)  # noqa: S102
         elif language == "sh":
-            shell = ["bash", "-O", "expand_aliases", "-e", "-o", "pipefail", "-c"]
-            subprocess.run([*shell, aliases + text], check=True, stdin=subprocess.DEVNULL)
-            aliases += "".join(f"{line}\n" for line in text.splitlines() if line[:6] == "alias ")
+            shell = ["bash", "-e", "-o", "pipefail", "-c"]
+            subprocess.run([*shell, text], check=True, stdin=subprocess.DEVNULL)
         else:
             Path(language).parent.mkdir(parents=True, exist_ok=True)
             Path(language).write_text(text)

@@ -30,21 +30,22 @@ SITE_COMMAND = ".venv/bin/uv run --no-dev --extra site python -m gallery"
 BENCHMARK = ".venv/bin/python benchmarks/"
 SLOW = {
     "python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv sync -q --no-dev --extra "
-    "native --extra page && .venv/bin/python build_fmus.py && .venv/bin/scenarios run resonance",
+    "native --extra page && .venv/bin/python build_fmus.py drive_motor crank_conveyor && "
+    ".venv/bin/scenarios run resonance && .venv/bin/python build_fmus.py",
     ".venv/bin/scenarios run resonance --set B",
     ".venv/bin/scenarios run resonance --start conveyor.spring.c=7e5",
     ".venv/bin/scenarios run run_up",
     ".venv/bin/scenarios run resonance_map",
-    "scenarios run resonance_map --y conveyor.rotor.J=0.2:1.2:40",
-    "scenarios run resonance_map --y conveyor.spring.c=4e5:1.2e6:40",
-    "scenarios run resonance_map --x motor.T=0.015:0.16:60:log --y conveyor.rotor.J=0.2:1.2:40 "
+    ".venv/bin/scenarios run resonance_map --y conveyor.rotor.J=0.2:1.2:40",
+    ".venv/bin/scenarios run resonance_map --y conveyor.spring.c=4e5:1.2e6:40",
+    ".venv/bin/scenarios run resonance_map --x motor.T=0.015:0.16:60:log --y conveyor.rotor.J=0.2:1.2:40 "
     "--speed 45",
-    "scenarios study studies/drive_tolerances.toml",
+    ".venv/bin/scenarios study studies/drive_tolerances.toml",
     ".venv/bin/python -m dask scheduler --host 127.0.0.1 --port 8786 --no-dashboard "
     "--dashboard-address 127.0.0.1:0 &",
     ".venv/bin/python -m dask worker tcp://127.0.0.1:8786 --host 127.0.0.1 --nworkers 2 --nthreads 1 "
     "--no-dashboard --dashboard-address 127.0.0.1:0 &",
-    "scenarios study studies/rotor_speed.toml --scheduler tcp://127.0.0.1:8786 --out results/cluster",
+    ".venv/bin/scenarios study studies/rotor_speed.toml --scheduler tcp://127.0.0.1:8786 --out results/cluster",
     "kill %1 %2",
     ".venv/bin/cosim verify",
     ".venv/bin/scenarios study studies/records.toml",

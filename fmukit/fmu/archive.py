@@ -4,10 +4,9 @@ import hashlib
 import os
 import uuid
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
-
-from fmpy.model_description import read_model_description
+from xml.etree import ElementTree
 
 from ..declare.interface import Interface
 from ..trace.modules import source_files
@@ -41,20 +40,49 @@ def guid_of(digest: str) -> str:
 
 
 def write_archive(contents: dict[str, bytes], fmu: Path) -> None:
-    """Write these files, given by their path, as a zip archive."""
+    """Write these files, given by their path, as a zip archive; its comment is the hash of them all."""
     with zipfile.ZipFile(fmu, "w") as target:
         for name in sorted(contents):
             entry = zipfile.ZipInfo(name, EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system, entry.external_attr = 3, 0o644 << 16
             target.writestr(entry, contents[name], compresslevel=9)
+        target.comment = _hash_of(contents)
 
 
-def is_current(guid: str, fmu: Path) -> bool:
-    """Whether this file is already the build of this guid."""
-    if not zipfile.is_zipfile(fmu):
+def is_current(guid: str, members: Collection[str], fmu: Path) -> bool:
+    """Whether a file is the build of this guid, undamaged, with these members among others."""
+    try:
+        with zipfile.ZipFile(fmu) as archive:
+            contents = {name: archive.read(name) for name in archive.namelist()}
+            undamaged = archive.comment == _hash_of(contents)
+        root = ElementTree.fromstring(contents["modelDescription.xml"])
+    except Exception:  # noqa: BLE001 (what cannot be read, for whatever reason, is built again)
         return False
-    with zipfile.ZipFile(fmu) as archive:
-        if "modelDescription.xml" not in archive.namelist():
-            return False
-    return bool(read_model_description(str(fmu), validate=False).guid == guid)
+    has_guid = guid in (root.get("guid"), root.get("instantiationToken"))
+    return undamaged and has_guid and contents.keys() >= set(members)
+
+
+def _hash_of(contents: dict[str, bytes]) -> bytes:
+    digest = hashlib.sha256()
+    for name in sorted(contents):
+        digest.update(f"{name}\0{len(contents[name])}\0".encode() + contents[name])
+    return digest.hexdigest().encode()
+
+
+#: A custom section of WebAssembly without its content: of 39 bytes, with a name of 6 bytes.
+MODULE_HASH = b"\0\x27\x06sha256"
+
+
+def with_hash(module: bytes) -> bytes:
+    """A module for WebAssembly with the hash of all that is before it in a last section."""
+    return module + MODULE_HASH + hashlib.sha256(module).digest()
+
+
+def is_current_module(guid: str, file: Path) -> bool:
+    """Whether a file is the module of this guid, undamaged."""
+    try:
+        content = file.read_bytes()
+    except OSError:
+        return False
+    return guid.encode() in content and content == with_hash(content.rpartition(MODULE_HASH)[0])

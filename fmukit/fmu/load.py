@@ -31,6 +31,8 @@ def load(path: Path) -> ModuleType:
 
     Raises ModelError.
     """
+    if not path.is_file():
+        raise ModelError(f"there is no file {path}")
     name = f"_model_{next(NUMBERS)}"
     sys.modules[name] = package = ModuleType(name)
     if path.stem == "model":
@@ -39,7 +41,7 @@ def load(path: Path) -> ModuleType:
     package.__path__ = [str(path.absolute().parent)]
     name += f".{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None or not path.exists():
+    if spec is None or spec.loader is None:
         raise ModelError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module

@@ -21,12 +21,7 @@ DISPLAY_FACTORS = {
     ("rad/s", "rpm"): 30 / math.pi,
     ("Pa", "bar"): 1e-5,
 }
-BINARIES = {"linux64": "so", "win64": "dll"}
-NATIVE_BINARIES = BINARIES | {"aarch64-linux": "so", "darwin64": "dylib"}
-BINARIES_3 = {
-    "x86_64-linux": "so", "x86_64-windows": "dll", "aarch64-linux": "so",
-    "x86_64-darwin": "dylib", "aarch64-darwin": "dylib",
-}  # fmt: skip
+LIBRARIES = ("so", "dll", "dylib")
 DOCUMENTS = ("index.html", "externalDependencies.txt", "licenses/license.txt")
 
 
@@ -104,11 +99,11 @@ def _files(fmu: Path, description: ModelDescription) -> Iterator[str]:
         names = set(archive.namelist())
     slave = description.coSimulation
     identifier = slave.modelIdentifier
-    libraries = BINARIES if slave.needsExecutionTool else NATIVE_BINARIES
-    if description.fmiVersion != "2.0":
-        libraries = BINARIES_3
-    wanted = [f"binaries/{folder}/{identifier}.{end}" for folder, end in libraries.items()]
-    wanted += [f"documentation/{name}" for name in DOCUMENTS]
+    binaries = {name.rpartition("/")[0] for name in names if name.startswith("binaries/")}
+    for folder in sorted(binaries) or ["binaries"]:
+        if not names & {f"{folder}/{identifier}.{end}" for end in LIBRARIES}:
+            yield f"{folder} has no library {identifier}"
+    wanted = [f"documentation/{name}" for name in DOCUMENTS]
     yield from (f"{name} is missing" for name in wanted if name not in names)
 
 

@@ -138,7 +138,12 @@ def test_fmu_is_valid(model: Any, fmu: Path) -> None:
         (MOTOR, 'canGetAndSetFMUstate="true" ', "", "canSerializeFMUstate needs canGetAndSet"),
         (MOTOR, ' stepSize="0.001"', "", "DefaultExperiment lacks"),
         (MOTOR, r"<DefaultExperiment[^>]*>", "", "DefaultExperiment lacks"),
-        (MOTOR, 'modelIdentifier="DriveMotor"', 'modelIdentifier="Drive"', "Drive.so is missing"),
+        (
+            MOTOR,
+            'modelIdentifier="DriveMotor"',
+            'modelIdentifier="Drive"',
+            "linux64 has no library Drive",
+        ),
     ],
 )
 def test_our_checks_find_what_no_public_checker_reports(
@@ -288,12 +293,13 @@ def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_a_build_skips_what_is_up_to_date_and_makes_what_is_not(tree: Path) -> None:
-    assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor")
-    assert "DriveMotor.fmu is up to date" in build(tree, "DriveMotor")
-    assert "DCMotor.fmu built and valid" in build(tree, "DCMotor")
-    assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor", "--force")
+    drive_motor = "DriveMotor.fmu, native/DriveMotor.fmu, wasm/DriveMotor.wasm"
+    assert f"{drive_motor} built and valid\n" in build(tree, "drive_motor")
+    assert f"{drive_motor} up to date\n" in build(tree, "DriveMotor")
+    assert "wasm/DCMotor.wasm built and valid" in build(tree, "DCMotor")
+    assert f"{drive_motor} built and valid\n" in build(tree, "drive_motor", "--force")
     (tree / "fmus" / MOTOR).write_bytes((tree / "fmus" / MOTOR).read_bytes()[:-100])
-    assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor")
+    assert "\nDriveMotor.fmu built and valid\n" in build(tree, "drive_motor")
 
 
 def test_an_unknown_component_is_named_and_ends_with_code_2() -> None:
@@ -306,7 +312,8 @@ def test_an_invalid_fmu_is_removed_and_ends_with_code_1(tree: Path) -> None:
     change(source, 'way up", nominal=1.0', 'way up", nominal=0.0')
     message = build(tree, "crank_conveyor", "drive_motor", "--flavour", "python", code=1)
     assert "CrankConveyor.fmu is not valid and was not kept:\n  nominal of phi is 0" in message
-    assert [file.name for file in (tree / "fmus").iterdir()] == [MOTOR]
+    assert [file.name for file in (tree / "fmus").glob("*.fmu")] == [MOTOR]
+    assert [file.name for file in (tree / "fmus" / ".sources").iterdir()] == [f"{MOTOR}.txt"]
 
 
 def test_what_the_compiler_refuses_is_reported_and_removed(tree: Path) -> None:

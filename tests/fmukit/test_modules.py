@@ -142,5 +142,5 @@ def test_a_refusal_names_the_line_of_its_file(
     path = written(tmp_path / "swing", **changes)
     assert make_all([path], "python", tmp_path) == 1
     assert f"{path.parent}/{message}" in capsys.readouterr().err
-    with pytest.raises(ModelError, match="is not a Python file"):
+    with pytest.raises(ModelError, match="there is no file"):
         load(path.with_name("nothing.py"))

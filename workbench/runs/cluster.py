@@ -97,7 +97,9 @@ def _connect(scheduler: str) -> Any:
     try:
         from distributed import Client, Security
     except ImportError:
-        raise SetupError("--scheduler needs the package distributed, the extra `dask`") from None
+        raise SetupError(
+            '--scheduler needs the package distributed: write pip install "drive-fmus[cluster]"'
+        ) from None
     if scheduler.startswith(TLS) and not Security().get_connection_args("client")["ssl_context"]:
         raise SetupError(
             f"scheduler = {scheduler!r} needs the certificates of this side; Dask reads their files "

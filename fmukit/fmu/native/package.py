@@ -1,12 +1,12 @@
-"""A native FMU of FMI 2.0 or 3.0: the C of a component, compiled for every platform with Zig."""
+"""A native FMU of FMI 2.0 or 3.0: the C of a component, compiled with Zig for the platforms that are asked for."""
 
 import importlib.metadata
+import platform
 import struct
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -20,21 +20,33 @@ import fmpy
 from ...codegen.entries import generate
 from ...declare.interface import Interface, class_name, co_simulation_only_reason
 from .. import page, plot, reference, terminals
-from ..archive import LICENSE, digest_of, guid_of, write_archive
+from ..archive import LICENSE, digest_of, guid_of, with_hash, write_archive
 from ..description.fmi2 import NATIVE, to_xml
 from ..description.fmi3 import to_fmi3
 
 RUNTIMES = sorted(Path(__file__).parent.glob("fmi*.c"))
 NAMES = ("fmi2FunctionTypes", "fmi2TypesPlatform", "fmi3FunctionTypes", "fmi3PlatformTypes")
 HEADERS = [Path(fmpy.__file__).with_name("c-code") / f"{name}.h" for name in NAMES]
+#: Zig's targets for a platform of FMI 2.0, by the folder of each in an FMU of FMI 3.0
 TARGETS = {
-    "linux64/{}.so": "x86_64-linux-gnu.2.17",
-    "aarch64-linux/{}.so": "aarch64-linux-gnu.2.17",
-    "win64/{}.dll": "x86_64-windows-gnu",
-    "x86_64-darwin/{}.dylib": "x86_64-macos",
-    "aarch64-darwin/{}.dylib": "aarch64-macos",
+    "linux64": {"x86_64-linux": "x86_64-linux-gnu.2.17"},
+    "aarch64-linux": {"aarch64-linux": "aarch64-linux-gnu.2.17"},
+    "win64": {"x86_64-windows": "x86_64-windows-gnu"},
+    "darwin64": {"x86_64-darwin": "x86_64-macos", "aarch64-darwin": "aarch64-macos"},
 }
-PLATFORMS = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}
+EXTENSIONS = {"win64": "dll", "darwin64": "dylib"}
+ALL = tuple(TARGETS)
+#: the platform of a machine by `sys.platform` and `platform.machine()` in small letters
+MACHINES = {
+    ("linux", "x86_64"): "linux64",
+    ("linux", "aarch64"): "aarch64-linux",
+    ("win32", "amd64"): "win64",
+    ("darwin", "x86_64"): "darwin64",
+    ("darwin", "arm64"): "darwin64",
+}
+_MACHINE = MACHINES.get((sys.platform, platform.machine().lower()))
+#: the platform of this machine; none where no FMU can be built for it
+HOST = (_MACHINE,) if _MACHINE else ()
 BUILD_DESCRIPTION = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <fmiBuildDescription fmiVersion="3.0">
@@ -66,17 +78,18 @@ MUSL_MATH = (
 )  # fmt: skip
 WASM_FOLDER = "extra/org.webassembly.wasm32"
 DEPENDENCIES = """\
-The binaries for linux64 and aarch64-linux (glibc 2.17 or newer), win64 and darwin64 (universal)
-need the C library and its mathematics, nothing else. They are built from sources/, which any C99
-compiler accepts.
+The binaries for {} need the C library
+and its mathematics, nothing else; on Linux glibc 2.17 or newer. They are built from sources/, which any
+C99 compiler accepts.
 """
 
 
 class NativeBuild(NamedTuple):
-    """A component to compile for a version of FMI, and the hash of all it is made from."""
+    """A component to compile for a version of FMI and some platforms, and the hash of all it is made from."""
 
     model: ModuleType
     fmi: int
+    platforms: tuple[str, ...]
     digest: str
 
     @property
@@ -88,6 +101,22 @@ class NativeBuild(NamedTuple):
     def guid(self) -> str:
         """The identifier that changes whenever a source of the FMU does."""
         return guid_of(self.digest)
+
+    @property
+    def libraries(self) -> dict[str, list[str]]:
+        """The shared libraries by their place in the FMU, each with its targets of Zig."""
+        places: dict[str, list[str]] = {}
+        for name in self.platforms:
+            file = f"{self.name}.{EXTENSIONS.get(name, 'so')}"
+            for folder, target in TARGETS[name].items():
+                place = f"binaries/{name if self.fmi == 2 else folder}/{file}"
+                places.setdefault(place, []).append(target)
+        return places
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """What the FMU must contain to be up to date: a library for each platform."""
+        return tuple(self.libraries)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -110,10 +139,10 @@ class NativeBuild(NamedTuple):
         return None if co_simulation_only_reason(self.model) else generate(self.model).indicators
 
 
-def collect(model: ModuleType, fmi: int = 2) -> NativeBuild:
-    """Hash everything that the native FMU of a model is made from."""
+def collect(model: ModuleType, fmi: int = 2, platforms: tuple[str, ...] = HOST) -> NativeBuild:
+    """Hash everything that the native FMU of a model is made from, whatever its platforms."""
     flavour = f"native {fmi}, Zig {importlib.metadata.version('ziglang')}"
-    return NativeBuild(model, fmi, digest_of(Interface(model), flavour, HEADERS))
+    return NativeBuild(model, fmi, platforms, digest_of(Interface(model), flavour, HEADERS))
 
 
 def sources_of(build: NativeBuild) -> dict[str, bytes]:
@@ -128,19 +157,20 @@ def pack(build: NativeBuild, fmu: Path) -> None:
     interface, sources = Interface(build.model), sources_of(build)
     rows = reference.experiment(build.model)
     licence = f"{LICENSE.read_text()}\nThe FMI headers in sources/ carry their own licence.\n"
-    libraries = binaries(build.name, sources, build.fmi)
     build_description = {
         "sources/buildDescription.xml": BUILD_DESCRIPTION.format(build.name).encode()
     }
     contents = {
         "modelDescription.xml": description(interface, build),
         "documentation/index.html": page.html(interface, plot.svg(interface, rows)).encode(),
-        "documentation/externalDependencies.txt": DEPENDENCIES.encode(),
+        "documentation/externalDependencies.txt": DEPENDENCIES.format(
+            ", ".join(build.platforms)
+        ).encode(),
         "documentation/licenses/license.txt": licence.encode(),
         **{f"sources/{name}": content for name, content in sources.items()},
         **reference.entries(interface),
         **terminals.entries(interface),
-        **{f"binaries/{path}": content for path, content in libraries},
+        **dict(binaries(build, sources)),
         **(
             build_description
             if build.fmi == 3
@@ -172,46 +202,35 @@ def description(interface: Interface, build: NativeBuild) -> bytes:
     return text
 
 
-def binaries(name: str, sources: dict[str, bytes], fmi: int) -> Iterator[tuple[str, bytes]]:
-    """The shared libraries by their place in an FMU of this version of the standard."""
-    with tempfile.TemporaryDirectory(prefix="native_") as temporary, ThreadPoolExecutor() as pool:
+def write_module(build: NativeBuild, path: Path) -> None:
+    """Write the module for WebAssembly; raises RuntimeError with the words of the compiler if it fails."""
+    path.write_bytes(wasm_module(build))
+
+
+def binaries(build: NativeBuild, sources: dict[str, bytes]) -> Iterator[tuple[str, bytes]]:
+    """The shared libraries by their place in the FMU."""
+    with tempfile.TemporaryDirectory(prefix="native_") as temporary:
         folder = Path(temporary)
         for file, content in sources.items():
             (folder / file).write_bytes(content)
-        paths = [path.format(name) for path in TARGETS]
-        outcomes = pool.map(
-            lambda target, platform_name: compile_for(target, platform_name, name, folder),
-            TARGETS.values(),
-            paths,
-        )
-        libraries = dict(zip(paths, outcomes))
-    if fmi == 3:
-        for path, code in libraries.items():
-            platform_name, file = path.split("/")
-            yield f"{PLATFORMS.get(platform_name, platform_name)}/{file}", code
-        return
-    yield from ((path, code) for path, code in libraries.items() if "darwin" not in path)
-    slices = [code for path, code in libraries.items() if path.endswith(".dylib")]
-    yield f"darwin64/{name}.dylib", universal(slices)
+        for place, targets in build.libraries.items():
+            slices = [compile_for(t, Path(place).name, build.name, folder) for t in targets]
+            yield place, slices[0] if len(slices) == 1 else universal(slices)
 
 
-def compile_for(target: str, path: str, name: str, folder: Path) -> bytes:
-    """The shared library for one target of Zig."""
-    library = folder / path
-    library.parent.mkdir()
+def compile_for(target: str, library: str, name: str, folder: Path) -> bytes:
+    """The shared library for one target of Zig, which may contain its own name."""
     if "windows" in target:
         object_file = f"{name}.obj"
         run_compiler(
             target, str(WINDOWS_LAYER), object_file, folder, ["-c", "-I.", f'-DMODEL="{name}.c"']
         )
         return run_compiler(
-            target, object_file, path, folder, ["-shared", "-nostdlib", "-Wl,--no-entry", *UCRT]
+            target, object_file, library, folder, ["-shared", "-nostdlib", "-Wl,--no-entry", *UCRT]
         )
     options = [*LIBRARY_FLAGS, "-lm"]
-    options += (
-        [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else ["-Wl,-z,defs"]
-    )
-    return run_compiler(target, f"{name}.c", path, folder, options)
+    options += [f"-Wl,-install_name,@rpath/{library}"] if "macos" in target else ["-Wl,-z,defs"]
+    return run_compiler(target, f"{name}.c", library, folder, options)
 
 
 @cache
@@ -224,9 +243,12 @@ def wasm_module(build: NativeBuild) -> bytes:
         libc = Path(str(files("ziglang"))) / "lib" / "libc"
         headers = [f"-isystem{libc / part}" for part in WASM_HEADERS]
         mathematics = [str(libc / "musl/src/math" / f"{name}.c") for name in MUSL_MATH]
-        options = [*WASM_FLAGS, *headers, f'-DMODEL="{build.name}.c"', WASM_LAYER.name]
+        # in a file, since the compiler keeps what it made of the mathematics only for the same options
+        whole = f'#define MODEL "{build.name}.c"\n#include "{WASM_LAYER.name}"\n'
+        (folder / "module.c").write_text(whole, encoding="utf-8")
+        options = [*WASM_FLAGS, *headers, "module.c", *mathematics]
         module = f"{build.name}.wasm"
-        return run_compiler("wasm32-wasi", WASM_MATH.name, module, folder, options + mathematics)
+        return with_hash(run_compiler("wasm32-wasi", WASM_MATH.name, module, folder, options))
 
 
 def run_compiler(target: str, source: str, output: str, folder: Path, options: list[str]) -> bytes:

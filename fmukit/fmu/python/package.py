@@ -54,6 +54,11 @@ class Build(NamedTuple):
         return () if self.model.PYTHON_ONLY else entries.generate(self.model).warnings
 
     @property
+    def members(self) -> tuple[str, ...]:
+        """What the FMU must contain to be up to date: the same always, so nothing in particular."""
+        return ()
+
+    @property
     def module(self) -> str:
         """The module's name, other than that of any other build that one process may import."""
         return f"{component_name(self.model)}_{self.digest[:12]}"

@@ -1,0 +1,339 @@
+"""Builds: for the platforms that are asked for, whole files or none, and nothing left behind."""
+
+import os
+import re
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fmukit.__main__ import main
+from fmukit.fmu import make
+from fmukit.fmu.native import package
+from fmukit.fmu.workplace import OWNER, PREFIX, workplace
+from tests.conftest import ROOT, restore_ctrl_c, rewritten, until
+
+MODEL = ROOT / "tests" / "fmukit" / "models" / "gain.py"
+FILES = ("Gain.fmu", "native/Gain.fmu", "wasm/Gain.wasm")
+HOST_LIBRARY = f"binaries/{package.HOST[0]}/Gain.{package.EXTENSIONS.get(package.HOST[0], 'so')}"
+#: A compiler that waits for ever, and has a child that does so, as Zig has.
+ENDLESS = (
+    "import subprocess, sys; subprocess.run([sys.executable, '-c', 'import time; time.sleep(600)'])"
+)
+
+
+@pytest.fixture
+def pretended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a compiler writes is its target and the options, at once; nothing can be played."""
+
+    def compiled(target: str, source: str, output: str, folder: Path, options: list[str]) -> bytes:
+        return b"\xcf\xfa\xed\xfe\x07\0\0\1\3\0\0\0" + repr((target, output, *options)).encode()
+
+    monkeypatch.setattr(package, "run_compiler", compiled)
+    monkeypatch.setattr(package, "WASM_HEADERS", ())
+    monkeypatch.setattr(package, "MUSL_MATH", ())
+    monkeypatch.setattr(make.validate, "differences", lambda _: [])
+
+
+def build(out: Path, platforms: str = "host", flavour: str = "native") -> dict[str, bool]:
+    """Which files of the model were built, by their labels; the others were up to date."""
+    outcomes: list[make.Outcome] = []
+    assert make.make_all([MODEL], flavour, out, False, platforms, outcomes.append) == 0
+    return {made.label: made.is_new for outcome in outcomes for made in outcome.made}
+
+
+def members(fmu: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(fmu) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def guid(fmu: Path) -> str:
+    (found,) = re.findall(
+        rb'(?:guid|instantiationToken)="([^"]*)"', members(fmu)["modelDescription.xml"]
+    )
+    return str(found, "utf-8")
+
+
+@pytest.mark.parametrize(("flavour", "count"), [("native", 4), ("fmi3", 5)])
+def test_fmus_for_this_machine_and_for_all_are_told_apart(
+    flavour: str, count: int, tmp_path: Path, pretended: None
+) -> None:
+    """The same source and platforms give the same bytes, all platforms the same GUID."""
+    fmu = tmp_path / flavour / "Gain.fmu"
+    label = f"{flavour}/Gain.fmu"
+    assert build(tmp_path, "host", flavour)[label]
+    assert not build(tmp_path, "host", flavour)[label]
+    host = fmu.read_bytes(), guid(fmu), {name for name in members(fmu) if "binaries/" in name}
+    assert len(host[2]) == 1
+    assert build(tmp_path, "all", flavour)[label]
+    everywhere = fmu.read_bytes()
+    assert len({name for name in members(fmu) if "binaries/" in name}) == count
+    assert guid(fmu) == host[1]
+    assert not build(tmp_path, "all", flavour)[label]
+    assert not build(tmp_path, "host", flavour)[label]
+    assert fmu.read_bytes() == everywhere
+    fmu.unlink()
+    build(tmp_path, "host", flavour)
+    assert fmu.read_bytes() == host[0]
+
+
+def test_the_fmu_names_the_platforms_that_it_is_for(tmp_path: Path, pretended: None) -> None:
+    for platforms, names in (("host", package.HOST), ("all", package.ALL)):
+        build(tmp_path, platforms)
+        text = members(tmp_path / "native" / "Gain.fmu")["documentation/externalDependencies.txt"]
+        assert f"The binaries for {', '.join(names)} need".encode() in text
+
+
+@pytest.mark.slow
+def test_libraries_for_all_platforms_are_of_their_kind(tmp_path: Path) -> None:
+    build(tmp_path, "all")
+    actual = members(tmp_path / "native" / "Gain.fmu")
+    for place, beginning in {
+        "linux64/Gain.so": b"\x7fELF\2\1\1",
+        "aarch64-linux/Gain.so": b"\x7fELF\2\1\1",
+        "win64/Gain.dll": b"MZ",
+        "darwin64/Gain.dylib": b"\xca\xfe\xba\xbe\0\0\0\2",
+    }.items():
+        assert actual[f"binaries/{place}"].startswith(beginning)
+    machines = {actual[f"binaries/{p}/Gain.so"][18] for p in ("linux64", "aarch64-linux")}
+    assert machines == {0x3E, 0xB7}
+
+
+def emptied(files: dict[str, Any]) -> None:
+    """All members but the description are empty, with a right checksum each."""
+    files.update({name: b"" for name in files if name != "modelDescription.xml"})
+
+
+def replaced(fmu: Path, edit: Callable[[dict[str, Any]], Any]) -> None:
+    rewritten(fmu, fmu.with_suffix(".new"), edit).replace(fmu)
+
+
+def cut(file: Path, count: int) -> None:
+    file.write_bytes(file.read_bytes()[:-count])
+
+
+def zeroed(file: Path) -> None:
+    """A block that never reached the disk, as after a loss of power."""
+    content = bytearray(file.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 512] = bytes(512)
+    file.write_bytes(content)
+
+
+def without_code(files: dict[str, Any]) -> None:
+    files["binaries/linux64/Gain.so"] = files.pop(HOST_LIBRARY)[:-1]
+
+
+DAMAGES: dict[str, tuple[str, Callable[[Path], Any]]] = {
+    "empty members": (FILES[1], lambda file: replaced(file, emptied)),
+    "empty members of a Python FMU": (FILES[0], lambda file: replaced(file, emptied)),
+    "a library that is cut off": (FILES[1], lambda file: replaced(file, without_code)),
+    "no library": (FILES[1], lambda file: replaced(file, lambda f: f.pop(HOST_LIBRARY))),
+    "broken XML": (
+        FILES[1],
+        lambda file: replaced(file, lambda f: f.update({"modelDescription.xml": b"<fmiModel"})),
+    ),
+    "no XML": (FILES[0], lambda file: replaced(file, lambda f: f.pop("modelDescription.xml"))),
+    "an FMU that is cut off": (FILES[0], lambda file: cut(file, 100)),
+    "an FMU with zeros": (FILES[1], zeroed),
+    "an empty FMU": (FILES[1], lambda file: file.write_bytes(b"")),
+    "no archive": (FILES[0], lambda file: file.write_bytes(b"PK" * 1000)),
+    "a module that is cut off": (FILES[2], lambda file: cut(file, 2000)),
+    "a module that is cut off after its code": (FILES[2], lambda file: cut(file, 42)),
+    "a module with zeros": (FILES[2], zeroed),
+    "an empty module": (FILES[2], lambda file: file.write_bytes(b"")),
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("whole")
+    build(folder, flavour="both")
+    return folder
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_is_built_again(damage: str, whole: Path, tmp_path: Path) -> None:
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    assert not any(build(tmp_path, flavour="both").values())
+    name, hurt = DAMAGES[damage]
+    hurt(tmp_path / name)
+    assert build(tmp_path, flavour="both") == {file: file == name for file in FILES}
+    assert (tmp_path / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_a_file_that_cannot_be_written_is_named_and_stops_no_other(
+    tmp_path: Path, pretended: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "native" / "Gain.fmu").mkdir(parents=True)
+    other = MODEL.with_name("van_der_pol.py")
+    assert make.make_all([MODEL, tmp_path / "nothing.py", other], "both", tmp_path) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert errors == [
+        f"{tmp_path}/native/Gain.fmu cannot be written: Is a directory: {errors[0].rpartition(': ')[2]}",
+        f"there is no file {tmp_path}/nothing.py",
+    ]
+    assert {path.name for path in tmp_path.rglob("*.*")} >= {
+        "Gain.wasm", "VanDerPol.fmu", "VanDerPol.wasm"
+    }  # fmt: skip
+    assert not [*tmp_path.rglob(f"{PREFIX}*")]
+
+
+def test_a_folder_that_cannot_be_made_is_said_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    out = tmp_path / "file" / "fmus"
+    monkeypatch.setattr(sys, "argv", ["fmukit", "build", str(MODEL), "--out", str(out)])
+    assert main() == 1
+    assert capsys.readouterr().err == f"error: {out} cannot be written: Not a directory: {out}\n"
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ("nothing.py", "there is no file nothing.py"),
+        ("drive_motr", "there is no file and no machine drive_motr; did you mean drive_motor?"),
+        ("pump", "there is no file and no machine pump; the machines are DC_motor, crank"),
+        (str(ROOT / "components" / "gearbox"), f"is a folder: write {ROOT}/components/gearbox/model.py"),
+        (str(ROOT), "is a folder: write the .py file of a model"),
+        (str(ROOT / "LICENSE"), "is not a Python file: write the .py file of a model"),
+    ],
+)  # fmt: skip
+def test_what_is_no_model_is_refused_with_what_to_write(
+    given: str, sentence: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["fmukit", "build", given])
+    assert main() == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert sentence in line
+
+
+def test_guids_are_printed_when_asked_for(
+    whole: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ["fmukit", "build", str(MODEL), "--out", str(whole)]
+    monkeypatch.setattr(sys, "argv", command)
+    assert main() == 0
+    assert capsys.readouterr().out == "Gain.fmu, native/Gain.fmu, wasm/Gain.wasm up to date\n"
+    monkeypatch.setattr(sys, "argv", [*command, "--verbose"])
+    assert main() == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition(" up to date, ")[0] for line in lines] == [*FILES]
+    assert guid(whole / FILES[1]) in lines[1]
+    assert guid(whole / FILES[1]) in lines[2]
+
+
+def test_folders_of_builds_that_have_ended_go_and_no_others(tmp_path: Path) -> None:
+    """With an owner that ended, or as builds left them that knew no owner."""
+    leftovers = [tmp_path / f"{PREFIX}a1b2c3_d", tmp_path / "native" / f"{PREFIX}abcdefgh"]
+    leftovers += [tmp_path / f"{PREFIX}ownedone", tmp_path / "wasm" / f"{PREFIX}emptyone"]
+    for folder in leftovers:
+        folder.mkdir(parents=True)
+    (leftovers[0] / "Gain.fmu").write_bytes(b"half")
+    (leftovers[1] / "Gain.fmu").write_bytes(b"half")
+    (leftovers[2] / "native_x").mkdir()
+    (leftovers[2] / "native_x" / "Gain.c").write_text("int x;")
+    (leftovers[2] / OWNER).touch()
+    kept = [tmp_path / f"{PREFIX}plans", tmp_path / f"{PREFIX}notes000", tmp_path / ".building"]
+    for folder in kept:
+        folder.mkdir()
+        (folder / "plan.txt").write_text("mine")
+    (tmp_path / f"{PREFIX}filefile").write_text("mine")
+    (tmp_path / f"{PREFIX}linklink").symlink_to(leftovers[2])
+    with workplace(tmp_path) as lives:
+        assert not any(folder.exists() for folder in leftovers)
+        with workplace(tmp_path) as other:
+            assert lives.is_dir()
+            assert other != lives
+        assert lives.is_dir()
+        assert stat.S_IMODE(lives.stat().st_mode) == 0o700
+    assert not lives.exists()
+    assert all((folder / "plan.txt").read_text() == "mine" for folder in kept)
+    assert (tmp_path / f"{PREFIX}filefile").read_text() == "mine"
+    assert (tmp_path / f"{PREFIX}linklink").is_symlink()
+
+
+def running(mark: str) -> list[str]:
+    """The processes that carry a mark in their environment."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark.encode() in (process / "environ").read_bytes():
+                found.append((process / "cmdline").read_text().replace("\0", " "))
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are looked for in /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_build_that_is_ended_takes_its_compilers_with_it(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    """A compiler that never ends, with a child of its own, in two processes of one build."""
+    package_of_zig = tmp_path / "path" / "ziglang"
+    package_of_zig.mkdir(parents=True)
+    (package_of_zig / "__main__.py").write_text(ENDLESS)
+    (package_of_zig / "__init__.py").touch()
+    out, mark = tmp_path / "out", f"mark-{os.getpid()}-{number.name}"
+    models = [MODEL, MODEL.with_name("van_der_pol.py")]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fmukit", "build", *models, "--flavour", "native", "--out", out],
+        env=os.environ | {"PYTHONPATH": f"{package_of_zig.parent}:{ROOT}", "MARK": mark},
+        preexec_fn=restore_ctrl_c, stderr=subprocess.PIPE, text=True,  # noqa: PLW1509
+    )  # fmt: skip
+    until(
+        lambda: sum("time.sleep" in line for line in running(mark)) >= min(2, os.cpu_count() or 1)
+    )
+    process.send_signal(number)
+    _, message = process.communicate()
+    until(lambda: not running(mark))
+    left = [*out.glob(f"{PREFIX}*")]
+    if number == signal.SIGKILL:
+        assert (process.returncode, len(left)) == (-9, 1)
+        with workplace(out):
+            assert not left[0].exists()
+    else:
+        assert (process.returncode, left) == (130, [])
+        assert message == "interrupted; what was built stays, and the same command continues\n"
+
+
+def test_a_process_that_is_killed_ends_the_build_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the system does for want of memory; a pool would wait for ever."""
+
+    def killed(*_: Any) -> bytes:
+        os.kill(os.getpid(), signal.SIGKILL)
+        return b""
+
+    monkeypatch.setattr(package, "run_compiler", killed)
+    assert make.make_all([MODEL], "native", tmp_path) == 1
+    message = capsys.readouterr().err
+    assert "a process of the build was killed" in message
+    assert len(message.splitlines()) == 1
+    assert not [*tmp_path.glob(f"{PREFIX}*")]
+
+
+def test_a_build_in_a_thread_leaves_signals_alone(tmp_path: Path) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    status: list[int] = []
+    thread = threading.Thread(
+        target=lambda: status.append(make.make_all([MODEL], "python", tmp_path))
+    )
+    thread.start()
+    time.sleep(0.01)
+    assert signal.getsignal(signal.SIGTERM) is before
+    thread.join()
+    assert status == [0]
