@@ -20,6 +20,7 @@ from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT, restore_ctrl_c
 
 MOMENTS, GRACE = 50, 5.0
+MOMENTS_OF_BUILDS = 12
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 STUDY = """
 scenario = "orientator_cycle"
@@ -131,3 +132,69 @@ def test_an_end_at_any_moment_loses_nothing(
     assert begin().wait() == 0
     assert finished(name, tmp_path)
     assert not [*scratch.iterdir()], "what a killed run leaves, a later one removes"
+
+
+BUILDS = {
+    "fmukit build": ["-m", "fmukit", "build", str(ROOT / "tests/fmukit/models/gain.py"), "--out"],
+    "build_fmus.py": [str(ROOT / "build_fmus.py"), "drive_motor", "gearbox", "--into"],
+}
+MINE = ("notes.txt", "native/mine.fmu", ".building-plans/plan.txt")
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=lambda number: number.name)
+@pytest.mark.parametrize("name", BUILDS)
+def test_a_build_that_is_ended_at_any_moment_leaves_whole_files_or_none(
+    name: str, number: signal.Signals, tmp_path: Path
+) -> None:
+    out, scratch, mark = tmp_path / "out", tmp_path / "scratch", f"drive-fmus-{uuid.uuid4()}"
+    draw = random.Random(f"{name} {number.name}")
+    scratch.mkdir()
+    for file in MINE:
+        (out / file).parent.mkdir(parents=True, exist_ok=True)
+        (out / file).write_text("mine")
+    cache = {"ZIG_GLOBAL_CACHE_DIR": str(tmp_path / "zig"), "TMPDIR": str(scratch), "MARK": mark}
+
+    def begin() -> subprocess.Popen[bytes]:
+        shutil.rmtree(tmp_path / "zig" / "h", ignore_errors=True)  # compile again
+        return subprocess.Popen(
+            [sys.executable, *BUILDS[name], str(out)],
+            env=os.environ | cache | {"PYTHONPATH": str(ROOT)}, start_new_session=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
+        )  # fmt: skip
+
+    def files() -> dict[str, bytes]:
+        found = {p.relative_to(out).as_posix(): p for p in out.rglob("*.*") if p.is_file()}
+        assert {file for file, path in found.items() if path.read_text("latin-1") == "mine"} == {
+            *MINE
+        }
+        return {
+            file: path.read_bytes()
+            for file, path in found.items()
+            if file.endswith((".fmu", ".wasm")) and not file.startswith(".") and file not in MINE
+        }
+
+    began = time.monotonic()
+    assert begin().wait() == 0
+    duration, expected = time.monotonic() - began, files()
+    assert len(expected) == 3 * (2 if "py" in name else 1)
+    ended = 0
+    for moment in range(MOMENTS_OF_BUILDS):
+        if moment % 3 == 0:  # else what the last one left is there, and is taken up
+            for file in expected:
+                (out / file).unlink(missing_ok=True)
+        process = begin()
+        try:
+            process.wait(draw.uniform(0.0, duration))
+        except subprocess.TimeoutExpired:
+            process.send_signal(number)
+        ended += process.wait() != 0
+        deadline = time.monotonic() + GRACE
+        while (left := running_processes(mark)) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert not left
+        assert files().items() <= expected.items()
+    assert ended > MOMENTS_OF_BUILDS / 4, "most are ended on their way"
+    assert begin().wait() == 0
+    assert files() == expected
+    assert [path.name for path in out.glob(".building-*")] == [".building-plans"]
+    assert not [*scratch.iterdir()]

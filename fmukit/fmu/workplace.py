@@ -11,7 +11,7 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import wait
@@ -151,10 +151,19 @@ def _leave_with_parent() -> None:
 
 def _leave(*_: object) -> None:
     """End this process and those that it has begun: a compiler and what that begins."""
-    for process in _descendants(os.getpid()):
-        with suppress(OSError):
-            os.kill(process, signal.SIGKILL)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    begun: list[int] = []
+    while new := [process for process in _descendants(os.getpid()) if process not in begun]:
+        _send(new, signal.SIGSTOP)  # so that none begins another one meanwhile
+        begun += new
+    _send(begun, signal.SIGKILL)
     os._exit(1)
+
+
+def _send(processes: Iterable[int], number: signal.Signals) -> None:
+    for process in processes:
+        with suppress(OSError):
+            os.kill(process, number)
 
 
 def _descendants(process: int) -> list[int]:
