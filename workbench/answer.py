@@ -129,6 +129,7 @@ class Answer(Findings):
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
     is what the page needs to ask again. It is `refused` if the figures that it hangs on are not
     determined. `sources` are papers whose formulas the question names, and where they are described.
+    `error_scope` says what the errors of the figures cover.
     As text it is what the command line prints; `picture` gives the picture that a notebook shows as well.
     """
 
@@ -142,6 +143,7 @@ class Answer(Findings):
     live: LivePart | None = None
     refused: bool = False
     sources: Sequence[tuple[str, str]] = ()
+    error_scope: str = ERROR_SCOPE
     picture: Callable[[Answer], str] = _no_picture
 
     @property
@@ -159,7 +161,7 @@ class Answer(Findings):
         return "\n".join([
             *self.verdict.splitlines(),
             *(f"  {label:<{wide}}  {x.text()}" for label, x in zip(labels, self.figures.values())),
-            *[ERROR_SCOPE] * bool(self.figures),
+            *[self.error_scope] * bool(self.figures),
             *(f"Warning: {warning}" for warning in warned[:PRINTED_WARNINGS]),
             *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),
             *[f"Computed with {flavour} FMUs." for flavour in [self.provenance.get("flavour")] if flavour],

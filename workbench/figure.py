@@ -17,6 +17,7 @@ MOST_DIGITS = 6
 SENTENCE_DIGITS = 4
 #: Significant digits of a difference in percent in a sentence, a convention of this project.
 SHARE_DIGITS = 3
+#: What stands under the figures of a question that does not say itself what its errors are.
 ERROR_SCOPE = (
     "The error is numerical only: coupling, steps and rows. Tolerances of the parameters and the model's own "
     "error are not in it; `scenarios study` varies parameters within their tolerances."

@@ -21,9 +21,6 @@ HIGHEST = 8
 ROUNDING = 1e-12
 #: Largest distance of a root from its level, over that of the rows; SciPy's piecewise roots are far closer.
 ON_LEVEL = 1e-9
-#: Distance of a turning point from a level, over the range of the rows, below which it may or may not pass; a
-#: convention, larger than the error of a spline with a few dozen rows in a period.
-TOUCHED = 1e-3
 
 
 class Measured(NamedTuple):
@@ -138,20 +135,53 @@ def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
     does not pass it that often.
 
     The error is infinite where x turns so near to the level before that (after it for which < 0) that
-    a small error of x decides which time it is.
+    its rows do not tell on which side, and so which time it is. Other errors of x are not known here:
+    `clearance` says how large they may be.
     """
     times = crossing_times(t, x, level)
-    time, begin, end = Measured(math.nan, math.nan), t[0], t[-1]
+    time = Measured(math.nan, math.nan)
+    if -len(times) <= which < len(times):
+        time = _crossing(t, x, level, times, which % len(times))
+    near = clearance(t, x, level, which)
+    return time._replace(error=math.inf) if near.value <= near.error else time
+
+
+def clearance(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
+    """Return how far from a level x turns back, at the nearest turn that decides when it passes the level.
+
+    These are the turns before the next time after the one sought, or for which < 0 after the time before it. An
+    error of x beyond that may make another time the one that is sought. It is nan where nothing turns there.
+    """
+    times = crossing_times(t, x, level)
+    begin, end = t[0], t[-1]
     if -len(times) <= which < len(times):
         k = which % len(times)
-        time = _crossing(t, x, level, times, k)
         bounds = np.concatenate([t[:1], times, t[-1:]])
         begin, end = (bounds[k], end) if which < 0 else (begin, bounds[k + 2])
     curve = metrics.spline(t, x)
     turns = curve.derivative().roots(extrapolate=False)
-    near = np.abs(curve(turns) - level) < TOUCHED * (x.max() - x.min())
-    doubtful = near & (begin < turns) & (turns < end)
-    return time._replace(error=math.inf) if doubtful.any() else time
+    turns = turns[(begin < turns) & (turns < end)]
+    if not len(turns):
+        return Measured(math.nan, math.nan)
+    nearest = turns[np.argmin(np.abs(curve(turns) - level))]
+    halves = [metrics.spline(t[half], x[half])(nearest) for half in _halves(len(t))]
+    distance = _largest_change(float(curve(nearest)), [float(value) for value in halves])
+    return Measured(abs(distance.value - level), distance.error)
+
+
+def passed_for_certain(passing: Figure, clearance: Figure | None) -> Figure:
+    """Return the time of a crossing, refused where x comes nearer to the level than its error is.
+
+    Parameters
+    ----------
+    passing : Figure
+        The time.
+    clearance : Figure or None
+        What `clearance` gives, with the error of x; None where nothing turns.
+    """
+    if clearance is None or (clearance.error is not None and clearance.value > clearance.error):
+        return passing
+    return Measured(math.nan, math.inf).figure(passing.unit, passing.meaning)
 
 
 def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> Measured:

@@ -16,7 +16,7 @@ from cosim import SetupError
 
 from . import catalog
 from .answer import Findings, Show
-from .figure import Figure
+from .figure import ERROR_SCOPE, Figure
 from .options import Options, Run, declared, parse_options
 from .simple import SimpleForm
 
@@ -67,6 +67,8 @@ class Question:
         Figures without which the answer is refused.
     sources : tuple of pairs of str
         The papers whose formulas it names, and where they are described.
+    error_scope : str
+        What the errors of its figures cover, in sentences.
     is_parallel : bool
         Whether its runs are spread over all cores by default with native FMUs, too.
     preset : mapping
@@ -86,6 +88,7 @@ class Question:
     fixed_starts: tuple[str, ...] = ()
     decisive: tuple[str, ...] = ()
     sources: tuple[tuple[str, str], ...] = ()
+    error_scope: str = ERROR_SCOPE
     is_parallel: bool = False
     preset: Mapping[str, Any] = field(default_factory=dict)
     old_name: str = ""
@@ -162,6 +165,7 @@ def read(module: ModuleType, locator: str = "") -> Question:
         fixed_starts=tuple(content.get("FIXED_STARTS", ())),
         decisive=tuple(content.get("DECISIVE", ())),
         sources=tuple(content.get("SOURCES", ())),
+        error_scope=content.get("ERROR_SCOPE", ERROR_SCOPE),
         is_parallel=bool(content.get("PARALLEL", False)),
     )
 

@@ -142,6 +142,7 @@ def answer(
         live=live_part,
         refused=is_refused(question, findings.figures),
         sources=question.sources,
+        error_scope=question.error_scope,
         picture=export.picture,
     )
 

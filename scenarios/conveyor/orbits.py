@@ -147,7 +147,7 @@ class OrbitRunner:
 
     def check(self, machine: Machine, nu: float, step_multiple: int = 1) -> None:
         """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
-        setting = f"{self.steps_per_rev} steps per revolution"
+        setting, most = f"{self.steps_per_rev} steps per revolution", STEP_MULTIPLES[-1]
         longest = longest_step(machine, self.algorithm)
         fewest = step_multiple * TURN / (nu * longest)
         why = ""
@@ -160,7 +160,13 @@ class OrbitRunner:
             raise SetupError(
                 f"{setting} are unstable with {self.algorithm} at {nu:g} rad/s: the step must stay below "
                 f"{longest / step_multiple:.3g} s, and a revolution takes {TURN / nu:.4g} s{why}. Take "
-                f"{math.floor(fewest) + 1} or more steps per revolution, or a speed above {slowest:.3g} rad/s"
+                f"{most * math.ceil((math.floor(fewest) + 1) / most)} or more steps per revolution, or a speed above "
+                f"{slowest:.3g} rad/s"
+            )
+        if self.steps_per_rev % most:
+            raise SetupError(
+                f"{setting} must be a multiple of {most}: steps that are exactly 2 and {most} times longer give the "
+                f"errors. Take {most * math.ceil(self.steps_per_rev / most)}"
             )
 
     def step_multiples(self, machine: Machine, nu: float) -> Sequence[int]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from workbench import Figure
+from workbench.figure import listed
 
 from .features import Feature, Kind
 from .rows import SpeedSweep
@@ -67,43 +68,82 @@ class RippleLimit:
             figures[f"{name}_{k // 2 + 1}" if k > 1 else name] = crossing.figure
         return figures
 
-    def sentences(self) -> list[str]:
-        """Say which speeds to avoid, and at how many speeds nothing is known."""
-        lines = [self.about_crossings()] if self.crossings else self.about_rows()
+    def sentences(self, left_out: Sequence[str] = ()) -> list[str]:
+        """Say which speeds to avoid, what the sweep leaves out, and at how many speeds nothing is known.
+
+        Parameters
+        ----------
+        left_out : sequence of str
+            What a reader asks for and the sweep does not have, such as the resonance. A ripple below its limit
+            everywhere else is then no answer, and is not told.
+        """
+        if self.crossings:
+            lines = [self.about_crossings()]
+        else:
+            lines = self.about_rows(is_complete=not left_out)
+        lines += self.about_left_out(left_out)
         total = len(self.sweep.speeds)
         steady = sum(not math.isnan(row["tau2"]) for row in self.sweep.rows)
         if steady < total:
             lines.append(f"No steady orbit is found at {total - steady} of the {total} speeds.")
         return lines
 
+    def about_left_out(self, left_out: Sequence[str]) -> list[str]:
+        """Say what the sweep does not have, in at most one sentence."""
+        first, last = self.sweep.line.first, self.sweep.line.last
+        extent = f"The sweep from {first:g} to {last:g} rad/s"
+        if len(self.sweep.speeds) == 1:
+            extent = f"The sweep, which has the only speed {first:g} rad/s,"
+        return [f"{extent} leaves out {listed(left_out)}."] if left_out else []
+
     def about_crossings(self) -> str:
         """Say which speeds to avoid, with the digits that hold."""
         ends = (crossing.figure for crossing in self.crossings)
         reasons = [figure.reason for figure in ends if figure.error is None]
         if not reasons:
-            return f"Avoid speeds {avoided(self.crossings)}, where the torque ripple is above the limit."
+            return f"Avoid speeds {self.avoided()}, where the torque ripple is above the limit."
         steps = f"With {self.sweep.runner.steps_per_rev} steps per revolution"
-        where = f"{steps} the torque ripple is above the limit {avoided(self.crossings)}"
+        where = f"{steps} the torque ripple is above the limit {self.avoided()}"
         return f"{where}. How far that is from the truth is not determined: {reasons[0]}."
 
-    def about_rows(self) -> list[str]:
-        """Say whether the ripple is above its limit where it is known, in at most one sentence."""
+    def about_rows(self, *, is_complete: bool) -> list[str]:
+        """Say whether the ripple is above its limit where it is known, in at most one sentence.
+
+        From one speed, and from a sweep that is not complete, no all-clear follows.
+        """
         total = len(self.sweep.speeds)
         steady = sum(not math.isnan(row["tau2"]) for row in self.sweep.rows)
         answers = [above_limit(self.limit, row) for row in self.sweep.rows]
         above, decided = answers.count("yes"), len(answers) - answers.count(UNDETERMINED)
-        if not decided:
+        if not decided or (not above and decided == total and not (is_complete and total > 1)):
             return []
         if 0 < above < decided:
             return [f"The torque ripple is above the limit at {above} of {total} speeds."]
         at = f"each of the {decided} of {total} speeds at which it is determined"
-        if decided == total:
+        if total == 1:
+            at = f"{self.sweep.speeds[0]:g} rad/s, the only speed of the sweep"
+        elif decided == total:
             at = "every speed of the sweep"
         elif decided == 1:
             at = f"the only one of {total} speeds at which it is determined"
         elif decided == steady:
             at = f"each of the {steady} of {total} speeds that have a steady orbit"
         return [f"The torque ripple {'is above' if above else 'stays below'} the limit at {at}."]
+
+    def avoided(self) -> str:
+        """The stretches between crossings in words, with the digits that hold; beyond the sweep nothing is known."""
+        parts, last = [], len(self.crossings) - 1
+        for k, crossing in enumerate(self.crossings):
+            about = f"about {float(f'{crossing.feature.near:.2g}'):g} rad/s"
+            where = about if crossing.figure.error is None else crossing.figure.brief()
+            if crossing.is_upward:
+                parts.append(f"from {where}")
+                if k == last:
+                    parts.append(f"to the end of the sweep, {self.sweep.line.last:g} rad/s")
+            else:
+                begin = f"from the start of the sweep, {self.sweep.line.first:g} rad/s, "
+                parts.append(f"{begin if k == 0 else ''}to {where}{' and' if k < last else ''}")
+        return " ".join(parts)
 
 
 def above_limit(limit: float, row: Mapping[str, float]) -> str:
@@ -112,16 +152,3 @@ def above_limit(limit: float, row: Mapping[str, float]) -> str:
     if value - error > limit:
         return "yes"
     return "no" if value + error <= limit else UNDETERMINED
-
-
-def avoided(crossings: Sequence[LimitCrossing]) -> str:
-    """The stretches between crossings in words, with the digits that hold."""
-    parts, last = [], len(crossings) - 1
-    for k, crossing in enumerate(crossings):
-        about = f"about {float(f'{crossing.feature.near:.2g}'):g} rad/s"
-        where = about if crossing.figure.error is None else crossing.figure.brief()
-        if crossing.is_upward:
-            parts.append(f"{'from' if k < last else 'above'} {where}")
-        else:
-            parts.append(f"{'to' if k else 'below'} {where}{' and' if k < last else ''}")
-    return " ".join(parts)

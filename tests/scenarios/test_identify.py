@@ -14,11 +14,13 @@ from scipy.optimize import brentq
 
 from cosim import SetupError
 from examples import measured_conveyor, measured_iron
+from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.fitting import prior
+from workbench.catalog import names
+from workbench.fitting import RecordOptions, prior
 from workbench.run import row
 
 TRUTH = measured_conveyor.equivalent_drive()
@@ -62,6 +64,17 @@ def test_the_truth_lies_within_the_errors(answer: Answer) -> None:
     for name in ("motor.B", "motor.T", "conveyor.rotor.J", "conveyor.spring.c"):
         figure = f[name.replace(".", "_").lower()]
         assert abs(figure.value - TRUTH[name]) < 1.5 * figure.error
+
+
+def test_the_sentence_under_its_figures_is_that_of_a_fit(answer: Answer) -> None:
+    assert "95 % interval of the fit" in repr(answer) and "numerical only" not in repr(answer)
+
+
+def test_every_question_that_fits_a_record_says_what_its_errors_are() -> None:
+    for name in names(PROJECT.home):
+        question = PROJECT.load(name)
+        fits = issubclass(question.options, RecordOptions)
+        assert ("95 % interval of the fit" in question.error_scope) == fits, name
 
 
 def test_what_would_get_it_clear_does(answer: Answer) -> None:

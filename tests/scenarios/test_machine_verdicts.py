@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.optimize import minimize_scalar
 
 from components.iron_drive import model as iron
+from cosim import System
 from fmukit.declare.record import start
 from scenarios.orientator import machine as orientator
+from scenarios.orientator.products import STEP, Product, ProductsUntilJam
+from scenarios.orientator.questions import orientation_time
 from tests.components.iron_oracle import by_material_points
 from tests.conftest import ask
 
@@ -67,3 +74,65 @@ def test_an_impulse_of_a_landing_that_never_was_is_refused() -> None:
         assert held[name].error is None
     assert stopped.figures["corner_impulse"].value > 0.0
     assert stopped.figures["hook_impulse"].error is None
+
+
+@pytest.mark.parametrize("friction", [0.35, 0.6])
+@pytest.mark.parametrize("speed", [2.1, 5.2, 8.4])
+def test_the_least_reaction_of_the_wall_is_determined_with_long_steps(
+    speed: float, friction: float
+) -> None:
+    """The stage of turning lasts 60 ms; a run with steps of 40 ms has one row of it."""
+    coarse, fine = (
+        ask("orientator_cycle", speed=speed, friction=friction, step=step).figures["wall_least"]
+        for step in (0.01, 1e-3)
+    )
+    assert coarse.error is not None and fine.error is not None, coarse.reason
+    assert abs(coarse.value - fine.value) <= coarse.error + fine.error
+    assert coarse.error < 0.02
+
+
+@pytest.mark.parametrize(("motor", "stop"), [(4.0, 0.01), (2.0, 0.02), (4.0, 0.06)])
+def test_the_end_of_a_start_is_no_peak(motor: float, stop: float) -> None:
+    answer = ask("iron_start", motor_A=motor, stop=stop, step=1e-4)
+    w = answer.tables["iron_start.csv"].frame["iron.w_cam"].to_numpy()
+    rises = w.argmax() == len(w) - 1
+    assert ("peaks at" in answer.verdict) != rises
+    assert (
+        f"At {stop:g} s, the end of the run, the cam still gets faster" in answer.verdict
+    ) == rises
+
+
+def test_a_run_up_that_passes_its_resonance_by_a_hundred_errors_has_a_time() -> None:
+    """Its speed comes back to 0.177 rad/s above it, with an error of 0.001 rad/s."""
+    start = {
+        "motor.B": 13.6933, "motor.T": 0.0305013, "conveyor.rotor.J": 0.013186, "conveyor.crank.r": 0.00381011,
+        "conveyor.trough.m": 62.6949, "conveyor.trough.d": 187.206, "conveyor.spring.c": 1657520.0,
+        "conveyor.rod.l": 0.164591,
+    }  # fmt: skip
+    figures = ask("run_up", speed=215.698, start=start).figures
+    passing, clear = figures["linear_passing"], figures["linear_clearance"]
+    assert passing.error is not None, passing.reason
+    assert abs(passing.value - 0.0055195) <= passing.error + 1e-5
+    assert clear.value == pytest.approx(0.177, abs=1e-2) and clear.error < 0.01
+    near = ask("run_up", speed=215.295, start=start).figures
+    assert near["linear_clearance"].value < 5e-3
+    assert near["linear_passing"].reason == "the signal only touches the level, within its error"
+
+
+def test_a_product_that_jams_with_half_the_step_refuses_its_figures_and_not_the_question(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def simulated(machine: Any, mu: float, n: float, step: float = STEP) -> Product:
+        stage = 4 if n < 80.0 and step == STEP else 5
+        time = 0.25 if stage == 4 else math.nan
+        return Product(mu, n, stage, 0, time, time, time, time, time)
+
+    monkeypatch.setattr(orientation_time, "simulate", simulated)
+    products = [simulated(None, 0.35, n) for n in (70.0, 79.99, 80.0)]
+    frame = pd.DataFrame(products)
+    figures = orientation_time.figures(System({}), frame, {0.35: ProductsUntilJam.of(products)})
+    refused = {name for name, figure in figures.items() if figure.error is None}
+    assert {"shortest_time"} <= refused and any("products" in name for name in refused)
+    for name in refused:
+        assert "depends on the step" in figures[name].reason
+    assert all(figure.problem() == "" for figure in figures.values())

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
 
 from cosim import Result, limit
 from cosim.accuracy.extrapolation import extrapolate
@@ -57,11 +58,16 @@ def test_a_crossing_that_never_happens_is_a_refused_figure() -> None:
         assert (figure.error, figure.reason) == (None, "it does not happen during the run")
 
 
-@pytest.mark.parametrize("level", [3.9677, 3.9695])
-def test_a_level_that_is_only_just_reached_or_missed_gives_no_time(level: float) -> None:
-    """x = 3 - cos(t) - t / 100 turns at 3.9686, 1.9371, 3.9058: what comes before the time sought decides."""
+@pytest.mark.parametrize("off", [-1e-8, 1e-8])
+def test_a_level_that_is_only_just_reached_or_missed_gives_no_time(off: float) -> None:
+    """x = 3 - cos(t) - t / 100 turns at 3.9686, 1.9371, 3.9058: what comes before the time sought decides.
+
+    The rows leave 1e-7 of x open.
+    """
     t = np.linspace(0.0, 12.0, 400)
     x = 3.0 - np.cos(t) - t / 100.0
+    turn = math.pi - math.asin(0.01)
+    level = 3.0 - math.cos(turn) - turn / 100.0 + off
     crossings = [
         measure.crossing(t, x, level, which).figure("s", "when") for which in (0, 1, -1, -2)
     ]
@@ -80,10 +86,30 @@ def test_only_turns_before_a_time_make_it_doubtful() -> None:
     """t sin(t) turns at 1.820 and at 7.917: a level there is passed twice, and twice or not again."""
     t = np.linspace(0.1, 12.0, 800)
     x = t * np.sin(t)
-    for level, doubtful in ((1.8195, {0, 1, 2, 3, -3, -4}), (7.915, {*range(-4, 4)})):
+    turns = [float(brentq(lambda t: math.tan(t) + t, *span)) for span in ((1.8, 2.2), (7.9, 8.1))]
+    low, high = (turn * math.sin(turn) - 1e-9 for turn in turns)
+    for level, doubtful in ((low, {0, 1, 2, 3, -3, -4}), (high, {*range(-4, 4)})):
         for which in range(-4, 4):
             infinite = math.isinf(measure.crossing(t, x, level, which).error)
             assert infinite == (which in doubtful), (level, which)
+
+
+@pytest.mark.parametrize(
+    ("level", "which", "clear"),
+    [(7.0, 0, 0.827), (7.0, -1, 0.827), (8.0, 0, 3.022), (8.0, -1, 0.173)],
+)
+def test_the_clearance_is_that_of_the_turns_which_decide(
+    level: float, which: int, clear: float
+) -> None:
+    """t + 3 sin(t) turns at 4.739, 1.544, 11.022, 7.827 and 17.305: it passes 7 once, and 8 three times."""
+    t = np.linspace(0.0, 15.0, 600)
+    near = measure.clearance(t, t + 3.0 * np.sin(t), level, which)
+    assert near.value == pytest.approx(clear, abs=1e-3) and near.error < 1e-5
+    passing = Figure(1.0, "s", 1e-6)
+    for error in (0.5 * near.value, 2.0 * near.value):
+        told = measure.passed_for_certain(passing, Figure(near.value, "rad", error))
+        assert (told == passing) == (error < near.value)
+    assert measure.passed_for_certain(passing, None) == passing
 
 
 def test_an_integral_states_what_its_rows_leave_open() -> None:

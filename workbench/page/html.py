@@ -20,7 +20,7 @@ from ..charts.motion import Motion
 from ..charts.plotly import PlotlyDict, alt_text, figure
 from ..charts.style import STYLE
 from ..charts.svg import svg
-from ..figure import ERROR_SCOPE, Figure
+from ..figure import Figure
 from .script import compact
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def report(answer: Answer, path: Path) -> None:
     mark = f"own-{secrets.token_hex(16)}"
     text = page.render(
         answer=answer,
-        scope=ERROR_SCOPE,
+        scope=answer.error_scope,
         mark=mark,
         charts=[{"title": picture.title, "alt_text": alt_text(picture)} for picture in pictures],
         motions=show.motions,

@@ -21,10 +21,12 @@ from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import (
     Measured,
     Samples,
+    clearance,
     crossing,
     harmonics,
     largest,
     measured,
+    passed_for_certain,
     smallest,
 )
 
@@ -106,11 +108,22 @@ def system(o: Options, fmus: Mapping[str, Path]) -> System:
 def figures(o: Options, r: Result) -> dict[str, Figure]:
     """How fast, how far beyond, at which torque and current, and what is left at the end."""
     t, torque, rad = r["time"], r.units["shaft.tau_b"], r.units["load.w"]
+    clear = clearance(t, r["load.w"], NEAR * o.speed)
+    back = (
+        {}
+        if math.isnan(clear.value)
+        else {
+            "near_clearance": clear.figure(
+                rad, f"how near to {NEAR:.0%} of its set speed the load turns back"
+            )
+        }
+    )
     fast, shaft = largest(t, r["load.w"]), largest(t, r["shaft.tau_b"])
     return {
         "near_time": crossing(t, r["load.w"], NEAR * o.speed).figure(
             "s", f"time until the load first reaches {NEAR:.0%} of its set speed"
         ),
+        **back,
         "w_max": fast.figure(rad, f"largest speed of the load up to {o.stop:g} s"),
         **means(o, r),
         **ripples(o, r),
@@ -216,8 +229,9 @@ def rest(last: float, before: float, first: float) -> float:
 
 
 def more_figures(o: Options, f: Mapping[str, Figure], r: Result) -> dict[str, Figure]:
-    """Return the natural frequencies of the drive."""
-    return frequencies(r)
+    """Return the natural frequencies of the drive, and when it is near its speed, if that is certain."""
+    near = passed_for_certain(f["near_time"], f.get("near_clearance"))
+    return {"near_time": near, **frequencies(r)}
 
 
 def frequencies(r: Result) -> dict[str, Figure]:

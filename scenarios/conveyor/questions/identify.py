@@ -34,6 +34,7 @@ from ..options import RippleOptions
 from ..papers import cited
 
 PARTS = DRIVE
+ERROR_SCOPE = fitting.ERROR_SCOPE
 SOURCES = cited(22)
 SPEED, TORQUE = "conveyor.w", "motor.tau"
 STATES = ("conveyor.phi", SPEED, TORQUE)

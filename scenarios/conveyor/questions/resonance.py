@@ -220,8 +220,23 @@ def verdict(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
     """The answer in plain words: on the resonance, above the limit; speeds to avoid, or how far classical
     theory holds.
     """
-    last = [classical.sentence(r.classical)] if r.classical else r.limit.sentences()
+    left = left_out(f, r)
+    last = r.limit.sentences(left)
+    if r.classical:
+        last = [classical.sentence(r.classical), *r.limit.about_left_out(left)]
     return "\n".join([about_resonance(f, r), about_limit(o, f, r), *last])
+
+
+def left_out(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
+    """What the reader asks for and the sweep does not have: the operating speed, the resonance."""
+    first, last = r.line.first, r.line.last
+    left = []
+    if not first <= r.speed <= last:
+        left.append(f"the operating speed of {r.speed:g} rad/s")
+    formula, has_peak = f["nu_res"].value, f["zeta"].value <= LARGEST_PEAKED_ZETA
+    if has_peak and f["nu_90"].error is None and not first <= formula <= last:
+        left.append(f"the resonance, at {formula:.4g} rad/s by formula (22)")
+    return left
 
 
 def about_resonance(f: Mapping[str, Figure], r: ResonanceData) -> str:
@@ -268,12 +283,6 @@ def unlocated(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
         sentences.append(f"At {operating_speed(r)} {behind}")
     lag_speed = "The speed at which the torque ripple lags by 90 degrees"
     sentences.append(f"{lag_speed} is not determined: {f['nu_90'].reason}")
-    formula, first, last = f["nu_res"].value, r.line.first, r.line.last
-    if not first <= formula <= last:
-        sentences.append(
-            f"The sweep from {first:g} to {last:g} rad/s does not include the {formula:.4g} rad/s of the "
-            "resonance formula (22)"
-        )
     return sentences
 
 

@@ -19,7 +19,17 @@ from cosim import Result, System
 from workbench import Chart, Curve, Figure, Mark, Panel, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
-from workbench.measure import Samples, crossing, crossing_times, largest, measured, since, smallest
+from workbench.measure import (
+    Samples,
+    clearance,
+    crossing,
+    crossing_times,
+    largest,
+    measured,
+    passed_for_certain,
+    since,
+    smallest,
+)
 from workbench.periodic import TURN
 
 from .. import live_theory
@@ -86,10 +96,14 @@ def machine_of(o: Options) -> Machine:
 
 
 def more_figures(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> dict[str, Figure]:
-    """Return the resonance by formula, and how fast it builds up."""
+    """Return the resonance by formula, how fast it builds up, and the times of passing that are certain."""
     machine = machine_of(o)
     build_up = 1 / (4 * math.pi * machine.zeta)
-    return {
+    passings = {
+        f"{motor}_passing": passed_for_certain(f[f"{motor}_passing"], f.get(f"{motor}_clearance"))
+        for motor in MOTORS
+    }
+    return passings | {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
@@ -102,13 +116,18 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     """
     t, w, second = r["time"], r["conveyor.w"], r.units["time"]
     machine, meaning = machine_of(o), "time when the crank has passed the resonance"
+    passed = crossing(t, w, machine.nu_res, -1)
+    clear = clearance(t, w, machine.nu_res, -1)
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
     all_figures = {
         "passing": Figure.undetermined(second, BELOW, meaning)
         if w[-1] < machine.nu_res
-        else crossing(t, w, machine.nu_res, -1).figure(second, meaning),
+        else passed.figure(second, meaning),
         "revolutions_near": near.figure("1", "revolutions within 10 % of the resonance"),
     }
+    if w[-1] >= machine.nu_res and not math.isnan(clear.value):
+        least = "how near the speed comes back to the resonance after that"
+        all_figures["clearance"] = clear.figure(r.units["conveyor.w"], least)
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]
         all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}")

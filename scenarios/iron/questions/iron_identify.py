@@ -28,6 +28,7 @@ from .. import machine as iron
 from .. import motion
 
 PARTS = iron.PARTS
+ERROR_SCOPE = fitting.ERROR_SCOPE
 SPEED, TORQUE, SUPPLY = "iron.w", "motor.tau", "motor.A"
 STATES = ("iron.phi", "iron.w_cam", TORQUE)
 LOADS = ("iron.iron.m", "iron.spring.c", "iron.friction.K_up", "iron.friction.K_down")

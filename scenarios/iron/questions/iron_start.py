@@ -131,6 +131,12 @@ def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
     return float((phi[-1] - CubicSpline(t, phi)(began)) / (t[-1] - began))
 
 
+def still_rises(r: Result) -> bool:
+    """Whether the largest speed of a run is that of its end, and so no peak."""
+    w = r["iron.w_cam"]
+    return int(np.argmax(w)) == len(w) - 1
+
+
 def stands(t: Samples, phi: Samples) -> bool:
     """Whether the cam hardly moves in the last tenth of a run, to either side."""
     last = t >= t[-1] - 0.1 * (t[-1] - t[0])
@@ -140,10 +146,10 @@ def stands(t: Samples, phi: Samples) -> bool:
 def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
     """How the cam starts, how it goes on, and the ledger."""
     texts = {name: figure.brief() for name, figure in f.items()}
-    starts = (
-        f"The cam peaks at {texts['w_cam_max']} after {texts['w_cam_max_time']}; its mean speed in the second "
-        f"half is {texts['w_cam_mean']} ({f['cycles'].brief('cycles/min')})."
-    )
+    peak = f"The cam peaks at {texts['w_cam_max']} after {texts['w_cam_max_time']}"
+    if still_rises(r[0]):
+        peak = f"At {o.stop:g} s, the end of the run, the cam still gets faster, at {texts['w_cam_max']}"
+    starts = f"{peak}; its mean speed in the second half is {texts['w_cam_mean']} ({f['cycles'].brief('cycles/min')})."
     if stands(r[0]["time"], r[0]["iron.phi"]):
         turned = (
             f"the cam has made {texts['turns']} turns with a peak speed of {texts['w_cam_max']}"

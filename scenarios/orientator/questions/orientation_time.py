@@ -169,6 +169,14 @@ def compared(
     return None
 
 
+def per_minute(time: Figure) -> Figure:
+    """Return how many products a catcher orients in a minute, each of which takes this time [s]."""
+    meaning = "products per minute there, with one catcher"
+    if time.error is None:
+        return Figure.undetermined("1/min", time.reason, meaning)
+    return Figure(60 / time.value, "1/min", 60 / time.value**2 * time.error, meaning)
+
+
 def figures(
     machine: System, products: Frame, series: Mapping[float, ProductsUntilJam]
 ) -> dict[str, Figure]:
@@ -180,6 +188,9 @@ def figures(
         """A time of orientation; its error is what half the step changes, and a rotor `wide` slower."""
         variants = ((max(0.0, p.n - wide), STEP), (p.n, STEP / 2))
         times = [simulate(machine, p.mu, n, step).orientation_time for n, step in variants]
+        if not all(map(math.isfinite, times)):
+            why = "it depends on the step of the run whether this product jams"
+            return Figure.undetermined("s", why, meaning)
         change = sum(abs(p.orientation_time - time) for time in times)
         return Measured(p.orientation_time, max(change, ROUNDING)).figure("s", meaning)
 
@@ -193,11 +204,8 @@ def figures(
         of_friction = {"limit": products_of.limit()}
         if products_of.jam is not None:
             time = takes(products_of.oriented[-1], products_of.bracket, "orientation time there")
-            pace, change = 60 / time.value, 60 / time.value**2 * (time.error or 0.0)
             of_friction["orientation_time"] = time
-            of_friction["products"] = Figure(
-                pace, "1/min", change, "products per minute there, with one catcher"
-            )
+            of_friction["products"] = per_minute(time)
         for name, x in of_friction.items():
             all_figures[key(name, mu)] = x._replace(meaning=f"friction {mu:g}: {x.meaning}")
     times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"]).query("count > 1")

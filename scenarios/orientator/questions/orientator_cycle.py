@@ -4,7 +4,7 @@ One cup is followed from the drop to the end, with its trajectory, angles and sp
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,8 +12,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Figure, Mark, Run, Show, option
+from workbench import Chart, Context, Figure, Mark, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
+from workbench.coupling import SOME_RUNS
 from workbench.figure import SHARE_DIGITS, concise, listed
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Samples, measured
@@ -34,6 +35,9 @@ IMPULSES = {
 STOPPED = orientator.REASONS.index("catcher stopped")
 #: Fewest rows of a stage, derived from the four coefficients of a cubic.
 LEAST_ROWS = 4
+FEW_ROWS = f"a stage has fewer than {LEAST_ROWS} rows, even with much shorter steps"
+#: Most steps of a run for the reaction of the wall: a stage that is shorter than some of them is not resolved.
+MOST_STEPS = 100_000
 CURVES = {
     "angle": {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
     "speed": {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)},
@@ -42,6 +46,14 @@ CURVES = {
 
 
 WALL = {"orientator.N_K": ("wall", FORCE)}
+WALL_RECORD = (
+    "orientator.N_K",
+    "orientator.stage",
+    "orientator.reason",
+    *(f"orientator.t_{x}" for x in STAGES),
+)
+#: A product, and the smallest reaction of the wall.
+Data = tuple[Result, Figure]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +69,26 @@ class Options(Run):
 def system(o: Options, fmus: Mapping[str, Path]) -> System:
     """Return the orientator that turns at the speed of the options."""
     return orientator.system(fmus, o.speed, o.friction, o.start)
+
+
+def more_runs(o: Options, context: Context, system: System) -> Figure:
+    """Return the smallest reaction of the wall, from steps so short that each stage has the rows of a cubic.
+
+    Everything else is told by the FMU itself, whatever the step.
+    """
+    step = o.step
+    while True:
+        run = replace(o, step=step)
+        _, read = context.certify(system, lambda r: {"wall_least": reaction(r)}, run, WALL_RECORD)
+        figure = read["wall_least"]
+        if figure.reason not in (FEW_ROWS, SOME_RUNS) or o.stop / step > MOST_STEPS:
+            return figure
+        step /= 4.0
+
+
+def more_figures(o: Options, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
+    """Return the smallest reaction of the wall."""
+    return {"wall_least": r[1]}
 
 
 def figures(o: Options, r: Result) -> dict[str, Figure]:
@@ -80,7 +112,7 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
         landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
         why = f"it does not come to that: {ending(r)}"
         all_figures[name] = figure if landed else Figure.undetermined(figure.unit, why, meaning)
-    return all_figures | {"wall_least": reaction(r)}
+    return all_figures
 
 
 def reaction(r: Result) -> Figure:
@@ -96,8 +128,7 @@ def reaction(r: Result) -> Figure:
         lasts = float(r[f"orientator.t_{name}"][-1])
         ends = np.array([end, end + lasts if lasts else t.max(initial=end)])
         if ends[1] > end and len(t) < LEAST_ROWS:
-            why = f"the stage {name} has fewer than {LEAST_ROWS} rows; a smaller step gives more"
-            return Figure.undetermined(unit, why, meaning)
+            return Figure.undetermined(unit, FEW_ROWS, meaning)
         if ends[1] > end:
             least.append(measured(partial(lowest, ends=ends), t, force))
         end = float(ends[1])
@@ -125,7 +156,7 @@ def ending(r: Result) -> str:
     return f"the product is {still}{orientator.STAGES[stage]}"
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
     """What becomes of the product, and how long each stage takes."""
     after = f" after {f['orientation_time'].brief()}" if f["oriented"].value else ""
     stages = [f"{f[f't_{x}'].brief()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
@@ -139,12 +170,12 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
             f" The reaction of the wall falls to {concise(wall, SHARE_DIGITS)}: the wall would have to pull, and a "
             "real cup leaves it there."
         )
-    return f"{ending(r).capitalize()}{after}. {stage_text}.{pulls}"
+    return f"{ending(r[0]).capitalize()}{after}. {stage_text}.{pulls}"
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
-    until_end = orientator.shortened(r)
+    until_end = orientator.shortened(r[0])
     stages, last = orientator.stages(until_end), float(until_end["time"][-1])
     panel = partial(result_panel, result=until_end, x=1e3 * until_end["time"])
     zero = Mark(0.0, "below 0 a real cup leaves the wall")
@@ -156,7 +187,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     return Show([chart], [moving], title=verdict(o, f, r).partition(". ")[0])
 
 
-def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
+def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
     """One product, up to its end."""
     last = float(orientator.ORIENTED)
     panels = [LivePanel(x, CURVES[x], "deg" if x == "angle" else "") for x in CURVES]
@@ -208,7 +239,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
             ),
         ],
         charts=[LiveChart("Angles, speeds and the wall", "time [ms]", panels, "1e3 * time")],
-        motion=motion.live_motion("One product", r, 20.0),
+        motion=motion.live_motion("One product", r[0], 20.0),
     )
 
 

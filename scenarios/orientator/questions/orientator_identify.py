@@ -26,6 +26,7 @@ from .. import motion
 from ..products import run_product, simulated_limit
 
 PARTS = orientator.PARTS
+ERROR_SCOPE = fitting.ERROR_SCOPE
 SPEED, DROP, FRICTION = "orientator.w", "orientator.release", "orientator.chute.mu"
 TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
 FIXED_STARTS = (SPEED, DROP, FRICTION)
