@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from numbers import Integral, Real
 
 from .engine.algorithms import REGISTRY, find_algorithm
 from .engine.changes import continuous_profiles
 from .engine.control import Adaptive
 from .engine.energy import find_bonds
 from .engine.initialise import monitored_outputs
-from .engine.settings import RunSettings
+from .engine.settings import LEFT_OVER, RunSettings
 from .errors import SetupError
 from .fmu.times import coincide
+from .names import only
 from .system import STATE, VARIABLE_STEP, Network, parts_without, require_cosimulation
 from .system.graph import algebraic_loops, describe_loop
 from .system.inputs import parse_change
+from .units import QUANTITY, multiples
 
 #: Sub-steps of a part in a communication step. A convention: more than a million are a mistake.
 MOST_SUBSTEPS = 1 << 20
@@ -25,6 +28,7 @@ HIGHEST_INPUT_DEGREE = 8
 def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
     """The reasons why this system cannot be run with these settings, a sentence each."""
     try:
+        _require_kinds(settings)
         require_cosimulation(network.descriptions, network.system.parts)
         settings.ports(network)
         settings.check()
@@ -45,6 +49,10 @@ def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
             span = f"from {settings.start!r} to {settings.stop!r} s"
             yield f"change {text!r}: {time!r} s is not in the run, {span}"
     for port, profile in network.inputs:
+        try:
+            profile.at(settings.start)
+        except SetupError as error:
+            yield str(error)
         if lack := profile.lacks(settings.start, settings.stop):
             yield f"{port.name}: its table {lack}"
 
@@ -53,6 +61,36 @@ def require_runnable(network: Network, settings: RunSettings) -> None:
     """Raise SetupError for a system that cannot be run with these settings."""
     for problem in setup_problems(network, settings):
         raise SetupError(problem)
+
+
+def _require_kinds(settings: RunSettings) -> None:
+    """Refuse what is not of the kind that a setting is; raises SetupError with what to write."""
+    times = {name: getattr(settings, name) for name in ("start", "stop", "step", "output_step")}
+    times |= {"tolerance": settings.tolerance}
+    for name, value in times.items():
+        if isinstance(value, Adaptive) or (value is None and name in ("output_step", "tolerance")):
+            continue
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise SetupError(f"{name} = {value!r} must be a number{_as_seconds(name, value)}")
+    for name in ("record", "order"):
+        value = getattr(settings, name)
+        if isinstance(value, str):
+            raise SetupError(f"{name} must be a sequence of names: write {value.split(',')}")
+    if not isinstance(settings.algorithm, str):
+        raise SetupError(f"algorithm = {settings.algorithm!r} must be a name")
+    counts = {f"substeps of {name}": n for name, n in dict(settings.substeps).items()}
+    for name, value in (counts | {"input_order": settings.input_order}).items():
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            raise SetupError(f"{name} = {value!r} must be a whole number")
+
+
+def _as_seconds(name: str, value: object) -> str:
+    """How to write a text as a number of seconds, where it is one."""
+    quantity = QUANTITY.fullmatch(value) if isinstance(value, str) else None
+    scale = multiples("s").get(quantity[2] or "s") if quantity and name != "tolerance" else None
+    if quantity is None or scale is None:
+        return ""
+    return f" of seconds: write {name}={float(quantity[1]) * scale!r}"
 
 
 def _wrong_settings(network: Network, settings: RunSettings) -> Iterator[str]:
@@ -67,9 +105,12 @@ def _wrong_settings(network: Network, settings: RunSettings) -> Iterator[str]:
             f"input_order = {settings.input_order!r} must be at least 0 and at most "
             f"{HIGHEST_INPUT_DEGREE}"
         )
+    span = settings.stop - settings.start
+    if not isinstance(settings.step, Adaptive) and settings.step > span * (1.0 + LEFT_OVER):
+        yield f"step = {settings.step!r} s must be at most the time from start to stop: write step={span!r}"
     for name, count in settings.substeps.items():
         if name not in network.descriptions:
-            yield f"substeps: there is no part {name!r}, only {parts}"
+            yield f"substeps: there is no part {name!r}, {only(name, network.descriptions)}"
         if not 1 <= count < MOST_SUBSTEPS:
             yield f"substeps of {name} = {count!r} must be at least 1 and below {MOST_SUBSTEPS}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import errno
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -13,9 +14,13 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..errors import SetupError
+from ..names import meant
 from ..result import SimulationError
 from ..signals import handle_stop_signals
 from ..units import QUANTITY, multiples
+
+#: How argparse refuses a word that is none of several.
+CHOICE = re.compile(r".*invalid choice: '(?P<wrong>.*)' \(choose from (?P<names>.*)\)")
 
 
 class Help(argparse.HelpFormatter):
@@ -37,6 +42,9 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise SetupError, where argparse would print its usage and exit."""
+        choice = CHOICE.fullmatch(message)
+        if choice is not None:
+            message += meant(choice["wrong"], re.findall(r"[\w-]+", choice["names"]))
         raise SetupError(message)
 
     def path(self, name: str, text: str, **more: Any) -> None:

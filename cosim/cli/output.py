@@ -13,6 +13,7 @@ from .. import describe
 from ..accuracy.certify import SUMMARY
 from ..engine.recorder import Stream
 from ..errors import SetupError
+from ..names import only
 from ..result import Result, require_names
 from ..result import partial as partial_file
 from ..system import System
@@ -59,7 +60,7 @@ def require_files(options: argparse.Namespace, system: System) -> None:
     if options.certify:
         require("scipy", "--certify")
     if options.part is not None and options.part not in system.parts:
-        raise SetupError(f"there is no part {options.part!r}, only {', '.join(system.parts)}")
+        raise SetupError(f"there is no part {options.part!r}, {only(options.part, system.parts)}")
 
 
 def require_writable(path: Path) -> None:

@@ -94,6 +94,8 @@ class SystemFile:
         if options.step is not None and start < stop < start + options.step / MAX_STEP_FRACTION:
             span = f"the time from start to stop, {stop - start!r} s"
             raise SetupError(f"step = {options.step!r} s must be at most {span}")
+        if not isinstance(step, Adaptive) and options.step is None and start < stop:
+            step = min(step, stop - start)
         requested = {k: value for k, value in vars(options).items() if k in FIELDS}
         requested |= {"substeps": self.substeps(options, step)}
         return RunSettings(**requested | {"start": start, "stop": stop, "step": step})

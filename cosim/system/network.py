@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import SetupError
+from ..names import meant, only
 from .base_units import unit_conversion
 from .description import Fmu, ModelDescription, Value, Variable, declared_start
 from .inputs import FunctionInput, Table
@@ -16,7 +17,7 @@ from .ports import Catalog, Port, size_text, split_name
 from .profiles import checked_profile, profiles_of_changes
 from .reading import WANTED, XML, read_fmu
 from .start_values import checked_start
-from .wires import SHAFT, System, Wire
+from .wires import SHAFT, System, Wire, require_kinds
 
 Profile = Table | FunctionInput
 
@@ -67,6 +68,7 @@ def connect(system: System, *, runnable: bool = True) -> Network:
     finite, out of bounds or cannot be set. Parts for model exchange only are accepted; `run` refuses
     them.
     """
+    require_kinds(system)
     if not system.parts:
         raise SetupError("a system needs a part")
     fmus = {
@@ -260,22 +262,21 @@ def _terminal(catalog: Catalog, name: str, context: str) -> tuple[str, dict[str,
                 return part, {
                     k: catalog.port((part, v)).variable for k, v in fmu.terminals[terminal].items()
                 }
-            choices = ", ".join(fmu.terminals) or "none"
+            choices = (", ".join(fmu.terminals) or "none") + meant(terminal, fmu.terminals)
             raise SetupError(f"{context}: {part} has no terminal {terminal!r}; it has {choices}")
-    raise SetupError(f"{context}: {name} names no part, only {', '.join(catalog.fmus)}")
+    part = name.partition(".")[0]
+    raise SetupError(f"{context}: {name} names no part, {only(part, catalog.fmus)}")
 
 
 def _connection(catalog: Catalog, wire: Wire) -> Connection:
     context = f"wire {str(wire)!r}"
     source, target = catalog.port(wire.source), catalog.port(wire.target)
-    if source.variable.causality != "output":
-        raise SetupError(
-            f"{context}: {source} has causality {source.variable.causality}, not output"
-        )
-    if target.variable.causality != "input":
-        raise SetupError(
-            f"{context}: {target} has causality {target.variable.causality}, not input"
-        )
+    causalities = source.variable.causality, target.variable.causality
+    turned = f"; write {target.name} -> {source.name}" if causalities == ("input", "output") else ""
+    if causalities[0] != "output":
+        raise SetupError(f"{context}: {source} has causality {causalities[0]}, not output{turned}")
+    if causalities[1] != "input":
+        raise SetupError(f"{context}: {target} has causality {causalities[1]}, not input")
     for port in (source, target):
         if port.type in ("Binary", "Clock"):
             raise SetupError(f"{context}: {port} is a {port.type}, which wires cannot carry")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..errors import SetupError
+from ..names import only
 from ..series import Column, Kind
 from .base_units import BaseUnit, Unit, common_unit, found_unit, unit_conversion
 from .description import Fmu, ModelDescription, Value, Variable
@@ -110,16 +111,16 @@ class Catalog:
                     f"{part}.{variable} is an array of {size_text(shape)}: name one, {variable}[{first}]"
                 )
         if not candidates:
-            text, choices = dotted(name).strip(), ", ".join(self.fmus)
+            text = dotted(name).strip()
             part = text.partition(".")[0] if isinstance(name, str) else name[0]
-            raise SetupError(f"{text}: there is no part {part!r}, only {choices}")
+            raise SetupError(f"{text}: there is no part {part!r}, {only(part, self.fmus)}")
         part, variable = candidates[0]
         if variable in self.fmus[part].terminals:
             raise SetupError(
                 f"{part}.{variable} is a terminal: a wire joins it as '{part}.{variable} -- part.terminal'"
             )
-        choices = ", ".join(self.fmus[part].variables)
-        raise SetupError(f"{part} has no variable {variable!r}, only {choices}")
+        names = self.fmus[part].variables
+        raise SetupError(f"{part} has no variable {variable!r}, {only(variable, names)}")
 
     def array(self, name: Name) -> tuple[tuple[int, ...], list[Port]]:
         """The dimensions and elements of an array, none and the port of another name; SetupError."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import wraps
 
 from ..errors import SetupError
 from .description import Value, declared_start
@@ -27,7 +28,7 @@ def checked_profile(
     if not isinstance(profile, Table):
         if not moving:
             raise SetupError(f"{port} cannot follow a function of time; only a Real input can")
-        return port, FunctionInput(profile)
+        return port, FunctionInput(_numbers_of(port, profile))
     if not (moving or profile.held):
         raise SetupError(f"{port} cannot be interpolated and can only follow a table that is held")
     factor, offset = conversion_to(catalog, port, profile.unit, "follow a table")
@@ -38,6 +39,27 @@ def checked_profile(
         extremes = {min(extremes), max(extremes), *filter(math.isnan, extremes)}
     fitting = {value: checked_start(catalog, port, value)[1] for value in extremes}
     return port, profile.mapped(float if moving else fitting.__getitem__)
+
+
+def _numbers_of(port: Port, function: Callable[[float], float]) -> Callable[[float], float]:
+    """A function of time that raises SetupError, with the name of its input, where it gives no number."""
+
+    @wraps(function)
+    def number(t: float) -> float:
+        value = function(t)
+        if not isinstance(value, float):
+            try:
+                value = math.nan if isinstance(value, str | bytes) else float(value)
+            except (TypeError, ValueError):
+                value = math.nan
+            if math.isnan(value):
+                raise SetupError(
+                    f"input {port.name}: its function gives {function(t)!r} at t = {t!r} s; "
+                    "it must give a number"
+                )
+        return value
+
+    return number
 
 
 def profiles_of_changes(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
+from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
@@ -105,3 +107,46 @@ class System:
     bonds: Sequence[str] = ()
     inputs: Mapping[str, Table | Callable[[float], float]] = field(default_factory=dict)
     changes: Sequence[str] = ()
+
+
+def require_kinds(system: System) -> None:
+    """Refuse what is not of the kind that a system is made of; raises SetupError with what to write."""
+    _require_files(system.parts)
+    for what in ("wires", "bonds", "changes"):
+        entries = getattr(system, what)
+        if isinstance(entries, str | Wire) or not isinstance(entries, Sequence):
+            raise SetupError(f"{what} must be a sequence of texts: write [{entries!r}]")
+        for entry in entries:
+            if not isinstance(entry, str | Wire if what == "wires" else str):
+                raise SetupError(f"{entry!r} in {what} must be a text{_as_wire(entry)}")
+    for what, example in (("start", "0.05"), ("inputs", "Table([0.0, 1.0], [0.0, 2.0])")):
+        if not isinstance(getattr(system, what), Mapping):
+            raise SetupError(f"{what} must be values by name: write {{'motor.T': {example}}}")
+    for name, profile in system.inputs.items():
+        if not isinstance(profile, Table) and not callable(profile):
+            hint = "; to hold it, give it as a start value" if isinstance(profile, Real) else ""
+            text = f"input {dotted(name)} = {profile!r} must be a Table or a function of time"
+            raise SetupError(f"{text}{hint}")
+
+
+def _require_files(parts: object) -> None:
+    """Refuse parts that are no files by name; raises SetupError with what to write."""
+    if not isinstance(parts, Mapping):
+        files = [parts] if isinstance(parts, str | PathLike) else parts
+        some = (
+            [f for f in files if isinstance(f, str | PathLike)]
+            if isinstance(files, Iterable)
+            else []
+        )
+        named = {Path(f).stem: str(f) for f in some} or {"motor": "motor.fmu"}
+        raise SetupError(f"parts must be FMU files by name: write {named}")
+    for name, file in parts.items():
+        if not isinstance(name, str) or not isinstance(file, str | PathLike):
+            raise SetupError(f"part {name!r}: {file!r} must be the path of an FMU")
+
+
+def _as_wire(entry: object) -> str:
+    """How to write two names as a wire, where they are two names."""
+    if isinstance(entry, tuple | list) and [type(name) for name in entry] == [str, str]:
+        return f": write '{entry[0]} -> {entry[1]}'"
+    return ""

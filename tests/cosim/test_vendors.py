@@ -144,8 +144,12 @@ def test_check_refuses_what_run_refuses(
     assert message in command_output("run", *arguments, code=2)
 
 
-def test_steps_longer_than_the_run_are_a_single_step(tmp_path: Path) -> None:
-    result = run(system_of(pack(tmp_path / "A.fmu")), stop=1.0, step=1e7)
+def test_a_step_longer_than_the_run_is_refused(tmp_path: Path) -> None:
+    """One as long as the run, but for rounding, is its single step."""
+    system = system_of(pack(tmp_path / "A.fmu"))
+    with pytest.raises(SetupError, match=r"write step=1\.0"):
+        run(system, stop=1.0, step=1e7)
+    result = run(system, stop=1.0, step=1.0 + 1e-9)
     assert result.provenance["steps"] == 1
     assert result["A.y"][-1] == pytest.approx(np.exp(-1.0), rel=1e-12)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...errors import SetupError
+from ...names import meant
 from .base import Algorithm, CouplingContext, Feedthrough, Stage, Turn
 from .gauss_seidel import GaussSeidel
 from .iterated import Iterated
@@ -26,7 +27,9 @@ def find_algorithm(name: str) -> Algorithm:
         If none is registered under the name.
     """
     if name not in REGISTRY:
-        raise SetupError(f"algorithm {name!r} must be one of {', '.join(REGISTRY)}")
+        raise SetupError(
+            f"algorithm {name!r} must be one of {', '.join(REGISTRY)}{meant(name, REGISTRY)}"
+        )
     return REGISTRY[name]
 
 

@@ -1,0 +1,24 @@
+"""What a wrong name in a message is answered with: the names that there are, and the one that is nearest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+#: Names that a message lists. A convention: an FMU of thousands of variables fills no screen.
+MOST_LISTED = 40
+
+
+def only(wrong: object, names: Iterable[str]) -> str:
+    """The words "only a, b" of what there is, and "; did you mean b?" where a name is near."""
+    known = [*dict.fromkeys(names)]
+    listed = ", ".join(known[:MOST_LISTED]) or "none"
+    more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
+    return f"only {listed}{more}{meant(wrong, known)}"
+
+
+def meant(wrong: object, names: Iterable[str]) -> str:
+    """The words "; did you mean b?" where a name is near, in whatever letters, else nothing."""
+    by_lower = {name.lower(): name for name in names}
+    near = get_close_matches(str(wrong).lower(), by_lower, 1)
+    return f"; did you mean {by_lower[near[0]]}?" if near else ""

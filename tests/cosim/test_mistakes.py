@@ -1,0 +1,148 @@
+"""Mistakes of a Python program, and of the shell, are refused before the first run with what to write."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim import SetupError, System, Table, Wire, run
+from tests.cosim.conftest import CommandOutput
+
+WIRES = ["m.tau -> c.tau", "c.w -> m.w"]
+SYSTEMS: dict[str, tuple[dict[str, Any], str]] = {
+    "wires as tuples": ({"wires": [("m.tau", "c.tau")]}, "('m.tau', 'c.tau') in wires must be a text: write 'm.tau -> c.tau'"),
+    "wires as lists": ({"wires": [["m.tau", "c.tau"]]}, "write 'm.tau -> c.tau'"),
+    "a wire of three": ({"wires": [("m.tau", "c.tau", 2.0)]}, "in wires must be a text"),
+    "a text as wires": ({"wires": "m.tau -> c.tau"}, "wires must be a sequence of texts: write ['m.tau -> c.tau']"),
+    "one Wire": ({"wires": Wire("m.tau", "c.tau")}, "wires must be a sequence of texts"),
+    "wires by name": ({"wires": {"m.tau": "c.tau"}}, "wires must be a sequence of texts"),
+    "a text as changes": ({"changes": "at 1 s m.w = 2"}, "changes must be a sequence of texts: write ['at 1 s m.w = 2']"),
+    "a change as a tuple": ({"changes": [(1.0, "m.w", 2.0)]}, "in changes must be a text"),
+    "a text as bonds": ({"bonds": "m.tau * c.w"}, "bonds must be a sequence of texts: write ['m.tau * c.w']"),
+    "start as a list": ({"start": ["m.T=0.05"]}, "start must be values by name: write {'motor.T': 0.05}"),
+    "start as a text": ({"start": {"m.T": "50ms"}}, "m.T [s] = '50ms' must be of type Real: write 0.05"),
+    "start as an array": ({"start": {"m.T": [0.05]}}, "m.T [s] = [0.05] must be of type Real"),
+    "start of nothing": ({"start": {"m.T": None}}, "m.T [s] = None must be of type Real"),
+    "inputs as a list": ({"inputs": [1.0]}, "inputs must be values by name"),
+    "a number as an input": ({"inputs": {"m.w": 3.0}}, "input m.w = 3.0 must be a Table or a function of time; to hold it, give it as a start value"),
+    "a file as an input": ({"inputs": {"m.w": "w.csv"}}, "input m.w = 'w.csv' must be a Table or a function of time"),
+    "the wrong way round": ({"wires": ["c.tau -> m.tau"]}, "c.tau [N.m] has causality input, not output; write m.tau -> c.tau"),
+    "a name": ({"wires": ["m.tua -> c.tau"]}, "m has no variable 'tua', only w, tau,"),
+    "a near name": ({"start": {"m.Tau": 1.0}}, "; did you mean tau?"),
+    "a part": ({"wires": ["mm.tau -> c.tau"]}, "there is no part 'mm', only m, c; did you mean m?"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_system_of_the_wrong_kinds_is_told_what_to_write(name: str, fmus: Path) -> None:
+    how, message = SYSTEMS[name]
+    parts = {"m": fmus / "DriveMotor.fmu", "c": fmus / "CrankConveyor.fmu"}
+    with pytest.raises(SetupError, match=re.escape(message).replace("w,\\ tau,", ".*")):
+        run(System(parts, **how), stop=0.1, step=0.01)
+
+
+def test_parts_are_files_by_name(fmus: Path) -> None:
+    file = fmus / "DriveMotor.fmu"
+    for parts in ([file], file, str(file), (str(file),)):
+        with pytest.raises(
+            SetupError, match=r"parts must be FMU files by name: write \{'DriveMotor': "
+        ):
+            run(System(parts), stop=0.1, step=0.01)  # type: ignore[arg-type]
+    for wrong in ({"m": None}, {"m": 3}, {1: file}):
+        with pytest.raises(SetupError, match="must be the path of an FMU"):
+            run(System(wrong), stop=0.1, step=0.01)  # type: ignore[arg-type]
+    run(System({"m": str(file)}), stop=0.1, step=0.01)  # type: ignore[dict-item]
+
+
+SETTINGS: dict[str, tuple[dict[str, Any], str]] = {
+    "stop": ({"stop": "2s"}, "stop = '2s' must be a number of seconds: write stop=2.0"),
+    "stop in minutes": ({"stop": "2 min"}, "write stop=120.0"),
+    "step": ({"step": "1ms"}, "step = '1ms' must be a number of seconds: write step=0.001"),
+    "start": ({"start": "0"}, "start = '0' must be a number of seconds: write start=0.0"),
+    "text": ({"stop": "soon"}, "stop = 'soon' must be a number"),
+    "nothing": ({"stop": None}, "stop = None must be a number"),
+    "truth": ({"step": True}, "step = True must be a number"),
+    "list": ({"step": [1e-3]}, "step = [0.001] must be a number"),
+    "rows": ({"output_step": "10ms"}, "output_step = '10ms' must be a number of seconds: write output_step=0.01"),
+    "tolerance": ({"tolerance": "1e-6"}, "tolerance = '1e-6' must be a number"),
+    "a long step": ({"step": 2.0, "stop": 0.5}, "step = 2.0 s must be at most the time from start to stop: write step=0.5"),
+    "record": ({"record": "m.tau,m.P"}, "record must be a sequence of names: write ['m.tau', 'm.P']"),
+    "order": ({"order": "m"}, "order must be a sequence of names: write ['m']"),
+    "substeps": ({"substeps": {"m": 2.5}}, "substeps of m = 2.5 must be a whole number"),
+    "substeps as a text": ({"substeps": {"m": "2"}}, "substeps of m = '2' must be a whole number"),
+    "substeps of another": ({"substeps": {"n": 2}}, "substeps: there is no part 'n', only m"),
+    "input order": ({"input_order": 1.5}, "input_order = 1.5 must be a whole number"),
+    "algorithm": ({"algorithm": "Strang"}, "algorithm 'Strang' must be one of jacobi, gauss-seidel, strang, iterated; did you mean strang?"),
+    "no algorithm": ({"algorithm": None}, "algorithm = None must be a name"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_settings_of_the_wrong_kind_are_told_what_to_write(name: str, fmus: Path) -> None:
+    how, message = SETTINGS[name]
+    system = System({"m": fmus / "DriveMotor.fmu"})
+    with pytest.raises(SetupError, match=re.escape(message)):
+        run(system, **({"stop": 0.1, "step": 0.01} | how))
+
+
+@pytest.mark.parametrize("value", ["1.5", None, [1.0, 2.0], b"1", {}, complex(1.0, 2.0)])
+def test_an_input_that_gives_no_number_is_named(value: object, fmus: Path) -> None:
+    system = System({"m": fmus / "DriveMotor.fmu"}, inputs={"m.w": lambda _: value})  # type: ignore[dict-item, return-value]
+    message = re.escape(
+        f"input m.w: its function gives {value!r} at t = 0.0 s; it must give a number"
+    )
+    with pytest.raises(SetupError, match=message):
+        run(system, stop=0.1, step=0.01)
+    with pytest.raises(SetupError, match=r"input m\.w: its function gives 'late'"):
+        late = System(system.parts, inputs={"m.w": lambda t: 1.0 if t < 0.05 else "late"})  # type: ignore[dict-item, return-value]
+        run(late, stop=0.1, step=0.01)
+
+
+def test_what_is_right_stays_right(fmus: Path) -> None:
+    """Whole numbers, numbers of NumPy, a table, a Wire, tuples in place of lists."""
+    np = pytest.importorskip("numpy")
+    parts = {"m": fmus / "DriveMotor.fmu", "c": fmus / "CrankConveyor.fmu"}
+    system = System(parts, (Wire("m.tau", "c.tau"), WIRES[1]), {"m.T": np.float64(0.05)})
+    result = run(
+        system,
+        stop=np.float64(1) / 10,
+        step=np.float32(0.0078125),
+        substeps={"m": np.int64(2)},
+        record=("m.tau",),
+    )
+    assert len(result["time"]) == 14
+    for inputs in (
+        {"m.w": np.float32},
+        {"m.w": lambda t: 1},
+        {"m.w": Table([0, 1], [0, 1])},
+    ):
+        run(System({"m": parts["m"]}, inputs=inputs), stop=1, step=1, tolerance=None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["rnu", "{}"], "did you mean run?"),
+        (["run", "{}", "--set", "DriveMotor.Taau=1"], "did you mean tau?"),
+        (["run", "{}", "--set", "DrivMotor.T=1"], "did you mean DriveMotor?"),
+        (["run", "{}", "--algorithm", "Gauss-Seidel"], "did you mean gauss-seidel?"),
+        (["run", "{}", "--record", "DriveMotor.tay"], "did you mean tau?"),
+    ],
+)
+def test_the_shell_says_what_was_meant(
+    arguments: list[str], message: str, fmus: Path, command_output: CommandOutput
+) -> None:
+    words = [word.format(fmus / "DriveMotor.fmu") for word in arguments]
+    assert message in command_output(*words, code=2)
+
+
+def test_the_step_of_a_file_is_no_longer_than_the_run(
+    fmus: Path, command_output: CommandOutput
+) -> None:
+    """The one that the FMU prefers; one that is asked for is refused."""
+    fmu = fmus / "DriveMotor.fmu"
+    assert "step" in command_output("run", fmu, "--stop", "0.5", "--step", "2", code=2)
+    assert "1 step" in command_output("run", fmu, "--stop", "1e-5", "--set", "DriveMotor.w=1")
