@@ -265,12 +265,14 @@ def require_names(path: Path) -> None:
     rows = partial(path)
     for name in (rows, rows.with_suffix(".json"), path.with_suffix(".json")):
         try:
-            is_link = stat.S_ISLNK(name.lstat().st_mode)
+            mode = name.lstat().st_mode
         except FileNotFoundError:
             continue
         except OSError as error:
             raise SetupError(f"{name} cannot be written: {error.strerror}") from None
-        if is_link:
+        if stat.S_ISDIR(mode):
+            raise SetupError(f"{name} is a folder, and a file of the result needs the name")
+        if stat.S_ISLNK(mode):
             raise SetupError(
                 f"{name} is a symbolic link, and results are not written through links: "
                 "remove it or choose another name"

@@ -6,7 +6,7 @@ import math
 import re
 
 QUANTITY = re.compile(
-    r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?inf|nan)\s*([a-z%][\w./%]*)?\s*",
+    r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?inf|nan)(?:\s*([a-z%][\w./%]*))?\s*",
     re.IGNORECASE,
 )
 SCALES: dict[str, dict[str, float]] = {

@@ -20,6 +20,7 @@ import numpy as np
 from ..dense import CUBIC_ROWS, NO_BREAKS
 from ..errors import FmuError, SetupError
 from ..fmu.times import coincide
+from ..json_values import Json
 from ..report import RunReport, RunSetup, Statistics
 from ..result import (
     Result,
@@ -37,6 +38,8 @@ from ..series import TIME, Column
 CHUNK = 4096
 #: Seconds that rows wait at most. A convention: who reads the file along notices no delay.
 LONGEST = 0.1
+#: The byte of a file that Windows locks: derived from its 32 bits of a position, so that others can read the rows.
+LOCKED_BYTE = 2**31 - 2
 
 
 class Recorder:
@@ -112,15 +115,36 @@ class Recorder:
         with suppress(FmuError):
             self.flush()
         target = partial(self._path)
+        content = provenance | table_facts(columns, intervals)
         if report.outcome.status == "complete":
-            target.with_suffix(".json").unlink(missing_ok=True)
-            target = target.replace(self._path)
-        with suppress(OSError):
-            write_json(target.with_suffix(".json"), provenance | table_facts(columns, intervals))
-        self._stream.close()
+            try:
+                target = self._take_names(target, content)
+            finally:
+                self._stream.close()
+        else:
+            with suppress(OSError):
+                write_json(target.with_suffix(".json"), content)
+            self._stream.close()
         return Result(
             columns, provenance, lambda: read_rows(target), report=report, breaks=intervals
         )
+
+    def _take_names(self, rows: Path, content: dict[str, Json]) -> Path:
+        """Give the complete file and its JSON their names, so that old facts never stand beside new rows.
+
+        Raises OSError if the JSON cannot have its name; the rows are then left where they are.
+        """
+        assert self._path is not None
+        facts, name = rows.with_suffix(".json"), self._path.with_suffix(".json")
+        try:
+            write_json(facts, content)
+            name.unlink(missing_ok=True)
+            rows.replace(self._path)
+            facts.replace(name)
+        except OSError as error:
+            reason = f"{error.strerror}; the rows are in {rows.name}"
+            raise OSError(error.errno, reason, str(name)) from error
+        return self._path
 
 
 def _with_order(column: Column, statistics: Statistics) -> Column:
@@ -134,7 +158,7 @@ def _with_order(column: Column, statistics: Statistics) -> Column:
 class Stream:
     """A text file of whole lines that one run writes; raises SetupError if another one does.
 
-    The lock holds on systems that have fcntl.
+    The lock goes when the file is closed, however its process ends.
     """
 
     def __init__(self, path: Path) -> None:
@@ -174,13 +198,17 @@ class Stream:
 
 def _lock(file: int) -> bool:
     """Lock a file until it is closed; False if another has."""
-    if sys.platform == "win32":
-        return True
-    import fcntl
-
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(file, LOCKED_BYTE, os.SEEK_SET)  # rows are appended all the same
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
         return False
     return True
 

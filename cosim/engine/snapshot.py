@@ -13,7 +13,8 @@ class Snapshot:
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self._states = [(part.instance, part.instance.state()) for part in parts]
-        self._outputs = [block for part in parts for block in part.outputs]
+        # inputs too: an array is handed over whole, with elements that no wire brings anew
+        self._blocks = [b for part in parts for b in (*part.inputs, *part.outputs)]
         self._ends = [end for part in parts for end in part.bond_sides]
         self._cells: list[list[object]] = []
         self._booked: list[list[ctypes.c_double | float]] = []
@@ -22,7 +23,7 @@ class Snapshot:
         """Remember the parts as they are now; raises FmuError."""
         for instance, state in self._states:
             instance.save(state)
-        self._cells = [list(block.cells) for block in self._outputs]
+        self._cells = [list(block.cells) for block in self._blocks]
         self._booked = [list(end.totals) for end in self._ends]
 
     def restore_fmus(self) -> None:
@@ -33,7 +34,7 @@ class Snapshot:
     def restore(self) -> None:
         """Bring back everything but the nodes of moving inputs; raises FmuError."""
         self.restore_fmus()
-        for block, cells in zip(self._outputs, self._cells):
+        for block, cells in zip(self._blocks, self._cells):
             block.cells[:] = cells
         for end, booked in zip(self._ends, self._booked):
             end.totals[:] = booked

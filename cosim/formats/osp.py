@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ..engine.energy import declared_bond
 from ..errors import SetupError, pluralize
+from ..files import replacement
 from ..numbers import real, whole
 from ..system import (
     READ,
@@ -321,8 +322,10 @@ def write_osp(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for fmu, name in files.items():
-            shutil.copyfile(fmu, folder / name)
-        (folder / FILE).write_bytes(structure)
+            with replacement(folder / name) as fresh:
+                shutil.copyfile(fmu, fresh)
+        with replacement(folder / FILE) as fresh:
+            fresh.write_bytes(structure)
     except OSError as error:
         raise OSError(f"{folder} cannot be written: {error.strerror}") from error
 

@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 
 from ..errors import SetupError
 from ..json_values import Json
+from ..numbers import real
 
 CHANGE = re.compile(
     r"\s*(?:at\s+)?(?P<time>\S+?)\s*(?:s\s)?\s*(?P<name>[^\s=]+)\s*=\s*(?P<value>.*?)\s*"
 )
 COLUMN = re.compile(r"\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
-NUMBER = r"\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBER = r"\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 SCALED = re.compile(
     rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?\s*"
 )
@@ -48,6 +49,8 @@ class Reading(NamedTuple):
         Raises SetupError for a column that `where` lacks or has twice, and for a factor of 0.
         """
         text = text.strip()
+        if text not in names:  # long runs of blanks take the expression below hours
+            text = re.sub(r"\s+", " ", text)
         scaled, colon, unit = text.rpartition(":")
         match = SCALED.fullmatch(scaled if colon else text)
         name = match["name"] if match and text not in names else text
@@ -137,7 +140,7 @@ class Table:
                 value = _cell(row[index + 1].strip(), held=held)
                 if (wanted.factor, wanted.offset) != (1.0, 0.0):
                     value = wanted.factor * float(value) + wanted.offset
-                pairs.append((float(row[0]), value))
+                pairs.append((real(row[0]), value))
             except (IndexError, ValueError):
                 raise SetupError(
                     f"{path}, line {line}: time and {wanted.name} must be numbers"
@@ -308,6 +311,10 @@ def separator(path: Path | str) -> str:
 
 def read_table(path: Path | str) -> list[list[str]]:
     """The cells of a CSV file, at least one row; raises SetupError if it cannot be read."""
+    if Path(path).exists() and not Path(path).is_file():
+        raise SetupError(
+            f"{path} cannot be read as a table: it is no file, but a folder, a pipe or a device"
+        )
     try:
         mark = separator(path)
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
@@ -327,7 +334,7 @@ def read_table(path: Path | str) -> list[list[str]]:
 def _cell(text: str, *, held: bool) -> float | bool | str:
     """A number, or where values are held a truth value or a text; raises ValueError."""
     try:
-        return float(text)
+        return real(text)
     except ValueError:
         if not held:
             raise
@@ -366,9 +373,9 @@ class FunctionInput:
 
 def parse_change(text: str) -> tuple[float, str, str]:
     """Time [s], name and value of a change, "at 2 s motor.A = 7500"; raises SetupError."""
-    match = CHANGE.fullmatch(text)
+    match = CHANGE.fullmatch(re.sub(r"\s+", " ", text))
     try:
-        time = float(match["time"]) if match else math.nan
+        time = real(match["time"]) if match else math.nan
     except ValueError:
         time = math.nan
     if match is None or not math.isfinite(time):

@@ -63,7 +63,7 @@ class Wire(NamedTuple):
         >>> Wire.read("motor.w * 2 -> gearbox.w_a").factor
         2.0
         """
-        match = WIRE.fullmatch(text)
+        match = WIRE.fullmatch(re.sub(r"\s+", " ", text))
         if match is None:
             raise SetupError(
                 f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input', "

@@ -33,6 +33,7 @@ from cosim import (
 from cosim.describe import info
 from cosim.engine.initialise import initialise
 from cosim.engine.settings import RunSettings
+from cosim.engine.snapshot import Snapshot
 from cosim.system import connect
 from tests.conftest import rewritten
 from tests.cosim import foreign
@@ -251,6 +252,21 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     with pytest.raises(SetupError, match=reason) as refused:
         connect(System(two, [wire] if wire else [], start))
     assert "\n" not in str(refused.value)
+
+
+def test_going_back_brings_back_the_elements_of_an_array_that_no_wire_brings(third: Path) -> None:
+    """An array is handed over whole, and so would be what an element becomes only later."""
+    system = System({"A": third, "B": third}, ["B.Int8_out -> A.Int8_ins[1,1]"])
+    network = connect(system)
+    with ExitStack() as stack:
+        parts = initialise(network, RunSettings(1.0, 0.1), ["B", "A"], stack)
+        snapshot, instance = Snapshot([*parts.values()]), parts["A"].instance
+        element, shown = (network.port(f"A.{n}[1,2]").variable for n in ("Int8_ins", "Int8_outs"))
+        snapshot.take()
+        instance.set(element, 7)
+        snapshot.restore()
+        instance.events.enter(parts["A"].inputs)
+        assert instance.access.values([shown])["Int8_outs[1,2]"] == 0
 
 
 def test_binary_values_are_hexadecimal_digits(third: Path) -> None:

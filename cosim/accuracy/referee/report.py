@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 from ...describe import table
 from ...errors import SetupError, pluralize
+from ...files import replacement
 from .causes import Cause
 from .signals import SignalJudgement, Verdict
 
@@ -296,7 +297,9 @@ class RefereeReport:
             The file, whose suffix decides the format.
         """
         path = Path(path)
-        writer(path)(self, path)
+        write = writer(path)
+        with replacement(path) as fresh:
+            write(self, fresh)
 
 
 def writer(path: Path) -> Callable[[RefereeReport, Path], object]:

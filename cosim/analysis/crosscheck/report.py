@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 from ...describe import table
 from ...errors import SetupError
+from ...files import replacement
 from .checks import FAILED, NOT_OFFERED, NOT_RUN, PASSED, Verdict
 
 COLORS = {PASSED: "#1a7f37", FAILED: "#cf222e", NOT_OFFERED: "#6e7781", NOT_RUN: "#9a6700"}
@@ -126,7 +127,9 @@ class Crosscheck:
             The file, whose suffix decides the format.
         """
         path = Path(path)
-        path.write_text(writer(path)(self), encoding="utf-8")
+        text = writer(path)(self)
+        with replacement(path) as fresh:
+            fresh.write_text(text, encoding="utf-8")
 
 
 WRITERS: dict[str, Callable[[Crosscheck], str]] = {

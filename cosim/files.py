@@ -1,0 +1,34 @@
+"""Files that take the place of others when they are complete, and never through a link."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+#: Where names are no files of a user: what they lead to is written in place.
+DEVICES = ("/dev", "/proc")
+
+
+@contextmanager
+def replacement(path: Path) -> Iterator[Path]:
+    """A path beside another one for a file that takes its place when it is complete.
+
+    A link at the name is replaced, and what it leads to stays as it is. A pipe or a device is written in
+    place. Raises OSError with the name of the file if it cannot be written.
+    """
+    if path.absolute().is_relative_to(DEVICES[0]) or path.absolute().is_relative_to(DEVICES[1]):
+        yield path
+        return
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    fresh = path.with_name(f".partial-{path.name}")
+    try:
+        fresh.unlink(missing_ok=True)
+        yield fresh
+        fresh.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    finally:
+        fresh.unlink(missing_ok=True)
