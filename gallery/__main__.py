@@ -7,22 +7,27 @@ it is. Answers are kept in DIR/answers and renewed when the code or the FMUs hav
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from shutil import copyfile, rmtree
+from shutil import copyfile
 
+from cosim import SetupError
 from cosim.cli.options import Parser, exit_code, require
 from scenarios.fmu_files import CLONE as ROOT
 from scenarios.fmu_files import PACKAGE as HOME
 from workbench.catalog import names
 from workbench.export import PAGE
+from workbench.files import UNFINISHED, remove, replacement
+from workbench.runs.folder import reservation
 
 from . import pages
 from .answers import Answered, answered
+from .child import done
 from .drawings import drawings
 
+#: A file of Sphinx by which a folder is known as a site.
+SIGN = ".buildinfo"
 MENDED = {
     'class="caption" role="heading"': 'class="caption" role="heading" aria-level="2"',
     '<aside class="sidebar-drawer"': '<aside class="sidebar-drawer" aria-label="Pages"',
@@ -52,34 +57,59 @@ def main() -> int:
         if name not in question_names:
             parser.error(f"unknown question {name!r}; there are {', '.join(question_names)}")
     require("sphinx", "python -m gallery")
-    answers = [answered(name, out / "answers" / name) for name in options.questions]
-    for answer in answers if options.pictures else ():
-        if (target := ROOT / "docs" / answer.picture.name).is_file():
-            copyfile(answer.picture, target)
-    for path, drawing in drawings().items() if options.pictures else ():
-        path.write_text(drawing, encoding="utf-8")
-    site = build(answers, out)
+    with reservation(out):
+        answers = [answered(name, out / "answers" / name) for name in options.questions]
+        for answer in answers if options.pictures else ():
+            if (target := ROOT / "docs" / answer.picture.name).is_file():
+                with replacement(target) as fresh:
+                    copyfile(answer.picture, fresh)
+        for path, drawing in drawings().items() if options.pictures else ():
+            with replacement(path) as fresh:
+                fresh.write_text(drawing, encoding="utf-8")
+        site = build(answers, out)
     print(f"{len([*site.rglob('*.html')])} pages in {site}: open index.html")
     return 0
 
 
 def build(answers: Sequence[Answered], out: Path) -> Path:
-    """Build the site with these answers in out/site; raises CalledProcessError for any warning."""
-    source, target = out / "pages", out / "site"
-    for folder in (source, target):
-        rmtree(folder, ignore_errors=True)
+    """Build the site with these answers, which takes the place of out/site when it is complete.
+
+    Raises
+    ------
+    CalledProcessError
+        For any warning.
+    SetupError
+        If out/site is there and is no site.
+    """
+    site, work = out / "site", out / UNFINISHED
+    if site.is_symlink() or (site.exists() and not (site / SIGN).is_file()):
+        raise SetupError(f"{site} is no earlier site: move it, or choose another folder with --out")
+    remove(work)
+    work.mkdir(parents=True)
+    try:
+        _build(answers, work / "pages", work / "site")
+        if site.exists():
+            site.rename(work / "earlier")
+        (work / "site").rename(site)
+    finally:
+        remove(work)
+    return site
+
+
+def _build(answers: Sequence[Answered], source: Path, target: Path) -> None:
+    """Write the pages that Sphinx reads, and what it makes of them."""
     pages.write(answers, source)
     # A process of its own: Sphinx replaces default values of the functions that it documents by their text.
     command = [
         sys.executable, "-m", "sphinx", "--builder", "html", "--quiet", "--fail-on-warning", "--fresh-env",
-        "--write-all", "--conf-dir", str(Path(pages.__file__).parent), "--doctree-dir", str(out / "doctrees"),
+        "--write-all", "--conf-dir", str(Path(pages.__file__).parent),
+        "--doctree-dir", str(target.with_name("doctrees")),
         "--define", f"html_extra_path={source / pages.EXTRA}", str(source), str(target),
     ]  # fmt: skip
-    subprocess.run(command, cwd=ROOT, check=True)
+    done(command, check=True)
     for page in target.rglob("*.html"):
         if page.name != PAGE:
             page.write_text(mended(page.read_text(encoding="utf-8")), encoding="utf-8")
-    return target
 
 
 def mended(text: str) -> str:

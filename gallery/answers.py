@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import re
-import subprocess
 import sys
 from functools import cache
 from pathlib import Path
@@ -17,6 +16,8 @@ from cosim import SetupError, versions
 from scenarios.__main__ import PROJECT
 from scenarios.fmu_files import CLONE as ROOT
 from workbench.question import Question
+
+from .child import done
 
 KEY = "made_of.txt"
 
@@ -61,14 +62,13 @@ def answered(name: str, folder: Path) -> Answered:
     key_file = folder / KEY
     if not key_file.is_file() or key_file.read_text() != key.hexdigest():
         print(f"{name} ...", flush=True)
-        rmtree(folder, ignore_errors=True)
+        if key_file.is_file():  # else the answer of a killed run, which goes on
+            rmtree(folder)
         options = ["--jobs", str(os.cpu_count()), "--out", str(folder)]
-        done = subprocess.run(
-            [sys.executable, "-m", "scenarios", *arguments, *options], cwd=ROOT, check=False,
-            capture_output=True, text=True,
-        )  # fmt: skip
-        if done.returncode:
-            raise SetupError(f"{answer.command}: {done.stderr.strip()}")
+        command = [sys.executable, "-m", "scenarios", *arguments, *options]
+        process = done(command, check=False, capture_output=True, text=True)
+        if process.returncode:
+            raise SetupError(f"{answer.command}: {process.stderr.strip()}")
         key_file.write_text(key.hexdigest())
     return answer
 

@@ -76,7 +76,7 @@ def api(package: str) -> str:
     """The page of a package: its public names, in a table and in detail."""
     title, modules = API[package]
     module = import_module(package)
-    public = sorted(set(module.__all__) - {"VERSION"}, key=str.lower)
+    public = sorted(set(module.__all__) - {"VERSION"}, key=lambda name: (name.lower(), name))
     rows = [
         f"# {title}: `{package}`\n\n{inspect.getdoc(module)}\n\n| name | what it is |\n| --- | --- |"
     ]

@@ -1,15 +1,21 @@
-"""Any command may be ended at any moment: nothing half done looks done, and nobody stays behind."""
+"""Any command that writes may be ended at any moment: nothing half done looks done, nothing of the user is lost.
+
+Nobody stays behind either, and the same command goes on to the same files, whatever it was ended in.
+"""
 
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 import uuid
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 import pytest
@@ -18,8 +24,9 @@ from cosim import write_ssp
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT, restore_ctrl_c
+from workbench.files import UNFINISHED
 
-MOMENTS, GRACE = 50, 5.0
+GRACE = 5.0
 MOMENTS_OF_BUILDS = 12
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 STUDY = """
@@ -29,6 +36,27 @@ step = 0.01
 [grid]
 speed = { from = "20rpm", to = "90rpm", number = 6 }
 """
+RUN = "cosim run drive.ssp --step 1e-4"
+QUESTION = "scenarios run {} --flavour native --out out"
+COMMANDS = {
+    "run": f"{RUN} --out out/r.csv",
+    "run_parquet": f"{RUN} --out out/r.parquet",
+    "certify": f"{RUN} --certify --out out/r.csv",
+    "resonance": f"{QUESTION.format('resonance')} --speeds 36:44:5 --steps-per-rev 128 --jobs 2",
+    "identify": f"{QUESTION.format('identify')} --data {ROOT}/examples/conveyor_record.csv --map time=t "
+    "--map conveyor.w=n --map motor.tau=M*0.8:N.m --known conveyor.trough.m=200+-5 "
+    "--known conveyor.spring.c=720e3+-2% --rated-torque 80 --starts 2 --jobs 2",
+    "study": "scenarios study speed.toml --flavour native --jobs 2 --out out",
+    "site": "gallery --questions resonance --out out",
+}
+#: Kills by each signal; those of the site and of identify take long.
+KILLS = {"identify": 2, "site": 1}
+MANY = 3
+#: What a folder may contain that depends on when and how often a command ran.
+OF_THE_SESSION = ("journal.sqlite", "study.json", "made_of.txt", ".buildinfo")
+CHANGING = re.compile(
+    rb'own-[0-9a-f]{32}|sha256-[\w+/=]+|\d+ of them now in [\d.]+ s|"wall_time": [\d.e-]+'
+)
 
 pytestmark = [
     pytest.mark.slow,
@@ -36,21 +64,54 @@ pytestmark = [
 ]
 
 
-def command(name: str, folder: Path, fmus: Path) -> list[str]:
-    """A command whose files go to `folder`/out, or to `folder`/out.csv and .json."""
-    if name == "run":
-        parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
-        paths = {part: fmus / "native" / f"{fmu}.fmu" for part, fmu in parts.items()}
-        write_ssp(conveyor_drive(paths, SETS["A"].start(40.0)), folder / "drive.ssp", stop=4.0)
-        arguments = ["cosim", "run", "drive.ssp", "--step", "2e-5", "--out", "out.csv"]
-    elif name == "resonance":
-        arguments = ["scenarios", "run", "resonance", "--flavour", "native", "--speeds", "36:44:5"]
-        arguments += ["--steps-per-rev", "128", "--jobs", "2", "--out", "out"]
-    else:
-        (folder / "speed.toml").write_text(STUDY)
-        arguments = ["scenarios", "study", "speed.toml", "--flavour", "native", "--jobs", "2"]
-        arguments += ["--out", "out"]
-    return [sys.executable, "-m", *arguments]
+class Place(NamedTuple):
+    """A command, the folder in which it runs, and what it wrote there when nobody ended it."""
+
+    name: str
+    folder: Path
+    duration: float
+    files: dict[str, bytes]
+
+    def begin(self, mark: str) -> subprocess.Popen[bytes]:
+        """Begin the command, with a mark in the environment of all its processes."""
+        environment = os.environ | {
+            "TMPDIR": str(self.folder / "scratch"), "MARK": mark, "PYTHONPATH": str(ROOT), "COLUMNS": "100",
+        }  # fmt: skip
+        return subprocess.Popen(
+            [sys.executable, "-m", *COMMANDS[self.name].split()], cwd=self.folder, env=environment,
+            start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            preexec_fn=restore_ctrl_c,  # noqa: PLW1509
+        )  # fmt: skip
+
+    def clear(self) -> None:
+        """Leave nothing but what the user had there."""
+        shutil.rmtree(self.folder / "out", ignore_errors=True)
+        (self.folder / "out").mkdir()
+        (self.folder / "out" / "notes.txt").write_text("mine")
+
+    def written(self) -> dict[str, bytes]:
+        """What the command wrote, by name, without what belongs to a session."""
+        return {
+            path.relative_to(self.folder / "out").as_posix(): CHANGING.sub(b"", path.read_bytes())
+            for path in sorted((self.folder / "out").rglob("*"))
+            if path.is_file() and path.name not in OF_THE_SESSION
+        }
+
+    def check_whole(self) -> None:
+        """Whatever has its name is whole; what the user had is there."""
+        out = self.folder / "out"
+        assert (out / "notes.txt").read_text() == "mine"
+        assert (self.folder / "scratch" / "notes.txt").read_text() == "mine"
+        for path in out.rglob("*"):
+            inside = path.relative_to(out).as_posix()
+            if UNFINISHED in inside or ".partial" in path.name or inside not in self.files:
+                continue
+            if path.suffix == ".json" and path.name not in OF_THE_SESSION:
+                json.loads(path.read_text())
+            if path.suffix == ".parquet":
+                pd.read_parquet(path)
+            if path.suffix in (".csv", ".png", ".html", ".gif"):
+                assert CHANGING.sub(b"", path.read_bytes()) == self.files[inside], inside
 
 
 def running_processes(mark: str) -> list[str]:
@@ -65,73 +126,52 @@ def running_processes(mark: str) -> list[str]:
     return processes
 
 
-def finished(name: str, folder: Path) -> bool:
-    """Whether the files say that all is done; what says so must be whole."""
-    if name == "run":
-        if not (folder / "out.csv").exists():
-            return False
-        provenance = json.loads((folder / "out.json").read_text())
-        rows = pd.read_csv(folder / "out.csv")
-        assert provenance["status"] == "complete"
-        assert rows["time"].iloc[-1] == 4.0
-        return True
-    answer = folder / "out" / f"{name}.json"
-    for file in (folder / "out").glob("*.csv"):
-        if ".partial" not in file.name:
-            assert file.read_text().endswith("\n"), file
-    return answer.exists() and bool(json.loads(answer.read_text())["verdict"])
+@pytest.fixture(scope="module", params=COMMANDS)
+def place(
+    request: pytest.FixtureRequest, fmus: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Place]:
+    """A command that ran once without being ended."""
+    folder = tmp_path_factory.mktemp(request.param)
+    (folder / "scratch").mkdir()
+    (folder / "scratch" / "notes.txt").write_text("mine")
+    parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
+    paths = {part: fmus / "native" / f"{fmu}.fmu" for part, fmu in parts.items()}
+    write_ssp(conveyor_drive(paths, SETS["A"].start(40.0)), folder / "drive.ssp", stop=4.0)
+    (folder / "speed.toml").write_text(STUDY)
+    place = Place(request.param, folder, 0.0, {})
+    place.clear()
+    began = time.monotonic()
+    assert place.begin("").wait() == 0
+    place = place._replace(duration=time.monotonic() - began, files=place.written())
+    assert len(place.files) > 1
+    yield place
+    shutil.rmtree(folder)
 
 
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
-@pytest.mark.parametrize("name", ["run", "resonance", "study"])
-def test_an_end_at_any_moment_loses_nothing(
-    name: str, number: signal.Signals, fmus: Path, tmp_path: Path
-) -> None:
-    scratch, draw = tmp_path / "scratch", random.Random(f"{name} {number.name}")
-    scratch.mkdir()
-    arguments = command(name, tmp_path, fmus)
-    mark = f"drive-fmus-{uuid.uuid4()}"
-    environment = os.environ | {
-        "TMPDIR": str(scratch), "MARK": mark, "PYTHONPATH": str(ROOT),
-    }  # fmt: skip
-
-    def begin() -> subprocess.Popen[bytes]:
-        return subprocess.Popen(
-            arguments, cwd=tmp_path, env=environment, start_new_session=True,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
-        )  # fmt: skip
-
-    def remove() -> None:
-        shutil.rmtree(tmp_path / "out", ignore_errors=True)
-        for file in tmp_path.glob("out*"):
-            file.unlink()
-
-    began = time.monotonic()
-    assert begin().wait() == 0
-    duration = time.monotonic() - began
-    assert finished(name, tmp_path)
+def test_an_end_at_any_moment_loses_nothing(number: signal.Signals, place: Place) -> None:
+    draw, mark = random.Random(f"{place.name} {number.name}"), f"drive-fmus-{uuid.uuid4()}"
     ended = 0
-    for moment in range(MOMENTS):
-        if moment % 5 == 0:  # else what the last one left is there, and may be taken up
-            remove()
-        process = begin()
+    place.clear()
+    for _ in range(
+        kills := KILLS.get(place.name, MANY)
+    ):  # each goes on with what the last one left
+        process = place.begin(mark)
         try:
-            process.wait(draw.uniform(0.0, duration))
+            process.wait(draw.uniform(0.05, 0.95) * place.duration)
         except subprocess.TimeoutExpired:
             process.send_signal(number)
-        code = process.wait()
-        ended += code != 0
+        ended += process.wait() != 0
         deadline = time.monotonic() + GRACE
         while (left := running_processes(mark)) and time.monotonic() < deadline:
             time.sleep(0.05)
         assert not left
-        done = finished(name, tmp_path)
-        assert done or code != 0
-    assert ended > MOMENTS / 4, "most are ended on their way"
-    remove()
-    assert begin().wait() == 0
-    assert finished(name, tmp_path)
-    assert not [*scratch.iterdir()], "what a killed run leaves, a later one removes"
+        place.check_whole()
+    assert place.begin(mark).wait() == 0
+    assert place.written() == place.files
+    assert [path.name for path in (place.folder / "scratch").iterdir()] == ["notes.txt"]
+    print(f"{place.name}, {number.name}: {ended} of {kills} were ended on their way")
+    assert ended > 0
 
 
 BUILDS = {

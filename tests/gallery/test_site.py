@@ -4,6 +4,7 @@ file and offline.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -18,8 +19,9 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from lxml import html
 
+from cosim import SetupError
 from fmukit import real
-from gallery.__main__ import build
+from gallery.__main__ import SIGN, build
 from gallery.answers import Answered
 from gallery.drawings import drawings
 from scenarios.__main__ import PROJECT
@@ -29,6 +31,7 @@ from tests.test_docs import SITE_COMMAND
 from tests.workbench.browser import Browser
 from tests.workbench.test_report import page_browser
 from workbench.export import PAGE, write
+from workbench.files import UNFINISHED
 
 __all__ = ["page_browser"]
 LARGEST = 3_000_000
@@ -61,6 +64,54 @@ def full_site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = [sys.executable, *arguments.split(), "--out", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True)
     return folder
+
+
+def test_a_site_is_replaced_when_it_is_complete_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site = tmp_path / "site"
+
+    def built(text: str) -> None:
+        def fake(_answers: object, source: Path, target: Path) -> None:
+            for folder in (source, target):
+                folder.mkdir()
+                (folder / "index.html").write_text(text)
+            if not text:
+                raise KeyboardInterrupt
+            (target / SIGN).touch()
+
+        monkeypatch.setattr("gallery.__main__._build", fake)
+        build([], tmp_path)
+
+    site.mkdir()
+    (site / "mine.txt").write_text("mine")
+    with pytest.raises(SetupError, match="is no earlier site: move it"):
+        built("first")
+    assert (site / "mine.txt").read_text() == "mine"
+    (site / "mine.txt").unlink()
+    site.rmdir()
+    built("first")
+    with pytest.raises(KeyboardInterrupt):
+        built("")
+    assert (site / "index.html").read_text() == "first"
+    (tmp_path / UNFINISHED).mkdir()  # as a killed build leaves it
+    built("second")
+    assert (site / "index.html").read_text() == "second"
+    assert [path.name for path in tmp_path.iterdir()] == ["site"]
+
+
+def test_a_reference_is_the_same_in_every_process() -> None:
+    """Names that differ in capitals alone, such as limit and Limit, have one order, whatever that of a set is."""
+    text = "from gallery import reference; print(reference.api('cosim'))"
+    pages = [
+        subprocess.run(
+            [sys.executable, "-c", text], cwd=ROOT, env=os.environ | {"PYTHONHASHSEED": seed},
+            check=True, capture_output=True,
+        ).stdout
+        for seed in "123"
+    ]  # fmt: skip
+    assert pages[0].count(b"`crosscheck`") == 1
+    assert len(set(pages)) == 1
 
 
 @cache

@@ -30,6 +30,7 @@ from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, fmus_of, restore_ctrl_c, until
 from workbench import run, study
+from workbench.answer import Table
 from workbench.catalog import load_module
 from workbench.cli import main
 from workbench.question import NO_PROJECT
@@ -37,7 +38,7 @@ from workbench.runs import fingerprint
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
 from workbench.study.file import Sampling
-from workbench.study.report import _causes
+from workbench.study.report import _causes, _sentence
 from workbench.study.run import identity
 
 GRID = """
@@ -327,7 +328,7 @@ def test_the_table_reports_inputs_figures_errors_and_units(
     assert (
         "\nroot lies between 0.00 and 1.00 m1/2 in the 6 of 10 runs that have it, with a" in output
     )
-    assert ".\n  high is 1 in 4 runs and 0 in 6\n10 runs, 10 of them now in " in output
+    assert ".\n  high: yes in 4 of 10 runs\n10 runs, 10 of them now in " in output
     assert (out / "overview.png").stat().st_size > 10_000
     again = study.run(study.load(path), out=out)
     assert "10 runs, 0 of them now" in again.verdict
@@ -601,6 +602,37 @@ def test_more_time_is_for_the_runs_that_had_too_little(write: Write, tmp_path: P
     assert "0 of them now" in less.verdict
 
 
+@pytest.mark.parametrize("part", ["conclude", "end"])
+def test_an_interruption_behind_the_last_run_says_what_is_kept(
+    part: str, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    if part == "conclude":
+        monkeypatch.setitem(vars(sys.modules["workbench.study.run"]), "conclude", interrupted)
+    with pytest.raises(KeyboardInterrupt, match=r"^10 runs in .*; the same command continues$"):
+        study.run(study.load(write(GRID)), out=tmp_path / "out", jobs=1, end=interrupted)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ([0, 0, 1, 1], "yes in 2 of 4 runs; no up to x = 2 m, yes from 3 m on"),
+        ([1, 0, 0, 0], "yes in 1 of 4 runs; yes up to x = 1 m, no from 2 m on"),
+        ([1, 0, 1, 1], "yes in 3 of 4 runs"),
+        ([1, 1, 1, 1], "yes in 4 of 4 runs"),
+        ([1, np.nan, 0, 0], "yes in 1 of 3 runs; yes up to x = 1 m, no from 3 m on"),
+    ],
+)
+def test_a_yes_or_no_over_one_input_says_from_where_on(
+    values: list[float], text: str, write: Write
+) -> None:
+    plan = study.load(write('scenario = "plane.py"\n[grid]\nx = [4.0, 3.0, 2.0, 1.0]\n'))
+    frame = pd.DataFrame({"x": [4.0, 3.0, 2.0, 1.0], "high": values[::-1]})
+    assert _sentence(plan, Table(frame, {"x": "m", "high": "1"}), "high") == f"high: {text}"
+
+
 def test_a_study_file_may_begin_with_a_byte_order_mark(write: Write) -> None:
     path = write(GRID)
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
@@ -773,6 +805,21 @@ def test_the_verdict_names_the_input_that_a_figure_depends_on_most(
     assert (tmp_path / "out" / "sensitivity.png").stat().st_size > 10_000
     vague = outcome.tables["sensitivity.csv"].frame.assign(confidence=1.1)
     assert set(_causes(vague).values()) == {"; no input stands out"}
+
+
+def test_without_salib_a_study_keeps_its_rows_and_says_what_to_install(
+    write: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "SALib", None)
+    monkeypatch.setitem(sys.modules, "SALib.analyze", None)
+    monkeypatch.setattr(study.file, "find_spec", lambda _: None)
+    sampling = Sampling("lhs", 128, 7)
+    x = sampling.cube(2)
+    text = sensitivity.indices(sampling, "ab", x, "f", np.sin(20.0 * x[:, 0]))
+    assert 'RBD-FAST needs the package SALib: pip install "drive-fmus[studies]"' in text
+    path = write(TOLERANCES.replace(LHS, 'method = "saltelli"\nnumber = 64'))
+    with pytest.raises(SetupError, match="'saltelli' needs the package SALib: pip install"):
+        study.load(path)
 
 
 @pytest.mark.parametrize("method", ["lhs", "sobol"])

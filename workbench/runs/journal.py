@@ -87,6 +87,11 @@ class Journal:
         """Return the outcomes by key, in the order in which they came."""
         return list(self._rows.items())
 
+    def interrupt(self) -> KeyboardInterrupt:
+        """An interruption that says what is kept."""
+        runs = pluralize(len(self), "run")
+        return KeyboardInterrupt(f"{runs} in {self.path}; the same command continues")
+
     def forget(self, keys: Iterable[Key]) -> None:
         """Remove outcomes, whose runs are then done again."""
         for key in keys:

@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from cosim import Result, SetupError, SimulationError
-from cosim.errors import pluralize
 from cosim.signals import handle_stop_signals
 
 from .journal import Journal, Key
@@ -151,10 +150,7 @@ class Runner(ABC):
             except KeyboardInterrupt:
                 if journal is None:
                     raise
-                runs = pluralize(len(journal), "run")
-                raise KeyboardInterrupt(
-                    f"{runs} in {journal.path}; the same command continues"
-                ) from None
+                raise journal.interrupt() from None
 
     def map(
         self,

@@ -7,6 +7,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from math import isfinite, prod
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +32,7 @@ TOLERANCES = (
 )
 RANGE = "a list of values or { from, to, number }"
 WIDTH = 'a number above 0, or a share of the nominal value such as "5 %"'
+SALIB = 'SALib: pip install "drive-fmus[studies]"'
 METHODS = ("lhs", "sobol", "saltelli")
 #: Distance of samples from the faces of the unit cube; derived from the 30 bits of scipy's Sobol numbers, half of one.
 LEAST = 2.0**-31
@@ -318,6 +320,8 @@ def _sampling(table: Spec) -> Sampling:
         key: option.read(table.get(key), f"sampling.{key}") for key, option in SAMPLING.items()
     }
     number, method = settings["number"], settings["method"]
+    if method == "saltelli" and not find_spec("SALib"):
+        raise SetupError(f"sampling.method = {method!r} needs the package {SALIB}")
     if method != "lhs" and number & (number - 1):
         below = 1 << (number.bit_length() - 1)
         raise SetupError(

@@ -78,10 +78,7 @@ def conclude(
     if study.sampling is not None:
         tables["sensitivity.csv"] = Table(indices, {})
     causes = {} if study.grid or indices.empty else _causes(indices)
-    spreads = [
-        _spread(table.frame[name], table.units[name]) + causes.get(name, "")
-        for name in figures[:SPOKEN]
-    ]
+    spreads = [_sentence(study, table, name) + causes.get(name, "") for name in figures[:SPOKEN]]
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     sentences = [
         *(f"{spread}." for spread in spreads[:SENTENCES]),
@@ -105,6 +102,32 @@ def conclude(
     return answer, list(names)
 
 
+def _sentence(study: Study, table: Table, name: str) -> str:
+    """What the runs say of a figure, in a sentence without its end."""
+    column, unit = table.frame[name], table.units[name]
+    if unit == "1" and len(column.dropna()) > 1 and charts.flag(column.dropna()):
+        return _yes_or_no(study, table, name)
+    return _spread(column, unit)
+
+
+def _yes_or_no(study: Study, table: Table, name: str) -> str:
+    """How often a figure is yes; over a single input that numbers vary, also from where on, if it changes once."""
+    x = study.varied[0]
+    rows = table.frame[[x, name]].dropna()
+    yes = int(rows[name].sum())
+    text = f"{name}: yes in {yes} of {pluralize(len(rows), 'run')}"
+    if len(study.varied) > 1 or not pd.api.types.is_numeric_dtype(rows[x]):
+        return text
+    rows = rows.sort_values(x)
+    changes = np.flatnonzero(np.diff(rows[name]))
+    if len(changes) != 1:
+        return text
+    unit = "" if table.units[x] in ("", "1") else f" {table.units[x]}"
+    before, after = rows.iloc[changes[0]], rows.iloc[changes[0] + 1]
+    first, last = ("yes" if row[name] else "no" for row in (before, after))
+    return f"{text}; {first} up to {x} = {before[x]:.4g}{unit}, {last} from {after[x]:.4g}{unit} on"
+
+
 def _spread(column: pd.Series[float], unit: str) -> str:
     """A figure over all runs, in a sentence without its end."""
     name, y = column.name, column.dropna()
@@ -116,8 +139,6 @@ def _spread(column: pd.Series[float], unit: str) -> str:
     unit = "" if unit == "1" else f" {unit}"
     if y.min() == y.max():
         return f"{name} is {y.min():.6g}{unit} in {runs}"
-    if not unit and charts.flag(y):
-        return f"{name} is 1 in {pluralize(int(y.sum()), 'run')} and 0 in {len(y) - y.sum():.0f}"
     low, high, mean = (rounded(x, y.std(), MOST_DIGITS)[0] for x in (y.min(), y.max(), y.mean()))
     return (
         f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "

@@ -13,6 +13,7 @@ from typing import Any
 
 from cosim import SetupError, System
 from cosim.errors import pluralize
+from cosim.scratch import scratch
 from cosim.system import connect
 
 from ..answer import Answer
@@ -55,6 +56,7 @@ def run(
     fmus = study.project.fmus(study.question, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
+    scratch()  # removes what killed runs left there, though this one may have no run to do
     with reservation(folder), open_journal(folder, who, sound=_sound) as journal:
         with replacement(folder / "study.toml") as fresh:
             fresh.write_bytes(study.path.read_bytes())
@@ -71,8 +73,11 @@ def run(
         outcomes = dict(runner.outcomes(answers, cases, study.name, journal, timeout=study.timeout))
         session = len(cases) - before, time.perf_counter() - began
         done = [outcomes[number] for number in cases]
-        answer, figures = conclude(study, done, units, who, session)
-        end(answer, folder)
+        try:
+            answer, figures = conclude(study, done, units, who, session)
+            end(answer, folder)
+        except KeyboardInterrupt:
+            raise journal.interrupt() from None
     unknown = [name for name in study.figures if name not in figures]
     if unknown and figures:
         raise SetupError(

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from .file import Samples, Sampling, Study, problem
+from .file import SALIB, Samples, Sampling, Study, problem
 
 #: Harmonics of RBD-FAST; chosen: FAST is usually run with 4 or 6 (Saltelli, Tarantola and Chan, 1999), and more
 #: harmonics add noise to few samples.
@@ -75,8 +75,10 @@ def indices(
         half = _interval(x, y, shares, seed) + max(1.0 - r2, 0.0)
         method, result = "linear", {"S1": shares, "S1_conf": half}
     else:
-        from SALib.analyze import rbd_fast
-
+        try:
+            from SALib.analyze import rbd_fast
+        except ImportError:
+            return f"no straight line explains it, and RBD-FAST needs the package {SALIB}"
         method, result = "rbd-fast", rbd_fast.analyze(names, x, y, M=HARMONICS, seed=seed)
     estimates = [
         Index(figure, name, kind, max(float(value), 0.0), float(half), len(y), method, r2)
