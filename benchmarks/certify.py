@@ -39,8 +39,7 @@ from cosim import (
     run,
 )
 from cosim.accuracy.certify import estimates_of
-from cosim.accuracy.function_error import function_errors
-from cosim.accuracy.three_runs import three_runs
+from cosim.accuracy.nested import nested_runs
 from cosim.analysis.coupling_theory import Ideal, Scheme
 from cosim.metrics import (
     Crossing,
@@ -268,20 +267,14 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
     columns = [names[0], names[-1]]
     exact = {c: partial(column, lambda t: solution(t).T, names.index(c)) for c in columns}
 
-    def runner(
-        _: System, *, step: float, output_step: float, algorithm: str, all_rows: Path | None = None,
-        **__: Any,
-    ) -> Result:  # fmt: skip
-        every, count = round(output_step / step), round(stop / step)
+    def runner(_: System, *, step: float, algorithm: str, **__: Any) -> Result:
+        count = round(stop / step)
         x = ideal.states(Scheme(algorithm), [stop / count] * count)
         t = np.linspace(0.0, stop, len(x))
         dense = np.column_stack([t, *(x[:, names.index(c)] for c in columns)])
-        if all_rows is not None:
-            dense.tofile(all_rows)
-        rows = dense[::every]
         fed = any(unit.D is not None for unit in units.values())
         order = 2 if algorithm == "strang" and not fed else 1
-        return Result([TIME, *map(Column, columns)], {"convergence_order": order}, lambda: rows)
+        return Result([TIME, *map(Column, columns)], {"convergence_order": order}, lambda: dense)
 
     return Case(linear.couple(units, FMUS / "LinearSystem.fmu"), stop, step, exact, runner)
 
@@ -418,7 +411,7 @@ def column_metrics(column: str, level: float) -> dict[str, Metric]:
         "mean": Mean(column),
         "rms": Rms(column),
         "time of max": TimeOfLargest(column),
-        "crossing": Crossing(column, level),
+        "crossing": Crossing(column, level=level),
     }
 
 
@@ -471,21 +464,22 @@ def judged(
         for column, true in truths.items()
         for figure, metric in column_metrics(column, true["level"]).items()
     } | {
-        f"between rows|{column}|event": Crossing(column, level)
+        f"between rows|{column}|event": Crossing(column, level=level)
         for column, (level, _) in case.changes.items()
     }
     for algorithm in algorithms:
         for k in range(halvings):
-            steps = round(case.stop / case.step) * 2**k
+            steps = round(case.stop / case.step) * 2 ** (k + 2)
             h = case.stop / steps
             settings = {
                 "stop": case.stop, "algorithm": algorithm, "record": [*case.exact, *case.changes]
             }  # fmt: skip
             try:
-                with three_runs(case.system, h, case.runner, settings) as runs:
-                    estimates = estimates_of(metrics, runs)
+                with nested_runs(case.system, h, case.runner, settings) as runs:
+                    estimates = estimates_of(metrics, runs, case.system)
                     for column, true in truths.items():
-                        estimates |= function_errors(partial(_by_rows, column, true["level"]), runs)
+                        of_rows = partial(_by_rows, column, true["level"])
+                        estimates |= estimates_of(of_rows, runs, case.system)
             except SimulationError as error:  # a step beyond the limit of stability
                 print(name, algorithm, h, error, file=sys.stderr)
                 continue

@@ -265,7 +265,7 @@ def certified(case: Case) -> dict[str, float]:
         return {"last": float(result[port][-1])}
 
     estimate = certify(
-        case.system, last, step=TABLE_STEP, stop=case.stop, record=[port], algorithm="strang"
+        case.system, last, step=TABLE_STEP / 4, stop=case.stop, record=[port], algorithm="strang"
     ).figures["last"]
     truth = oracle(case.system, stop=case.stop, record=[port])
     return {

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from itertools import pairwise
 from math import comb
 from typing import TYPE_CHECKING
@@ -45,6 +46,9 @@ REPEATED_FRACTION = 1e-3
 #: Rows of which polynomials are made at a time, which bounds the memory: with all that is computed of one, 2^17 rows
 #: take 36 MB (measured).
 CHUNK_ROWS = 1 << 17
+#: Rows up to which the polynomials are kept for the next question about the column: derived, the dozen forms in which
+#: `certify` looks at a column then take 13 MB.
+KEPT_ROWS = 1 << 15
 #: Rows of overlap of two such chunks. Derived: a spline forgets a row by a factor 2 - sqrt(3) per row further,
 #: so that 32 rows leave 5e-19.
 OVERLAP_ROWS = 32
@@ -232,9 +236,17 @@ class DenseSolution:
     def polynomials(self) -> Iterator[PPoly]:
         """Polynomials of degree 3 that follow each other from the first row to the last."""
         rows = len(self.t)
+        if rows <= KEPT_ROWS:
+            yield self._whole
+            return
         for low in range(0, max(rows - 1, 1), CHUNK_ROWS):
             high = min(low + CHUNK_ROWS, rows - 1)
             yield self._polynomial(low, high)
+
+    @cached_property
+    def _whole(self) -> PPoly:
+        """The polynomials of all rows, made once, where they are few enough to be kept."""
+        return self._polynomial(0, len(self.t) - 1)
 
     def _polynomial(self, low: int, high: int) -> PPoly:
         """The polynomials from row `low` to row `high`."""
@@ -272,14 +284,25 @@ class DenseSolution:
 
     def largest(self) -> Extreme:
         """The largest value, at a row or where a polynomial has no slope."""
-        row = int(np.argmax(self.x))
-        value, time = float(self.x[row]), float(self.t[row])
+        return self._extremes[0]
+
+    def smallest(self) -> Extreme:
+        """The smallest value, at a row or where a polynomial has no slope."""
+        return self._extremes[1]
+
+    @cached_property
+    def _extremes(self) -> tuple[Extreme, Extreme]:
+        """The largest and the smallest value."""
+        rows = int(np.argmax(self.x)), int(np.argmin(self.x))
+        high, low = ((float(self.x[row]), float(self.t[row])) for row in rows)
         for p in self.polynomials():
-            values, times = _peaks(p.c, p.x[:-1], np.diff(p.x))
-            if len(values) and values.max() > value:
-                k = int(np.argmax(values))
-                value, time = float(values[k]), float(times[k])
-        return Extreme(value, time)
+            values, times = _turns(p.c, p.x[:-1], np.diff(p.x))
+            if not len(values):
+                continue
+            top, bottom = np.nanargmax(values), np.nanargmin(values)
+            high = max(high, (float(values[top]), float(times[top])), key=lambda of: of[0])
+            low = min(low, (float(values[bottom]), float(times[bottom])), key=lambda of: of[0])
+        return Extreme(*high), Extreme(*low)
 
     def maxima(self) -> tuple[Array, Array]:
         """The times [s] and values of all maxima.
@@ -316,8 +339,8 @@ def _around_top(x: Array) -> slice:
     return slice(falls[-1] + 1 if len(falls) else 0, top + rises[0] + 1 if len(rises) else len(x))
 
 
-def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Array]:
-    """The values and times of all points where polynomials have no slope, begin or end."""
+def _turns(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Array]:
+    """The values and times of all points where polynomials have no slope, begin or end; nan where there is none."""
     a, b, c, d = coefficients
     start = np.zeros(len(width))
     with np.errstate(all="ignore"):
@@ -327,8 +350,14 @@ def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Arra
         candidates = np.stack([q / (3.0 * a), c / q, start, width])
         values = ((a * candidates + b) * candidates + c) * candidates + d
     inside = (candidates >= 0.0) & (candidates <= width) & np.isfinite(values)
-    values = np.where(inside, values, -np.inf)
+    values = np.where(inside, values, np.nan)
     return values.ravel(), (begin + candidates).ravel()
+
+
+def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Array]:
+    """The values and times of `_turns`; -inf where there is none."""
+    values, times = _turns(coefficients, begin, width)
+    return np.where(np.isnan(values), -np.inf, values), times
 
 
 def _fill(c: Array, rows: tuple[Array, Array], gaps: Indices, side: Side, broken: Indices) -> None:

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import cosim
-from cosim import Result, SetupError, SimulationError, System
+from cosim import Estimate, Result, SetupError, System
 from cosim.progress import bar
 
 from .answer import Table
-from .coupling import with_coupling_errors
 from .figure import Figure
 from .files import stream
 from .options import Run
@@ -27,13 +26,8 @@ from .runs.runner import Runner
 
 #: Does every run in this process.
 IN_PROCESS = LocalRunner(jobs=1)
-#: Multiples of the communication step of the three runs, whose differences give the coupling error.
-STEP_MULTIPLES = (4, 2, 1)
 #: Fewest communication steps of a certified run, so that the coarsest of the three still has four.
 MIN_STEPS = 16
-TOO_LONG = (
-    "step = {:g} s is too long to determine errors: a run with {} times the step, {:g} s, fails: {}"
-)
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
 
@@ -69,15 +63,16 @@ class Context:
     ) -> tuple[Result, dict[str, Figure]]:
         """Run a system with steps of `o.step`, and return its result and its figures.
 
-        Their errors are those that `figures` gives for this result plus that of the coupling, from runs
-        with two and four times the step. Rows go to the CSV file of that name as they are computed.
+        It is one call of `cosim.certify`: errors are those that `figures` gives for this result plus that of the
+        coupling, from runs with two and four times the step. Rows go to the CSV file of that name as they are
+        computed.
 
         Raises
         ------
         SetupError
-            What `cosim.run` raises, and for a step that is too long to determine errors.
+            What `cosim.certify` raises, and for a step that is too long to determine errors.
         SimulationError
-            What `cosim.run` raises, and where a run with a multiple of the step fails.
+            What `cosim.certify` raises.
 
         Parameters
         ----------
@@ -98,37 +93,34 @@ class Context:
                 f"{o.stop:g} s: three runs with up to four times the step give the errors"
             )
 
-        def advance(steps: int, progress: float) -> None:
-            """Move the bar: the three runs take 1, 2 and 4 parts of 7."""
-            progress_bar((steps - 1 + steps * progress) / 7)
+        made: list[Mapping[str, Figure]] = []
 
-        figures_of_runs: list[Mapping[str, Figure]] = []
-        results: list[Result] = []
-        missing = ""
+        def numbers(result: Result) -> dict[str, Estimate]:
+            """The figures with the errors that they have themselves; the first are those of the finest run."""
+            with captured_warnings() if made else nullcontext():
+                made.append(figures(result))
+            return {
+                name: Estimate(x.value, x.error, reason=x.reason, unit=x.unit)
+                for name, x in made[-1].items()
+            }
+
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress_bar:
-            for multiple in STEP_MULTIPLES:
-                try:
-                    with captured_warnings() if multiple > 1 else nullcontext():
-                        result = cosim.run(
-                            system,
-                            stop=o.stop,
-                            step=multiple * o.step,
-                            algorithm=o.algorithm,
-                            record=record,
-                            csv=self.out / csv if self.out and csv and multiple == 1 else None,
-                            progress=partial(advance, STEP_MULTIPLES[0] // multiple),
-                        )
-                except SimulationError as error:
-                    if multiple == 1:
-                        raise
-                    missing = TOO_LONG.format(o.step, multiple, multiple * o.step, error)
-                else:
-                    figures_of_runs.insert(0, figures(result))
-                    results.insert(0, result)
-        if missing:
-            raise SimulationError(missing, result)
-        with captured_warnings():
-            return result, with_coupling_errors(figures, results, figures_of_runs)
+            certified = cosim.certify(
+                system,
+                numbers,
+                stop=o.stop,
+                step=o.step,
+                algorithm=o.algorithm,
+                record=record,
+                csv=self.out / csv if self.out and csv else None,
+                progress=progress_bar,
+            )
+        return certified.result, {
+            name: made[0][name]._replace(error=x.error)
+            if x.error is not None or made[0][name].error is None
+            else Figure.undetermined(x.unit, x.reason, made[0][name].meaning)
+            for name, x in certified.figures.items()
+        }
 
     def each(
         self,

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
-from ..dense import DenseSolution
+import numpy as np
+
 from ..describe import table
+from ..engine.changes import continuous_profiles
 from ..engine.control import Adaptive
+from ..engine.settings import RunSettings
+from ..engine.sources import change_within_steps
 from ..master import run
 from ..metrics import Largest, Last, Mean, Metric, Smallest
 from ..result import Result
-from ..system import System
+from ..system import System, connect
 from .estimate import Estimate
-from .extrapolation import DIVERGED, after_widened, divergence
-from .function_error import Function, function_errors
-from .metric_error import metric_error, rows_error
-from .three_runs import ThreeRuns, not_converged, three_runs
+from .judge import Function, judge_function, judge_metrics, number, row_estimate
+from .limit import LOWEST_ORDER, STEP_RATIO
+from .nested import RUNS, NestedRuns, longer_step, nested_runs
+from .trajectories import Divergence, divergence
+from .variants import Forms
 
 #: The metrics of `summary`, by what follows the name of a column.
 SUMMARY: dict[str, Callable[[str], Metric]] = {
@@ -29,27 +36,55 @@ SUMMARY: dict[str, Callable[[str], Metric]] = {
 }
 #: What `certify` takes: metrics or functions of a result by name, or one function to several numbers.
 Metrics = Mapping[str, Metric | Callable[[Result], float]] | Function
+#: Most times that a step is halved for the sake of an error: the run then has a thousand times as many steps.
+MOST_HALVINGS = 10
+#: Halvings after which the error of a figure must have fallen for another one.
+PATIENCE = 2
+#: The reason why figures are refused that depend on what no run shows.
+UNSEEN = "the input changes within the finest step: {} differs from its mean over the step by up to {}, in the step from {:.6g} s on"
+#: What the errors cover, and what they do not.
+COVERS = (
+    "errors cover coupling, steps and rows; those of the solvers inside the FMUs, of the models and of their "
+    "parameters are not in them"
+)
 
 
-class Certified(NamedTuple):
-    """The finest of three runs, and every metric with its error."""
+@dataclass(frozen=True)
+class Certified:
+    """The finest of three runs, and every number with its error.
+
+    Attributes
+    ----------
+    result
+        The run with `step`.
+    figures
+        The estimates by name.
+    step
+        Its step or tolerance: that asked for, or a shorter one that the wanted errors needed.
+    unmet
+        Why figures do not have the error that was wanted, by name.
+    """
 
     result: Result
     figures: dict[str, Estimate]
+    step: float | Adaptive
+    unmet: dict[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        """A line for each metric, and what the run warns of."""
+        """A line for each number with its unit, what the errors cover, and what the run warns of."""
         lines = list(table([(name, str(figure)) for name, figure in self.figures.items()]))
-        return "\n".join([*lines, *(f"warning: {text}" for text in self.result.warnings)])
+        lines += [f"{name}: {reason}" for name, reason in self.unmet.items()]
+        return "\n".join([*lines, COVERS, *(f"warning: {x}" for x in self.result.warnings)])
 
     def _repr_html_(self) -> str:
-        """The metrics as a table, for notebooks."""
+        """The numbers as a table, for notebooks."""
         rows = "".join(
             f"<tr><td>{html.escape(name)}</td><td>{html.escape(str(figure))}</td></tr>"
             for name, figure in self.figures.items()
         )
-        warnings = "".join(f"<p>{html.escape(text)}</p>" for text in self.result.warnings)
-        return f"<table><tr><th>figure</th><th>value and error</th></tr>{rows}</table>{warnings}"
+        texts = [*(f"{n}: {x}" for n, x in self.unmet.items()), COVERS, *self.result.warnings]
+        below = "".join(f"<p>{html.escape(text)}</p>" for text in texts)
+        return f"<table><tr><th>figure</th><th>value and error</th></tr>{rows}</table>{below}"
 
 
 def certify(
@@ -57,10 +92,11 @@ def certify(
     metrics: Metrics | None = None,
     *,
     step: float | Adaptive,
+    error: float | Mapping[str, float] | None = None,
     runner: Callable[..., Result] = run,
     **settings: Any,
 ) -> Certified:
-    """Run with the step, a half and a quarter of it, or the tolerance, a tenth and a hundredth.
+    """Run with the step, and with twice and four times it, which shows the errors; or with the tolerance, ten and a hundred times it.
 
     Parameters
     ----------
@@ -71,25 +107,33 @@ def certify(
         one function from a result to several numbers by name. By default the last, smallest, largest and
         mean value of every column. A function is called several times: with the rows of each run, with
         fewer rows, and with values changed by their estimated errors. It must therefore select rows by
-        their time, never by their index.
+        their time, never by their index. A function may return an `Estimate` that has the error of the rows
+        already; only that of the coupling is then added.
     step : float or Adaptive
-        The longest communication step [s], or adaptive steps with the largest tolerance.
+        The communication step of the result [s], or adaptive steps with its tolerance.
+    error : float or mapping of str to float, optional
+        The error wanted of every figure, over its value; or for some of them by name, in their units. The step is
+        halved, or the tolerance divided by ten, until the figures have it; two of three runs are used again.
     runner : callable
         Runs a system, as `run` does.
     **settings
-        Those of `run`. With fixed steps the rows of all three results are `step` apart unless `output_step` is given.
+        Those of `run`.
 
     Returns
     -------
     Certified
-        The result of the finest run, and estimates by name; a number whose error cannot be estimated has the
+        The result with the step, and estimates by name; a number whose error cannot be estimated has the
         error None and a reason. Errors are those of the coupling and of the spacing of rows; the error of the
         solver inside an FMU is the same in all runs and is not included.
 
     Raises
     ------
-    SetupError, SimulationError, Interrupted
-        Whatever `runner` raises; also what a function raises on the rows of a run.
+    SetupError
+        Before the first run, for metrics of columns that it does not have or of times outside it; also what
+        `runner` raises.
+    SimulationError, Interrupted
+        Whatever `runner` raises with the step; a run with a longer one may fail. Also what a function raises on
+        the rows of a run.
 
     Examples
     --------
@@ -101,64 +145,112 @@ def certify(
     >>> list(answer.figures)
     ['torque']
     """
-    with three_runs(system, step, runner, settings) as runs:
-        if metrics is None:
-            metrics = summary_metrics(runs.finest.names[1:])
-        return Certified(runs.finest, estimates_of(metrics, runs))
+    _check(system, metrics, settings)
+    lacks = partial(_lacks, error)
+    known: dict[int, Result] = {}
+    errors: list[dict[str, float]] = []
+    while True:
+        with nested_runs(system, step, runner, settings, known=known) as runs:
+            every = metrics or summary_metrics(column.name for column in runs.finest.columns[1:])
+            figures = estimates_of(every, runs, system)
+        unmet = {name: reason for name, x in figures.items() if (reason := lacks(name, x))}
+        errors.append({n: math.inf if (e := figures[n].error) is None else e for n in unmet})
+        if not unmet or not _is_worth_halving(errors):
+            return Certified(runs.finest, figures, step, unmet)
+        known = {k + 1: result for k, result in enumerate(runs.results[: RUNS - 1])}
+        step = longer_step(step, -1)
 
 
-def estimates_of(metrics: Metrics, runs: ThreeRuns) -> dict[str, Estimate]:
-    """The estimates of metrics and functions from three runs."""
-    if not isinstance(metrics, Mapping):
-        return function_errors(metrics, runs)
+def _check(system: System, metrics: Metrics | None, settings: Mapping[str, Any]) -> None:
+    """Refuse metrics of columns that the run will not have; raises SetupError."""
+    named = (
+        [m for m in metrics.values() if isinstance(m, Metric)]
+        if isinstance(metrics, Mapping)
+        else []
+    )
+    if not named or not system.parts:
+        return
+    start, stop = settings.get("start", 0.0), settings.get("stop", math.inf)
+    ports = RunSettings(stop, stop, start, record=settings.get("record")).ports(connect(system))
+    columns = {port.name: port.column for port in ports}
+    for metric in named:
+        metric.check(columns, start, stop)
+
+
+def _lacks(error: float | Mapping[str, float] | None, name: str, x: Estimate) -> str:
+    """Why a figure does not have the error wanted of it; "" if it has."""
+    if error is None or (isinstance(error, Mapping) and name not in error):
+        return ""
+    most = error[name] if isinstance(error, Mapping) else error * abs(x.value)
+    if x.error is None:
+        return f"it has no error: {x.reason}"
+    unit = "" if x.unit in ("", "1") else f" {x.unit}"
+    return "" if x.error <= most else f"its error is still above {most:.2g}{unit}"
+
+
+def _is_worth_halving(errors: Sequence[Mapping[str, float]]) -> bool:
+    """Whether figures that lack an error came closer to it in one of the last two halvings, and few were made."""
+    if len(errors) > MOST_HALVINGS:
+        return False
+    if len(errors) <= PATIENCE:
+        return True
+    now, before = errors[-1], errors[-1 - PATIENCE]
+    fall = STEP_RATIO**LOWEST_ORDER
+    return any(
+        math.isfinite(e) and e * fall <= before.get(name, math.inf) for name, e in now.items()
+    )
+
+
+def estimates_of(metrics: Metrics, runs: NestedRuns, system: System) -> dict[str, Estimate]:
+    """The estimates of metrics and functions from the runs of a system."""
+    diverged = divergence(runs.results, runs.ratio) if len(runs.results) == RUNS else Divergence()
     estimates: dict[str, Estimate] = {}
-    by_column: dict[str, dict[str, Metric]] = {}
-    for name, metric in metrics.items():
-        if isinstance(metric, Metric):
-            by_column.setdefault(metric.column, {})[name] = metric
-        else:
-            function = metric
-            estimates |= function_errors(lambda r, n=name, f=function: {n: f(r)}, runs)  # type: ignore[misc]
-    held = [k for k, each in enumerate(runs.finest.columns) if each.kind.is_held]
-    begin, diverged = divergence([result.data for result in runs.results], runs.ratio, held)
-    for column, group in by_column.items():
-        has_diverged = bool(diverged[runs.finest.names.index(column)])
-        estimates |= _estimates_of_column(column, group, runs, begin if has_diverged else math.inf)
-    return {name: estimates[name] for name in metrics}
-
-
-def _estimates_of_column(
-    column: str, metrics: Mapping[str, Metric], runs: ThreeRuns, diverged: float
-) -> dict[str, Estimate]:
-    """The estimates of metrics of one column, whose rows are in memory meanwhile.
-
-    From the time `diverged` [s] on its runs have diverged.
-    """
-    columns = runs.column(column)
-    slow = not_converged(runs, [column])
-    estimates = {}
-    for name, metric in metrics.items():
-        is_affected = diverged < math.inf and not _is_over(metric, columns.finest, diverged)
-        if slow or is_affected:
-            reason = slow or f"{DIVERGED} from {diverged:.4g} s on"
-            value = metric.value(columns.finest)
-            estimates[name] = Estimate(value, None, math.nan, reason=reason)
-        else:
-            estimates[name] = metric_error(metric, columns)
+    if isinstance(metrics, Mapping):
+        named = {name: m for name, m in metrics.items() if isinstance(m, Metric)}
+        estimates = judge_metrics(named, runs, diverged)
+        for name, function in metrics.items():
+            if not isinstance(function, Metric):
+                of_result = partial(_by_name, name, function)
+                estimates |= judge_function(of_result, runs, diverged)
+        estimates = {name: estimates[name] for name in metrics}
+    else:
+        estimates = judge_function(metrics, runs, diverged)
+    unseen = unseen_inputs(system, runs.dense)
+    if unseen:
+        for name, x in estimates.items():
+            metric = metrics.get(name) if isinstance(metrics, Mapping) else None
+            columns = metric.columns if isinstance(metric, Metric) else list(unseen)
+            reasons = [unseen[column] for column in columns if column in unseen]
+            if reasons:
+                estimates[name] = x._replace(error=None, reason=reasons[0])
     return estimates
 
 
-def _is_over(metric: Metric, solution: DenseSolution, begin: float) -> bool:
-    """Whether a metric depends only on the rows before a time [s].
+def _by_name(name: str, function: Callable[[Result], float], result: Result) -> dict[str, float]:
+    """The number that a function makes of a result, by its name."""
+    return {name: function(result)}
 
-    That is so if it has the same value without the later rows, and with later values spread further from
-    their middle, as those of another chaotic trajectory might be.
-    """
-    if begin <= solution.t[1]:
-        return False
-    value = metric.value(solution)
-    widened = solution.with_values(after_widened(solution.t, solution.x, begin))
-    return metric.value(solution.between(-math.inf, begin)) == value == metric.value(widened)
+
+def unseen_inputs(system: System, result: Result) -> dict[str, str]:
+    """The columns that an input reaches which changes within the steps of a run, each with the sentence that says so."""
+    if not system.inputs:
+        return {}
+    network = connect(system)
+    times = np.unique(result["time"])
+    unseen: dict[str, str] = {}
+    for port, profile in continuous_profiles(network):
+        most, time = change_within_steps(profile, times)
+        if not most:
+            continue
+        reached = {port.part}
+        while more := {w.target.part for w in network.wires if w.source.part in reached} - reached:
+            reached |= more
+        unit = f" {port.unit}" if port.unit else ""
+        why = UNSEEN.format(port.name, f"{most:.3g}{unit}", time)
+        for name in result.names[1:]:
+            if name.rpartition(".")[0].split(".")[0] in {p.split(".")[0] for p in reached}:
+                unseen.setdefault(name, why)
+    return unseen
 
 
 def summary_metrics(columns: Iterable[str]) -> dict[str, Metric]:
@@ -169,9 +261,9 @@ def summary_metrics(columns: Iterable[str]) -> dict[str, Metric]:
 def evaluate(metrics: Metrics, result: Result) -> dict[str, float]:
     """The numbers that metrics and functions make of one result."""
     if not isinstance(metrics, Mapping):
-        return dict(metrics(result))
+        return {name: number(x) for name, x in metrics(result).items()}
     return {
-        name: metric.value(result.solution(metric.column))
+        name: metric(*(result.solution(column) for column in metric.columns))
         if isinstance(metric, Metric)
         else metric(result)
         for name, metric in metrics.items()
@@ -194,10 +286,10 @@ def summary(result: Result) -> dict[str, float]:
     return evaluate(summary_metrics(result.names[1:]), result)
 
 
-def summary_rows_errors(result: Result) -> dict[str, float | None]:
-    """The errors of `summary` that are due to the spacing of the rows; None where there is none."""
-    errors = {}
-    for name, metric in summary_metrics(result.names[1:]).items():
-        solution = result.solution(metric.column)
-        errors[name] = rows_error(metric, solution, metric.value(solution))
-    return errors
+def summary_of_rows(result: Result, errors: Mapping[str, float]) -> dict[str, Estimate]:
+    """The numbers of `summary` with the errors of the spacing of the rows, and those of the columns by name added."""
+    runs = NestedRuns([result], result, STEP_RATIO)
+    return {
+        name: row_estimate(metric, Forms(runs), errors[metric.columns[0]])
+        for name, metric in summary_metrics(result.names[1:]).items()
+    }

@@ -9,7 +9,7 @@ from ..rounding import rounded
 
 
 class Estimate(NamedTuple):
-    """A value with its error and the order with which the error falls.
+    """A value with its error, the order with which the error falls, and its unit.
 
     `error` is None if none can be stated. The value is then no answer; its text says so and gives
     the `reason`. `rows` is the part of the error that is due to the spacing of the rows.
@@ -17,28 +17,16 @@ class Estimate(NamedTuple):
 
     value: float
     error: float | None
-    order: float
+    order: float = math.nan
     rows: float = 0.0
     reason: str = ""
+    unit: str = ""
 
     def __str__(self) -> str:
-        """Write the value without a unit."""
-        return self.text("").replace("  ", " ").rstrip()
-
-    def text(self, unit: str) -> str:
-        """Write the value with two digits of its error, rounded up, and a unit.
-
-        Parameters
-        ----------
-        unit : str
-            Stands after the number; "" for none.
-        """
+        """The value with two digits of its error, rounded up, and its unit; or the reason against it."""
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
         if self.error is None:
-            return f"{self.value:.5g} {unit} ({self.reason or self._unconverged()})"
+            value = "" if math.isnan(self.value) else f"{self.value:.5g}{unit} "
+            return f"{value}({self.reason or 'not determined'})"
         value, error = rounded(self.value, self.error)
-        return f"{value} +- {error} {unit}"
-
-    def _unconverged(self) -> str:
-        if math.isfinite(self.order):
-            return f"not converged: the error falls with order {self.order:.1f}"
-        return "not converged: the error falls with no order"
+        return f"{value} +- {error}{unit}"

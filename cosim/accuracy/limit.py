@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -112,6 +111,7 @@ def limit(
     noise: ArrayLike = 0.0,
     *,
     scale: ArrayLike = 0.0,
+    is_regular: ArrayLike = True,
 ) -> Limit:
     """Estimate the errors of values of three runs, element by element.
 
@@ -129,6 +129,9 @@ def limit(
         error, and runs that differ by no more than it makes of both have their spread as error.
     scale : array
         What an error without an order is compared with where that is larger than the value.
+    is_regular : array of bool
+        False where something else says that the runs are not yet where errors fall with their order: an order that
+        is observed is then an accident and confirms nothing.
 
     Returns
     -------
@@ -159,7 +162,7 @@ def limit(
         alternating = last * previous < 0.0
         lacking = np.isnan(coarse) & np.isfinite(middle)
 
-        confirmed = np.abs(q - p) <= CONFIRMED_DISTANCE * p
+        confirmed = (np.abs(q - p) <= CONFIRMED_DISTANCE * p) & np.asarray(is_regular)
         used = np.clip(q, LOWEST_ORDER, p)
         difference = np.maximum(d, D / ratio**p)
         error = np.where(
@@ -222,7 +225,13 @@ def _apart(runs: Array, noises: Array, gain: Array, distance_of_error: Array) ->
 
 
 def likeliest(
-    x: ArrayLike, orders: Any, ratio: float = STEP_RATIO, noise: ArrayLike = 0.0
+    x: ArrayLike,
+    orders: ArrayLike,
+    ratio: float = STEP_RATIO,
+    noise: ArrayLike = 0.0,
+    *,
+    scale: float = 0.0,
+    is_regular: bool = True,
 ) -> Limit:
     """Estimate the error of one value that may have one of several orders, see `limit`.
 
@@ -232,7 +241,14 @@ def likeliest(
     p = np.asarray(orders, dtype=np.float64)
     runs = np.asarray(x, dtype=np.float64)
     noises = np.broadcast_to(np.asarray(noise, dtype=np.float64), runs.shape)
-    every = limit(np.repeat(runs[:, None], len(p), axis=1), p, ratio, noises[:, None])
+    every = limit(
+        np.repeat(runs[:, None], len(p), axis=1),
+        p,
+        ratio,
+        noises[:, None],
+        scale=scale,
+        is_regular=is_regular,
+    )
     confirmed = np.abs(every.order - p) <= CONFIRMED_DISTANCE * p
     k = int(np.argmax(np.where(confirmed, p, -math.inf))) if confirmed.any() else int(p.argmin())
     return Limit(*(np.asarray(field)[k] for field in vars(every).values()))

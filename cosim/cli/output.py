@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryFile, mkdtemp
 
 from .. import describe
-from ..accuracy.certify import SUMMARY
 from ..engine.recorder import Stream
 from ..errors import SetupError
 from ..names import only
@@ -116,8 +115,3 @@ def print_warnings(result: Result) -> None:
 def print_table(rows: Iterable[Sequence[str]]) -> None:
     """Print rows in aligned columns."""
     print("\n".join(f"  {line}" for line in describe.table(list(rows))))
-
-
-def summary_columns(result: Result) -> Iterator[tuple[str, str]]:
-    """Yield the names of the metrics of `summary`, each with its column."""
-    return ((f"{column}{metric}", column) for column in result.names[1:] for metric in SUMMARY)

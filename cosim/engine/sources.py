@@ -5,10 +5,29 @@ from __future__ import annotations
 import ctypes
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import NonFiniteValueError
 from ..fmu.buffers import Slot, address
 from ..fmu.operations import NOT_FINITE, Code, Layout, Operation
 from ..system.inputs import FunctionInput, Table
+
+Array = NDArray[np.float64]
+#: Times by which an input within a step may differ more from its mean than the means of the steps beside it do. A jump
+#: inside a step gives 2, a line 0.5, a sine of three steps per period 1.2; noise that is averaged over n rows 0.8 times
+#: the root of n; a pulse of a ninth of a step 8, and one that a run does not see infinity. With half of it noise of four
+#: rows in a step is refused in a third of all runs, with twice of it a pulse of a tenth of a step is not seen.
+UNRESOLVED = 8.0
+#: Steps before and after one whose means are compared. Measured on noise with a row for each step, of which two
+#: steps are alike by chance: with 2 it is refused in every run of 1000 steps, with 8 in none of a thousand.
+BESIDE = 8
+#: Share of the largest value below which a difference is rounding of a table that is written with six digits.
+LEAST_CHANGE = 1e-6
+#: Points of a function in a step, and most of all points; the golden ratio sets them so that no period divides them.
+POINTS = 16
+MOST_POINTS = 1 << 16
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 class InputSource(Operation):
@@ -39,3 +58,71 @@ class InputSource(Operation):
         self(begin, h)
         slope = self.profile.rise(begin, h) / h
         return [self.cell[0] - 0.5 * slope * h, slope]
+
+
+def change_within_steps(profile: Table | FunctionInput, times: Array) -> tuple[float, float]:
+    """By how much an input changes within steps, unseen by their means, and when [s].
+
+    A part gets the mean of its input over a step. Where the input within a step differs from that mean by far more
+    than the means of the steps beside it differ, it has a period or a pulse that no run with these steps shows, nor
+    one with twice and four times them.
+
+    Parameters
+    ----------
+    profile : Table or FunctionInput
+        The input.
+    times : array of shape (steps + 1,)
+        When the steps begin, and the end [s].
+
+    Returns
+    -------
+    tuple of two floats
+        The largest such difference, 0 if there is none, and the beginning of its step.
+    """
+    if isinstance(profile, Table):
+        means, lows, highs = _table_ranges(profile, times)
+    else:
+        means, lows, highs = _function_ranges(profile, times)
+    within = np.maximum(highs - means, means - lows)
+    moves = np.abs(np.diff(means, prepend=means[:1], append=means[-1:]))
+    moves = np.pad(moves, BESIDE - 1, mode="edge")
+    beside = np.lib.stride_tricks.sliding_window_view(moves, 2 * BESIDE).max(axis=1)
+    size = max(float(np.abs(lows).max()), float(np.abs(highs).max()))
+    unseen = (within > UNRESOLVED * beside[: len(within)]) & (within > LEAST_CHANGE * size)
+    if not unseen.any():
+        return 0.0, math.nan
+    k = int(np.argmax(np.where(unseen, within, 0.0)))
+    return float(within[k]), float(times[k])
+
+
+def _table_ranges(table: Table, times: Array) -> tuple[Array, Array, Array]:
+    """The mean, the least and the largest value in each step."""
+    knots, values = np.array(table.times), np.array(table.values, dtype=np.float64)
+    inside = (knots > times[0]) & (knots < times[-1])
+    points = np.unique(np.concatenate([times, knots[inside]]))
+    middles = 0.5 * (points[1:] + points[:-1])
+    row = np.clip(np.searchsorted(knots, middles, side="right") - 1, 0, len(knots) - 1)
+    after = np.minimum(row + 1, len(knots) - 1)
+    begin = end = values[row]
+    if not table.held:
+        width = knots[after] - knots[row]
+        with np.errstate(all="ignore"):
+            slope = np.where(width > 0.0, (values[after] - values[row]) / width, 0.0)
+        slope = np.where(np.isfinite(slope), slope, 0.0)
+        begin, end = (values[row] + slope * (t - knots[row]) for t in (points[:-1], points[1:]))
+    first = np.searchsorted(points, times[:-1])
+    integral = np.add.reduceat(0.5 * (begin + end) * np.diff(points), first)
+    lows = np.minimum.reduceat(np.minimum(begin, end), first)
+    highs = np.maximum.reduceat(np.maximum(begin, end), first)
+    return integral / np.diff(times), lows, highs
+
+
+def _function_ranges(profile: FunctionInput, times: Array) -> tuple[Array, Array, Array]:
+    """The mean that a part gets, the least and the largest value in each step."""
+    steps = np.diff(times)
+    count = max(2, min(POINTS, MOST_POINTS // len(steps)))
+    shares = np.modf(GOLDEN * np.arange(1, len(steps) * count + 1))[0].reshape(-1, count)
+    points = times[:-1, None] + steps[:, None] * shares
+    values = np.array([float(profile.at(t)) for t in points.ravel().tolist()]).reshape(points.shape)
+    means = np.array([profile.mean(t, h) for t, h in zip(times[:-1].tolist(), steps.tolist())])
+    return means, values.min(axis=1), values.max(axis=1)

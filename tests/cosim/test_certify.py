@@ -12,11 +12,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cosim import Result, System, certify, diagnose, limit, run, smallest
-from cosim.accuracy.extrapolation import divergence
+from cosim.accuracy.trajectories import divergence
 from cosim.analysis.coupling_theory import Ideal
 from cosim.dense import DenseSolution
 from cosim.metrics import Largest, Mean, Smallest, TimeOfLargest, TimeOfSmallest
-from cosim.series import TIME, Column
+from cosim.series import TIME, Column, Kind
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple
@@ -43,7 +43,7 @@ def test_an_extreme_that_every_run_smoothes_is_in_the_error(metric: Any, widest:
         rows = np.column_stack([t, 20 * t**2 - t + 80 * step * t])
         return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
 
-    estimate = certify(System({}), {"x": metric}, step=0.05, runner=runner).figures["x"]
+    estimate = certify(System({}), {"x": metric}, step=0.0125, runner=runner).figures["x"]
     assert estimate.value == pytest.approx(0.0, abs=1e-12)
     assert estimate.error is not None and 1 / 80 <= estimate.error <= widest
 
@@ -52,7 +52,7 @@ def test_a_dip_close_behind_the_start_is_in_the_error(native: Path) -> None:
     """The cam falls back for 30 us before its motor pulls, a sixth of a step."""
     parts = {"motor": native / "DriveMotor.fmu", "iron": native / "IronDrive.fmu"}
     system = System(parts, iron.WIRES, iron.MOTOR)
-    settings = {"step": 2e-4, "stop": 0.02, "record": ["iron.w_cam"]}
+    settings = {"step": 5e-5, "stop": 0.02, "record": ["iron.w_cam"]}
     exact = run(system, **settings | {"step": 1e-6, "stop": 1e-4})["iron.w_cam"].min()
     assert exact == pytest.approx(-3.248e-6, rel=1e-3)
     function = lambda r: r["iron.w_cam"].min()
@@ -62,7 +62,7 @@ def test_a_dip_close_behind_the_start_is_in_the_error(native: Path) -> None:
         assert abs(estimate.value - exact) < estimate.error < widest
 
 
-@pytest.mark.parametrize("step", [1e-3, 5e-4])
+@pytest.mark.parametrize("step", [2.5e-4, 1.25e-4])
 def test_a_dip_that_the_coupling_hides_is_in_the_error(step: float, native: Path) -> None:
     """With Gauss-Seidel the motor pulls a step too early, so that the cam does not fall back in any run."""
     parts = {"motor": native / "DriveMotor.fmu", "iron": native / "IronDrive.fmu"}
@@ -72,7 +72,7 @@ def test_a_dip_that_the_coupling_hides_is_in_the_error(step: float, native: Path
     for metric in (Smallest("iron.w_cam"), function):
         figure = certify(system, {"least": metric}, step=step, **settings).figures["least"]
         assert figure.value == 0.0 and figure.error is not None
-        assert 3.248e-6 < figure.error < 0.2 * step
+        assert 3.248e-6 < figure.error < 0.8 * step
 
 
 def certified_estimate(x: Any, metric: Any) -> Any:
@@ -83,7 +83,7 @@ def certified_estimate(x: Any, metric: Any) -> Any:
         report = {"convergence_order": 1}
         return Result([TIME, Column("x")], report, lambda: np.column_stack([t, x(t, step)]))
 
-    return certify(System({}), {"x": metric}, step=0.01, runner=runner).figures["x"]
+    return certify(System({}), {"x": metric}, step=0.0025, runner=runner).figures["x"]
 
 
 @pytest.mark.parametrize("metric", [Smallest("x"), lambda r: float(r["x"].min())])
@@ -156,7 +156,7 @@ def test_no_number_of_a_column_is_stated_whose_error_hardly_falls(metric: Any) -
     """An error of 1 / log(1000 / h) falls by 5 % with each halving; noise of solvers is no such error."""
     slow = certified_estimate(lambda t, h: np.sin(7 * t) + (1 + t) / math.log(1e3 / h), metric)
     assert slow.error is None
-    assert "not converged: the error of x falls with order 0.2" in slow.text("1")
+    assert "not converged: the error of x falls with order 0.2" in str(slow)
     noisy = certified_estimate(lambda t, h: np.sin(7 * t) + 1e-7 * np.sin(1e9 * (t + h)), metric)
     assert noisy.error is not None
 
@@ -185,7 +185,7 @@ def test_an_output_that_follows_its_input_at_once_converges_with_order_1(
     settings = {"stop": 0.4, "record": ["conveyor.f_rod", "conveyor.w"]}
     exact = run(system, step=2e-6, output_step=1e-3, **settings)["conveyor.f_rod"][-1]
     ratios = []
-    for step in np.geomspace(1e-3, 4e-3, 13).tolist():
+    for step in np.geomspace(2.5e-4, 1e-3, 13).tolist():
         certified = certify(system, lambda r: {"f": r["conveyor.f_rod"][-1]}, step=step, **settings)
         figure = certified.figures["f"]
         if figure.error is not None:
@@ -198,7 +198,7 @@ def test_what_strang_shows_of_the_end_of_a_step_converges_with_order_2(native: P
     system = pair(native, {"conveyor.w": 50.4, "motor.tau": 15.0})
     settings: dict[str, Any] = {"stop": 0.4, "record": ["motor.P", "conveyor.f_rod"]}
     exact = run(system, step=1e-5, output_step=1e-3, **settings)["motor.P"][-1]
-    certified = certify(system, lambda r: {"P": r["motor.P"][-1]}, step=1e-3, **settings)
+    certified = certify(system, lambda r: {"P": r["motor.P"][-1]}, step=2.5e-4, **settings)
     assert certified.result.provenance["first_order"] == ["conveyor.f_rod"]
     assert certified.figures["P"].error is not None
     assert 0.5 < abs(certified.figures["P"].value - exact) / certified.figures["P"].error <= 1.0
@@ -211,7 +211,7 @@ def test_the_order_stated_knows_of_direct_feedthrough(fmus: Path) -> None:
     units = drive(1.0)
     system = couple(units, fmus / "LinearSystem.fmu")
     figures: Any = lambda result: {"w": float(result["load.x[2]"][-1])}
-    certified = certify(system, figures, stop=0.01, step=1e-4, record=["load.x[2]"])
+    certified = certify(system, figures, stop=0.01, step=2.5e-5, record=["load.x[2]"])
     assert certified.result.provenance["convergence_order"] == 1
     estimate = certified.figures["w"]
     exact = Ideal(units).exact([0.01])[-1][3]
@@ -237,9 +237,9 @@ def lorenz(h: float, stop: float) -> Any:
 def test_figures_after_the_runs_have_diverged_are_refused(stop: float) -> None:
     """On the Lorenz attractor; what does not need the rows after that keeps its error."""
 
-    def runner(_: System, *, step: float, output_step: float, **__: Any) -> Result:
-        t = np.linspace(0.0, stop, round(stop / output_step) + 1)
-        x = lorenz(step, stop)[:: round(output_step / step)]
+    def runner(_: System, *, step: float, **__: Any) -> Result:
+        t = np.linspace(0.0, stop, round(stop / step) + 1)
+        x = lorenz(step, stop)
         columns = [TIME, *map(Column, ("x", "y", "z", "ramp"))]
         rows = np.column_stack([t, x, t])
         return Result(columns, {"convergence_order": 2}, lambda: rows)
@@ -249,10 +249,10 @@ def test_figures_after_the_runs_have_diverged_are_refused(stop: float) -> None:
         estimates = {f"{k} late": float(np.max(r[k][final])) for k in "xyz"}
         return estimates | {"early": float(np.mean(r["x"][early])), "ramp": float(r["ramp"][-1])}
 
-    estimates = certify(System({}), figures, step=0.005, runner=runner).figures
+    estimates = certify(System({}), figures, step=0.00125, runner=runner).figures
     for name in ("x late", "y late", "z late"):
         assert estimates[name].error is None
-        assert "not converged: the runs diverge from" in estimates[name].text("1")
+        assert "not converged: the runs diverge from" in str(estimates[name])
     exact = solve_ivp(
         lambda _, x: [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]],
         (0.0, 1.0), [1.0, 1.0, 20.0], t_eval=np.linspace(0.0, 1.0, 201), rtol=1e-10, atol=1e-10,
@@ -264,18 +264,25 @@ def test_figures_after_the_runs_have_diverged_are_refused(stop: float) -> None:
 def test_runs_that_differ_much_but_converge_have_not_diverged() -> None:
     """A phase that falls behind by an error of order 1, by a row or by a quarter of a turn."""
     t = np.linspace(0.0, 10.0, 401)
+
+    def runs(x: Any, kind: Kind = Kind.CONTINUOUS) -> list[Result]:
+        rows = [np.column_stack([t, x(h)]) for h in (0.025, 0.05, 0.1)]
+        return [Result([TIME, Column("x", kind=kind)], {}, lambda r=r: r) for r in rows]
+
     for delay in (0.02, 0.2, 1.0):
-        runs = [np.column_stack([t, np.sin(2 * (1 - delay * h) * t)]) for h in (0.025, 0.05, 0.1)]
-        assert divergence(runs)[0] == math.inf
-    steps = [np.column_stack([t, t > 5 + 4 * h]) * 1.0 for h in (0.025, 0.05, 0.1)]
-    assert not divergence(steps, held=[1])[1].any()
+        late = runs(lambda h, delay=delay: np.sin(2 * (1 - delay * h) * t))
+        assert not divergence(late).columns
+    assert not divergence(runs(lambda h: (t > 5 + 4 * h) * 1.0, Kind.DISCRETE)).columns
 
 
 def test_results_show_themselves_in_a_notebook(fmus: Path) -> None:
     certified = certify(
-        pair(fmus / "native"), lambda r: {"end <b>": float(r["motor.tau"][-1])}, stop=0.1, step=1e-3
+        pair(fmus / "native"),
+        lambda r: {"end <b>": float(r["motor.tau"][-1])},
+        stop=0.1,
+        step=2.5e-4,
     )
-    text = certified.figures["end <b>"].text("")
+    text = str(certified.figures["end <b>"])
     assert str(certified).startswith(f"end <b>  {text.split()[0]} +- ")
     page = certified._repr_html_()
     assert "end &lt;b&gt;" in page and text.split()[0] in page and "+-" in page
@@ -292,12 +299,12 @@ def test_results_show_themselves_in_a_notebook(fmus: Path) -> None:
 )
 def test_all_rows_stay_in_their_file(figure: Any, native: Path) -> None:
     """A figure of one column takes less memory than twice what all rows of the finest run would."""
-    stop, step = 1.0, 4e-5
+    stop, step = 1.0, 1e-5
     tracemalloc.start()
     try:
         got = certify(pair(native), {"mean": figure}, stop=stop, step=step, output_step=0.01)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    numbers = 4 * stop / step * len(got.result.columns)
+    numbers = stop / step * len(got.result.columns)
     assert peak < 2 * numbers * np.dtype(float).itemsize

@@ -158,7 +158,7 @@ def test_certify_states_errors_and_orders(drive: Path, command_output: CommandOu
     assert " +- " in mean
     assert "order 2.0" in mean
     (rate,) = [line for line in text.splitlines() if "conveyor.a, mean" in line]
-    assert re.search(r" \+- 0\.\d+ rad/s2 +order (0\.9|1\.\d)$", rate)
+    assert re.search(r" \+- \d\.\d+ rad/s2 +order (0\.9|1\.\d)$", rate)
 
 
 @pytest.mark.parametrize("has_file", [False, True])
@@ -174,17 +174,17 @@ def test_the_errors_of_certify_are_those_of_three_different_runs(
     for name, figure in certified.figures.items():
         assert figure.error is not None and figure.error > 1e-6
         (line,) = [line for line in text.splitlines() if f"{name} " in line]
-        assert figure.text("N.m") in line
+        assert str(figure) in line
 
 
 def test_figures_of_names_with_commas_keep_their_units(
     fmus: Path, command_output: CommandOutput
 ) -> None:
     record = "LinearSystem.A[2,1],LinearSystem.x[1]"
-    options = ("--stop", 0.02, "--certify", "--record", record)
+    options = ("--stop", 0.1, "--certify", "--record", record)
     lines = command_output("run", fmus / "LinearSystem.fmu", *options).splitlines()
     (rate,) = [line for line in lines if "LinearSystem.A[2,1] at the end" in line]
-    assert rate.split()[-6:] == ["-100.0000000", "+-", "0.0000001", "1", "order", "2.0"]
+    assert rate.split()[-4:] == ["+-", "0.00000001", "order", "2.0"]
     assert any("LinearSystem.x[1], largest" in line for line in lines)
 
 

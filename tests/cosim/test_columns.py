@@ -45,18 +45,18 @@ def test_a_jump_of_an_input_has_a_row_before_and_one_after(
     assert result["motor.P"].min() >= 0.0 and result["motor.P"].max() == after  # no cubic rings
 
 
-@pytest.mark.parametrize("step", [Adaptive(1e-3), Adaptive(1e-5), 0.01, 1e-3])
+@pytest.mark.parametrize("step", [Adaptive(1e-5), Adaptive(1e-7), 0.0025, 2.5e-4])
 def test_the_error_of_what_is_largest_at_a_jump_holds(
     switched: System, step: float | Adaptive
 ) -> None:
     """Without a row behind the jump 60 027.023 +- 0.000006 W were stated for it, and 0.834 s for its time."""
-    metrics = {"power": Largest("motor.P"), "time": Crossing("motor.P", 4e4)}
+    metrics = {"power": Largest("motor.P"), "time": Crossing("motor.P", level=4e4)}
     got = certify(switched, metrics, stop=1.0, step=step).figures
     exact = oracle(switched, stop=1.0, output_step=1e-3).solution("motor.P").largest()
     for name, truth in (("power", exact.value), ("time", 0.503)):
         error = got[name].error
         assert error is not None and abs(got[name].value - truth) <= error, name
-    if step != 0.01:
+    if step != 0.0025:
         assert got["power"].error < 1e-9 * got["power"].value
 
 

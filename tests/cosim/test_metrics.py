@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,17 +16,34 @@ from benchmarks.certify import Verdict, cases, complaints, judged, judged_synthe
 from cosim import (
     Estimate,
     Result,
+    SetupError,
+    System,
     certify,
     crossing,
     largest,
     mean,
     rms,
+    run,
     smallest,
     time_of_largest,
     time_of_smallest,
 )
 from cosim.dense import DenseSolution
-from cosim.metrics import Harmonic, Integral, Largest, Last
+from cosim.metrics import (
+    Crossing,
+    Harmonic,
+    Integral,
+    Largest,
+    Last,
+    LastTurn,
+    Mean,
+    Metric,
+    StrongestOrder,
+    Swing,
+    TimeOfLargest,
+    TurnMean,
+    passings,
+)
 from cosim.series import TIME, Column, Kind
 
 SEED = 20261122
@@ -80,8 +98,8 @@ def of(
 ) -> Callable[..., Result]:
     """A run whose rows are exact whatever the step."""
 
-    def runner(_: Any, *, output_step: float, **__: Any) -> Result:
-        t = np.linspace(0.0, stop, round(stop / output_step) + 1)
+    def runner(_: Any, *, step: float, **__: Any) -> Result:
+        t = np.linspace(0.0, stop, round(stop / 0.01) + 1)
         rows = np.column_stack([t, values(t)])
         return Result([TIME, Column("x", kind=kind)], {"convergence_order": 2}, lambda: rows)
 
@@ -95,7 +113,9 @@ def rows_only(
 ) -> Estimate:
     """A figure of rows that the coupling does not touch."""
     runner = of(values, kind=kind)
-    got = certify(None, lambda r: {"f": figure(r["time"], r["x"])}, step=0.01, runner=runner)
+    got = certify(
+        System({}), lambda r: {"f": figure(r["time"], r["x"])}, step=0.0025, runner=runner
+    )
     return got.figures["f"]
 
 
@@ -161,7 +181,7 @@ def test_a_figure_that_cannot_be_determined_is_refused_with_the_reason() -> None
     got = rows_only(lambda t, x: crossing(t, x, 2.0), lambda t: t)
     assert got.error is None
     assert math.isnan(got.value)
-    assert "nan" in got.text("s")
+    assert "it has no value" in str(got)
 
 
 def test_figures_between_rows_are_those_of_the_curve() -> None:
@@ -192,7 +212,7 @@ def test_a_row_of_an_event_close_to_a_row_does_not_make_a_peak_uncertain() -> No
             rows = np.column_stack([t, np.sin(7.0 * t) * (1.0 + step)])
             return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
 
-        return certify(None, {"f": Largest("x")}, step=0.01, runner=runner).figures["f"]
+        return certify(System({}), {"f": Largest("x")}, step=0.0025, runner=runner).figures["f"]
 
     without_row, with_row = certified(()), certified((0.22 + 1e-6,))
     assert with_row.value == pytest.approx(without_row.value, abs=1e-9)
@@ -214,13 +234,13 @@ def test_a_function_that_fails_on_other_rows_than_those_of_the_run_is_refused() 
 def test_a_mode_between_frequencies_and_parts_of_a_run_have_their_metrics() -> None:
     t = np.linspace(0.0, 2.0, 2001)
     x = DenseSolution(t, 2.0 * np.sin(6 * np.pi * t + 0.3) + np.cos(12 * np.pi * t))
-    assert Harmonic("x", 3.0).value(x) == pytest.approx(2.0, rel=1e-8)
-    assert Harmonic("x", 6.0, begin=1.0).value(x) == pytest.approx(1.0, rel=1e-8)
-    assert math.isnan(Harmonic("x", 0.3).value(x))
+    assert Harmonic("x", frequency=3.0)(x) == pytest.approx(2.0, rel=1e-8)
+    assert Harmonic("x", frequency=6.0, begin=1.0)(x) == pytest.approx(1.0, rel=1e-8)
+    assert math.isnan(Harmonic("x", frequency=0.3)(x))
     line = DenseSolution(t, 3.0 * t)
-    assert Integral("x", begin=1.0).value(line) == pytest.approx(4.5, rel=1e-12)
-    assert Largest("x", end=0.5).value(line) == pytest.approx(1.5, rel=1e-12)
-    assert Last("x", end=0.25).value(line) == pytest.approx(0.75, rel=1e-12)
+    assert Integral("x", begin=1.0)(line) == pytest.approx(4.5, rel=1e-12)
+    assert Largest("x", end=0.5)(line) == pytest.approx(1.5, rel=1e-12)
+    assert Last("x", end=0.25)(line) == pytest.approx(0.75, rel=1e-12)
 
 
 def test_a_jump_is_no_peak() -> None:
@@ -244,7 +264,7 @@ def test_rows_that_repeat_a_time_are_left_out() -> None:
 @pytest.mark.parametrize("value", [0.0, 104.96812345, -98765.4321])
 def test_text_keeps_the_true_value_within_what_it_shows(value: float, error: float) -> None:
     """Rounded up: neither the rounding of the value nor that of the error leaves anything out."""
-    text = Estimate(value, error, 2.0).text("N")
+    text = str(Estimate(value, error, 2.0, unit="N"))
     rounded_value, sign, rounded_error, unit = text.split()
     assert (sign, unit) == ("+-", "N")
     assert float(rounded_error) >= error
@@ -252,3 +272,106 @@ def test_text_keeps_the_true_value_within_what_it_shows(value: float, error: flo
     assert float(rounded_value) + float(rounded_error) >= value + error - 1e-9
     assert float(rounded_error) <= 1.2 * error
     assert len(rounded_error.strip("0.").replace(".", "")) <= 2
+
+
+def sine(n: int = 2001, sign: float = 1.0) -> DenseSolution:
+    """Two periods of a sine in 2 s, from 0."""
+    t = np.linspace(0.0, 2.0, n)
+    return DenseSolution(t, sign * np.sin(2 * np.pi * t))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_crossing_is_alike_up_and_down_and_no_start_on_the_level(sign: float) -> None:
+    assert Crossing("x", level=0.0)(sine(sign=sign)) == pytest.approx(0.5, abs=1e-9)
+    assert Crossing("x", level=0.5 * sign)(sine(sign=sign)) == pytest.approx(1 / 12, abs=1e-9)
+    assert Crossing("x", level=0.5 * sign, begin=0.2)(sine(sign=sign)) == pytest.approx(5 / 12)
+
+
+def test_a_crossing_between_two_rows_is_found_as_a_largest_value_is() -> None:
+    """Five intervals of half a period: no row is above 0.98, the curve is."""
+    t = np.linspace(0.0, 1.0, 6)
+    x = np.sin(math.pi * t)
+    assert x.max() < 0.98 < largest(t, x)
+    assert crossing(t, x, 0.98) == pytest.approx(math.asin(0.98) / math.pi, abs=5e-3)
+    assert len(passings(DenseSolution(t, x), 0.98)) == 2
+
+
+def test_a_jump_and_a_value_that_holds_pass_a_level_when_they_change() -> None:
+    t = np.array([0.0, 1.0, 1.0, 2.0])
+    assert Crossing("x", level=2.0)(DenseSolution(t, np.array([0.0, 1.0, 5.0, 5.0]))) == 1.0
+    held = DenseSolution(t[[0, 1, 3]], np.array([0.0, 0.0, 5.0]), Kind.DISCRETE)
+    assert 1.0 < Crossing("x", level=2.0)(held) < 2.0
+
+
+def test_what_never_passes_a_level_says_how_far_it_gets() -> None:
+    figures = {"high": Crossing("x", level=3.0), "low": Crossing("x", level=-3.0)}
+    got = certify(System({}), figures, step=0.0025, runner=of(lambda t: np.sin(7 * t))).figures
+    assert got["high"].reason == "stays below 3, largest 1"
+    assert got["low"].reason == "stays above -3, smallest -1"
+    t = np.linspace(0.0, 1.0, 101)
+
+    def touching(_: Any, *, step: float, **__: Any) -> Result:
+        rows = np.column_stack([t, np.sin(7.0 * t) * (1.0 + step)])
+        return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
+
+    for level in (1.0001, 1.0026):
+        passes = {"f": Crossing("x", level=level)}
+        near = certify(System({}), passes, step=0.0025, runner=touching).figures["f"]
+        assert (near.error, near.reason) == (None, "it comes as near to it as its error")
+
+
+def turning(n: int = 4001) -> tuple[DenseSolution, DenseSolution]:
+    """A speed of 10 rad/s with a ripple of the second and a little of the third order, and its angle."""
+    t = np.linspace(0.0, 4.0, n)
+    phi = 10.0 * t
+    return DenseSolution(
+        t, 10.0 + np.sin(2 * phi) + 0.3 * np.cos(3 * phi) + np.exp(-t)
+    ), DenseSolution(t, phi)
+
+
+def test_metrics_of_turns() -> None:
+    w, phi = turning()
+    turn = 2 * math.pi / 10.0
+    mean_of_turn = lambda end: 10.0 + (math.exp(turn - end) - math.exp(-end)) / turn
+    assert Largest(TurnMean("w", over="phi"))(w, phi) == pytest.approx(mean_of_turn(turn), abs=1e-6)
+    assert LastTurn(Mean("w"), over="phi")(w, phi) == pytest.approx(mean_of_turn(4.0), abs=1e-6)
+    last = w.t >= 4.0 - turn
+    assert LastTurn(Swing("w"), over="phi")(w, phi) == pytest.approx(np.ptp(w.x[last]), abs=1e-4)
+    assert LastTurn(Mean("w"), over="phi", turns=3).columns == ("w", "phi")
+    assert math.isnan(LastTurn(Mean("w"), over="phi", turns=7)(w, phi))
+    assert StrongestOrder("w", over="phi")(w, phi) == 2.0
+    amplitudes = StrongestOrder("w", over="phi").amplitudes(w, phi)
+    assert amplitudes is not None and amplitudes[:4] == pytest.approx([0, 1, 0.3, 0], abs=0.01)
+    back = DenseSolution(phi.t, -phi.x)
+    assert LastTurn(Mean("w"), over="phi")(w, back) == pytest.approx(mean_of_turn(4.0), abs=1e-6)
+    assert StrongestOrder("w", over="phi")(w, back) == 2.0
+
+
+def test_metrics_know_their_units() -> None:
+    assert Integral("x").unit("N") == "N.s"
+    assert Crossing("x", level=1.0).unit("N") == TimeOfLargest("x").unit("N") == "s"
+    assert LastTurn(Swing("x"), over="phi").unit("N") == "N"
+    assert StrongestOrder("x", over="phi").unit("N") == ""
+
+
+@pytest.mark.parametrize(
+    ("metric", "message"),
+    [
+        (Largest("motor.tua"), "there is no column 'motor.tua'; did you mean 'motor.tau'?"),
+        (LastTurn(Swing("motor.tau"), over="phi"), "there is no column 'phi'"),
+        (Last("motor.tau", begin=5.0), "its stretch must lie in the run, from 0 to 0.1 s"),
+        (Mean("motor.tau", begin=0.05, end=0.05), "its stretch must lie in the run"),
+    ],
+)
+def test_a_metric_that_the_run_cannot_have_is_refused_before_it(
+    metric: Metric, message: str, native: Path
+) -> None:
+    def never(*_: Any, **__: Any) -> Result:
+        raise AssertionError("it was run")
+
+    system = System({"motor": native / "DriveMotor.fmu"})
+    with pytest.raises(SetupError, match=re.escape(message)) as refused:
+        certify(system, {"f": metric}, stop=0.1, step=1e-3, runner=never)
+    if "no column" in message:
+        assert "motor.tau" in str(refused.value)
+    certify(system, {"f": Largest("motor.tau")}, stop=0.1, step=1e-3, runner=run)

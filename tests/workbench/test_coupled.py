@@ -8,13 +8,15 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from cosim import Result, limit
+from cosim import Estimate, Result, limit
 from cosim.accuracy.extrapolation import extrapolate
+from cosim.accuracy.judge import Function, judge_function
+from cosim.accuracy.nested import NestedRuns
+from cosim.accuracy.trajectories import divergence
 from cosim.series import TIME, Column
 from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
-from workbench.coupling import with_coupling_errors
 from workbench.figure import drop_undetermined
 
 
@@ -152,12 +154,12 @@ def test_what_certify_refuses_is_no_figure_of_a_question_either(
     values: tuple[float, float, float],
 ) -> None:
     results = [result_of_steps(steps) for steps in (1.0, 2.0, 4.0)]
-    figures = [{"x": Figure(value, "N", 0.001, "force")} for value in values]
     assert not limit(values, 2.0).is_stated
-    figure = with_coupling_errors(lambda _: figures[0], results, figures)["x"]
-    assert (figure.error, figure.reason) == (None, "results do not converge as the step is halved")
-    rough = [figure._replace(value=value, error=1.0) for value in values]
-    assert with_coupling_errors(lambda _: rough[0], results, [{"x": f} for f in rough])["x"].error
+    for own, refused in ((0.001, True), (1.0, False)):
+        figures = iter([{"x": Estimate(value, own)} for value in (values[0], *values)])
+        figure = judged(lambda _, f=figures: next(f), results)["x"]
+        assert (figure.error is None) == refused
+        assert ("not converged" in figure.reason) == refused
 
 
 @pytest.mark.parametrize(("order", "power"), [(2.0, 2.0), (2.0, 1.0), (2.0, 3.0), (1.0, 1.0)])
@@ -185,26 +187,30 @@ def result_of_steps(steps: float = 1.0, first_order: Sequence[str] = ()) -> Resu
     return Result(columns, report, lambda: np.column_stack([t, 5.0 + error, 5.0 + error]))
 
 
-def ends(r: Result) -> dict[str, Figure]:
-    return {name: Figure(r[name][-1], "N", 0.02, "force") for name in "xy"}
+def judged(function: Function, results: Sequence[Result]) -> dict[str, Estimate]:
+    """What certify makes of the numbers of three runs that bring the errors of their rows."""
+    return judge_function(function, NestedRuns(results, results[0], 2.0), divergence(results))
+
+
+def ends(r: Result) -> dict[str, Estimate]:
+    return {name: Estimate(r[name][-1], 0.02, unit="N") for name in "xy"}
 
 
 def with_errors(
-    first_order: Sequence[str] = (), figures: Callable[[Result], dict[str, Figure]] = ends
-) -> dict[str, Figure]:
+    first_order: Sequence[str] = (), figures: Callable[[Result], dict[str, Estimate]] = ends
+) -> dict[str, Estimate]:
     """The figures of columns that are off by 0.1, 0.4 and 1.6."""
-    results = [result_of_steps(steps, first_order) for steps in (1.0, 2.0, 4.0)]
-    return with_coupling_errors(figures, results, [figures(r) for r in results])
+    return judged(figures, [result_of_steps(steps, first_order) for steps in (1.0, 2.0, 4.0)])
 
 
 def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_a_refusal() -> None:
     error = with_errors()["x"].error
     assert error == pytest.approx(0.02 + 1.25 * 0.1)
     results = [result_of_steps(steps) for steps in (1.0, 2.0, 4.0)]
-    figures_of_runs = [ends(r) for r in results]
-    refused = {"x": Figure.undetermined("N", "it never was", "force")}
-    assert with_coupling_errors(ends, results, [refused, *figures_of_runs[1:]]) == refused
-    assert with_coupling_errors(ends, results, [*figures_of_runs[:2], refused])["x"].error is None
+    refused = {"x": Estimate(math.nan, None, reason="it never was")}
+    assert judged(lambda _: refused, results) == refused
+    last = iter([*(ends(r) for r in (results[0], *results[:2])), refused])
+    assert judged(lambda _: next(last), results)["x"].error is None
 
 
 @pytest.mark.parametrize(
@@ -234,8 +240,8 @@ def test_no_sentence_has_a_hole(sentence: str, left: str) -> None:
 def test_figures_of_outputs_of_order_1_have_the_errors_of_order_1() -> None:
     """Where only such an output is read; where others are, too, the order that is observed counts."""
 
-    def only_y(r: Result) -> dict[str, Figure]:
-        return {"y": Figure(r["y"][-1], "N", 0.02, "force")}
+    def only_y(r: Result) -> dict[str, Estimate]:
+        return {"y": Estimate(r["y"][-1], 0.02)}
 
     error = with_errors(first_order=["y"], figures=only_y)["y"].error
     assert error == pytest.approx(0.02 + float(limit([5.1, 5.4, 6.6], 1.0).error))
@@ -331,14 +337,14 @@ def test_figures_after_the_runs_have_diverged_are_refused() -> None:
 
     results = [diverged(phase) for phase in (5.5, 3.0, 1.0)]
 
-    def figures(r: Result) -> dict[str, Figure]:
+    def figures(r: Result) -> dict[str, Estimate]:
         x = r["x"]
-        return {"early": Figure(float(x[100]), "1", 0.1), "late": Figure(float(x[-1]), "1", 0.1)}
+        return {"early": Estimate(float(x[100]), 0.1), "late": Estimate(float(x[-1]), 0.1)}
 
-    refused = with_coupling_errors(figures, results, [figures(r) for r in results])
+    refused = judged(figures, results)
     assert refused["early"].error == pytest.approx(0.1)
     assert refused["late"].error is None
-    assert "the runs diverge from 5" in refused["late"].text()
+    assert "the runs diverge from 5" in refused["late"].reason
     same = [results[0]] * 3
-    for figure in with_coupling_errors(figures, same, [figures(r) for r in same]).values():
+    for figure in judged(figures, same).values():
         assert figure.error == pytest.approx(0.1)

@@ -7,9 +7,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...accuracy.certify import summary, summary_rows_errors
-from ...accuracy.estimate import Estimate
-from ...accuracy.metric_error import NO_ROWS
+from ...accuracy.certify import summary_of_rows
 from ...accuracy.reference import METHODS, oracle, true_errors
 from ...fmu.messages import quiet
 from ...system import System
@@ -21,7 +19,6 @@ from ..output import (
     print_table,
     print_warnings,
     require_files,
-    summary_columns,
 )
 from ..system_file import SystemFile, add_shared_options, open_system
 
@@ -45,10 +42,11 @@ def print_true_errors(options: argparse.Namespace) -> int:
         judged.result.write(options.out)
     print("the oracle's figure, the certified one, its true error")
     rows = []
-    for name, column in summary_columns(judged.result):
-        figure, unit = judged.figures[name], judged.result.units[column]
-        certified = figure.certified.text(unit)
-        rows.append((name, f"{figure.true:.9g} {unit}", certified, f"{figure.error:.2g} {unit}"))
+    for name, figure in judged.figures.items():
+        certified, unit = figure.certified, figure.certified.unit
+        rows.append(
+            (name, f"{figure.true:.9g} {unit}", str(certified), f"{figure.error:.2g} {unit}")
+        )
     print_table(rows)
     print_new_files(options, folders)
     print_warnings(judged.result)
@@ -72,15 +70,8 @@ def print_reference(
         result.write(options.out)
     parts = ", ".join(model_exchange_only)
     print(f"the oracle's figures, with no run to compare: {parts} offers no co-simulation")
-    figures = summary(result)
-    row_errors = summary_rows_errors(result)
-    solver_errors = result.provenance["errors"]
-    rows = []
-    for name, column in summary_columns(result):
-        row_error = row_errors[name]
-        error = None if row_error is None else row_error + solver_errors[column]
-        estimate = Estimate(figures[name], error, math.nan, reason=NO_ROWS)
-        rows.append((name, estimate.text(result.units[column])))
+    figures = summary_of_rows(result, result.provenance["errors"])
+    rows = [(name, str(figure)) for name, figure in figures.items()]
     print_table(rows)
     print_new_files(options, folders)
     print_warnings(result)

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ...accuracy.certify import certify
+from ...accuracy.certify import COVERS, certify
 from ...accuracy.estimate import Estimate
 from ...errors import pluralize
 from ...fmu.messages import quiet
@@ -28,7 +28,6 @@ from ..output import (
     print_table,
     print_warnings,
     require_files,
-    summary_columns,
     write_result,
 )
 from ..system_file import SystemFile, add_stepping_options, open_system
@@ -52,7 +51,7 @@ def run_system(options: argparse.Namespace) -> int:
             last = zip(result.names, result.data[-1])
             print_table((name, f"{value:.6g} {result.units[name]}") for name, value in last)
     if outcome.estimates:
-        print_estimates(result, outcome.estimates, is_adaptive=options.adaptive is not None)
+        print_estimates(outcome.estimates, is_adaptive=options.adaptive is not None)
     print_warnings(result)
     return 0
 
@@ -82,7 +81,8 @@ def _run_and_write(
             with quiet(), bar(file.title, start, stop) as progress:
                 arguments["progress"] = progress
                 if options.certify:
-                    result, estimates = certify(file.system, runner=runner, **arguments)
+                    certified = certify(file.system, runner=runner, **arguments)
+                    result, estimates = certified.result, certified.figures
                 else:
                     result = runner(file.system, **arguments)
         except (SimulationError, Interrupted) as incomplete:
@@ -115,17 +115,17 @@ def run_summary(result: Result) -> Iterator[str]:
         )
 
 
-def print_estimates(
-    result: Result, estimates: Mapping[str, Estimate], *, is_adaptive: bool
-) -> None:
+def print_estimates(estimates: Mapping[str, Estimate], *, is_adaptive: bool) -> None:
     """Print the metrics of the summary with their coupling errors and observed orders."""
-    runs = "tolerance, a tenth and a hundredth" if is_adaptive else "step, a half and a quarter"
-    print(f"coupling errors, from runs with the {runs} of it")
+    runs = (
+        "ten and a hundred times the tolerance" if is_adaptive else "twice and four times the step"
+    )
+    print(f"{COVERS}; from runs with {runs} as well")
     rows = []
-    for name, column in summary_columns(result):
-        estimate = estimates[name]
-        order = "" if estimate.error is None else f"order {estimate.order:.1f}"
-        rows.append((name, estimate.text(result.units[column]), order))
+    for name, estimate in estimates.items():
+        is_known = estimate.error is not None and math.isfinite(estimate.order)
+        order = f"order {estimate.order:.1f}" if is_known else ""
+        rows.append((name, str(estimate), order))
     print_table(rows)
 
 
@@ -138,7 +138,7 @@ def add_options(parser: Parser) -> None:
     text = "write only this part's columns, under their bare names"
     parser.add_argument("--part", metavar="NAME", help=text)
     parser.path("--plot", "image file with a plot of all columns")
-    text = "also run with smaller steps and estimate the coupling errors"
+    text = "also run with twice and four times the step, and state the error of every figure"
     parser.add_argument("--certify", action="store_true", help=text)
 
 

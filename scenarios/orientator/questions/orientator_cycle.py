@@ -12,9 +12,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
+from cosim.accuracy.judge import SOME_RUNS
 from workbench import Chart, Context, Figure, Mark, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
-from workbench.coupling import SOME_RUNS
 from workbench.figure import SHARE_DIGITS, concise, listed
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Samples, measured

@@ -1,0 +1,183 @@
+"""Runs of one system with the steps h, 2 h and 4 h, or with tolerances that differ by ten."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from ..engine.control import Adaptive
+from ..engine.row_file import StoredRows
+from ..result import DerivedResult, Result, SimulationError
+from ..scratch import scratch
+from ..system import System
+from .limit import STEP_RATIO
+
+#: Ratio of two tolerances of adaptive steps: steps of order 1 then differ by sqrt(10).
+TOLERANCE_RATIO = 10.0
+#: Runs from which an order is observed: derived, two differences need three.
+RUNS = 3
+#: Share by which a step may exceed a run that is as long: rounding of their quotient.
+STEP_ROUNDING = 1e-9
+TOO_LONG = "the run is shorter than a step of {:g} s, so that no error can be estimated"
+LOST = "the run with a {} fails, so that no error can be estimated: {}"
+
+
+@dataclass(frozen=True)
+class NestedRuns:
+    """The results of up to three runs, the finest first, whose steps or tolerances differ by `ratio`.
+
+    `dense` is the finest one with all its rows. `lost` says why coarser runs are missing.
+    """
+
+    results: Sequence[Result]
+    dense: Result
+    ratio: float
+    lost: str = ""
+
+    @property
+    def finest(self) -> Result:
+        """The result of the finest run."""
+        return self.results[0]
+
+    def order(self, column: str) -> float:
+        """The convergence order of a column, in the step or in the tolerance.
+
+        Adaptive steps keep the error per time, h^p, within the tolerance: it has order 1 in that, and an output that
+        converges with order 1 in h has 1 / p.
+        """
+        provenance = self.finest.provenance
+        order = float(provenance["convergence_order"])
+        is_first = column in provenance.get("first_order", ())
+        if self.ratio == TOLERANCE_RATIO:
+            return 1.0 / order if is_first else 1.0
+        return 1.0 if is_first else order
+
+    @property
+    def are_the_same(self) -> bool:
+        """Whether control took the same steps whatever the tolerance, so that differences show nothing."""
+        facts = [result.provenance for result in self.results]
+        is_coupled = any(fact.get("wires") for fact in facts)
+        steps = {fact.get("steps") for fact in facts}
+        return self.ratio == TOLERANCE_RATIO and is_coupled and len(steps) == 1 < len(facts)
+
+    @property
+    def have_jumps_inside(self) -> bool:
+        """Whether an input jumps inside a step of one of them; where in the step differs from run to run."""
+        return any(bool((r.breaks[:, 1] > r.breaks[:, 0]).any()) for r in self.results)
+
+
+def longer_step(step: float | Adaptive, times: int) -> float | Adaptive:
+    """The step so many ratios longer."""
+    if isinstance(step, Adaptive):
+        return replace(step, tolerance=step.tolerance * TOLERANCE_RATIO**times)
+    return step * STEP_RATIO**times
+
+
+@contextmanager
+def nested_runs(
+    system: System,
+    step: float | Adaptive,
+    runner: Callable[..., Result],
+    settings: Mapping[str, Any],
+    *,
+    known: Mapping[int, Result] | None = None,
+) -> Iterator[NestedRuns]:
+    """Run with the step, twice and four times it; or with the tolerance, ten and a hundred times it.
+
+    The finest run comes first and gets `csv`; it stands even if a coarser one fails. Where rows are wanted
+    further apart than steps, its rows at all communication points are in a file until the context ends.
+
+    Parameters
+    ----------
+    system : System
+        What is run.
+    step : float or Adaptive
+        That of the finest run.
+    runner : callable
+        Runs a system, as `run` does.
+    settings : mapping
+        Those of `run`.
+    known : mapping of int to Result, optional
+        Runs that are there already, by how many ratios their step is longer.
+    """
+    with TemporaryDirectory(dir=scratch(), ignore_cleanup_errors=True) as folder:
+        path = Path(folder) / "rows"
+        results, lost = _results(
+            system, step, runner, {**settings}, known={**(known or {})}, all_rows=path
+        )
+        finest = dense = results[0]
+        if path.exists():
+            rows = StoredRows(path, len(finest.columns))
+            dense = DerivedResult(finest, lambda name: rows.column(finest.names.index(name)))
+        yield NestedRuns(results, dense, _ratio(step), lost)
+
+
+def _results(
+    system: System,
+    step: float | Adaptive,
+    runner: Callable[..., Result],
+    settings: dict[str, Any],
+    *,
+    known: dict[int, Result],
+    all_rows: Path,
+) -> tuple[list[Result], str]:
+    """The results of the runs, the finest first, and why coarser ones are missing."""
+    report = settings.pop("progress", None) or (lambda _: None)
+    finest_only = {"csv": csv} if (csv := settings.pop("csv", None)) is not None else {}
+    if settings.get("output_step") is not None:
+        finest_only["all_rows"] = all_rows
+    span = settings.get("stop", math.inf) - settings.get("start", 0.0)
+    ends = np.cumsum([0.0, *(_ratio(step) ** -float(k) for k in range(RUNS))])
+    for k in range(RUNS):
+        if k in known:
+            continue
+        progress = partial(_report, report, *(ends[k : k + 2] / ends[-1]).tolist())
+        longer = longer_step(step, k)
+        if k and not isinstance(longer, Adaptive) and longer > span * (1.0 + STEP_ROUNDING):
+            return [known[n] for n in range(k)], TOO_LONG.format(longer)
+        try:
+            with _silence() if k else nullcontext():
+                known[k] = runner(
+                    system, step=longer, **settings, progress=progress, **({} if k else finest_only)
+                )
+        except SimulationError as error:
+            if k == 0:
+                raise
+            size = (
+                f"tolerance of {longer.tolerance:g}"
+                if isinstance(longer, Adaptive)
+                else f"step of {longer:g} s"
+            )
+            return [known[n] for n in range(k)], LOST.format(size, error)
+        len(known[k].data)  # read now: the next run may write the same file
+    return [known[k] for k in range(RUNS)], ""
+
+
+def _ratio(step: float | Adaptive) -> float:
+    """That of the steps or tolerances of two runs."""
+    return TOLERANCE_RATIO if isinstance(step, Adaptive) else STEP_RATIO
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Nothing is logged: what a run with longer steps warns of is not said of the finest one."""
+    log = logging.getLogger("cosim")
+    before, log.disabled = log.disabled, True
+    try:
+        yield
+    finally:
+        log.disabled = before
+
+
+def _report(progress: Callable[[float], None], begin: float, end: float, fraction: float) -> None:
+    """Report the progress of all runs from that of one."""
+    progress(begin + fraction * (end - begin))
