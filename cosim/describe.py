@@ -23,6 +23,7 @@ ABILITIES = {
     "hasEventMode": "has event mode",
     "mightReturnEarlyFromDoStep": "returns early at events",
     "providesIntermediateUpdate": "shows values within a step",
+    "canRunAsynchronuously": "may step asynchronously, which is not supported",
     "needsExecutionTool": "needs its tool",
 }
 
@@ -82,6 +83,9 @@ def notes(network: Network, settings: RunSettings) -> Iterator[str]:
     """What is worth knowing about a run of the system, whether it is possible or not."""
     for name, flaws in network.flaws.items():
         yield from (f"{name}: {flaw}" for flaw in flaws)
+    for name, description in network.descriptions.items():
+        if description.coSimulation and description.coSimulation.canRunAsynchronuously:
+            yield f"{name}: a step that goes on after doStep has returned is not supported"
     for port, value in network.open:
         yield f"input {port} is open and keeps the start value of its FMU, {value!r}"
     yield f"order of steps: {', '.join(stepping_order(network, settings.order))}"

@@ -27,6 +27,7 @@ from ..system import (
     connect,
     describe_fmu,
     part_name,
+    require_cosimulation,
     value_of_text,
 )
 from ..system.inputs import Table
@@ -83,6 +84,14 @@ class SystemFile:
             )
             stated = {}
         return stated | requested
+
+    def run_settings(self, options: argparse.Namespace) -> RunSettings:
+        """Return the same for a run; what no option mends, an FMU without co-simulation, comes before what one does."""
+        try:
+            return self.settings(options)
+        except SetupError:
+            require_cosimulation(self.network.descriptions, self.system.parts)
+            raise
 
     def settings(self, options: argparse.Namespace) -> RunSettings:
         """Return how to run: by the options, else by the file, else as the FMUs prefer."""

@@ -61,6 +61,13 @@ FMI3 = FunctionNames(
 )
 
 
+#: What to do where a call is refused or answered so.
+HINTS = {
+    "Pending": "; a step that goes on after doStep has returned is not supported",
+    "SetRealInputDerivatives": "; run without --input-order",
+}
+
+
 class SavedState:
     """A place for the state of an FMU, and for what the master keeps of its events."""
 
@@ -139,7 +146,8 @@ class Session:
         is_status = OK < status < len(STATUS)
         self._remember(status if status in (DISCARD, FATAL) else ERROR)
         answer = STATUS[status] if is_status else f"the unknown status {status}"
-        return FmuError(f"{self.name}: {call} returned {answer}: {self.messages.reason()}")
+        hint = next((text for word, text in HINTS.items() if word in (call, answer)), "")
+        return FmuError(f"{self.name}: {call} returned {answer}: {self.messages.reason()}{hint}")
 
     def terminated(self, reached: float) -> SimulationTerminated:
         """The end of the simulation that the FMU asks for at a time [s], with its reason if it gives any."""

@@ -150,7 +150,7 @@ def _names(original: Any) -> list[str]:
 
 def _typed(variable: Any) -> Any:
     """The element of a variable of FMI 2.0 that says its type."""
-    return next(x for x in variable.iterchildren("*") if x.tag != "Annotations")
+    return next((x for x in variable.iterchildren("*") if x.tag != "Annotations"), variable)
 
 
 def _starts(original: Any, xml: Any) -> Sequence[str | None]:

@@ -117,6 +117,7 @@ class Interface:
     providesDirectionalDerivative: bool = False
     canHandleVariableCommunicationStepSize: bool = False
     canInterpolateInputs: bool = False
+    canRunAsynchronuously: bool = False
     maxOutputDerivativeOrder: int = 0
     providesIntermediateUpdate: bool = False
     mightReturnEarlyFromDoStep: bool = False

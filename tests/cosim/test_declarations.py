@@ -331,3 +331,18 @@ def test_python_is_told_what_to_write(fmus: Path) -> None:
             SetupError, match=rf"m\.T \[s\] = '{text}' must be of type Real: write {number}"
         ):
             connect(System({"m": fmus / "DriveMotor.fmu"}, start={"m.T": text}))
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_an_fmu_for_model_exchange_is_not_asked_for_times_first(
+    command: str, fmi2: Edited, command_output: CommandOutput
+) -> None:
+    fmu = fmi2((r"<CoSimulation [^>]*/>", '<ModelExchange modelIdentifier="foreign"/>'))
+    assert "offers model exchange only" in command_output(command, fmu, code=2)
+
+
+def test_what_is_asynchronous_is_said_before(fmi2: Edited, command_output: CommandOutput) -> None:
+    fmu = fmi2(("<CoSimulation ", '<CoSimulation canRunAsynchronuously="true" '))
+    text = "a step that goes on after doStep has returned is not supported"
+    assert text in command_output("check", fmu, "--stop", "1", "--step", "0.1")
+    assert "may step asynchronously" in command_output("info", fmu)

@@ -24,7 +24,7 @@ def check_system(options: argparse.Namespace) -> int:
         print(report.text())
         return 0 if report.passed else 1
     with open_system(options) as file:
-        settings = file.settings(options)
+        settings = file.run_settings(options)
         problems = list(setup_problems(file.network, settings))
         notes = list(describe.notes(file.network, settings))
         if file.package.step is not None:

@@ -36,7 +36,7 @@ from ..system_file import SystemFile, add_stepping_options, open_system
 def run_system(options: argparse.Namespace) -> int:
     """Run a system, write its rows and print what the run did."""
     with open_system(options) as file, TemporaryDirectory(dir=scratch()) as folder:
-        settings = file.settings(options)
+        settings = file.run_settings(options)
         arguments = {k: value for k, value in vars(settings).items() if value is not None}
         folders = new_folders(options)
         require_files(options, file.system)
