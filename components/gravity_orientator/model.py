@@ -83,10 +83,9 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
-    phi10, half, N_K, N_B = p.catcher.phi, p.catcher.l / 2, 0.0, 0.0
     """Reactions, energies of paper (9) and (10f), and the transfer functions of (7d) and (10e)."""
-    if x.stage in MECHANICS:
-        *_, N_K, N_B = MECHANICS[x.stage](p, x, u.w)
+    phi10, half = p.catcher.phi, p.catcher.l / 2
+    N_K, N_B = reactions(p, x, u.w)
     J_1, J_2, m, square = p.catcher.J, p.cup.J, p.cup.m, x.vxc * x.vxc + x.vyc * x.vyc
     spring = (x.phi1 - phi10) * sin(x.phi1) + cos(x.phi1) - cos(phi10)
     plain = p.spring.c * half * half * spring
@@ -106,6 +105,14 @@ def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
         u_yK1=u_yK1,
         u_yK2=u_yK2,
     )
+
+
+def reactions(p: Parameters, x: State, w: float) -> tuple[float, float]:
+    """Forces of wall and hook on the product; none outside the four stages."""
+    if x.stage not in MECHANICS:
+        return 0.0, 0.0
+    *_, N_K, N_B = MECHANICS[x.stage](p, x, w)
+    return N_K, N_B
 
 
 def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State | None:

@@ -127,6 +127,8 @@ def sample(
 
 def announce_change(model: Model, p: Any, t: float, old: Any, new: Any, u: Any, note: Note) -> None:
     """Pass the sentences of the component about a change of state to `note`."""
+    if note is ignore_sentence:
+        return
     for sentence in model.notes(p, t, old, new, u):
         note(sentence)
 

@@ -26,6 +26,8 @@ class TraceContext:
         self.loop_numbers: dict[Any, int] = {}
         self.loop_bodies: dict[Any, Tree] = {}
         self.paths: list[Path] = []
+        self.joins: dict[Any, Any] = {}
+        self.forks, self.answers_only = 0, False
 
     def unique(self, identity: tuple[Any, ...], make: Callable[[int], N]) -> N:
         """Return the node of this identity; `make` makes it from its number where there is none."""
@@ -41,13 +43,14 @@ class TraceContext:
         return self.paths[-1]
 
     @contextmanager
-    def from_start(self) -> Iterator[None]:
-        """Follow a function from its start, whatever path calls it."""
-        saved, self.paths = self.paths, []
+    def from_start(self, answers_only: bool) -> Iterator[None]:
+        """Follow a function from its start, whatever path calls it; with `answers_only` without joins."""
+        saved = self.paths, self.joins, self.forks, self.answers_only
+        self.paths, self.joins, self.forks, self.answers_only = [], {}, 0, answers_only
         try:
             yield
         finally:
-            self.paths = saved
+            self.paths, self.joins, self.forks, self.answers_only = saved
 
 
 #: The contexts that are active, the current one last.

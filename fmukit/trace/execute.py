@@ -5,16 +5,19 @@ A condition on a symbol ends the run, which then starts again once for either an
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ..declare.record import Declaration, is_record
 from .context import current
 from .graph import Branch, Leaf, Node, Operation, Tree, UntraceableError, text_of
-from .merge import merge_arms
+from .joins import join_arms
 
-#: Limit of the conditions on one path: tracing doubles with each, so that more can only be a loop that does not end.
+#: Limit of the conditions on one path that are followed answer by answer: more are a loop that does not end.
 MOST_CONDITIONS = 100
+#: Limit of the paths through one function, which may double with each such condition: 2**10 take some seconds.
+MOST_PATHS = 1024
 
 
 class Fork(BaseException):
@@ -22,6 +25,10 @@ class Fork(BaseException):
 
     def __init__(self, condition: Operation) -> None:
         self.condition = condition
+
+
+class Slots(tuple[Any, ...]):
+    """Values that stand side by side, each of an arrangement of its own."""
 
 
 class Static:
@@ -42,6 +49,7 @@ class Path:
 
     def __init__(self, answers: tuple[bool, ...], outer: Path | None, token: tuple[Any, ...]):
         self.answers, self.token, self.decided, self.marks = answers, token, 0, 0
+        self.attempts: int = outer.attempts if outer else 0
         self.visited: set[int] = set(outer.visited) if outer else set()
         self.facts: dict[int, bool] = dict(outer.facts) if outer else {}
         self.choices: dict[int, list[int]] = dict(outer.choices) if outer else {}
@@ -67,11 +75,23 @@ class Path:
                     "a loop whose end is known only at run time: write repeat(body, x)"
                 )
             if self.decided == len(self.answers):
+                self.count()
                 raise Fork(condition)
             self.learn(condition, self.answers[self.decided])
             self.decided += 1
             self.nodes = []
         return self.facts[condition.number]
+
+    def count(self) -> None:
+        """Count one more path through the function that is followed; raises UntraceableError for too many."""
+        context = current()
+        context.forks += 1
+        if context.forks >= MOST_PATHS:
+            function_name = re.sub(r"_\d+$", "", context.paths[0].token[0])
+            raise UntraceableError(
+                f"more than {MOST_PATHS} paths through {function_name}, which cannot be joined: move "
+                "some of its conditions into a function of their own that returns numbers"
+            )
 
     def learn(self, condition: Operation, answer: bool) -> None:
         """Note the answer, and which items are left for a variable that is compared with one."""
@@ -93,7 +113,11 @@ def flatten(value: Any) -> tuple[Any, list[Any]]:
             shapes.append(shape)
             numbers += some
         shape = (type(value), tuple(shapes))
-        if not has_static(shape) or any(isinstance(number, Node) for number in numbers):
+        if (
+            isinstance(value, Slots)
+            or not has_static(shape)
+            or any(isinstance(number, Node) for number in numbers)
+        ):
             return shape, numbers
     return ("static", Static(value)), []
 
@@ -140,10 +164,20 @@ def symbols(shape: Any, make: Callable[[int, str, Sequence[int]], Node]) -> Any:
     return arranged(shape, iter(numbers))
 
 
-def explore(run: Callable[[], Any], token: tuple[Any, ...], answers: tuple[bool, ...] = ()) -> Tree:
-    """All paths through `run` that begin with these answers, joined where they do the same."""
+def explore(
+    run: Callable[[], Any],
+    token: tuple[Any, ...],
+    answers: tuple[bool, ...] = (),
+    known: tuple[Operation, bool] | None = None,
+) -> Tree:
+    """All paths through `run` that begin with these answers, joined where they end alike.
+
+    `known` is a condition with its answer on all of them.
+    """
     paths = current().paths
     path = Path(answers, paths[-1] if paths else None, token)
+    if known:
+        path.learn(*known)
     paths.append(path)
     try:
         shape, values = flatten(run())
@@ -156,8 +190,8 @@ def explore(run: Callable[[], Any], token: tuple[Any, ...], answers: tuple[bool,
         condition = fork.condition
     finally:
         paths.pop()
-    true, false = (explore(run, token, (*answers, answer)) for answer in (True, False))
-    return merge_arms(path.nodes, condition, true, false)
+    true, false = (explore(run, token, (*answers, answer), known) for answer in (True, False))
+    return join_arms(path.nodes, condition, true, false)
 
 
 def leaves(tree: Tree) -> Iterator[Leaf]:

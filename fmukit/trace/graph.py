@@ -17,6 +17,10 @@ class UntraceableError(TypeError):
     """What C cannot compute as Python does."""
 
 
+class UnknownChoiceError(UntraceableError):
+    """A number as a key, an index or a length, which is known only where its conditions have an answer."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Node:
     """A number known only at run time.
@@ -136,7 +140,7 @@ class Node:
         for item in self.items:
             if self == item:
                 return item
-        raise UntraceableError(
+        raise UnknownChoiceError(
             "a number known only at run time used as a key, an index or a choice, "
             "which only an enumeration can be: write conditions"
         )
@@ -344,10 +348,10 @@ def call_result(call: Call, index: int, kind: str, items: Sequence[int]) -> Node
     return current().unique(identity, lambda n: Result(n, kind, tuple(items), call, index))
 
 
-def new_phi(kind: str = "Real") -> Phi:
+def new_phi(kind: str = "Real", items: Sequence[int] = ()) -> Phi:
     """Return a new value after a join."""
     identity = ("phi", len(current().nodes))
-    return current().unique(identity, lambda n: Phi(n, kind, ()))
+    return current().unique(identity, lambda n: Phi(n, kind, tuple(items)))
 
 
 def new_join(condition: Operation, arms: Sequence[Leaf], phis: Sequence[Phi]) -> Join:
@@ -444,30 +448,19 @@ def needed(tree: Tree) -> Iterator[Any]:
         yield from tree.error.nodes if tree.error else ()
 
 
-def ancestors(
-    values: Iterable[Any], joins: dict[int, list[Join]], inside: set[int] | None = None
-) -> set[int]:
-    """Return the numbers of all nodes that these values are computed from; `joins` from `joins_of`.
-
-    What is not `inside` is not followed further.
-    """
+def ancestors(values: Iterable[Any], joins: dict[int, list[Join]]) -> set[int]:
+    """Return the numbers of all nodes that these values are computed from; `joins` from `joins_of`."""
     numbers: set[int] = set()
     waiting = list(values)
     while waiting:
         value = waiting.pop()
         if isinstance(value, Node) and value.number not in numbers:
             numbers.add(value.number)
-            if inside is None or value.number in inside or is_unlisted(value):
-                waiting += operands_of(value)
+            waiting += operands_of(value)
             for join in joins.get(value.number, ()):
                 index = next(n for n, phi in enumerate(join.phis) if phi is value)
                 waiting += [join, *(arm.values[index] for arm in join.arms)]
     return numbers
-
-
-def is_unlisted(node: Node) -> bool:
-    """Whether a node stands in no list of nodes: comparisons and results are written where they are read."""
-    return isinstance(node, Result) or (isinstance(node, Operation) and node.is_comparison)
 
 
 def subtrees(node: Node) -> tuple[Tree, ...]:
@@ -475,18 +468,6 @@ def subtrees(node: Node) -> tuple[Tree, ...]:
     if isinstance(node, Join):
         return node.arms
     return (node.body,) if isinstance(node, Loop) else ()
-
-
-def all_nodes(tree: Tree) -> set[int]:
-    """Return the numbers of all nodes of a tree."""
-    numbers = set()
-    for node in tree.nodes:
-        numbers.add(node.number)
-        for part in subtrees(node):
-            numbers |= all_nodes(part)
-    if isinstance(tree, Branch):
-        numbers |= all_nodes(tree.true) | all_nodes(tree.false)
-    return numbers
 
 
 def joins_of(tree: Tree) -> dict[int, list[Join]]:

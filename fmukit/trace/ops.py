@@ -112,7 +112,7 @@ def _of_power(f: Apply, n: Any, base: Any, exponent: Any, tangent: Any, growth: 
 
 
 def _of_fabs(f: Apply, n: Any, a: Any, da: Any) -> Any:
-    return -da if a < 0.0 else da
+    return f("select", a < 0.0, da, -da)
 
 
 def _of_modulo(f: Apply, n: Any, a: Any, b: Any, da: Any, db: Any) -> Any:

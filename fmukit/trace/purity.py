@@ -11,7 +11,7 @@ from typing import Any
 from ..declare.model import Model
 from ..declare.record import is_record, start
 from .execute import leaves
-from .graph import Node, Tree, UntraceableError, key
+from .graph import Argument, Node, Tree, UntraceableError, key
 from .tracer import Tracer
 
 REFUSED: dict[type[ast.AST], str] = {
@@ -72,7 +72,7 @@ def checked(model: Model, name: str, result: Any) -> Callable[..., Any]:
             raise UntraceableError(f"{name} returns {_describe(returned)}: write return {form}")
         declarations = result._declared.items() if is_record(result) else ()
         for (field, declared), value in zip(declarations, returned):
-            is_boolean = isinstance(value, bool) and declared.kind == "Real"
+            is_boolean = declared.kind == "Real" and is_condition(value)
             if is_boolean or not isinstance(value, (Node, float, int)):
                 raise UntraceableError(
                     f"in {name} {result.__name__}.{field} is {_describe(value)}, which is not a number"
@@ -85,7 +85,16 @@ def checked(model: Model, name: str, result: Any) -> Callable[..., Any]:
     return call
 
 
+def is_condition(value: Any) -> bool:
+    """Whether a value is true or false, but no variable."""
+    if isinstance(value, Node):
+        return value.kind == "Boolean" and not isinstance(value, Argument)
+    return isinstance(value, bool)
+
+
 def _describe(value: Any) -> str:
+    if isinstance(value, Node) and is_condition(value):
+        return "a condition"
     if value is None or isinstance(value, bool):
         return repr(value)
     return "a number" if isinstance(value, Node) else f"a {type(value).__name__}"

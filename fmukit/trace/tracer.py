@@ -15,6 +15,7 @@ from types import BuiltinFunctionType, FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 from ..runtime import flow
+from .conditions import BUILT_IN, HELPERS, join
 from .context import TraceContext, active, current
 from .execute import arranged, explore, flatten, has_static, is_named_tuple, kinds, leaves, symbols
 from .graph import (
@@ -26,6 +27,8 @@ from .graph import (
     Loop,
     Node,
     Note,
+    Tree,
+    UnknownChoiceError,
     UntraceableError,
     argument,
     as_reals,
@@ -40,7 +43,10 @@ from .graph import (
 )
 from .modules import modules
 from .ops import OPS
+from .rewrite import TELL, rewritten
 
+#: The functions of a model that yield sentences for the log.
+TELLERS = ("check", "notes")
 #: Largest number of operations of a function that is inlined; a convention of this kit, all compilers inline such.
 MOST_INLINED_OPERATIONS = 40
 
@@ -56,8 +62,7 @@ def function(
             **{name: parameter_of(name, shape, kind) for (name, shape), kind in typed_shapes}
         )
 
-    with current().from_start():
-        tree = explore(call, (name,))
+    tree = followed(call, name)
     shapes_of_results = {leaf.shape for leaf in leaves(tree) if leaf.error is None}
     unified_shapes = {unified(shape) for shape in shapes_of_results}
     if len(unified_shapes) != 1 or (
@@ -65,6 +70,16 @@ def function(
     ):
         return None
     return Function(name, shapes, tree, next(iter(shapes_of_results)))
+
+
+def followed(run: Callable[[], Any], name: str) -> Tree:
+    """All paths through a function: joined or, where it needs to know an answer, each to its end."""
+    try:
+        with current().from_start(answers_only=False):
+            return explore(run, (name,))
+    except (UnknownChoiceError, NameError):
+        with current().from_start(answers_only=True):
+            return explore(run, (name,))
 
 
 def parameter_of(name: str, shape: Any, kind: str) -> Any:
@@ -118,18 +133,23 @@ class Tracer:
         This is the one place that patches modules. A model is plain Python over floats that calls `math` and
         its own functions by their names; only its globals lead from these names to what records them.
         """
-        saved = []
+        saved, added = [], []
         for module in (*self.modules, *self.kit):
             for name, value in list(vars(module).items()):
                 new = self.replacement(module, name, value)
                 if new is not None:
                     saved.append((module, name, value))
                     setattr(module, name, new)
+            added += [(module, name) for name in BUILT_IN if name not in vars(module)]
+        for module, name in added:
+            setattr(module, name, BUILT_IN[name])
         try:
             yield
         finally:
             for module, name, value in saved:
                 setattr(module, name, value)
+            for module, name in added:
+                delattr(module, name)
 
     def replacement(self, module: ModuleType, name: str, value: Any) -> Any:
         """What records the calls of a module's function under this name; None if nothing has to."""
@@ -140,10 +160,12 @@ class Tracer:
             homes, is_boundary = {module.__name__}, name in self.kit[module]
         else:
             homes, is_boundary = self.names, not inspect.isgeneratorfunction(value)
-        belongs_to_model = isinstance(value, FunctionType) and value.__module__ in homes
-        return self.boundary(value) if belongs_to_model and is_boundary else None
+        if not isinstance(value, FunctionType) or value.__module__ not in homes:
+            return None
+        run = rewritten(value, HELPED, tells=module is self.modules[0] and name in TELLERS)
+        return self.boundary(value, run) if is_boundary else run
 
-    def boundary(self, original: Callable[..., Any]) -> Callable[..., Any]:
+    def boundary(self, original: Callable[..., Any], run: Callable[..., Any]) -> Callable[..., Any]:
         """A function that is called, not followed, where it returns numbers."""
         signature = inspect.signature(original)
 
@@ -153,19 +175,19 @@ class Tracer:
             arguments = bound.args
             flattened = [flatten(arg) for arg in arguments]
             if bound.kwargs or not any(n for _, n in flattened):
-                return original(*args, **keywords)
+                return run(*args, **keywords)
             shapes = {name: unified(shape) for name, (shape, _) in zip(bound.arguments, flattened)}
             types = tuple(map(kind_of, arguments))
             identity = (original, tuple(shapes.items()), types)
             if identity not in self.functions:
                 name = f"{original.__name__}_{len(self.functions)}"
                 self.functions[identity] = None
-                traced = function(name, original, shapes, types)
+                traced = function(name, run, shapes, types)
                 del self.functions[identity]
                 self.functions[identity] = None if traced and is_short(traced) else traced
             traced = self.functions[identity]
             if traced is None:
-                return original(*arguments)
+                return run(*arguments)
             numbers = [tuple(numbers) for _, numbers in flattened if numbers]
             result = call_results(traced, numbers)
             return arranged(traced.shape, iter(result))
@@ -234,10 +256,13 @@ def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
     """
     path, unique = current().path, current().unique
     path.visit(unique(("attempt", path.mark()), lambda n: AttemptStart(n, "Real", ())))
+    path.attempts += 1
     try:
         shape, numbers = flatten(run())
     except (ArithmeticError, ValueError):
         return otherwise
+    finally:
+        path.attempts -= 1
     failed = path.visit(unique(("end", path.mark()), lambda n: AttemptEnd(n, "Real", ())))
     _, alternatives = flatten(otherwise)
     chosen = [
@@ -274,10 +299,12 @@ def repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
 
 
 def finished(done: Any, carry: Any) -> tuple[bool, Any]:
-    """Whether a loop is done, which is followed like any condition, and what it carries on."""
-    return bool(done), carry
+    """Whether a loop is done, as true or false, and what it carries on."""
+    return join(done, lambda: True, lambda: False), carry
 
 
+#: What rewritten functions call for their conditions, and for their sentences.
+HELPED = frozenset({**HELPERS, TELL: note}.items())
 #: The functions of `math` that are operations of the table.
 OPERATIONS = {op.name for op in OPS.values() if op.from_math and op.name != "log"}
 OTHERWISE: dict[str, Callable[..., Any]] = {

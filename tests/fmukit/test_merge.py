@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmukit.codegen.c import definition
 from fmukit.fmu.load import load
 from fmukit.fmu.make import make_all
 from fmukit.fmu.native import package
 from fmukit.fmu.reference import by_equations
 from fmukit.trace import tangents, tracer
-from fmukit.trace.context import TraceContext, active
 from fmukit.trace.execute import kinds
-from fmukit.trace.graph import Leaf
-from tests.fmukit.test_native import sort_of
 from tests.hosts.host import Unit
 
 HEAD = '''"""Functions with branches"""
@@ -172,29 +168,3 @@ def test_two_hundred_functions_at_random_give_the_same_bits_in_both_fmus(
     seed: int, tmp_path: Path
 ) -> None:
     compared(100 + seed, 10, 4, tmp_path)
-
-
-def test_what_follows_a_branch_is_written_once() -> None:
-    def run(x: Any, y: Any) -> Any:
-        for _ in range(6):
-            x = x + 1.0 if x > y else x * y
-        return x
-
-    with active(TraceContext()):
-        traced_function = tracer.function("f", run, {"x": "number", "y": "number"})
-    assert traced_function is not None
-    assert isinstance(traced_function.tree, Leaf)
-    assert len(definition(traced_function).splitlines()) < 60
-
-
-def test_a_branch_that_fails_keeps_its_position_among_what_may_fail() -> None:
-    def run(x: Any, y: Any) -> Any:
-        a = 1.0 / x
-        if y < 0.0:
-            raise ValueError(f"y = {y!r}")
-        return a + 1.0 / y
-
-    with active(TraceContext()):
-        traced_function = tracer.function("f", run, {"x": "number", "y": "number"})
-    assert traced_function is not None
-    assert list(map(sort_of, traced_function.tree.nodes)) == ["/", "Join", "/", "+"]

@@ -412,7 +412,7 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
         (HEAD + BODY.replace("    return State", "    match x.x > 1:\n        case True: pass\n    return State"),
          "thing.py:17: case True, False or None cannot go into the FMU: write if"),
         (HEAD + BODY.replace("rate(x.x, p.n0)", "not x.x"),
-         "State.x is True, which is not a number: write 1.0 if ... else 0.0"),
+         "State.x is a condition, which is not a number: write 1.0 if ... else 0.0"),
         (HEAD + BODY.replace("rate(x.x, p.n0)", "divmod(x.x, 2.0)[0]"),
          "thing.py:16: in derivatives: divmod() of a number known only at run time: write x // y"),
         (HEAD + BODY.replace("rate(x.x, p.n0)", "1.0 if (x.x > 1) & (p.n0 > 1) else 0.0"),

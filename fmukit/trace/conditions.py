@@ -1,0 +1,246 @@
+"""Follow both arms of a condition and join them where they end: what rewritten functions call for their conditions."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from types import CellType, FunctionType, ModuleType
+from typing import Any, NamedTuple
+
+from . import rewrite
+from .context import current
+from .execute import Slots, arranged, explore
+from .graph import Branch, Leaf, Node, Operation, comparison
+from .joins import join_arms
+
+Arm = Callable[[], Any]
+#: What a name has that no value was assigned to.
+UNBOUND = object()
+
+
+class Joined(NamedTuple):
+    """What follows two arms: the nodes of their join, the result and the names that it assigns, and those it unbinds.
+
+    `survivor` is the answer of the arm that does not fail where the other one does.
+    """
+
+    nodes: list[Node]
+    shape: Any
+    numbers: list[Any]
+    unbound: set[str]
+    survivor: bool | None
+
+
+def join(test: Any, true: Any, false: Any, names: Sequence[str] = ()) -> Any:
+    """What the arm that `test` selects returns; of the names that the arms assign, `names` are read later."""
+    condition, is_equal = question(test)
+    arms = (true, false) if is_equal else (false, true)
+    if not isinstance(condition, Operation):
+        return arms[0]() if condition else arms[1]()
+    path, joins = current().path, current().joins
+    if current().answers_only or condition.number in path.facts:
+        return arms[0]() if path.decide(condition) else arms[1]()
+    place = path.mark(), condition.number
+    cells = cells_of(arms)
+    if place not in joins:
+        joins[place] = joined(place, condition, arms, cells, names)
+    made = joins[place]
+    if made is None:
+        return arms[0]() if path.decide(condition) else arms[1]()
+    for node in made.nodes:
+        path.visit(node)
+    if made.survivor is not None:
+        path.learn(condition, made.survivor)
+    for name in made.unbound:
+        bind(cells[name], UNBOUND)
+    result, *contents = arranged(made.shape, iter(made.numbers))
+    for name, content in zip(names, contents):
+        bind(cells[name], content)
+    return result
+
+
+def question(test: Any) -> tuple[Any, bool]:
+    """The comparison that decides whether something is true, and its answer then."""
+    if isinstance(test, Node) and not (isinstance(test, Operation) and test.is_comparison):
+        test = comparison("!=", test, 0.0)
+    if isinstance(test, Operation) and test.op == "!=":
+        return comparison("==", *test.operands), False
+    return test, True
+
+
+def joined(
+    place: tuple[Any, ...],
+    condition: Operation,
+    arms: tuple[Arm, Arm],
+    cells: dict[str, CellType],
+    names: Sequence[str],
+) -> Joined | None:
+    """The join of two arms; None where they cannot be joined, and where they change what they do not assign."""
+    before = {name: content(cell) for name, cell in cells.items()}
+    objects = Objects([*before.values(), *arms])
+    changed: set[str] = set()
+    effects = objects.has_iterators
+
+    def run(arm: Arm) -> Slots:
+        nonlocal effects
+        try:
+            result = arm()
+            changed.update(n for n, value in before.items() if content(cells[n]) is not value)
+            return Slots((result, *(content(cells[name]) for name in names)))
+        finally:
+            effects |= objects.restore()
+            for name, value in before.items():
+                bind(cells[name], value)
+
+    trees = [
+        explore(lambda arm=arm: run(arm), (*place, answer), known=(condition, answer))  # type: ignore[misc]
+        for arm, answer in zip(arms, (True, False))
+    ]
+    failing = [isinstance(tree, Leaf) and tree.error is not None for tree in trees]
+    if effects or all(failing) or (any(failing) and current().path.attempts):
+        return None
+    merged = join_arms([], condition, trees[0], trees[1])
+    if isinstance(merged, Branch):
+        return None
+    survivor = failing[1] if any(failing) else None
+    return Joined(merged.nodes, merged.shape, merged.values, changed.difference(names), survivor)
+
+
+def cells_of(arms: Iterable[Arm]) -> dict[str, CellType]:
+    """The variables that the arms share with the function around them."""
+    cells: dict[str, CellType] = {}
+    for arm in arms:
+        if isinstance(arm, FunctionType):
+            cells |= zip(arm.__code__.co_freevars, arm.__closure__ or ())
+    return cells
+
+
+def content(cell: CellType) -> Any:
+    """The value of a variable."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return UNBOUND
+
+
+def bind(cell: CellType, value: Any) -> None:
+    """Give a variable its value, or none."""
+    if value is not UNBOUND:
+        cell.cell_contents = value
+    elif content(cell) is not UNBOUND:
+        del cell.cell_contents
+
+
+class Objects:
+    """The lists, dictionaries, sets and objects that are reached from some values, as they are now."""
+
+    def __init__(self, values: Iterable[Any]) -> None:
+        self.copies: list[tuple[Any, Any]] = []
+        self.has_iterators = False
+        seen: set[int] = set()
+        waiting = list(values)
+        while waiting:
+            value = waiting.pop()
+            if isinstance(value, (Node, float, int, str, type, ModuleType)) or id(value) in seen:
+                continue
+            seen.add(id(value))
+            if isinstance(value, (list, dict, set)):
+                self.copies.append((value, value.copy()))
+            if isinstance(value, (list, tuple, set)):
+                waiting.extend(value)
+            elif isinstance(value, dict):
+                waiting.extend(value.values())
+            elif isinstance(value, FunctionType):
+                is_of_tracing = value.__module__.startswith(__package__)
+                waiting.extend(map(content, () if is_of_tracing else value.__closure__ or ()))
+            else:
+                self.has_iterators |= isinstance(value, Iterator)
+                waiting.extend(getattr(value, name, ()) for name in ("__self__", "__dict__"))
+
+    def restore(self) -> bool:
+        """Undo what has happened to them; whether there was something."""
+        is_changed = False
+        for value, copied in self.copies:
+            if len(value) == len(copied) and all(
+                a is b for a, b in zip(items(value), items(copied))
+            ):
+                continue
+            is_changed = True
+            value.clear()
+            value.extend(copied) if isinstance(value, list) else value.update(copied)
+        return is_changed
+
+
+def items(value: Any) -> Iterator[Any]:
+    """The parts of a list, a dictionary or a set."""
+    for item in value:
+        yield item
+        if isinstance(value, dict):
+            yield value[item]
+
+
+def both(value: Any, rest: Arm) -> Any:
+    """`value and rest()`."""
+    return join(value, rest, lambda: False if is_truth(value) else value)
+
+
+def either(value: Any, rest: Arm) -> Any:
+    """`value or rest()`."""
+    return join(value, lambda: True if is_truth(value) else value, rest)
+
+
+def is_truth(value: Any) -> bool:
+    """Whether a value is a node that is true or false."""
+    return isinstance(value, Node) and value.kind == "Boolean"
+
+
+def compare(left: Any, holds: Callable[[Any, Any], Any], right: Arm, *more: Any) -> Any:
+    """A chain of comparisons, which evaluates each operand once."""
+    between = right()
+    answer = holds(left, between)
+    return both(answer, lambda: compare(between, *more)) if more else answer
+
+
+def equal(left: Any, right: Any, holds: Callable[[Any, Any], Any]) -> Any:
+    """`left == right` or, as `holds` says, `left != right`: of records and lists, item by item."""
+    if not (isinstance(left, (tuple, list)) and isinstance(right, (tuple, list))):
+        return holds(left, right)
+    if len(left) != len(right) or isinstance(left, list) != isinstance(right, list):
+        return holds(left, right)
+
+    def items_from(index: int) -> Any:
+        if index == len(left):
+            return True
+        a, b = left[index], right[index]
+        return both(a is b or equal(a, b, operator.eq), lambda: items_from(index + 1))
+
+    return items_from(0) if holds(0, 0) else join(items_from(0), lambda: False, lambda: True)
+
+
+def extreme(original: Callable[..., Any], holds: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    """`min` or `max`, which take the first of equal numbers."""
+
+    def call(*args: Any, **keywords: Any) -> Any:
+        numbers = list(args[0]) if len(args) == 1 else args
+        if keywords or not any(isinstance(number, Node) for number in numbers):
+            return original(*([numbers] if len(args) == 1 else args), **keywords)
+        best, *others = numbers
+        for other in others:
+            best = join(holds(other, best), lambda: other, lambda: best)  # noqa: B023
+        return best
+
+    return call
+
+
+HELPERS = {
+    rewrite.JOIN: join,
+    rewrite.BOTH: both,
+    rewrite.EITHER: either,
+    rewrite.COMPARE: compare,
+    rewrite.EQUAL: equal,
+}
+#: Functions of Python that compare numbers.
+BUILT_IN = {
+    "min": extreme(min, lambda other, best: other < best),
+    "max": extreme(max, lambda other, best: other > best),
+}
