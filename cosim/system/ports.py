@@ -100,6 +100,7 @@ class Catalog:
 
     def port(self, name: Name) -> Port:
         """The port of a name; raises SetupError if there is none."""
+        require_name(name)
         candidates = split_name(name.strip()) if isinstance(name, str) else [name]
         candidates = [candidate for candidate in candidates if candidate[0] in self.fmus]
         for part, variable in candidates:
@@ -124,6 +125,7 @@ class Catalog:
 
     def array(self, name: Name) -> tuple[tuple[int, ...], list[Port]]:
         """The dimensions and elements of an array, none and the port of another name; SetupError."""
+        require_name(name)
         for part, variable in split_name(name.strip()) if isinstance(name, str) else [name]:
             if part in self.fmus and variable in self.fmus[part].shapes:
                 variables = self.fmus[part].variables.values()
@@ -179,6 +181,13 @@ def _meaning(catalog: Catalog, port: Port, unit: str) -> Unit:
     others = (fmu.units[unit] for fmu in catalog.fmus.values() if unit in fmu.units)
     common = common_unit(unit)
     return found_unit(unit, others) if common.baseUnit is None else common
+
+
+def require_name(name: object) -> None:
+    """Refuse what is neither a text nor a part and a variable; raises SetupError with what to write."""
+    is_pair = isinstance(name, tuple) and [isinstance(piece, str) for piece in name] == [True, True]
+    if not isinstance(name, str) and not is_pair:
+        raise SetupError(f"{name!r} is no name: write 'part.variable'")
 
 
 def split_name(name: str) -> list[tuple[str, str]]:

@@ -96,7 +96,7 @@ def _checked_number(catalog: Catalog, port: Port, value: Value) -> Value:
 
 def _broken_limits(port: Port, number: float) -> Iterator[str]:
     """The limits of a port that a number does not keep."""
-    if not math.isfinite(number):
+    if isinstance(number, float) and not math.isfinite(number):
         yield "a finite number"
     if port.native == "Float32" and math.isinf(ctypes.c_float(number).value):
         yield f"a 32-bit floating-point number, at most {SINGLE:.7g}"

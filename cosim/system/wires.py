@@ -115,7 +115,8 @@ def require_kinds(system: System) -> None:
     for what in ("wires", "bonds", "changes"):
         entries = getattr(system, what)
         if isinstance(entries, str | Wire) or not isinstance(entries, Sequence):
-            raise SetupError(f"{what} must be a sequence of texts: write [{entries!r}]")
+            hint = f": write [{entries!r}]" if isinstance(entries, str | Wire) else ", as a list"
+            raise SetupError(f"{what} must be a sequence of texts{hint}")
         for entry in entries:
             if not isinstance(entry, str | Wire if what == "wires" else str):
                 raise SetupError(f"{entry!r} in {what} must be a text{_as_wire(entry)}")

@@ -181,6 +181,7 @@ def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Pa
     ("name", "value", "message"),
     [
         ("integer_in", 2**31, "A.integer_in = 2147483648 must be a 32-bit integer"),
+        ("integer_in", 10**400, "must be a 32-bit integer"),
         ("integer_in", 0.5, "A.integer_in = 0.5 must be of type Integer"),
         ("boolean_in", 2, "A.boolean_in = 2 must be true or false"),
         ("integer_in", True, "A.integer_in = True must be of type Integer"),
