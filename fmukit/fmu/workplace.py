@@ -139,7 +139,8 @@ def _begin(folder: Path) -> None:
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
     tempfile.tempdir = str(folder)
-    os.environ.setdefault("ZIG_LOCAL_CACHE_DIR", str(folder / "zig"))  # else its cache grows for ever
+    # what the compiler keeps of a model goes with the folder; else its cache grows for ever
+    os.environ.setdefault("ZIG_LOCAL_CACHE_DIR", str(folder / "zig"))
     threading.Thread(target=_leave_with_parent, daemon=True).start()
 
 
