@@ -9,7 +9,8 @@ there.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,8 +22,8 @@ from workbench.figure import listed
 from workbench.measure import Measured, crossing_times
 from workbench.roots import NoRootError, SecantSearch
 
-from .first_order import Machine, classical
-from .rows import SPEEDS, Row, SpeedSweep, rows_of
+from .first_order import Machine, Samples, classical, rod_force
+from .rows import SPEEDS, Row, SpeedSweep, rows_of, sweep_speeds
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -43,7 +44,13 @@ TOO_COARSE = "the sweep has too few speeds near the speed where the error passes
 AT_TOLERANCE = (
     "the error at the lowest speed of the sweep is that of the tolerance, within its own error"
 )
+JUST_REACHED = "the error just reaches the tolerance at a lower speed, within its own error"
 NOWHERE = "not even at the lowest speed of the sweep"
+#: Points of an error curve between two speeds of a sweep: its extreme then has 1/64^2 of its height as its error.
+CURVE_POINTS = 64
+#: Most rounds in which orbits are added where an error may leave its tolerance between two speeds; each halves the
+#: stretch around an extreme, or more, so that the doubt falls to a quarter.
+MOST_ROUNDS = 4
 RPM = SecondUnit("rpm", 30 / math.pi)
 
 
@@ -79,6 +86,12 @@ class Case(NamedTuple):
         loads = classical(machine, nu, inertia=WITH_INERTIA[self.method])
         return abs({"torque": loads.torque, "speed": loads.speed, "force": loads.force}[self.load])
 
+    def theory(self, machine: Machine, nu: Any) -> Any:
+        """Return what first-order theory says at nu [rad/s], which leaves out less."""
+        if self.load == "force":
+            return abs(rod_force(machine, nu))
+        return abs(machine.torque_ripple(nu) if self.load == "torque" else machine.speed_ripple(nu))
+
 
 CASES = [Case(method, load) for method in WITH_INERTIA for load in QUANTITIES]
 
@@ -101,7 +114,16 @@ class Comparison(NamedTuple):
 def compare(
     machine: Machine, sweep: SpeedSweep, tolerance: float, multiples: Sequence[int]
 ) -> Comparison:
-    """Compare the calculation with a sweep, and find where an error leaves the tolerance [%]."""
+    """Compare the calculation with a sweep, and find where an error leaves the tolerance [%].
+
+    Where an error may leave it between two speeds and come back, orbits are added to the sweep.
+    """
+    for _ in range(MOST_ROUNDS):
+        more = {nu for case in CASES for nu in excursions(case, machine, sweep, tolerance)}
+        if not more:
+            break
+        speeds = sorted({*sweep.speeds, *more})
+        sweep = sweep_speeds(sweep.runner, sweep.line, speeds, multiples)
     limits = limits_of(machine, sweep, tolerance, multiples)
     figures = {}
     for case in CASES:
@@ -158,6 +180,56 @@ def worst(errors: Sequence[Measured], meaning: str) -> Figure:
     return Figure(top.value, "%", error, meaning)
 
 
+class ErrorCurve(NamedTuple):
+    """The error [%] of a calculation at speeds between those of a sweep, and what is not known of it [%]."""
+
+    nu: Samples
+    error: Samples
+    doubt: Samples
+
+
+def error_curve(case: Case, machine: Machine, sweep: SpeedSweep) -> ErrorCurve:
+    """Return the error of a calculation between the speeds of a sweep, which are among those of the curve.
+
+    Both the calculation and first-order theory are known in closed form; only the ratio of orbits to theory, which
+    is smooth, is interpolated. A straight line in place of the spline says what that leaves open.
+    """
+    nus = np.array(sweep.speeds)
+    column = QUANTITIES[case.load].column
+    ratios = np.array([row[column] for row in sweep.rows]) / case.theory(machine, nus)
+    parts = [np.linspace(a, b, CURVE_POINTS, endpoint=False) for a, b in pairwise(nus)]
+    nu = np.concatenate([*parts, nus[-1:]])
+    ratio = case.amplitude(machine, nu) / case.theory(machine, nu)
+    smooth, straight = (
+        100.0 * (ratio / x - 1.0)
+        for x in (CubicSpline(nus, ratios)(nu), np.interp(nu, nus, ratios))
+    )
+    return ErrorCurve(nu, smooth, np.abs(smooth - straight))
+
+
+def excursions(
+    case: Case, machine: Machine, sweep: SpeedSweep, tolerance: float
+) -> Iterator[float]:
+    """Yield speeds between those of a sweep at which an error may leave its tolerance and come back.
+
+    They lie below the first speed of the sweep at which it has left it.
+    """
+    errors = np.abs([deviation(case, machine, row).value for row in sweep.rows])
+    if len(errors) <= 1 or np.isnan(errors).any():
+        return
+    curve = error_curve(case, machine, sweep)
+    beyond = np.flatnonzero(errors > tolerance)
+    for k in range(int(beyond[0]) if len(beyond) else len(errors) - 1):
+        inside = slice(k * CURVE_POINTS + 1, (k + 1) * CURVE_POINTS)
+        if k + 1 < len(errors) and errors[k + 1] > tolerance:
+            return
+        most = np.abs(curve.error[inside]) + curve.doubt[inside]
+        top = inside.start + int(np.argmax(most))
+        is_inner = most.max() > max(errors[k], errors[k + 1])
+        if is_inner and most.max() > tolerance:
+            yield float(curve.nu[top])
+
+
 class LimitGuess(NamedTuple):
     """Where the sweep has an error at its tolerance, with which sign, and the slope of the error there."""
 
@@ -179,17 +251,21 @@ def first_guess(
         is_close = abs(errors[0]) - unsure[0] <= tolerance
         reason = UNKNOWN if math.isnan(unsure[0]) else AT_TOLERANCE if is_close else NOWHERE
         return Figure.undetermined("rad/s", reason)
-    curve = CubicSpline(nus, errors)
+    curve = error_curve(case, machine, sweep)
+    spline = CubicSpline(curve.nu, curve.error)
     ends = [
         (float(x), s * tolerance)
         for s in (1, -1)
-        for x in crossing_times(nus, errors, s * tolerance)
+        for x in crossing_times(curve.nu, curve.error, s * tolerance)
     ]
+    before = nus < min(ends, default=(math.inf, 0.0))[0]
+    if (np.abs(np.abs(errors) - tolerance) <= unsure)[before].any():
+        return Figure.undetermined("rad/s", JUST_REACHED)
     if not ends:
         reason = f"the error stays below {tolerance:g} % at every speed of the sweep"
         return Figure.undetermined("rad/s", reason)
     x, level = min(ends)
-    return LimitGuess(x, level, float(curve(x, 1)))
+    return LimitGuess(x, level, float(spline(x, 1)))
 
 
 def limits_of(

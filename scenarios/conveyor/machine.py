@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 import cosim
 from cosim import SetupError, System
@@ -53,6 +54,45 @@ def start_values(machine: Machine, start: Mapping[str, Value], nu: float) -> dic
         _, b, slip = _kloss(machine, start, nu)
         values |= {"motor.kloss.w_s": nu + slip, "motor.kloss.s_b": b / (nu + slip)}
     return values
+
+
+def mains_speed(machine: Machine, start: Mapping[str, Value]) -> float:
+    """The mean speed [rad/s] at which an induction motor on the mains carries the load of the machine.
+
+    It is where Kloss's torque is that of the load, between the synchronous speed and that of the breakdown torque.
+    The slip is positive there: a motor above its synchronous speed would brake.
+
+    Raises
+    ------
+    SetupError
+        For a motor with a linear characteristic, and for one that the load pulls out.
+    """
+    if not induction(start):
+        raise SetupError(
+            "supply = 'mains' needs an induction motor, motor.characteristic=kloss: the line of a linear motor is "
+            "set for each speed"
+        )
+    tau_b, s_b, w_s = (float(start.get(name, value)) for name, value in KLOSS.items())
+
+    def surplus(w: float) -> float:
+        s = 1.0 - w / w_s
+        return 2.0 * tau_b * s * s_b / (s * s + s_b * s_b) - machine.load_slope * w
+
+    slowest = max(0.0, w_s * (1.0 - s_b))
+    if surplus(slowest) <= 0.0:
+        raise SetupError(
+            f"motor.kloss.tau_b = {tau_b!r} N.m must be above {machine.load_slope * slowest:.6g} N.m, the mean load "
+            f"torque at {slowest:.4g} rad/s: on the mains of {w_s:g} rad/s the load pulls the motor out"
+        )
+    return float(brentq(surplus, slowest, w_s, xtol=1e-13 * w_s, rtol=1e-14))
+
+
+def slip_speeds(
+    machine: Machine, start: Mapping[str, Value], nu: float
+) -> tuple[float, float, float]:
+    """The synchronous speed of an induction motor fed for nu, that of its start values, and its slip at breakdown [rad/s]."""
+    _, b, slip = _kloss(machine, start, nu)
+    return nu + float(slip), float(start.get("motor.kloss.w_s", KLOSS["motor.kloss.w_s"])), b
 
 
 def induction(start: Mapping[str, Value]) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import sympy
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from cosim import SetupError
 from scenarios.conveyor.classical import worst
@@ -20,7 +21,7 @@ from scenarios.conveyor.first_order import SETS, Machine, classical, flux_lag
 from scenarios.conveyor.questions import induction_motor
 from scenarios.conveyor.second_order import drift, means, settling
 from tests.conftest import QUICK, ask, fmus_of
-from tests.scenarios.orbit_oracle import Drive, Orbit, angles, orbit
+from tests.scenarios.orbit_oracle import Drive, Orbit, angles, f_rod_peak, orbit
 from workbench.answer import Answer
 from workbench.measure import Measured, harmonics
 
@@ -519,3 +520,26 @@ def test_a_step_of_the_supply_lasts_as_long_whatever_the_steps() -> None:
     )
     assert coarse.error and fine.error and coarse.error < 0.01
     assert abs(coarse.value - fine.value) <= coarse.error + fine.error
+
+
+def test_an_error_that_leaves_its_tolerance_between_two_speeds_is_found() -> None:
+    """It is -3.3 % at 6.17 and 10.15 rad/s, and -4.9 % at 8.5: outside 4.6 % from 7.6495 rad/s on."""
+    drive = Drive(B=9.74785, T=0.126715, J=0.0110593, r=0.0108158, m=5.18383, d=39.0499, c=882.742,
+                  l=0.058943, finite=True)  # fmt: skip
+    answer = ask(
+        "resonance", theory="classical", tolerance=4.6, start=drive.start,
+        speeds="6.1719,10.15,14.13,18.11,22.09,26.07",
+    )  # fmt: skip
+    machine = Machine(
+        B=drive.B, T=drive.T, theta1=drive.J, m=drive.m, r=drive.r, c=drive.c, d=drive.d
+    )
+
+    def off(nu: float) -> float:
+        told = abs(classical(machine, nu, inertia=True).force)
+        return float(100.0 * (told / f_rod_peak(drive, [nu]) - 1.0))
+
+    exact = brentq(lambda nu: off(nu) + 4.6, 7.0, 8.0, xtol=1e-6)
+    figure = answer.figures["limit_whole_force"]
+    assert figure.error is not None and abs(figure.value - exact) <= figure.error + 1e-5
+    assert off(8.5) < -4.6 < off(10.15)
+    assert "within 4.6 % up to 7.649 rad/s" in answer.verdict

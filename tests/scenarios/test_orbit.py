@@ -384,3 +384,68 @@ def test_rows_carry_errors_that_hold(tmp_path: Path) -> None:
         ):
             assert 0.0 < error < 1e-3 * true
             assert abs(value - true) <= error
+
+
+MAINS = {"motor.characteristic": "kloss", "motor.kloss.w_s": 45.81, "motor.kloss.s_b": 0.2166,
+         "motor.kloss.tau_b": 120.0}  # fmt: skip
+
+
+def kloss_torque(w: float, start: dict[str, Any]) -> float:
+    s, s_b = 1.0 - w / start["motor.kloss.w_s"], start["motor.kloss.s_b"]
+    return float(2.0 * start["motor.kloss.tau_b"] * s * s_b / (s**2 + s_b**2))
+
+
+@pytest.mark.parametrize("more", [{}, {"motor.kloss.w_s": 62.0, "conveyor.trough.d": 9000.0}])
+def test_on_the_mains_the_speed_is_where_the_torques_balance(more: dict[str, Any]) -> None:
+    """A slip of the wrong sign would be a generator, and the torque a brake: no load would be carried."""
+    start = MAINS | more
+    answer = ask("resonance", speeds="30:70:5", supply="mains", start=start)
+    speed, figure = answer.facts["operating_speed"], answer.figures["w_operating"]
+    load = SETS["A"].follow(start).load_slope * speed
+    assert speed < start["motor.kloss.w_s"]
+    assert kloss_torque(speed, start) == pytest.approx(load, rel=1e-9)
+    for name in ("motor.kloss.w_s", "motor.kloss.s_b", "motor.kloss.tau_b"):
+        assert answer.parameters[name].value == start[name]
+    # The drive on this supply, run until it turns evenly: its mean speed, and what the motor gives is lost.
+    machine = SETS["A"].follow(start)
+    values = {**machine.start(speed), **start}
+    run = cosim.run(drives.conveyor_drive(FMUS, values), stop=4.0, step=2e-4)
+    phi, t = run["conveyor.phi"], run["time"]
+    turns = np.interp(phi[-1] - 2.0 * math.pi * np.array([10.0, 0.0]), phi, t)
+    mean = 20.0 * math.pi / (turns[1] - turns[0])
+    assert figure.error is not None and mean == pytest.approx(figure.value, rel=1e-6)
+    last = t >= turns[0]
+    given, lost = (
+        np.trapezoid(run[name][last], t[last]) for name in ("motor.P", "conveyor.P_loss")
+    )
+    assert given > 0.0 and given == pytest.approx(lost, rel=5e-3)
+    assert (
+        f"On the mains, whose synchronous speed is {start['motor.kloss.w_s']:.4g}" in answer.verdict
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "start", "message"),
+    [
+        ({"speed": 40.0}, MAINS, "speed = 40 rad/s cannot be chosen"),
+        ({}, {}, "needs an induction motor, motor.characteristic=kloss"),
+        ({}, MAINS | {"motor.kloss.tau_b": 5.0}, "the load pulls the motor out"),
+    ],
+)
+def test_a_supply_that_cannot_be_is_refused(
+    options: dict[str, Any], start: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(cosim.SetupError, match=re.escape(message)):
+        ask("resonance", speeds="38:42:3", supply="mains", start=start, **options)
+
+
+def test_an_inverter_is_told_and_the_parameters_are_those_at_the_operating_speed() -> None:
+    answer = ask("resonance", speeds="36:60:4", speed="420rpm", start=MAINS)
+    w_s, s_b = (answer.parameters[f"motor.kloss.{x}"].value for x in ("w_s", "s_b"))
+    at = {**MAINS, "motor.kloss.w_s": w_s, "motor.kloss.s_b": s_b}
+    nu = 14.0 * math.pi
+    assert kloss_torque(nu, at) == pytest.approx(SETS["A"].load_slope * nu, rel=1e-9)
+    assert w_s * s_b == pytest.approx(45.81 * 0.2166, rel=1e-12)
+    assert f"{w_s:.4g} rad/s in place of the 45.81 rad/s given" in answer.verdict
+    plain = ask("resonance", speeds="36:60:4")
+    assert "supply" not in plain.verdict

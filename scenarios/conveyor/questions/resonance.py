@@ -10,6 +10,9 @@ resonance. Whether the torque ripple is above its limit is a question of its own
 With `--theory classical` the answer also says up to which speed the classical calculation, with constant
 inertia and a load over time, may be trusted: once with the spring as its only load, once with the inertia of
 the trough. The lowest speed at which one of its errors leaves the tolerance is located on orbits there.
+
+An induction motor (`--start motor.characteristic=kloss`) is fed by an inverter that sets its synchronous speed anew
+for each speed; with `--supply mains` it has that of its start values, and the operating speed follows from the torques.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ from typing import Any
 
 import numpy as np
 
+from cosim import SetupError
+from cosim.system import Value
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.charts import model as colors
 from workbench.charts.model import Span
@@ -41,8 +46,17 @@ from ..features import (
 )
 from ..first_order import SETS, Machine
 from ..live_ripple import LiveDrive
+from ..machine import (
+    KLOSS,
+    conveyor_drive,
+    followed,
+    induction,
+    linearised,
+    mains_speed,
+    slip_speeds,
+    start_values,
+)
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive, followed, linearised, start_values
 from ..options import RippleOptions, by_set, speeds_of
 from ..orbits import OrbitRunner
 from ..papers import cited
@@ -61,6 +75,7 @@ BAND = (45.0, 135.0)
 CURVE_POINTS = 400
 CLASSICAL_LOADS = {"tau2": "torque", "w2": "speed"}
 MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
+INVERTER, MAINS = "inverter", "mains"
 FIRST_ORDER, CLASSICAL = "first-order", "classical"
 FIXED_STARTS = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
@@ -79,6 +94,12 @@ class Options(RippleOptions):
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
     speeds: tuple[float, ...] = option(
         (), "speeds of the sweep, those of the set by default", "rad/s", above=0.0
+    )
+    supply: str = option(
+        INVERTER,
+        "supply of an induction motor: an inverter sets its synchronous speed anew for each speed and keeps the slip "
+        "speed at breakdown; on the mains motor.kloss.w_s stays, and the operating speed follows from the torques",
+        choices=(INVERTER, MAINS),
     )
     theory: str = option(
         FIRST_ORDER, "theory that is drawn and compared with", choices=(FIRST_ORDER, CLASSICAL)
@@ -123,8 +144,8 @@ def solve(o: Options, context: Context) -> Findings:
     if o.theory == CLASSICAL:
         check_fixed_starts(o.start, ("motor.characteristic",))  # it knows a linear motor only
     sweeps = classical.SWEEPS if o.theory == CLASSICAL else SPEEDS
-    speeds, speed = o.speeds or speeds_of(sweeps[o.set]), o.speed or OPERATING[o.set]
     base = followed(context.fmus, SETS[o.set], o.start)
+    speeds, speed = o.speeds or speeds_of(sweeps[o.set]), operating_speed_of(o, base)
     line = ResponseLine(lambda nu: (linearised(base, o.start, nu), nu), speeds[0], speeds[-1])
     runner = OrbitRunner(context, o.start, o.algorithm, o.steps_per_rev)
     all_speeds = sorted({*speeds, speed})
@@ -157,13 +178,33 @@ def solve(o: Options, context: Context) -> Findings:
     return Findings(
         figures,
         data,
-        conveyor_drive(context.fmus, start_values(data.machine, o.start, data.machine.nu_res)),
+        conveyor_drive(context.fmus, start_values(line.at(speed)[0], o.start, speed) | supplied(o)),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables=tables,
         facts={"operating_speed": speed, "rated_torque": o.rated, "orbits": dict(runner.counts)},
         defaults={"speed": speed, "rated_torque": o.rated, "speeds": speeds},
     )
+
+
+def operating_speed_of(o: Options, base: Machine) -> float:
+    """Return the operating speed [rad/s]: as given, or on the mains that at which the torques balance."""
+    if o.supply != MAINS:
+        return o.speed or OPERATING[o.set]
+    speed = mains_speed(base, o.start)
+    if o.speed is not None:
+        raise SetupError(
+            f"speed = {o.speed:g} rad/s cannot be chosen with supply = 'mains': the drive runs at {speed:.4g} rad/s "
+            "there. Leave the speed out, or take supply = 'inverter'"
+        )
+    return speed
+
+
+def supplied(o: Options) -> dict[str, Value]:
+    """Return the start values of the mains, to all digits; none of an inverter, which sets its own."""
+    return {
+        name: x for name, x in {**KLOSS, **o.start}.items() if name in KLOSS and o.supply == MAINS
+    }
 
 
 def warn_unsteady(sweep: SpeedSweep) -> None:
@@ -192,7 +233,8 @@ def operating_figures(r: ResonanceData) -> dict[str, Figure]:
     if not math.isnan(row["lag"]) and abs(machine.load_ripple(nu)) < VANISHING * parts:
         lag = Figure.undetermined("deg", PHASE_UNDEFINED.format(f"at {r.speed:g} rad/s"), meaning)
     ripple = row_figure(row, "tau2", "torque ripple at the operating speed")
-    return {"tau2_operating": ripple, "lag_operating": lag}
+    mean = row_figure(row, "w_mean", "mean speed of the orbit at the operating speed")
+    return {"tau2_operating": ripple, "lag_operating": lag, "w_operating": mean}
 
 
 def distance(lag: Figure, speed: float) -> Figure:
@@ -224,7 +266,26 @@ def verdict(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
     last = r.limit.sentences(left)
     if r.classical:
         last = [classical.sentence(r.classical), *r.limit.about_left_out(left)]
-    return "\n".join([about_resonance(f, r), about_limit(o, f, r), *last])
+    return "\n".join([about_resonance(f, r), about_limit(o, f, r), *last, *about_supply(o, f, r)])
+
+
+def about_supply(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
+    """Say how an induction motor is fed, since no motor has the synchronous speed of another supply."""
+    if not induction(o.start):
+        return []
+    at, given, slip = slip_speeds(r.line.at(r.speed)[0], o.start, r.speed)
+    slip_text = f"its slip speed at breakdown stays {slip:.4g} rad/s"
+    if o.supply == MAINS:
+        return [
+            f"On the mains, whose synchronous speed is {given:.4g} rad/s, the drive runs at {f['w_operating'].brief()}. "
+            f"Other speeds of the sweep are those of another frequency of the mains; {slip_text}."
+        ]
+    told = "given" if "motor.kloss.w_s" in o.start else "of the FMU"
+    return [
+        f"The supply is set for each speed, as an inverter does: at the operating speed the synchronous speed is "
+        f"{at:.4g} rad/s in place of the {given:.4g} rad/s {told}, and {slip_text}. "
+        f"With --supply mains it stays, and the speed follows."
+    ]
 
 
 def left_out(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
