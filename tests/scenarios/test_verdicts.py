@@ -295,3 +295,24 @@ def test_a_motor_that_cannot_reach_a_high_resonance_does_not_stall() -> None:
         "The linear motor does not stay above the 90 degree lag at 1000 rad/s by formula (22), which is no "
         "resonance with this damping, within 0.3 s."
     )
+
+
+def test_an_induction_motor_is_not_compared_with_itself() -> None:
+    """A breakdown slip that is the machine's own, or larger than it, leaves one case less."""
+    answer = ask("induction_motor", slips="0.2,0.3", resistances="2000,8000")
+    least = answer.figures["least_slip"]
+    assert least.value < 0.2  # that of the data sheet
+    assert "breakdown slip of" not in answer.verdict and "trough resistance of" in answer.verdict
+
+
+def test_a_crank_that_swings_across_its_resonance_has_not_passed_it() -> None:
+    """The run ends 1.6 ms after the speed has risen through it once more, and a turn takes 0.1 s."""
+    start = {
+        "conveyor.trough.m": 74.55, "conveyor.crank.r": 0.005175, "conveyor.rotor.J": 0.002986,
+        "conveyor.spring.c": 158600.0, "conveyor.trough.d": 781.3, "motor.B": 2.654, "motor.T": 0.0437,
+    }  # fmt: skip
+    answer = ask("run_up", speed=62.8, stop=0.81, step=2.5e-4, start=start)
+    w = answer.tables["linear.csv"].frame["conveyor.w"].to_numpy()
+    assert w[-1] > answer.figures["nu_res"].value
+    assert answer.figures["linear_passing"].error is None
+    assert "The linear motor does not stay above the resonance" in answer.verdict

@@ -114,7 +114,8 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
         if math.isnan(clear.value)
         else {
             "near_clearance": clear.figure(
-                rad, f"how near to {NEAR:.0%} of its set speed the load turns back"
+                rad,
+                f"distance of {NEAR:.0%} of its set speed from the nearest turn of the speed around that time",
             )
         }
     )

@@ -307,6 +307,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: MotorData) -> str:
         "heavy_kloss": f"with a trough resistance of {text['most_resistance']}",
         "small_kloss": f"with a breakdown slip of {text['least_slip']}",
     }
+    own = {
+        "heavy_kloss": f["most_resistance"].value == r.motor.machine.d,
+        "small_kloss": f["least_slip"].value == float(r.motor.start["motor.kloss.s_b"]),
+    }
+    cases = {x: case for x, case in cases.items() if not own[x]}
     speeds = [f"at {text[x]} {case}" for x, case in cases.items() if f[x].error is not None]
     if speeds:
         lines.append(f"It is {' and '.join(speeds)}.")

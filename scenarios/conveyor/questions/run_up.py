@@ -63,7 +63,7 @@ ROCKING = 0.1
 STANDING = 1e-3
 #: Share of the resonance within which a speed is near it, a convention of this question.
 NEAR_SHARE = 0.1
-BELOW = "the crank does not stay above the resonance"
+BELOW = "the crank does not stay above the resonance for a whole turn"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,17 +116,19 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     """
     t, w, second = r["time"], r["conveyor.w"], r.units["time"]
     machine, meaning = machine_of(o), "time when the crank has passed the resonance"
+    phi = r["conveyor.phi"]
     passed = crossing(t, w, machine.nu_res, -1)
+    stays = w[-1] >= machine.nu_res and phi[-1] - np.interp(passed.value, t, phi) >= TURN
     clear = clearance(t, w, machine.nu_res, -1)
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
     all_figures = {
         "passing": Figure.undetermined(second, BELOW, meaning)
-        if w[-1] < machine.nu_res
+        if not stays
         else passed.figure(second, meaning),
         "revolutions_near": near.figure("1", "revolutions within 10 % of the resonance"),
     }
-    if w[-1] >= machine.nu_res and not math.isnan(clear.value):
-        least = "how near the speed comes back to the resonance after that"
+    if stays and not math.isnan(clear.value):
+        least = "distance of the resonance from the nearest turn of the speed around that time"
         all_figures["clearance"] = clear.figure(r.units["conveyor.w"], least)
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]

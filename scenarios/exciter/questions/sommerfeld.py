@@ -50,6 +50,8 @@ LEVEL_STEPS = 16
 #: Share of the resonance by which two speeds at one voltage must differ to count as two.
 MIN_GAP = 0.02
 STARTS = (0.8, 1.05)
+#: Share of such a start from which on its mean speed is taken.
+LAST = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,7 +232,23 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> str
         f"jumps from {texts['before_up']} to {texts['after_up']}."
     )
     back = f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}."
-    return " ".join([*caught(o, f, observed), raising, back])
+    return " ".join([*caught(o, f, observed), raising, back, *from_rest(f, observed)])
+
+
+def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[str]:
+    """What a supply does that is switched on at once: a slow rise needs more, since it is steady at each voltage."""
+    up, before = f["supply_up"], f["before_up"]
+    if up.error is None or before.error is None:
+        return []
+    supply = STARTS[0] * up.value
+    run = observed.case.run(supply, {})
+    last = run["time"] >= LAST * run["time"][-1]
+    mean = float(run["exciter.w"][last].mean())
+    does = "passes the resonance" if mean > 1.1 * before.value else "does not pass the resonance"
+    return [
+        f"From rest, with {supply:.4g} V switched on at once ({STARTS[0]:.0%} of that), it {does} and turns at "
+        f"{mean:.4g} rad/s after {run['time'][-1]:g} s."
+    ]
 
 
 def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]:
