@@ -23,6 +23,12 @@ PRINTED = {
     "iron_drive": (48, {9: 2, 48: 4}, 3),
     "gravity_orientator": (10, {1: 2, 4: 1, 6: 3, 7: 4, 9: 2, 10: 15}, 4),
 }
+#: What a paper says in words, after its formulas and figures.
+TEXTS = {
+    "crank_conveyor": ["after (12)", "last sentence"],
+    "iron_drive": ["assumptions"],
+    "gravity_orientator": ["text on Fig. 4"],
+}
 DATA = {"iron_drive", "gravity_orientator"}
 COLUMNS = ["no.", "what it says", "home", "erratum", "how well met"]
 
@@ -36,7 +42,7 @@ def printed(machine: str) -> list[str]:
         for letter in ("", *LETTERS[: unnumbered.get(number, 0)])
     ]
     pictures = [f"Fig. {k}" for k in range(1, figures + 1)]
-    return formulas + ["data"] * (machine in DATA) + pictures
+    return formulas + ["data"] * (machine in DATA) + pictures + TEXTS[machine]
 
 
 def rows(page: str, heading: str) -> list[list[str]]:

@@ -136,3 +136,17 @@ def test_a_product_that_jams_with_half_the_step_refuses_its_figures_and_not_the_
     for name in refused:
         assert "depends on the step" in figures[name].reason
     assert all(figure.problem() == "" for figure in figures.values())
+
+
+def test_the_curves_of_fig_4_part_with_the_square_of_the_speed() -> None:
+    """The paper says that they nearly coincide up to 40 rpm; four times the spread at twice the speed."""
+    answer = ask(
+        "orientation_time", frictions=[0.2, 0.35, 0.5], speeds=["20rpm", "40rpm", "100rpm"]
+    )
+    rows = answer.tables["orientation_time.csv"].frame
+    spread = {}
+    for n, times in ((20.0, [0.2419, 0.2442, 0.2465]), (40.0, [0.2521, 0.2638, 0.2778])):
+        row = rows[rows["n"] == n].sort_values("mu")["orientation_time"].to_numpy()
+        assert row == pytest.approx(times, abs=6e-5)
+        spread[n] = np.ptp(row)
+    assert 4.0 < spread[40.0] / spread[20.0] < 7.0
