@@ -105,7 +105,7 @@ def test_run_writes_what_the_api_computes(
     system = pair(fmus, SETS["A"].start(NU) | {"motor.T": 0.05})
     ours = run(system, stop=0.5, step=1e-3, algorithm="gauss-seidel")
     frame = pd.read_csv(out)
-    assert frame.columns.tolist() == ours.columns
+    assert frame.columns.tolist() == ours.names
     assert_array_equal(frame.to_numpy(), ours.data)
     content = json.loads(out.with_suffix(".json").read_text())
     assert content["parts"]["motor"]["parameters"]["T"] == 0.05
