@@ -108,13 +108,13 @@ def costs(count: int) -> tuple[float, float]:
 def threads(every: int) -> tuple[float, float]:
     """Two threads against one after the other; the share of processor time under Python's lock."""
     tasks = [partial(run, pairs(2), stop=100.0, step=H, output_step=every * H) for _ in range(2)]
-    advance, free = loop.library().advance, [0.0]
+    advance, free = loop.library().take_steps, [0.0]
 
     class Timed:
         """The compiled loop, which runs without the lock."""
 
         @staticmethod
-        def advance(*arguments: Any) -> int:
+        def take_steps(*arguments: Any) -> int:
             began = time.thread_time()
             count: int = advance(*arguments)
             free[0] += time.thread_time() - began

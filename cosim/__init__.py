@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .analysis.linearize import Linear, linearize
     from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
     from .engine.control import Adaptive
+    from .engine.settings import RunSettings
+    from .ensemble import Case, Ensemble
     from .errors import SetupError
     from .fmu.messages import quiet
     from .formats.container import write_container
@@ -29,9 +31,11 @@ if TYPE_CHECKING:
     from .identification.intervals import Interval
     from .identification.record import measured
     from .isolated import run_isolated
-    from .master import run, versions
+    from .master import run
     from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
+    from .prepared import How, Prepared
     from .result import Interrupted, Result, SimulationError
+    from .simulation import versions
     from .system import System, Wire
     from .system.inputs import Table
 
@@ -54,6 +58,8 @@ _HOMES = {
         "analysis.linearize": "Linear, linearize",
         "engine.algorithms": "ALGORITHMS, CONVERGENCE_ORDERS",
         "engine.control": "Adaptive",
+        "engine.settings": "RunSettings",
+        "ensemble": "Case, Ensemble",
         "errors": "SetupError",
         "fmu.messages": "quiet",
         "formats.container": "write_container",
@@ -65,9 +71,11 @@ _HOMES = {
         "identification.intervals": "Interval",
         "identification.record": "measured",
         "isolated": "run_isolated",
-        "master": "run, versions",
+        "master": "run",
         "metrics": "crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest",
+        "prepared": "How, Prepared",
         "result": "Interrupted, Result, SimulationError",
+        "simulation": "versions",
         "system": "System, Wire",
         "system.inputs": "Table",
     }.items()
@@ -75,9 +83,9 @@ _HOMES = {
 }
 
 __all__ = [
-    "ALGORITHMS", "CONVERGENCE_ORDERS", "Adaptive", "Advice", "Certified", "Comparison", "Crosscheck",
-    "Deviation", "Diagnosis", "Estimate", "Experiment", "Identified", "Interrupted", "Interval",
-    "Judged", "Limit", "Linear", "Package", "RefereeReport", "Result", "SetupError", "SimulationError", "System", "Table",
+    "ALGORITHMS", "CONVERGENCE_ORDERS", "Adaptive", "Advice", "Case", "Certified", "Comparison", "Crosscheck",
+    "Deviation", "Diagnosis", "Ensemble", "Estimate", "Experiment", "How", "Identified", "Interrupted", "Interval",
+    "Judged", "Limit", "Linear", "Package", "Prepared", "RefereeReport", "Result", "RunSettings", "SetupError", "SimulationError", "System", "Table",
     "Verdict", "Wire", "advise", "certify", "compare", "crosscheck", "crossing", "diagnose",
     "identify", "largest", "limit", "linearize", "mean", "measured", "oracle", "quiet",
     "read_osp", "read_ssp", "referee", "rms", "run", "run_isolated", "smallest", "summary",

@@ -6,29 +6,24 @@ import functools
 import json
 import logging
 import math
-import multiprocessing
 import os
 import signal
-import tempfile
-import threading
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from shutil import rmtree
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from .child import GRACE, child, death
 from .engine.settings import RunSettings
 from .errors import SetupError, pluralize
 from .fmu.messages import log, quiet
 from .master import begin, run
 from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
-from .scratch import scratch
 from .series import described_columns
 from .signals import collect_interrupts
 from .system import System
@@ -36,12 +31,8 @@ from .system import System
 #: Longest wait for a message before signals and time limits are looked at [s]: a convention of this project,
 #: which limits how soon Ctrl-C is passed on.
 PATIENCE = 0.1
-#: Time for the child to close its files or to react to a signal [s]: a convention of this project, which
-#: limits how long a stuck FMU holds up the end.
-GRACE = 10.0
 #: Least time between two messages on the progress [s]: a convention of this project, which limits their number.
 BETWEEN = 0.05
-CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL")
 
 
 def run_isolated(
@@ -164,36 +155,6 @@ def _start(pipe: Connection, system: System, settings: RunSettings) -> None:
             pipe.send(None)
 
 
-@contextmanager
-def child(
-    work: Callable[..., None], *arguments: Any, grace: float = 0.0
-) -> Iterator[tuple[BaseProcess, Connection]]:
-    """A process that does work(pipe, *arguments), and our end of the pipe; it is ended after a while [s].
-
-    Its temporary files go with it. It ignores Ctrl-C until it wants to hear it.
-    """
-    context = multiprocessing.get_context("spawn")
-    with TemporaryDirectory(dir=scratch()) as folder:
-        ours, its = context.Pipe(duplex=False)
-        process = context.Process(target=_begin, args=(folder, work, its, *arguments))
-        with _ignore_sigint():
-            process.start()
-        its.close()
-        try:
-            yield process, ours
-        finally:
-            ours.close()
-            process.join(grace)
-            process.kill()
-            process.join()
-
-
-def _begin(folder: str, work: Callable[..., None], *arguments: Any) -> None:
-    threading.Thread(target=_die_with_parent, args=(folder,), daemon=True).start()
-    tempfile.tempdir = os.environ["TMPDIR"] = folder
-    work(*arguments)
-
-
 def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any]) -> None:
     """Run in the child and tell the parent of the progress, the log and the end."""
     signal.signal(signal.SIGINT, lambda *_: None)
@@ -225,15 +186,6 @@ def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any])
         pipe.send(("end", (ended and type(ended), str(ended), *facts, path)))
 
 
-def _die_with_parent(folder: str) -> None:
-    """Leave no trace when the parent is gone."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    wait([parent.sentinel])
-    rmtree(folder, ignore_errors=True)
-    os._exit(1)
-
-
 class _Forward(logging.Handler):
     """Hands log records to the parent."""
 
@@ -244,20 +196,6 @@ class _Forward(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         record.msg, record.args, record.exc_info = record.getMessage(), None, None
         self._pipe.send(("log", record))
-
-
-@contextmanager
-def _ignore_sigint() -> Iterator[None]:
-    """Ignore Ctrl-C, as a child that is started then does until it is ready to hear it."""
-    try:
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except ValueError:  # only the main thread may, and only there Ctrl-C is heard
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _messages(
@@ -293,15 +231,6 @@ def _messages(
                 return
         elif ready:
             return
-
-
-def death(process: BaseProcess) -> str:
-    """How a process ended."""
-    code = process.exitcode or 0
-    if code >= 0:
-        return f"ended with exit code {code} (an FMU ended it)"
-    name = signal.Signals(-code).name
-    return f"was killed by signal {name}" + (" (an FMU crashed)" if name in CRASHES else "")
 
 
 def _stamps(csv: Path) -> list[int]:

@@ -1,33 +1,15 @@
-"""Run a system: it is checked once, wired and initialised once, and driven from start to stop."""
+"""Run a system once: `run` makes it ready and runs it, see `Prepared` for many runs."""
 
 from __future__ import annotations
 
-import importlib.metadata
-import platform
-import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
-from .engine.changes import discrete_changes
 from .engine.control import Adaptive
-from .engine.driver import Driver, RowReader
-from .engine.energy import bond_warnings, energy_balance
-from .engine.initialise import initialise
-from .engine.part import Part
-from .engine.process_state import ProcessState
-from .engine.recorder import Recorder
-from .engine.row_file import RowFile
 from .engine.settings import RunSettings
-from .errors import FmuError, SetupError, SimulationTerminated, pluralize
-from .report import Outcome, PartIdentity, RunReport, RunSetup
-from .requirements import require_runnable
-from .result import Interrupted, Result, SimulationError
-from .signals import collect_interrupts
-from .system import Network, System, connect
-from .system.graph import stepping_order
+from .prepared import Prepared
+from .result import Result
+from .system import System
 
 
 def run(
@@ -122,34 +104,12 @@ def run(
     >>> len(result["time"])
     11
     """
-    network = connect(system)
-    if tolerance is None and isinstance(step, Adaptive):
-        tolerance = step.tolerance
     settings = RunSettings(
         stop, step, start, algorithm, order, input_order, dict(substeps or {}), tolerance, record,
         output_step, stop_time_defined,
     )  # fmt: skip
-    require_runnable(network, settings)
-    began = clock.perf_counter()
-    with ExitStack() as stack:
-        interrupts, process = stack.enter_context(collect_interrupts()), ProcessState()
-        stack.callback(process.restore)
-        simulation = _Simulation(network, settings, stack, process)
-        if all_rows is not None:
-            simulation.all_rows = RowFile(all_rows)
-            stack.callback(simulation.all_rows.close)
-        path = None if csv is None else Path(csv).absolute()
-        result, report = simulation.finish(path, progress, interrupts, began)
-    outcome = report.outcome
-    stopped = (
-        f"{outcome.reason}; stopped at t = {outcome.reached!r} s, "
-        f"{pluralize(outcome.rows, 'row')} kept"
-    )
-    if outcome.status == "failed":
-        raise SimulationError(stopped, result)
-    if outcome.status == "interrupted":
-        raise Interrupted(stopped, result)
-    return result
+    with Prepared.open(system, settings) as prepared:
+        return prepared.run(csv=csv, progress=progress, all_rows=all_rows)
 
 
 def begin(system: System, settings: RunSettings) -> None:
@@ -167,147 +127,5 @@ def begin(system: System, settings: RunSettings) -> None:
     SetupError
         For what `run` refuses before the first step.
     """
-    network = connect(system)
-    require_runnable(network, settings)
-    with ExitStack() as stack:
-        process = ProcessState()
-        stack.callback(process.restore)
-        _Simulation(network, settings, stack, process)
-
-
-class _Simulation:
-    """The parts of a checked system, initialised, on their way from start to stop."""
-
-    def __init__(
-        self, network: Network, settings: RunSettings, stack: ExitStack, process: ProcessState
-    ) -> None:
-        self.network, self.settings, self.process = network, settings, process
-        self.all_rows: RowFile | None = None
-        self.ports = settings.ports(network)
-        self.sequence = stepping_order(network, settings.order)
-        within = self.ports if settings.every() is None else ()
-        try:
-            self.parts = initialise(network, settings, self.sequence, stack, within)
-            self.setup = self._setup()
-            process.restore()
-        except FmuError as error:
-            raise SetupError(str(error)) from error
-
-    def _setup(self) -> RunSetup:
-        """What is run."""
-        system, settings = self.network.system, self.settings
-        identities = {
-            name: _identity(part, system.parts[name], settings.tolerance)
-            for name, part in self.parts.items()
-        }
-        return RunSetup(
-            algorithm=settings.algorithm,
-            communication=settings.text(),
-            order=self.sequence,
-            input_order=settings.input_order,
-            substeps=settings.substeps,
-            start=settings.start,
-            stop=settings.stop,
-            tolerance=settings.tolerance,
-            stop_time_defined=settings.stop_time_defined,
-            wires=[str(wire) for wire in system.wires],
-            inputs={port.name: profile.provenance() for port, profile in self.network.inputs},
-            changes=list(system.changes),
-            start_values=dict(system.start),
-            open_inputs={port.name: value for port, value in self.network.open},
-            parts=identities,
-            versions=versions(),
-        )
-
-    def finish(
-        self,
-        csv: Path | None,
-        progress: Callable[[float], None] | None,
-        interrupts: Sequence[int],
-        began: float,
-    ) -> tuple[Result, RunReport]:
-        """Take all steps; the result and report, complete or not, of a run that `began` at a reading of the clock [s]."""
-        recorder = Recorder([port.column for port in self.ports], csv, self.setup)
-        settings = self.settings
-        changes = discrete_changes(self.network, self.parts, settings.start, settings.stop)
-        row = RowReader(list(self.parts.values()), self.ports)
-        stepped = [self.parts[name] for name in self.sequence]
-        driver = Driver(stepped, settings, row, recorder, changes, all_rows=self.all_rows)
-        status, reason = "failed", "stopped by an error outside the FMUs"
-        try:
-            status, reason = self._drive(driver, recorder, progress, interrupts)
-        except FmuError as failure:
-            reason = str(failure)
-        finally:
-            outcome = Outcome(status, reason, driver.t, recorder.count)
-            report = self._report(driver, outcome, began)
-            result = recorder.finish(report, driver.breaks)
-        return result, report
-
-    def _drive(
-        self,
-        driver: Driver,
-        recorder: Recorder,
-        progress: Callable[[float], None] | None,
-        interrupts: Sequence[int],
-    ) -> tuple[str, str]:
-        """Take all steps; status and reason of the end. Raises FmuError."""
-        try:
-            for fraction in driver.steps():
-                self.process.require()
-                if progress is not None:
-                    progress(fraction)
-                if interrupts:
-                    return "interrupted", "interrupted by the user"
-            self.process.require_now()
-            recorder.flush()
-        except SimulationTerminated as end:
-            with suppress(FmuError):
-                driver.end_at(end.reached)
-            recorder.flush()
-            return "complete", f"{end}; the last row is at t = {driver.t!r} s"
-        return "complete", ""
-
-    def _report(self, driver: Driver, outcome: Outcome, began: float) -> RunReport:
-        parts = self.parts.values()
-        balance = energy_balance(side for part in parts for side in part.bond_sides)
-        warnings = list(self.network.flaw_texts())
-        warnings += [f"{part.name}: {text}" for part in parts for text in part.messages.warnings]
-        warnings += self.process.warnings
-        if not self.ports:
-            warnings.append("no FMU has an output to record: the rows contain only the time")
-        return RunReport(
-            setup=self.setup,
-            statistics=driver.statistics(),
-            outcome=outcome,
-            bonds=balance,
-            warnings=[*warnings, *bond_warnings(balance)],
-            wall_time=clock.perf_counter() - began,
-        )
-
-
-def _identity(part: Part, path: Path, tolerance: float | None) -> PartIdentity:
-    """What a result says of a part, with every parameter's value."""
-    description = part.description
-    if tolerance is None:
-        tolerance = description.defaultExperiment.tolerance
-    parameters = [v for v in description.modelVariables if v.causality == "parameter"]
-    return PartIdentity(
-        fmu=Path(path).name,
-        model=description.modelName,
-        guid=description.guid,
-        tolerance=tolerance,
-        tool=description.generationTool,
-        parameters=part.instance.access.values(parameters),
-    )
-
-
-@cache
-def versions() -> dict[str, str]:
-    """The versions that a result depends on; scipy is optional, since it only serves to judge results."""
-    packages = [name for name in ("fmpy", "numpy", "scipy") if find_spec(name)]
-    return {
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        **{name: importlib.metadata.version(name) for name in packages},
-    }
+    with Prepared.open(system, settings) as prepared:
+        prepared.begin()

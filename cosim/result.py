@@ -245,9 +245,9 @@ class SimulationError(RuntimeError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """The run was interrupted by Ctrl-C; `result` contains all rows up to then."""
+    """A run was interrupted by Ctrl-C; `result` contains all rows up to then, of many runs those that are done."""
 
-    def __init__(self, message: str, result: Result) -> None:
+    def __init__(self, message: str, result: Any) -> None:
         super().__init__(message)
         self.result = result
 

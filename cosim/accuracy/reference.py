@@ -20,9 +20,9 @@ from ..engine.driver import RowReader
 from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
 from ..fmu.exchange import Array
-from ..master import versions
 from ..result import Result, SimulationError
 from ..series import TIME
+from ..simulation import versions
 from ..system import System, connect, require_cosimulation
 from .certify import Metrics, certify, evaluate, summary_metrics
 from .coupled_ode import CoupledOde, opened

@@ -1,4 +1,4 @@
-"""Compile the loop of fixed-step runs, loop.c, for a platform; the standard library and ziglang only."""
+"""Compile the loops of steps and of members for a platform; the standard library and ziglang only."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import tempfile
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("loop.c")
+#: What is compiled; it includes `SOURCE`.
+MEMBERS = SOURCE.with_name("members.c")
 TARGETS = {
     ("linux", "x86_64"): "x86_64-linux-gnu.2.17",
     ("linux", "aarch64"): "aarch64-linux-gnu.2.17",
@@ -40,7 +42,7 @@ def compile_loop(path: Path, target: str = "native") -> None:
         windows = "windows" in target or (target == "native" and sys.platform == "win32")
         compiled = Path(folder) / "loop.obj"
         for options in (
-            ["-c", "-o", str(compiled), str(SOURCE)],
+            ["-c", "-o", str(compiled), str(MEMBERS)],
             [
                 *(WINDOWS_LINK_OPTIONS if windows else LINK_OPTIONS),
                 *("-o", str(library), str(compiled)),

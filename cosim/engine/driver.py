@@ -315,6 +315,18 @@ class Driver:
                     self._keep(row)
             yield self.accepted / count
 
+    @property
+    def compiled(self) -> Loop | None:
+        """All its steps in C, if no jump is at the beginning of one and no change in any."""
+        start, step = self.plan.start, self.plan.step
+        if isinstance(step, Adaptive):
+            return None
+        for jump in self._jumps:
+            n = self._step_at(jump.time, step)
+            if jump.changes or coincide(start + n * step, jump.time):
+                return None
+        return self._loop
+
     def _split_steps(self, step: float) -> Iterator[int]:
         """The numbers of the fixed steps at whose beginning a jump occurs, or inside which a change does.
 

@@ -8,6 +8,7 @@ from functools import partial
 from itertools import chain
 from math import isclose, isfinite
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,13 +52,21 @@ def initialise(
     sequence: Sequence[str],
     stack: ExitStack,
     within: Sequence[Port] = (),
+    *,
+    used: Mapping[str, CoSimulation] = MappingProxyType({}),
 ) -> dict[str, Part]:
     """All parts at the start, their coupled start values consistent, ready for the first step.
 
-    The FMUs that can are to show the ports `within` their steps. The stack closes the parts.
-    Raises FmuError where an FMU refuses, SetupError where the start values have no solution.
+    The FMUs that can are to show the ports `within` their steps. Instances that have been `used`
+    and reset are taken, by part; others are made, and the stack closes them. Raises FmuError where an FMU refuses, SetupError where
+    the start values have no solution.
     """
-    parts, slots = prepare(network, settings, sequence, stack, open_cosimulation, within=within)
+
+    def opener(name: str, description: ModelDescription, fmu: Library) -> CoSimulation:
+        watched = [port.variable for port in within if port.part == name]
+        return OPENERS[description.fmiVersion](name, description, fmu, watched)
+
+    parts, slots = prepare(network, settings, sequence, stack, opener, used=used)
     if settings.input_order:
         _interpolate_inputs(parts, settings.input_order)
     _open_bonds(network, parts, slots)
@@ -74,38 +83,44 @@ def prepare(
     settings: RunSettings,
     sequence: Sequence[str],
     stack: ExitStack,
-    opener: Opener[I],
+    opener: Callable[[str, ModelDescription, Library], I],
     *,
-    within: Sequence[Port] = (),
+    used: Mapping[str, I] = MappingProxyType({}),
 ) -> tuple[dict[str, WiredPart[I]], dict[str, Slot]]:
     """All parts wired at the start, out of initialisation mode, and the slots of wired variables by name.
 
     The `opener` makes the parts' instances; the other parameters and exceptions are those of `initialise`.
     """
     start = settings.start
-    starts = {port.name: (port, value) for port, value in network.start}
-    starts |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
+    starts = start_values(network, start)
 
     def instance(name: str) -> I:
-        """A new instance of the part with its start values."""
+        """A new instance of the part."""
         description = network.descriptions[name]
         try:
             fmu = borrow(Path(network.system.parts[name]), description)
         except FmuError as error:
             raise FmuError(f"{name}: {error}") from error
-        watched = [port.variable for port in within if port.part == name]
-        opened = opener(name, description, fmu, watched)
+        opened = opener(name, description, fmu)
         stack.callback(opened.session.close)
+        return opened
+
+    def with_starts(opened: I) -> I:
+        """An instance with its start values."""
         for port, value in starts.values():
-            if port.part == name:
+            if port.part == opened.session.name:
                 opened.set(port.variable, value)
         return opened
 
-    instances = {name: instance(name) for name in network.system.parts}
+    instances = {
+        name: with_starts(used[name] if name in used else instance(name))
+        for name in network.system.parts
+    }
     for name, opened in instances.items():
-        instances[name] = _set_up(opened, settings, partial(instance, name))
+        again = partial(lambda name: with_starts(instance(name)), name)
+        instances[name] = _set_up(opened, settings, again)
     for port, value in starts.values():
-        if port.variable.causality == "input" or _keeps(port):
+        if is_set_again(port):
             instances[port.part].set(port.variable, value)
     parts = _wire(network, instances, settings)
     slots = _connect(network, parts, start)
@@ -114,6 +129,17 @@ def prepare(
         opened.begin()
     _warn_of_other_starts(starts.values(), instances)
     return parts, slots
+
+
+def start_values(network: Network, start: float) -> dict[str, tuple[Port, Value]]:
+    """What is set before a run that begins at a time [s], by name and in this sequence."""
+    starts = {port.name: (port, value) for port, value in network.start}
+    return starts | {port.name: (port, profile.at(start)) for port, profile in network.inputs}
+
+
+def is_set_again(port: Port) -> bool:
+    """Whether it is set in initialisation mode too."""
+    return port.variable.causality == "input" or keeps(port)
 
 
 def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
@@ -125,7 +151,7 @@ def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
     session, tolerance = instance.session, settings.tolerance
     if tolerance is None and session.side == CO_SIMULATION:
         tolerance = session.description.defaultExperiment.tolerance
-    stop = settings.stop if settings.stop_time_defined else None
+    stop = settings.stop if settings.stop_time_defined or session.is_told_stop else None
     try:
         instance.set_up(tolerance, settings.start, stop)
     except FmuError as failure:
@@ -135,6 +161,7 @@ def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
             session.close()
             other = again()
             other.set_up(tolerance, settings.start, settings.stop)
+            other.session.is_told_stop = True
             other.session.messages.warn(
                 f"the FMU does not initialise without a stop time, so it was handed over: {failure}"
             )
@@ -143,7 +170,7 @@ def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
     return instance
 
 
-def _keeps(port: Port) -> bool:
+def keeps(port: Port) -> bool:
     """Whether the variable is to keep its start value; some FMUs lose it in SetupExperiment."""
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
@@ -154,7 +181,7 @@ def _warn_of_other_starts(
     """Let the parts warn of what was given a start value and is to keep it, but has another."""
     by_part: dict[str, list[tuple[Port, Value]]] = {}
     for port, value in starts:
-        if port.variable.causality != "input" and _keeps(port):
+        if port.variable.causality != "input" and keeps(port):
             by_part.setdefault(port.part, []).append((port, value))
     for name, fixed in by_part.items():
         instance = instances[name]

@@ -16,13 +16,14 @@ from ..fmu.blocks import VariableBlock
 from ..fmu.buffers import Slot, address
 from ..fmu.messages import WARNING
 from ..fmu.operations import Layout
-from .compiler import OPTIONS, SOURCE, compile_loop, file_name
+from .compiler import MEMBERS, OPTIONS, SOURCE, compile_loop, file_name
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource
 
 INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
 ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3, CELLS, CELLS]
+MEMBER_ARGUMENTS: Any = [CELLS, CELLS, LONG, LONG, CELLS, CELLS, LONG, *[CELLS] * 3]
 
 
 class Column(ctypes.Structure):
@@ -49,7 +50,8 @@ def _library() -> Any:
     path = SOURCE.parent / "compiled" / name
     try:
         if not path.exists():
-            digest = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
+            text = f"{SOURCE.read_text()}{MEMBERS.read_text()}{OPTIONS}"
+            digest = hashlib.sha256(text.encode()).hexdigest()[:16]
             path = SOURCE.parent / "__pycache__" / f"{digest}-{name}"
             if not path.exists() or not path.stat().st_size:
                 compile_loop(path)
@@ -57,6 +59,8 @@ def _library() -> Any:
     except OSError as error:
         return error
     loop.take_steps.argtypes = ARGUMENTS
+    loop.run_members.argtypes = MEMBER_ARGUMENTS
+    loop.run_members.restype = None
     return loop
 
 
@@ -89,9 +93,9 @@ class Loop:
 
     def __init__(self, program: Program, columns: Sequence[Slot], every: int) -> None:
         self._take_steps = library().take_steps
-        self._operations = program.operations
-        self._layouts = (Layout * len(program.layouts))(*program.layouts)
-        self._warned = (ctypes.c_longlong * len(self._operations))()
+        self.operations = program.operations
+        self.layouts = (Layout * len(program.layouts))(*program.layouts)
+        self._warned = (ctypes.c_longlong * len(self.operations))()
         self._feeds = [
             k
             for k, timed in enumerate(program.operations)
@@ -102,9 +106,9 @@ class Loop:
             for timed in program.operations
             if isinstance(timed.operation, StepOperation)
         ]
-        self._row_begin = program.row_begin
+        self.row_begin = program.row_begin
         cells = (Column(slot.address, ord(slot.kind._type_)) for slot in columns)
-        self._columns = (Column * len(columns))(*cells)
+        self.columns = (Column * len(columns))(*cells)
         self._width = len(columns) + 1
         self._every = every
 
@@ -119,16 +123,16 @@ class Loop:
         rows = array("d", [0.0]) * (self._width * ((last - first) // self._every + 1))
         laid_out = []
         for k in self._feeds:
-            feed, at, size = self._operations[k]
+            feed, at, size = self.operations[k]
             assert isinstance(feed, InputSource)
             times = (start + n * h + at * h for n in range(first, last))
             means = [feed.profile.mean(t, size * h) for t in times]
             laid_out.append((ctypes.c_double * len(means))(*means))
-            self._layouts[k].source = address(laid_out[-1])
+            self.layouts[k].source = address(laid_out[-1])
         report = (ctypes.c_longlong * 3)()
         count = self._take_steps(
-            self._layouts, self._warned, len(self._layouts), self._row_begin,
-            self._columns, len(self._columns), start, h, first, last, self._every,
+            self.layouts, self._warned, len(self.layouts), self.row_begin,
+            self.columns, len(self.columns), start, h, first, last, self._every,
             rows.buffer_info()[0], report,
         )  # fmt: skip
         done, failed, status = report
@@ -139,7 +143,7 @@ class Loop:
         failure = None
         try:
             for k, n, answer in answers:
-                operation, at, size = self._operations[k]
+                operation, at, size = self.operations[k]
                 operation.answered(start + n * h + at * h, size * h, answer)
         except FmuError as error:
             failure = error

@@ -23,7 +23,7 @@ class WiredPart(Generic[I]):
     """An instance of an FMU, the buffers of its wired variables, and what moves values into them.
 
     `substeps` is the number of sub-steps that it takes in a step, none of which goes beyond `stop` [s];
-    `do_steps` counts them. `links` bring values to its `inputs`,
+    `do_steps` counts them. `initial_inputs` are the contents of its `inputs` before it begins. `links` bring values to its `inputs`,
     those over time from `feeds`; `curves`, if any, let them move within a step. `bond_sides` book the
     work of its `outputs`.
     """
@@ -39,6 +39,7 @@ class WiredPart(Generic[I]):
         self.instance, self.inputs, self.outputs = instance, inputs, outputs
         self.stop, self.substeps = stop, substeps
         self.do_steps = 0
+        self.initial_inputs = [bytes(block.cells) for block in inputs]
         self.links: list[Link] = []
         self.curves: InputPolynomials | None = None
         self.feeds: list[InputSource] = []

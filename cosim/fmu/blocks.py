@@ -108,8 +108,12 @@ class VariableBlock(Operation):
 
     def layout(self) -> Layout | None:
         """None for texts, for several calls, and for what takes event mode."""
+        return None if self.held else self.exchange_layout()
+
+    def exchange_layout(self) -> Layout | None:
+        """What moves the values in C, also in initialisation mode; None for texts and for several calls."""
         transfer = self._transfer
-        if self._text or self.held or transfer.code is None:
+        if self._text or transfer.code is None:
             return None
         return Layout(
             transfer.code,

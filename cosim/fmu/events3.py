@@ -36,6 +36,10 @@ class EventMode:
         self._observe = observe
         self._clocks: list[IntervalClock] = []
 
+    def reset(self) -> None:
+        """Know of no event, as of an instance that has been made anew."""
+        self.due.value, self.held, self._clocks = math.inf, [], []
+
     def begin(self) -> None:
         """Begin with the clocks and events of the start, after initialisation mode has been left."""
         for block in self.held:

@@ -87,6 +87,10 @@ class ModelExchange:
         """Leave initialisation mode for event mode."""
         self.session.begin()
 
+    def reset(self) -> None:
+        """Be as if made anew."""
+        self.session.reset()
+
     def array(self, function: str, cells: Any) -> None:
         """Call "SetContinuousStates" and the like with this array; raises EvaluationError, FmuError."""
         if len(cells):

@@ -163,6 +163,10 @@ class CoSimulation2:
         """Leave initialisation mode for the first step."""
         self.session.begin()
 
+    def reset(self) -> None:
+        """Be as if made anew."""
+        self.session.reset()
+
     @property
     def forward(self) -> bool:
         """Whether the master has promised never to return to an earlier time."""
@@ -214,6 +218,10 @@ class CoSimulation2:
         """The same step as `advance`, for the loop in cosim/engine/loop.c."""
         function = ctypes.cast(self.session.library.fmi2DoStep, ctypes.c_void_p).value
         return Layout(Code.STEP, function=function, component=self.session.component.value)
+
+    def due_address(self) -> int | None:
+        """None: no event is known in advance."""
+        return None
 
     def shows_events(self, outputs: Sequence[VariableBlock]) -> bool:
         """No: a step does not end at an event."""

@@ -180,6 +180,12 @@ class CoSimulation3:
         self.session.begin()
         self.events.begin()
 
+    def reset(self) -> None:
+        """Be as if made anew."""
+        self.session.reset()
+        self.events.reset()
+        self.intermediate_values.clear()
+
     @property
     def forward(self) -> bool:
         """Whether the FMU may forget its past, since no step will be taken again."""
@@ -265,6 +271,10 @@ class CoSimulation3:
             first=ctypes.addressof(self.events.due),
             source=ctypes.cast(self._finish, ctypes.c_void_p).value,
         )
+
+    def due_address(self) -> int | None:
+        """Where the time of the next event [s] stands."""
+        return ctypes.addressof(self.events.due)
 
     def shows_events(self, outputs: Sequence[VariableBlock]) -> bool:
         """Whether one of these outputs is changed by its events alone, and a step can end there."""

@@ -59,6 +59,9 @@ class Instance(Protocol):
     def begin(self) -> None:
         """Leave initialisation mode for the first step."""
 
+    def reset(self) -> None:
+        """Be as if made anew."""
+
 
 class CoSimulation(Instance, Protocol):
     """An instance that steps.
@@ -85,6 +88,9 @@ class CoSimulation(Instance, Protocol):
 
     def step_layout(self) -> Layout:
         """What loop.c does in place of `advance`."""
+
+    def due_address(self) -> int | None:
+        """Where the time of the next event [s] that is known in advance stands, for members.c."""
 
     def step_status(self, t: float, h: float) -> int:
         """The status of a step from t by h [s], whatever it is."""

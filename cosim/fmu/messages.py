@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 #: Sentences that a part may add to a result. A convention: more are the same fault again.
@@ -40,10 +40,18 @@ def quiet() -> Iterator[None]:
 
 
 class MessageLog:
-    """The messages of the part with this name; `warnings` are those for the result."""
+    """The messages of the part with this name; `warnings` are those for the result.
+
+    `on_warning`, if any, takes each warning too, with the name.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.on_warning: Callable[[str, str], None] | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what the instance has logged, which begins anew."""
         self.warnings: list[str] = []
         self._lines: deque[str] = deque(maxlen=MOST_LINES)
         self._complaint = ""
@@ -60,6 +68,8 @@ class MessageLog:
 
     def warn(self, sentence: str) -> None:
         """Log a warning and keep it for the result, each sentence once."""
+        if self.on_warning is not None:
+            self.on_warning(self.name, sentence)
         if sentence not in self.warnings and len(self.warnings) < MOST_WARNINGS:
             self.warnings.append(sentence)
             log.warning("%s: %s", self.name, sentence)

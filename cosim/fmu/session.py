@@ -79,7 +79,8 @@ class SavedState:
 class Session:
     """An instance of an FMU from its instantiation to `close`; raises FmuError where a call fails.
 
-    `component` is the instance for functions of `library`, `binding` the same for those of FMPy.
+    `component` is the instance for functions of `library`, `binding` the same for those of FMPy. One that `is_told_stop`
+    does not initialise without a stop time.
     """
 
     def __init__(
@@ -99,7 +100,7 @@ class Session:
         self.closed = False
         self._states: list[SavedState] = []
         self._worst = OK
-        self._is_initialised = False
+        self._is_initialised = self.is_told_stop = False
         if side == MODEL_EXCHANGE:
             self.binding = fmu.model(self.name, description)
             self.library = ctypes.PyDLL(None, handle=self.binding.dll._handle)
@@ -172,7 +173,9 @@ class Session:
     def reset(self) -> None:
         """Be as if made anew."""
         self._is_initialised = False
+        self.messages.clear()
         self.call("reset")
+        self._worst = OK
 
     def state(self) -> SavedState:
         """A place for a state of the FMU, freed with it."""

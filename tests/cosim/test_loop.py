@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from cosim.engine.compiler import SOURCE
+from cosim.engine import members
+from cosim.engine.compiler import MEMBERS, SOURCE
 from cosim.engine.loop import Column
 from cosim.fmu.fmi3 import Answer
 from cosim.fmu.operations import NOT_FINITE, Code, Layout
@@ -17,6 +18,8 @@ TYPES: dict[str, Any] = {
     "int": ctypes.c_int,
     "double": ctypes.c_double,
     "bool": ctypes.c_bool,
+    "longlong": ctypes.c_longlong,
+    "column": Column,
 }
 
 
@@ -32,7 +35,9 @@ def structures(text: str) -> dict[str, list[tuple[str, Any]]]:
     structures = {}
     for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL):
         fields: list[tuple[str, Any]] = []
-        for declaration in filter(None, map(str.strip, body.split(";"))):
+        for declaration in filter(
+            None, map(str.strip, body.replace("long long", "longlong").split(";"))
+        ):
             kind, variables = re.sub(r"^const ", "", declaration).split(None, 1)
             for variable in variables.split(","):
                 pointer = variable.strip().startswith("*")
@@ -52,6 +57,27 @@ def differences(text: str) -> list[str]:
 def test_the_tables_are_those_of_the_compiled_loop() -> None:
     assert differences(SOURCE.read_text()) == []
     assert [*Code] == list(range(len(Code))) and NOT_FINITE == -(2**31)
+
+
+TABLES = {
+    "instance": members.InstanceLayout, "setting": members.Setting, "memory": members.Memory,
+    "listener": members.Listener, "promise": members.Promise, "side": members.Side,
+    "ensemble": members.EnsembleLayout, "place": members.Place,
+}  # fmt: skip
+
+
+def test_the_tables_are_those_of_the_loop_over_members() -> None:
+    text = MEMBERS.read_text()
+    found = structures(text)
+    assert found.keys() == TABLES.keys()
+    assert [name for name, kind in TABLES.items() if found[name] != list(kind._fields_)] == []
+    outcomes = re.search(r"enum \{ (DONE.*?) \};", text)
+    assert outcomes and outcomes[1].split(", ") == ["DONE", "WARNED", "LEFT"]
+    assert [members.DONE, members.WARNED, members.LEFT] == [0, 1, 2]
+    changed = structures(
+        text.replace("double start, stop, h, share_kept;", "double start, h, stop, share_kept;")
+    )
+    assert changed["ensemble"] != list(members.EnsembleLayout._fields_)
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from ...child import child, death
 from ...errors import SetupError
 from ...fmu.messages import quiet
-from ...isolated import child, death
 from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Verdict, checked
 from .report import Crosscheck
 from .subject import Subject

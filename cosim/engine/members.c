@@ -1,0 +1,356 @@
+/* One system again and again, with other start values each time, without an interpreter in between.
+
+   Steps are those of loop.c. What is added here is how a member begins and how it ends at the stop;
+   the calls, the arithmetic and their order are those of initialise.py, part.py and driver.py, so
+   that a member has the bits of a run by itself. A member that comes to anything out of the ordinary
+   is left to Python, which takes it from its beginning. */
+
+#include "loop.c"
+
+/* Of a member: it is done, it is done and an FMU has returned a warning, it is left to Python. After
+   a status of an FMU that ended it, that is added to LEFT. */
+enum { DONE, WARNED, LEFT };
+
+/* An instance between two members; `update` and `enter_steps` are those of an FMU of FMI 3.0 with
+   event mode, `due` the time of its next event. */
+typedef struct {
+    int version, has_tolerance, has_stop;
+    void *component, *reset, *set_up, *initialise, *leave, *update, *enter_steps;
+    double tolerance, stop;
+    double *due;
+} instance;
+
+/* What a cell is given before the start value with the same index is set: the value `number` of the
+   member, one that all members share if the number is beyond those, or nothing if it is below 0. */
+typedef struct {
+    void *cell;
+    int type, number;
+} setting;
+
+/* Cells that begin as others are; those of inputs that are Reals must stay finite. */
+typedef struct {
+    void *cells;
+    const void *initial;
+    int size, real;
+} memory;
+
+/* A part that listens to the others in initialisation mode. */
+typedef struct {
+    const operation *links, *exchanges;
+    const memory *inputs;
+    int n_links, n_exchanges, n_inputs;
+} listener;
+
+/* A start value that an instance is to keep: the cell into which it was read. */
+typedef struct {
+    column cell;
+    int number, real;
+} promise;
+
+/* A side of a bond: its totals, and the output that it begins with. */
+typedef struct {
+    double *totals;
+    const double *output;
+} side;
+
+typedef struct {
+    const instance *instances;
+    const operation *starts, *again, *outputs, *kept;
+    const setting *settings, *settings_again;
+    const memory *initial, *entered;
+    const listener *listeners;
+    const promise *promises;
+    const side *sides;
+    operation *program;
+    const int *feeds;
+    const double **means;
+    const column *columns;
+    const double *shared;
+    void *scratch;
+    long long *warned;
+    int n_instances, n_starts, n_again, n_outputs, n_kept, n_initial, n_entered, n_listeners, n_promises;
+    int n_sides, n_feeds, length, row_begin, width, n_values, most_exchanges;
+    double start, stop, h, share_kept;
+    long long count, every;
+} ensemble;
+
+/* Where the work stands: the member, and the steps of it that are done, -1 before it has begun. */
+typedef struct {
+    long long member, steps;
+} place;
+
+typedef int (*call)(void *component);
+typedef int (*set_up2)(void *component, int has_tolerance, double tolerance, double start,
+                       int has_stop, double stop);
+typedef int (*set_up3)(void *component, bool has_tolerance, double tolerance, double start,
+                       bool has_stop, double stop);
+typedef int (*update3)(void *component, bool *again, bool *end, bool *nominals, bool *states,
+                       bool *timed, double *time);
+
+/* 0, or LEFT with the status of a call that is not OK. */
+#define DO(what) \
+    do { \
+        int status_ = (what); \
+        if (status_) return LEFT + (status_ > 0 ? status_ : 0); \
+    } while (0)
+
+static void put(const setting *s, double value)
+{
+    switch (s->type) {
+    case 'd': *(double *)s->cell = value; break;
+    case 'i': *(int *)s->cell = (int)value; break;
+    case '?': *(bool *)s->cell = value != 0.0; break;
+    case 'b': *(int8_t *)s->cell = (int8_t)value; break;
+    case 'B': *(uint8_t *)s->cell = (uint8_t)value; break;
+    case 'h': *(int16_t *)s->cell = (int16_t)value; break;
+    case 'H': *(uint16_t *)s->cell = (uint16_t)value; break;
+    case 'I': *(unsigned *)s->cell = (unsigned)value; break;
+    case 'l': *(long *)s->cell = (long)value; break;
+    case 'L': *(unsigned long *)s->cell = (unsigned long)value; break;
+    case 'q': *(long long *)s->cell = (long long)value; break;
+    default: *(unsigned long long *)s->cell = (unsigned long long)value;
+    }
+}
+
+static double value_of(const ensemble *e, const double *values, int number)
+{
+    return number < e->n_values ? values[number] : e->shared[number - e->n_values];
+}
+
+static int set_starts(const ensemble *e, const double *values, const operation *starts,
+                      const setting *settings, int n)
+{
+    for (int k = 0; k < n; k++) {
+        if (settings[k].number >= 0) put(&settings[k], value_of(e, values, settings[k].number));
+        DO(run(&starts[k], e->start, 0.0, 0));
+    }
+    return DONE;
+}
+
+static int initialise(const ensemble *e, const instance *p)
+{
+    if (p->version == 3) {
+        *p->due = INFINITY;
+        DO(((set_up3)p->initialise)(p->component, p->has_tolerance, p->tolerance, e->start,
+                                    p->has_stop, p->stop));
+        return DONE;
+    }
+    DO(((set_up2)p->set_up)(p->component, p->has_tolerance, p->tolerance, e->start, p->has_stop,
+                            p->stop));
+    DO(((call)p->initialise)(p->component));
+    return DONE;
+}
+
+/* Out of initialisation mode. Events of the start are Python's. */
+static int leave(const ensemble *e, const instance *p)
+{
+    enum { MOST_AT_ONCE = 100 };
+    DO(((call)p->leave)(p->component));
+    if (!p->update) return DONE;
+    bool again = true, ended, nominals, states, timed = false;
+    double time = 0.0;
+    for (int k = 0; again; k++) {
+        if (k == MOST_AT_ONCE) return LEFT;
+        DO(((update3)p->update)(p->component, &again, &ended, &nominals, &states, &timed, &time));
+        if (ended) return LEFT;
+    }
+    *p->due = timed ? time : INFINITY;
+    DO(((call)p->enter_steps)(p->component));
+    return *p->due <= e->start + 1e-9 * (fabs(e->start) + e->h) ? LEFT : DONE;
+}
+
+/* Bring the values of the wires as far as they are finite; whether any has changed. */
+static int listen(const listener *p, char *before)
+{
+    char *old = before;
+    for (int b = 0; b < p->n_inputs; old += p->inputs[b++].size)
+        memcpy(old, p->inputs[b].cells, p->inputs[b].size);
+    for (int k = 0; k < p->n_links; k++) run(&p->links[k], 0.0, 0.0, 0);
+    int changed = 0;
+    old = before;
+    for (int b = 0; b < p->n_inputs; old += p->inputs[b++].size) {
+        if (!p->inputs[b].real) {
+            changed |= memcmp(old, p->inputs[b].cells, p->inputs[b].size) != 0;
+            continue;
+        }
+        double *cells = p->inputs[b].cells;
+        for (int i = 0; i < p->inputs[b].size / (int)sizeof(double); i++) {
+            double x;
+            memcpy(&x, old + i * sizeof x, sizeof x);
+            if (!(fabs(cells[i]) <= DBL_MAX)) cells[i] = x;
+            changed |= cells[i] != x;
+        }
+    }
+    return changed;
+}
+
+/* Start values that agree. What feeds back on itself is left to Newton's method in Python. */
+static int settle(const ensemble *e)
+{
+    for (int k = 0; k < e->n_outputs; k++) DO(run(&e->outputs[k], e->start, 0.0, 0));
+    int changed = 1;
+    for (int n = 0; changed && n < e->most_exchanges; n++) {
+        changed = 0;
+        for (const listener *p = e->listeners; p < e->listeners + e->n_listeners; p++) {
+            changed |= listen(p, e->scratch);
+            for (int k = 0; k < p->n_exchanges; k++) DO(run(&p->exchanges[k], e->start, 0.0, 0));
+        }
+    }
+    return changed ? LEFT : DONE;
+}
+
+static int read_finite(const operation *reads, int n)
+{
+    for (const operation *op = reads; op < reads + n; op++) {
+        DO(run(op, 0.0, 0.0, 0));
+        if (!finite_cells(op)) return LEFT;
+    }
+    return DONE;
+}
+
+/* Whether every start value that is to be kept is what was given, but for rounding. */
+static int keeps_promises(const ensemble *e, const double *values)
+{
+    for (const promise *p = e->promises; p < e->promises + e->n_promises; p++) {
+        double given = value_of(e, values, p->number), has = number(&p->cell);
+        double size = fabs(given) > fabs(has) ? fabs(given) : fabs(has);
+        if (has != given && !(p->real && fabs(has - given) <= e->share_kept * size)) return 0;
+    }
+    return 1;
+}
+
+static double *write_row(const ensemble *e, double t, double *rows)
+{
+    *rows++ = t;
+    for (int i = 0; i < e->width; i++) *rows++ = number(&e->columns[i]);
+    return rows;
+}
+
+#define PASS(what) \
+    do { \
+        int outcome_ = (what); \
+        if (outcome_) return outcome_; \
+    } while (0)
+
+/* From the reset of the instances to the row of the start. */
+static int begin(const ensemble *e, const double *values, double *rows)
+{
+    memset(e->warned, 0, e->length * sizeof *e->warned);
+    for (int k = 0; k < e->n_instances; k++) DO(((call)e->instances[k].reset)(e->instances[k].component));
+    PASS(set_starts(e, values, e->starts, e->settings, e->n_starts));
+    for (int k = 0; k < e->n_instances; k++) PASS(initialise(e, &e->instances[k]));
+    PASS(set_starts(e, values, e->again, e->settings_again, e->n_again));
+    for (const memory *m = e->initial; m < e->initial + e->n_initial; m++)
+        memcpy(m->cells, m->initial, m->size);
+    PASS(settle(e));
+    PASS(read_finite(e->outputs, e->n_outputs));
+    for (int k = 0; k < e->n_instances; k++) PASS(leave(e, &e->instances[k]));
+    for (const memory *m = e->entered; m < e->entered + e->n_entered; m++)
+        memcpy(m->cells, m->initial, m->size);
+    for (int k = 0; k < e->n_kept; k++) DO(run(&e->kept[k], e->start, 0.0, 0));
+    if (!keeps_promises(e, values)) return LEFT;
+    PASS(read_finite(e->outputs, e->n_outputs));
+    for (const side *s = e->sides; s < e->sides + e->n_sides; s++)
+        s->totals[0] = s->totals[1] = 0.0, s->totals[2] = *s->output;
+    PASS(read_finite(e->program + e->row_begin, e->length - e->row_begin));
+    write_row(e, e->start, rows);
+    return DONE;
+}
+
+/* The number before a positive one. */
+static double below(double x)
+{
+    int64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    bits--;
+    memcpy(&x, &bits, sizeof x);
+    return x;
+}
+
+/* The pieces of the last step of a part, which end exactly at the stop. */
+static int steps_to_stop(const operation *op, double t, double h, double stop, double nearly)
+{
+    double piece = op->size * h / op->count;
+    int warned = 0;
+    for (int k = 0; k < op->count; k++) {
+        double begin = t + op->at * h + k * piece;
+        if (begin + piece >= nearly && begin + piece != stop) {
+            piece = stop - begin;
+            while (begin + piece > stop) piece = below(piece);
+        }
+        int status = op->code == STEP3
+                         ? step3(op, begin, piece)
+                         : ((do_step)op->function)(op->component, begin, piece, op->forward);
+        if (status > 1 || status < 0) return status;
+        warned |= status;
+    }
+    return warned;
+}
+
+/* The last step, as long as what is left, and the row of the stop. */
+static int end(const ensemble *e, double *rows)
+{
+    double t = e->start + (double)(e->count - 1) * e->h;
+    double h = t + e->h == e->stop ? e->h : e->stop - t;
+    int64_t bits;
+    double size = fabs(e->stop);
+    memcpy(&bits, &size, sizeof bits);
+    bits++;
+    memcpy(&size, &bits, sizeof size);
+    double nearly = e->stop - 64.0 * (size - fabs(e->stop));
+    for (int i = 0; i < e->length; i++) {
+        const operation *op = e->program + i;
+        int is_step = op->code == STEP || op->code == STEP3;
+        int status = is_step ? steps_to_stop(op, t, h, e->stop, nearly) : run(op, t, h, e->count - 1);
+        if (status == 1 && !e->warned[i]) e->warned[i] = e->count;
+        if (status != 0 && status != 1) return LEFT + (status > 0 ? status : 0);
+        if (!finite_cells(op)) return LEFT;
+    }
+    write_row(e, e->stop, rows);
+    for (int i = 0; i < e->length; i++)
+        if (e->warned[i]) return WARNED;
+    return DONE;
+}
+
+/* Members from p->member to last - 1, at most `most` steps; returns when they are used up, or after a
+   member that is not just DONE. Of each member: rows, (most_rows, width + 1), counts of them, work
+   over the sides of bonds, (n_sides, 2), status. */
+void run_members(const ensemble *e, place *p, long long last, long long most,
+                          const double *values, double *rows, long long most_rows,
+                          long long *counts, double *work, int *status)
+{
+    for (; p->member < last && most > 0; p->member++, p->steps = -1) {
+        long long m = p->member, report[3] = {0, -1, 0};
+        double *own = rows + m * most_rows * (e->width + 1);
+        if (p->steps < 0) {
+            counts[m] = 0;
+            status[m] = begin(e, values + m * e->n_values, own);
+            if (!status[m]) p->steps = 0, counts[m] = 1;
+            most--;
+        }
+        if (!status[m] && p->steps < e->count - 1) {
+            long long to = p->steps + most < e->count - 1 ? p->steps + most : e->count - 1;
+            for (int k = 0; k < e->n_feeds; k++)
+                e->program[e->feeds[k]].source = e->means[k] + p->steps;
+            counts[m] += take_steps(e->program, e->warned, e->length, e->row_begin, e->columns,
+                                    e->width, e->start, e->h, p->steps, to, e->every,
+                                    own + counts[m] * (e->width + 1), report);
+            most -= to - p->steps;
+            p->steps = report[0];
+            if (report[1] >= 0) status[m] = LEFT + (report[2] > 0 ? (int)report[2] : 0);
+            else if (to < e->count - 1) return;
+        }
+        if (!status[m]) {
+            for (int k = 0; k < e->n_feeds; k++) e->program[e->feeds[k]].source = e->means[k];
+            status[m] = end(e, own + counts[m] * (e->width + 1));
+            counts[m] += status[m] < LEFT;
+            most--;
+        }
+        for (int k = 0; k < e->n_sides; k++)
+            memcpy(work + (m * e->n_sides + k) * 2, e->sides[k].totals, 2 * sizeof *work);
+        if (status[m]) {
+            p->member++, p->steps = -1;
+            return;
+        }
+    }
+}

@@ -1,0 +1,265 @@
+"""Many runs of one system: the values in which they differ, and what they give, as arrays with an axis for the members."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .dense import NO_BREAKS, DenseSolution
+from .errors import SetupError, pluralize
+from .metrics import Metric
+from .report import Outcome, RunReport
+from .result import Result
+from .series import Column
+from .system import Network, Port, Value
+from .system.start_values import checked_start
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+#: What `Prepared.map` takes: values by the name of a start value, one for each member, or a frame of pandas.
+CasesLike = "Cases | Mapping[str, Sequence[Any] | NDArray[Any]] | pd.DataFrame"
+#: Members of a warning that are named before the others are only counted. A convention: a line holds them.
+MOST_NAMED = 5
+
+
+@dataclass(frozen=True)
+class Case:
+    """Start values of one run, over those of the system."""
+
+    start: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Cases:
+    """The start values in which the members of an ensemble differ: a column of values for each port, shape (members,)."""
+
+    ports: tuple[Port, ...]
+    columns: tuple[NDArray[Any], ...]
+    members: int
+
+    @classmethod
+    def of(cls, cases: Any, network: Network) -> Cases:
+        """Read a mapping from names to values, or a frame with a row for each member.
+
+        Raises
+        ------
+        SetupError
+            For a name that the system does not have, columns of several lengths, and without a member.
+        """
+        if isinstance(cases, Cases):
+            return cases
+        ports = tuple(network.port(str(name)) for name in cases)
+        columns = tuple(np.asarray(cases[name]) for name in cases)
+        lengths = {str(port.name): column.shape for port, column in zip(ports, columns)}
+        if len(set(lengths.values())) != 1 or any(len(shape) != 1 for shape in lengths.values()):
+            text = ", ".join(f"{name} {shape}" for name, shape in lengths.items()) or "none"
+            raise SetupError(f"cases must be columns of one length, a row for each run, not {text}")
+        if not len(columns[0]):
+            raise SetupError("there are no cases: give at least one")
+        return cls(ports, columns, len(columns[0]))
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the start values."""
+        return [port.name for port in self.ports]
+
+    def case(self, k: int) -> Case:
+        """The start values of a member."""
+        values = (column[k] for column in self.columns)
+        plain = (value.item() if isinstance(value, np.generic) else value for value in values)
+        return Case(dict(zip(self.names, plain)))
+
+    def checked(
+        self, network: Network, members: Iterable[int]
+    ) -> tuple[list[tuple[Value, ...]], dict[int, str]]:
+        """The values of members in the types of their ports, and why the others cannot have theirs."""
+        values, wrong = [], {}
+        for k in members:
+            given = self.case(k).start.values()
+            try:
+                values.append(
+                    tuple(checked_start(network, port, x)[1] for port, x in zip(self.ports, given))
+                )
+            except SetupError as error:
+                wrong[k] = str(error)
+                values.append(())
+        return values, wrong
+
+
+#: Where cases are known anyway.
+NO_CASES = Cases((), (), 0)
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """What many runs of one system give.
+
+    Attributes
+    ----------
+    cases
+        The start values in which they differ.
+    members
+        The numbers of the members, shape (members,).
+    columns
+        What each column is; the first is the time.
+    rows
+        The rows of each member, nan beyond its `counts`, shape (members, rows, columns).
+    counts
+        How many rows each has, shape (members,).
+    reasons
+        Why a member failed; empty for one that came to its end.
+    warnings
+        By the sentence, the numbers of the members that it is about.
+    energy
+        By power bond, energy given, taken and exchanged [J], shape (members, 3).
+    breaks
+        Intervals in which columns may jump, as of `Result`.
+    report
+        What a run of a member says of itself; None if every member failed.
+    notes
+        What is worth to know of how they were run.
+    figures
+        Numbers of each member by name, shape (members,), where they were made instead of rows.
+    """
+
+    cases: Cases
+    members: Numbers
+    columns: tuple[Column, ...]
+    rows: Array
+    counts: Numbers
+    reasons: list[str]
+    warnings: Mapping[str, list[int]]
+    energy: Mapping[str, Array]
+    report: RunReport | None
+    breaks: Array = field(default_factory=lambda: NO_BREAKS)
+    notes: tuple[str, ...] = ()
+    figures: Mapping[str, Array] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the columns; the first is "time"."""
+        return [column.name for column in self.columns]
+
+    @property
+    def failed(self) -> Numbers:
+        """The numbers of the members that did not come to their end."""
+        wrong = [bool(reason) for reason in self.reasons]
+        return np.asarray(self.members[np.array(wrong, dtype=bool)])
+
+    def __getitem__(self, name: str) -> Array:
+        """A column of all members, shape (members, rows); raises KeyError for one that was not recorded."""
+        return np.asarray(self.rows[:, :, self._index(name)])
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            raise KeyError(f"{name} was not recorded, only {', '.join(self.names)}")
+        return self.names.index(name)
+
+    def solution(self, k: int, name: str) -> DenseSolution:
+        """A column of the member at position k as a function of time; raises KeyError."""
+        column, n = self._index(name), int(self.counts[k])
+        rows = self.rows[k, :n]
+        kind = self.columns[column].kind
+        return DenseSolution.from_rows(rows[:, 0], rows[:, column], kind, self.breaks)
+
+    def result(self, k: int) -> Result:
+        """The result of the member at position k, as `run` gives it; raises KeyError if none has run."""
+        if self.report is None:
+            raise KeyError(f"no run of the {pluralize(len(self), 'member')} came to its end")
+        n, reason = int(self.counts[k]), self.reasons[k]
+        rows = self.rows[k, :n]
+        reached = float(rows[-1, 0]) if n else self.report.setup.start
+        number = int(self.members[k])
+        start = {**self.report.setup.start_values, **self.cases.case(number).start}
+        report = replace(
+            self.report,
+            setup=replace(self.report.setup, start_values=start),
+            outcome=Outcome("failed" if reason else "complete", reason, reached, n),
+            warnings=[text for text, members in self.warnings.items() if number in members],
+        )
+        return Result(
+            self.columns, report.to_json(), lambda: rows, report=report, breaks=self.breaks
+        )
+
+    def evaluate(self, metrics: Mapping[str, Metric]) -> dict[str, Array]:
+        """The numbers that metrics make of the members, shape (members,) each; nan for one that failed."""
+        values = {name: np.full(len(self), np.nan) for name in metrics}
+        for name, metric in metrics.items():
+            for k, reason in enumerate(self.reasons):
+                if not reason:
+                    values[name][k] = metric(*(self.solution(k, c) for c in metric.columns))
+        return values
+
+    def frame(self, metrics: Mapping[str, Metric] | None = None) -> pd.DataFrame:
+        """The cases, the numbers that metrics make of them, and why members failed, as a frame of pandas."""
+        import pandas as pd
+
+        columns: dict[str, Any] = {
+            name: column[self.members] for name, column in zip(self.cases.names, self.cases.columns)
+        }
+        columns |= self.evaluate(metrics or {})
+        return pd.DataFrame(columns | {"reason": self.reasons}, index=self.members)
+
+    def head(self, n: int) -> Ensemble:
+        """The first n of its members."""
+        return replace(
+            self, members=self.members[:n], rows=self.rows[:n], counts=self.counts[:n],
+            reasons=self.reasons[:n], energy={k: e[:n] for k, e in self.energy.items()},
+        )  # fmt: skip
+
+    def warning_lines(self) -> list[str]:
+        """The warnings, each with its members."""
+        return [f"{self._named(members)}: {text}" for text, members in self.warnings.items()]
+
+    def _named(self, members: Sequence[int]) -> str:
+        if len(members) == self.cases.members:
+            return "every run"
+        names = ", ".join(str(k) for k in members[:MOST_NAMED])
+        more = len(members) - MOST_NAMED
+        return f"run {names}" + (f" and {more} more" if more > 0 else "")
+
+
+def joined(blocks: Sequence[Ensemble]) -> Ensemble:
+    """All members of some ensembles of the same cases, in the order of their numbers."""
+    if len(blocks) == 1:
+        return blocks[0]
+    members = np.concatenate([block.members for block in blocks])
+    order = np.argsort(members)
+    most = max(block.rows.shape[1] for block in blocks)
+    rows = np.full((len(members), most, len(blocks[0].columns)), np.nan)
+    reasons: list[str] = []
+    first = 0
+    for block in blocks:
+        rows[first : first + len(block), : block.rows.shape[1]] = block.rows
+        first += len(block)
+        reasons += block.reasons
+    warnings: dict[str, list[int]] = {}
+    for block in blocks:
+        for text, numbers in block.warnings.items():
+            warnings[text] = sorted([*warnings.get(text, ()), *numbers])
+    with_report = next((block for block in blocks if block.report is not None), blocks[0])
+    energy = {
+        bond: np.concatenate([block.energy[bond] for block in blocks])[order]
+        for bond in with_report.energy
+        if all(bond in block.energy for block in blocks)
+    }
+    return replace(
+        with_report,
+        members=members[order],
+        rows=rows[order],
+        counts=np.concatenate([block.counts for block in blocks])[order],
+        reasons=[reasons[k] for k in order],
+        warnings=warnings,
+        energy=energy,
+        notes=tuple(dict.fromkeys(note for block in blocks for note in block.notes)),
+    )

@@ -1,0 +1,198 @@
+"""Members of an ensemble in child processes: what crashes, hangs or is killed costs one member."""
+
+from __future__ import annotations
+
+import logging
+import time as clock
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pickle import PicklingError
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .child import GRACE, child, death
+from .engine.settings import RunSettings
+from .ensemble import NO_CASES, Cases, Ensemble
+from .errors import SetupError
+from .fmu.messages import log
+from .series import TIME, Column
+from .system import System, connect
+from .worker import Batch, Chunk, Desk, Evaluate, Worker
+
+#: Longest wait for a message before signals and time limits are looked at [s].
+PATIENCE = 0.05
+#: Least time between two messages on the progress [s]: a convention of this project, which limits their number.
+BETWEEN = 0.05
+
+
+class Task(NamedTuple):
+    """What a process does with each chunk, and the columns of the cases by name."""
+
+    evaluate: Evaluate
+    columns: dict[str, NDArray[Any]]
+
+
+@dataclass
+class Job:
+    """A child process, the chunk that it works on, how many of its members are done, and when it was heard last [s]."""
+
+    process: BaseProcess
+    pipe: Connection
+    desk: Desk
+    chunk: Chunk
+    columns: tuple[Column, ...]
+    stack: ExitStack
+    done: int = 0
+    heard: float = field(default_factory=clock.monotonic)
+    is_ready: bool = False
+    death: str = ""
+
+    def give(self, chunk: Chunk) -> None:
+        """Let the process work on a chunk."""
+        self.chunk, self.done, self.heard = chunk, 0, clock.monotonic()
+        self.desk.place.member = -1
+        with suppress(OSError):
+            self.pipe.send(chunk)
+
+    def messages(self) -> Iterator[tuple[str, Any]]:
+        """What the process has sent, and ("dead", how) at its end."""
+        try:
+            while self.pipe.poll():
+                self.heard = clock.monotonic()
+                yield self.pipe.recv()
+        except (EOFError, OSError):
+            self.process.join(GRACE)
+            yield "dead", self.death or death(self.process)
+
+
+def in_processes(batch: Batch) -> Iterator[Ensemble]:
+    """The members that wait, by processes; it ends early if the user interrupts.
+
+    A member whose process dies, or is silent for too long, fails with that reason. Raises SetupError for a system that
+    no process can be given, and if a process dies before it is ready.
+    """
+    running: list[Job] = []
+    finished = batch.members - sum(len(chunk.numbers) for chunk in batch.waiting)
+    with ExitStack() as stack:
+        stack.callback(_end_all, running)
+        while (batch.waiting or running) and not batch.interrupts:
+            while batch.waiting and len(running) < batch.jobs:
+                running.append(_start(batch))
+            wait([job.pipe for job in running], PATIENCE)
+            for job in running:
+                for block in _answers(job, running, batch):
+                    finished += len(block)
+                    yield replace(block, cases=batch.cases)
+                silent = clock.monotonic() - job.heard if job.is_ready else 0.0
+                if silent > batch.timeout and not job.death:
+                    job.death = f"did not respond for {batch.timeout:g} s and was ended"
+                    job.process.kill()
+            batch.report((finished + sum(job.done for job in running)) / batch.members)
+
+
+def _answers(job: Job, running: list[Job], batch: Batch) -> Iterator[Ensemble]:
+    """What a process has done; it gets the next chunk, or ends."""
+    for kind, content in job.messages():
+        if kind == "ready":
+            job.is_ready = True
+        elif kind == "progress":
+            job.done = content
+        elif kind == "error":
+            raise content
+        elif kind == "block":
+            block, goes_on = content
+            yield block
+            batch.give_back(job.chunk, block)
+            if batch.waiting and goes_on:
+                job.give(batch.waiting.pop(0))
+                continue
+            running.remove(job)
+            _end(job)
+            return
+        else:
+            running.remove(job)
+            _end(job)
+            if not job.is_ready:
+                raise SetupError(f"the process that was to run the members {content}")
+            yield _failed(job, batch.waiting, content)
+            return
+
+
+def _failed(job: Job, waiting: list[Chunk], reason: str) -> Ensemble:
+    """The member of which a process died; the others of its chunk wait again, those before it by themselves."""
+    number = int(job.desk.numbers[max(job.desk.place.member, 0)])
+    numbers = job.chunk.numbers
+    number = number if number in numbers else int(numbers[0])
+    for rest in (numbers[numbers > number], numbers[numbers < number]):
+        if len(rest):
+            waiting.insert(0, job.chunk._replace(numbers=rest))
+    return Ensemble(
+        NO_CASES, np.array([number]), job.columns, np.empty((1, 0, len(job.columns))),
+        np.zeros(1, np.int64), [f"the process that ran the parts {reason}"], {}, {}, None,
+    )  # fmt: skip
+
+
+def _start(batch: Batch) -> Job:
+    """A new process that works on the next chunk."""
+    stack, desk = ExitStack(), Desk.shared()
+    columns = dict(zip(batch.cases.names, batch.cases.columns))
+    try:
+        task = Task(batch.evaluate or Worker.run, columns)
+        arguments = (_serve, desk, batch.network.system, batch.settings, task)
+        process, pipe = stack.enter_context(child(*arguments, grace=GRACE))
+    except (PicklingError, AttributeError, TypeError) as error:
+        raise SetupError(
+            f"this system cannot be given to another process: {error}; functions of inputs must "
+            "be at the top of a module"
+        ) from error
+    recorded = (TIME, *(port.column for port in batch.settings.ports(batch.network)))
+    chunk = batch.waiting.pop(0)
+    job = Job(process, pipe, desk, chunk, recorded, stack)
+    job.give(chunk)
+    return job
+
+
+def _end_all(jobs: list[Job]) -> None:
+    """End processes, whatever they do."""
+    for job in jobs:
+        job.process.kill()
+        job.stack.close()
+
+
+def _end(job: Job) -> None:
+    """End a process that has nothing to do."""
+    with suppress(OSError):
+        job.pipe.send(None)
+    job.stack.close()
+
+
+def _serve(pipe: Connection, desk: Desk, system: System, settings: RunSettings, task: Task) -> None:
+    """Run chunks in the child and tell the parent of the progress and the end of each."""
+    log.setLevel(logging.ERROR)
+    last_sent = 0.0
+
+    def progress(done: int) -> None:
+        nonlocal last_sent
+        if clock.monotonic() > last_sent + BETWEEN:
+            pipe.send(("progress", done))
+            last_sent = clock.monotonic()
+
+    with suppress(BrokenPipeError, EOFError, ConnectionResetError):
+        try:
+            network = connect(system)
+            cases = Cases.of(task.columns, network)
+            worker = Worker(network, settings, desk)
+            pipe.send(("ready", None))
+            while (chunk := pipe.recv()) is not None:
+                block = task.evaluate(worker, cases, chunk, progress)
+                pipe.send(("block", (replace(block, cases=NO_CASES), not worker.abandoned)))
+                if worker.abandoned:
+                    return
+            worker.close()
+        except SetupError as error:
+            pipe.send(("error", error))

@@ -1,0 +1,391 @@
+"""Members of an ensemble, one after the other, by one instance of each FMU, as it is shown that this may be done."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from multiprocessing import RawArray, RawValue
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .dense import NO_BREAKS
+from .engine.control import Adaptive
+from .engine.energy import NEGLIGIBLE, NOTICEABLE, bond_warnings
+from .engine.members import EXACT, LEFT, Block, Members, NeedsPythonError, Place
+from .engine.process_state import ProcessState
+from .engine.settings import RunSettings
+from .ensemble import Array, Case, Cases, Ensemble, Numbers
+from .errors import FmuError, SetupError
+from .fmu.instance import CoSimulation
+from .fmu.messages import FATAL
+from .report import RunReport
+from .series import TIME
+from .simulation import Simulation
+from .system import Network, Value, connect
+
+#: Members of a chunk. Chosen: of members without rows, it is the work of a tenth of a second.
+MOST_IN_CHUNK = 4096
+#: Said of an ensemble whose instances cannot be used again.
+FRESH = "every run has new instances: after a reset the FMUs do not give the same rows again"
+
+
+class Chunk(NamedTuple):
+    """Members that one worker runs one after the other: steps of the same size, rows of the same distance [s]."""
+
+    numbers: Numbers
+    step: float | Adaptive
+    output_step: float | None
+
+
+#: What a worker makes of a chunk: its ensemble, or one with figures in place of rows.
+Evaluate = Callable[["Worker", Cases, Chunk, Callable[[int], None]], Ensemble]
+
+
+@dataclass
+class Batch:
+    """Members that wait for workers, and what workers look at meanwhile.
+
+    `report` is called with the share that is done; `interrupts` fills with signals that ask to stop; `timeout` is the
+    longest time that a worker in another process may be silent [s]; `evaluate` takes the place of `Worker.run`.
+    """
+
+    network: Network
+    settings: RunSettings
+    cases: Cases
+    waiting: list[Chunk]
+    jobs: int
+    report: Callable[[float], None]
+    interrupts: Sequence[int]
+    timeout: float = math.inf
+    evaluate: Evaluate | None = None
+
+    def __post_init__(self) -> None:
+        self.members = sum(len(chunk.numbers) for chunk in self.waiting)
+
+    def give_back(self, chunk: Chunk, block: Ensemble) -> None:
+        """Let the members wait that a worker has not done of a chunk."""
+        rest = np.setdiff1d(chunk.numbers, block.members)
+        if len(rest):
+            self.waiting.insert(0, chunk._replace(numbers=rest))
+
+
+class Desk(NamedTuple):
+    """Where others can see which member a worker has come to: its place among these numbers."""
+
+    place: Place
+    numbers: Any
+
+    @classmethod
+    def private(cls) -> Desk:
+        """In the memory of this process."""
+        return cls(Place(-1, -1), (ctypes.c_longlong * MOST_IN_CHUNK)())
+
+    @classmethod
+    def shared(cls) -> Desk:
+        """In memory that a child process may be given."""
+        return cls(RawValue(Place, -1, -1), RawArray(ctypes.c_longlong, MOST_IN_CHUNK))
+
+
+@dataclass(frozen=True)
+class Member:
+    """What a run by the driver gives: rows, shape (rows, columns), why it failed, warnings, energy over bonds [J]."""
+
+    rows: Array
+    reason: str
+    warnings: Sequence[str] = ()
+    energy: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    report: RunReport | None = None
+
+
+def with_case(network: Network, case: Case) -> Network:
+    """A checked system with other start values; raises SetupError for those that it cannot have."""
+    if not case.start:
+        return network
+    return connect(replace(network.system, start={**network.system.start, **case.start}))
+
+
+class First(NamedTuple):
+    """The first member that has come to its end, and its rows, shape (rows, columns)."""
+
+    cases: Cases
+    number: int
+    chunk: Chunk
+    rows: Array
+    simulation: Simulation
+
+
+class Worker:
+    """Runs members with one instance of each FMU, in C where that gives the same bits.
+
+    The first member that comes to its end shows how: it runs with new instances, and again after they have been
+    reset. `abandoned` says that an FMU may not be called any more, `stopped` that the user has interrupted.
+    """
+
+    def __init__(self, network: Network, settings: RunSettings, desk: Desk | None = None) -> None:
+        self.network, self.settings = network, settings
+        self._desk = Desk.private() if desk is None else desk
+        self.interrupts: Sequence[int] = ()
+        self.columns = (TIME, *(port.column for port in settings.ports(network)))
+        self._stack, self._process = ExitStack(), ProcessState()
+        self._instances: dict[str, CoSimulation] = {}
+        self._members: Members | None = None
+        self._names: list[str] | None = None
+        self._first: First | None = None
+        self._is_fresh = False
+        self._report: RunReport | None = None
+        self._breaks = NO_BREAKS
+        self.abandoned = self.stopped = False
+
+    def close(self) -> None:
+        """Free the instances."""
+        self._stack.close()
+        self._process.restore()
+
+    def run(
+        self, cases: Cases, chunk: Chunk, progress: Callable[[int], None] = lambda _: None
+    ) -> Ensemble:
+        """The members of a chunk, or those before the worker was abandoned or the user interrupted.
+
+        `progress` is called with how many are done.
+        """
+        values, wrong = cases.checked(self.network, chunk.numbers.tolist())
+        driven = {k: Member(self._no_rows, reason) for k, reason in wrong.items()}
+        if self._names != cases.names:
+            self._begin(cases, chunk, driven)
+        if self._first is not None and len(driven) < len(values) and not self.interrupts:
+            self._show(self._first)
+        in_c, kept = None, np.zeros(len(values), bool)
+        if self._members is not None and self._names == cases.names:
+            inside = np.array(
+                [k for k, row in enumerate(values) if row and _is_exact(row)], np.intp
+            )
+            numbers = np.array([values[k] for k in inside], float)
+            assert not isinstance(chunk.step, Adaptive)
+            self._members.step_by(chunk.step, chunk.output_step)
+            block = self._members.block(chunk.numbers[inside], numbers.reshape(len(inside), -1))
+            kept[inside] = self._in_c(block, inside, driven, progress)
+            in_c = inside, block
+            driven = {k: member for k, member in driven.items() if not kept[k]}
+        for k in range(len(values)):
+            if self.abandoned or self.interrupts:
+                break
+            if not kept[k] and k not in driven:
+                driven[k] = self._drive(cases, int(chunk.numbers[k]), chunk)[0]
+                progress(int(kept.sum()) + len(driven))
+        return self._ensemble(cases, chunk, driven, kept, in_c)
+
+    @property
+    def _no_rows(self) -> Array:
+        return np.empty((0, len(self.columns)))
+
+    def _begin(self, cases: Cases, chunk: Chunk, driven: dict[int, Member]) -> None:
+        """Run the first member that comes to its end, with new instances."""
+        self._members, self._first, self._is_fresh = None, None, False
+        for k, number in enumerate(chunk.numbers.tolist()):
+            if k in driven or self.abandoned or self.interrupts:
+                continue
+            self._drop()
+            driven[k], simulation = self._drive(cases, number, chunk)
+            if simulation is not None and not driven[k].reason:
+                self._names, self._report = cases.names, driven[k].report
+                self._breaks = np.array(simulation.driver.breaks, float).reshape(-1, 2)
+                self._first = First(cases, number, chunk, driven[k].rows, simulation)
+                return
+
+    def _show(self, first: First) -> None:
+        """Find out how the others may run: the first member again, with instances that are reset."""
+        self._first, expected = None, first.rows.tobytes()
+        values, _ = first.cases.checked(self.network, [first.number])
+        try:
+            members = _laid_out(first.simulation, first.cases.names, self._desk)
+            if _is_exact(values[0]) and not isinstance(first.chunk.step, Adaptive):
+                members.step_by(first.chunk.step, first.chunk.output_step)
+                block = members.block(np.array([first.number]), np.array([values[0]], float))
+                for _ in members.run(block):
+                    self._process.restore()
+                members.warnings = {}
+                if block.status[0] < LEFT and block.rows[0].tobytes() == expected:
+                    self._members = members
+                    return
+        except (NeedsPythonError, OSError):
+            pass
+        again, _ = self._drive(first.cases, first.number, first.chunk)
+        self._is_fresh = again.rows.tobytes() != expected and not self.interrupts
+        if self._is_fresh:
+            self._drop()
+
+    def _in_c(
+        self,
+        block: Block,
+        inside: NDArray[np.intp],
+        driven: dict[int, Member],
+        progress: Callable[[int], None],
+    ) -> NDArray[np.bool_]:
+        """Run the members of a block in C; which of them are done, and need not be taken by the driver.
+
+        Members for whose numbers FMUs have changed the arithmetic of the process are not.
+        """
+        assert self._members is not None
+        done = 0
+        block.status[:] = LEFT
+        for now in self._members.run(block):
+            try:
+                self._process.require_now()
+            except FmuError:
+                block.status[done:now] = LEFT
+            done = now
+            progress(len(driven) + done)
+            if done and block.status[done - 1] == LEFT + FATAL:
+                rows = block.rows[done - 1, : block.counts[done - 1]].copy()
+                driven[int(inside[done - 1])] = Member(rows, self._abandon())
+            if self.interrupts:
+                break
+        kept: NDArray[np.bool_] = (block.status < LEFT) & (np.arange(len(block.status)) < done)
+        return kept
+
+    def _abandon(self) -> str:
+        """Call nothing of these FMUs any more, of which one has returned Fatal; its reason."""
+        self.abandoned = True
+        for instance in self._instances.values():
+            instance.session.fmu.abandon()
+        logs = [instance.session.messages for instance in self._instances.values()]
+        said = [f"{log.name}: Fatal: {log.last()}" for log in logs if log.last()]
+        return said[0] if said else "an FMU returned Fatal"
+
+    def _drop(self) -> None:
+        """Free the instances; new ones will be made."""
+        self._stack.close()
+        self._instances = {}
+
+    def _drive(self, cases: Cases, number: int, chunk: Chunk) -> tuple[Member, Simulation | None]:
+        """What the driver makes of a member, with instances that are reset or, if need be, new ones."""
+        self._desk.numbers[0], self._desk.place.member = number, 0
+        settings = replace(self.settings, step=chunk.step, output_step=chunk.output_step)
+        if isinstance(chunk.step, Adaptive) and _is_tolerance_of_steps(self.settings):
+            settings = replace(settings, tolerance=chunk.step.tolerance)
+        began = clock.perf_counter()
+        if self._is_fresh:
+            self._drop()
+        try:
+            for instance in self._instances.values():
+                instance.session.messages.on_warning = None
+                instance.reset()
+        except FmuError:
+            self._drop()
+        try:
+            network = with_case(self.network, cases.case(number))
+            used = self._instances
+            simulation = Simulation(network, settings, self._stack, self._process, used)
+        except SetupError as error:
+            self._find_abandoned()
+            return Member(self._no_rows, str(error)), None
+        self._instances = {name: part.instance for name, part in simulation.parts.items()}
+        result = simulation.finish(self.interrupts, began)
+        self._find_abandoned()
+        report = result.report
+        assert report is not None
+        of_bonds = set(bond_warnings(report.bonds))
+        reason = "" if report.outcome.status == "complete" else report.outcome.reason
+        warnings = [text for text in report.warnings if text not in of_bonds]
+        energy = {bond: (e.given, e.taken, e.exchanged) for bond, e in report.bonds.items()}
+        return Member(result.data, reason, warnings, energy, report), simulation
+
+    def _find_abandoned(self) -> None:
+        """Note that an FMU may not be called any more."""
+        instances = self._instances.values()
+        self.abandoned = self.abandoned or any(i.session.fmu.abandoned for i in instances)
+
+    def _ensemble(
+        self,
+        cases: Cases,
+        chunk: Chunk,
+        driven: Mapping[int, Member],
+        kept: NDArray[np.bool_],
+        in_c: tuple[NDArray[np.intp], Block] | None,
+    ) -> Ensemble:
+        """What is known of the members of a chunk."""
+        n, warnings = len(chunk.numbers), {}
+        most = max((len(member.rows) for member in driven.values()), default=0)
+        counts, energy = np.zeros(n, np.int64), dict[str, Array]()
+        if in_c is None:
+            rows = np.full((n, most, len(self.columns)), np.nan)
+        else:
+            inside, block = in_c
+            rows, counts[inside] = block.rows, block.counts
+            if len(inside) < n or most > rows.shape[1]:
+                rows = np.full((n, max(most, block.rows.shape[1]), len(self.columns)), np.nan)
+                rows[inside, : block.rows.shape[1]] = block.rows
+            assert self._members is not None
+            for bond, values in self._members.energy(block).items():
+                energy[bond] = np.full((n, 3), np.nan)
+                energy[bond][inside] = values
+            numbers = set(chunk.numbers[kept].tolist())
+            warnings = {
+                text: [k for k in members if k in numbers]
+                for text, members in self._members.warnings.items()
+            }
+            self._members.warnings = {}
+        reasons = [""] * n
+        for k, member in driven.items():
+            counts[k], reasons[k] = len(member.rows), member.reason
+            rows[k, : counts[k]], rows[k, counts[k] :] = member.rows, np.nan
+            for text in member.warnings:
+                warnings.setdefault(text, []).append(int(chunk.numbers[k]))
+            for bond, carried in member.energy.items():
+                energy.setdefault(bond, np.full((n, 3), np.nan))[k] = carried
+        done = kept.copy()
+        done[list(driven)] = True
+        for text, where in _noticeable(energy):
+            warnings.setdefault(text, []).extend(chunk.numbers[where & done].tolist())
+        for text in self.network.flaw_texts():
+            warnings[text] = chunk.numbers[done].tolist()
+        if not done.all():
+            rows, counts = rows[done], counts[done]
+            energy = {bond: values[done] for bond, values in energy.items()}
+            reasons = [reason for reason, is_done in zip(reasons, done) if is_done]
+        return Ensemble(
+            cases, chunk.numbers[done], self.columns, rows, counts, reasons,
+            {text: sorted(members) for text, members in warnings.items() if members}, energy,
+            self._report, self._breaks, (FRESH,) if self._is_fresh else (),
+        )  # fmt: skip
+
+
+def _is_tolerance_of_steps(settings: RunSettings) -> bool:
+    """Whether FMUs get the tolerance of the adaptive steps."""
+    return isinstance(settings.step, Adaptive) and settings.tolerance == settings.step.tolerance
+
+
+def _laid_out(simulation: Simulation, names: Sequence[str], desk: Desk) -> Members:
+    """The members of what has been simulated; raises NeedsPythonError, and OSError without a compiled loop."""
+    loop = simulation.driver.compiled
+    if loop is None:
+        raise NeedsPythonError("its steps are made in Python")
+    parts = {name: simulation.parts[name] for name in simulation.sequence}
+    members = Members(simulation.network, simulation.settings, parts, loop, names)
+    members.place, members.numbers = desk
+    return members
+
+
+def _is_exact(values: Sequence[Value]) -> bool:
+    """Whether doubles hold these values."""
+    return not any(isinstance(x, str) or (isinstance(x, int) and abs(x) > EXACT) for x in values)
+
+
+def _noticeable(energy: Mapping[str, Array]) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """A warning for every bond on which the coupling changed a noticeable share of the energy, and of which members."""
+    for bond, values in energy.items():
+        given, taken, exchanged = values.T
+        change, carried = np.abs(given - taken), np.maximum(np.abs(given), np.abs(taken))
+        with np.errstate(invalid="ignore"):
+            is_noticeable = (change > NOTICEABLE * carried) & (change > NEGLIGIBLE * exchanged)
+        yield (
+            f"bond {bond}: the coupling created or removed more than {NOTICEABLE:.0%} of the energy "
+            "carried: use smaller steps or another algorithm; see diagnose",
+            is_noticeable,
+        )

@@ -1,0 +1,287 @@
+"""Members of an ensemble have the rows of single runs, bit for bit, whatever happens to the others."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations, product
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from cosim import Adaptive, Interrupted, SetupError, SimulationError, System, Table, run
+from cosim.engine import members
+from cosim.engine.settings import RunSettings
+from cosim.ensemble import Ensemble
+from cosim.metrics import Largest
+from cosim.prepared import THREADED_TOOLS, Case, Prepared
+from tests.cosim.foreign import pack, single_fmu_system
+
+WIRES = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+H = 1e-3
+#: What is varied of the settings, and of what is run.
+FACTORS: dict[str, Sequence[Any]] = {
+    "system": ("pair", "motor alone", "table", "jump", "change"),
+    "algorithm": ("strang", "jacobi", "gauss-seidel", "iterated"),
+    "input_order": (0, 1, 2),
+    "flavour": ("native", "fmi3", ""),
+    "step": (H, Adaptive(1e-2)),
+    "output_step": (None, 4 * H, 0.7 * H),
+    "jobs": (1, 2),
+}
+
+
+def pairwise(factors: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+    """Combinations in which each pair of two factors' values is there at least once."""
+    names = list(factors)
+    open_pairs = {
+        ((a, i), (b, j))
+        for a, b in combinations(names, 2)
+        for i, j in product(range(len(factors[a])), range(len(factors[b])))
+    }
+    everything = list(product(*(range(len(factors[name])) for name in names)))
+    chosen = []
+    while open_pairs:
+        best, covered = (), set[Any]()
+        for row in everything:
+            pairs = set(combinations(zip(names, row), 2)) & open_pairs
+            if len(pairs) > len(covered):
+                best, covered = row, pairs
+        open_pairs -= covered
+        chosen.append({name: factors[name][k] for name, k in zip(names, best)})
+    return chosen
+
+
+def drive(folder: Path, kind: str) -> System:
+    """Motor and conveyor, or one of them with an input over time."""
+    motor, conveyor = folder / "DriveMotor.fmu", folder / "CrankConveyor.fmu"
+    if kind == "motor alone":
+        return System({"motor": motor}, start={"motor.w": 40.0})
+    start = {"motor.A": 8000.0, "motor.tau": 8.0, "conveyor.w": 40.0}
+    parts = {"motor": motor, "conveyor": conveyor}
+    if kind == "pair":
+        return System(parts, WIRES, start)
+    start.pop("motor.tau")
+    if kind == "change":
+        return System(
+            parts, WIRES[1:], start | {"conveyor.tau": 9.0}, changes=["at 0.02 s conveyor.tau = 5"]
+        )
+    times = [0.0, 0.0203, 0.0203, 0.1] if kind == "table" else [0.0, 0.02, 0.02, 0.1]
+    return System(
+        parts, WIRES[1:], start, inputs={"conveyor.tau": Table(times, [8.0, 20.0, 3.0, 8.0])}
+    )
+
+
+@pytest.mark.parametrize("choice", pairwise(FACTORS), ids=lambda c: " ".join(map(str, c.values())))
+def test_members_have_the_bits_of_single_runs(choice: dict[str, Any], fmus: Path) -> None:
+    """Each pair of choices once; the last step is cut, and the start is not 0."""
+    settings = {
+        k: v for k, v in choice.items() if k in ("algorithm", "input_order", "step", "output_step")
+    }
+    settings |= {"start": 0.01, "stop": 0.0405}
+    system = drive(fmus / choice["flavour"], choice["system"])
+    cases = {"motor.A": [7500.0, 8000.0, 8500.0], "motor.characteristic": [0, 0, 0]}
+    if "conveyor" in system.parts:
+        cases |= {"conveyor.w": [39.0, 40.0, 41.0], "conveyor.rod.finite": [True, False, True]}
+    with Prepared.open(system, RunSettings(**settings)) as prepared:
+        ensemble = prepared.map(cases, jobs=choice["jobs"])
+    assert not ensemble.notes
+    for k in range(3):
+        start = {**system.start, **{name: column[k] for name, column in cases.items()}}
+        try:
+            single = run(System(**vars(system) | {"start": start}), **settings)
+        except SimulationError as error:
+            assert ensemble.reasons[k] in str(error) and ensemble.reasons[k]
+            single = error.result
+        rows = ensemble.rows[k, : ensemble.counts[k]]
+        assert rows.tobytes() == single.data.tobytes()
+        assert_array_equal(ensemble.rows[k, ensemble.counts[k] :], np.nan)
+        assert ensemble.result(k).data.tobytes() == single.data.tobytes()
+        for bond, energy in single.energy.items():
+            assert ensemble.energy[bond][k].tolist() == [
+                energy[key] for key in ("given", "taken", "exchanged")
+            ]
+
+
+def ensemble_of(
+    system: System, cases: Mapping[str, Any], *, jobs: int = 1, **settings: Any
+) -> Ensemble:
+    """The ensemble of a system over one second, in steps of 0.1 s."""
+    with Prepared.open(system, RunSettings(**{"stop": 1.0, "step": 0.1} | settings)) as prepared:
+        return prepared.map(cases, jobs=jobs)
+
+
+def test_members_run_in_c_where_they_can(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both versions of FMI do: 20 members of 1000 steps take the driver once."""
+    steps = []
+    for flavour in ("native", "fmi3"):
+        original = members.Members.run
+        monkeypatch.setattr(
+            members.Members,
+            "run",
+            lambda self, block, f=original: steps.append(len(block.values)) or f(self, block),
+        )
+        ensemble_of(
+            drive(fmus / flavour, "pair"), {"motor.A": np.linspace(7000.0, 8000.0, 20)}, step=H
+        )
+        monkeypatch.undo()
+    assert steps == [1, 20] * 2
+
+
+@pytest.mark.parametrize("name", ["warn_at", "error_at", "fatal_at", "nan_above"])
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_member_that_fails_is_a_row_with_its_reason(name: str, jobs: int, tmp_path: Path) -> None:
+    """The others go on, also after an FMU has returned Fatal; warnings carry the member."""
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    usual = 1e300
+    at = 0.05 if name == "nan_above" else 0.35
+    cases = {f"A.{name}": [usual, at, usual, at, usual], "A.x0": [1.0, 2.0, 3.0, 4.0, 5.0]}
+    ensemble = ensemble_of(system, cases, jobs=jobs)
+    assert ensemble.members.tolist() == [0, 1, 2, 3, 4]
+    for k in range(5):
+        start = {key: column[k] for key, column in cases.items()}
+        try:
+            single = run(System(system.parts, start=start), stop=1.0, step=0.1)
+            assert not ensemble.reasons[k]
+        except SimulationError as error:
+            single = error.result
+            assert ensemble.reasons[k]
+        count = ensemble.counts[k]
+        assert ensemble.rows[k, :count].tobytes() == single.data.tobytes()
+    if name == "warn_at":
+        assert ensemble.warnings == {"A: t = 0.35 s in A": [1, 3]}
+    else:
+        assert ensemble.failed.tolist() == [1, 3]
+
+
+def test_a_crash_costs_one_member(tmp_path: Path) -> None:
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    cases = {"A.crash_at": [1e300, 0.35, 1e300], "A.x0": [1.0, 2.0, 3.0]}
+    ensemble = ensemble_of(system, cases, jobs=2)
+    assert ensemble.failed.tolist() == [1]
+    assert "was killed by signal SIGSEGV (an FMU crashed)" in ensemble.reasons[1]
+    assert ensemble["A.y"][[0, 2], 0].tolist() == [1.0, 3.0]
+
+
+def test_a_start_value_that_cannot_be_is_a_reason(fmus: Path) -> None:
+    cases = {"motor.T": [0.05, -1.0, np.nan, 0.06]}
+    ensemble = ensemble_of(drive(fmus / "native", "pair"), cases, stop=0.01, step=H)
+    assert ensemble.failed.tolist() == [1, 2]
+    assert "motor.T [s] = -1.0 must be" in ensemble.reasons[1]
+    assert "must be a finite number" in ensemble.reasons[2]
+
+
+def test_instances_that_a_reset_does_not_bring_back_are_made_anew(tmp_path: Path) -> None:
+    """The steps of the foreign FMU count over the life of an instance: `steps` shows whether it is new."""
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    ensemble = ensemble_of(system, {"A.x0": [1.0, 2.0, 3.0]}, record=["A.y", "A.steps"])
+    assert ensemble["A.steps"][:, -1].tolist() == [10.0, 10.0, 10.0]
+    assert "new instances" in ensemble.notes[0]
+    kept = ensemble_of(system, {"A.x0": [1.0, 2.0, 3.0]}, record=["A.y"])
+    assert kept["A.y"].tobytes() == ensemble["A.y"].tobytes() and not kept.notes
+
+
+def test_steps_of_several_sizes_have_rows_at_common_times(fmus: Path) -> None:
+    system = drive(fmus / "native", "pair")
+    steps = [H, 2 * H, 4 * H, H]
+    with Prepared.open(system, RunSettings(0.1, H, output_step=4 * H)) as prepared:
+        ensemble = prepared.map({"motor.A": [8000.0, 8000.0, 8000.0, 7000.0]}, steps=steps)
+        with pytest.raises(SetupError, match="rows must be a multiple of it apart"):
+            prepared.map({"motor.A": [8000.0]}, steps=[3 * H])
+    for k, (h, a) in enumerate(zip(steps, (8000.0, 8000.0, 8000.0, 7000.0))):
+        start = {**system.start, "motor.A": a}
+        single = run(System(**vars(system) | {"start": start}), stop=0.1, step=h, output_step=4 * H)
+        assert ensemble.rows[k].tobytes() == single.data.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("cases", "reason"),
+    [
+        ({"motor.Z": [1.0]}, "motor has no variable 'Z'"),
+        ({"motor.A": [1.0, 2.0], "motor.T": [1.0]}, "columns of one length"),
+        ({"motor.A": []}, "there are no cases"),
+        ({}, "columns of one length"),
+        ({"motor.A": [[1.0]]}, "columns of one length"),
+    ],
+)
+def test_wrong_cases_are_refused(cases: dict[str, Any], reason: str, fmus: Path) -> None:
+    with pytest.raises(SetupError, match=reason):
+        ensemble_of(drive(fmus / "native", "motor alone"), cases)
+
+
+def test_figures_and_frames(fmus: Path) -> None:
+    cases = {"motor.A": [7500.0, 8000.0, np.nan]}
+    ensemble = ensemble_of(drive(fmus / "native", "pair"), cases, stop=0.1, step=H)
+    frame = ensemble.frame({"torque": Largest("motor.tau")})
+    assert list(frame) == ["motor.A", "torque", "reason"] and np.isnan(frame["torque"][2])
+    assert frame["torque"][0] >= ensemble["motor.tau"][0].max()
+
+
+def test_ctrl_c_keeps_what_is_done(fmus: Path) -> None:
+    """It is heard within the C loop, which returns every 50 ms."""
+    system = drive(fmus / "native", "pair")
+    threading.Timer(1.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    began = time.monotonic()
+    with pytest.raises(Interrupted) as caught:
+        ensemble_of(
+            system,
+            {"motor.A": np.linspace(7000.0, 8000.0, 100_000)},
+            stop=1.0,
+            step=1e-4,
+            output_step=0.1,
+        )
+    assert time.monotonic() - began < 3.0
+    done: Ensemble = caught.value.result
+    assert 0 < len(done) < 100_000 and not len(done.failed)
+
+
+def test_a_saved_case_is_a_run(fmus: Path) -> None:
+    system = drive(fmus / "native", "pair")
+    with Prepared.open(system, RunSettings(0.05, H)) as prepared:
+        result = prepared.run(Case({"motor.A": 7000.0}))
+    start = {**system.start, "motor.A": 7000.0}
+    single = run(System(**vars(system) | {"start": start}), stop=0.05, step=H)
+    assert result.data.tobytes() == single.data.tobytes()
+
+
+def writable(binary: bytes) -> int:
+    """The bytes of a 64-bit ELF library that may be written after it has been loaded and relocated."""
+    begin, size, count = (
+        *struct.unpack_from("<Q", binary, 0x20),
+        *struct.unpack_from("<HH", binary, 0x36),
+    )
+    headers = [struct.unpack_from("<IIQQQQQQ", binary, begin + k * size) for k in range(count)]
+    load, relocated, writes = 1, 0x6474E552, 2
+    spans = [(h[3], h[3] + h[6]) for h in headers if h[0] == load and h[1] & writes]
+    fixed = [(h[3], h[3] + h[6]) for h in headers if h[0] == relocated]
+    return sum(
+        end - begin - sum(max(0, min(end, e) - max(begin, b)) for b, e in fixed)
+        for begin, end in spans
+    )
+
+
+def native_binaries(fmus: Path) -> Iterator[tuple[str, str, bytes]]:
+    """Name, tool and binary of each native FMU."""
+    for path in [*(fmus / "native").glob("*.fmu"), *(fmus / "fmi3").glob("*.fmu")]:
+        with ZipFile(path) as archive:
+            description = archive.read("modelDescription.xml").decode()
+            for name in archive.namelist():
+                if name.endswith(".so") and ("linux64" in name or "x86_64-linux" in name):
+                    yield name, description, archive.read(name)
+
+
+def test_fmus_that_may_run_in_threads_have_no_variables_of_their_own(fmus: Path) -> None:
+    """What is written would be shared by instances in several threads."""
+    binaries = list(native_binaries(fmus))
+    assert len(binaries) >= 20
+    for name, description, binary in binaries:
+        assert f'generationTool="{THREADED_TOOLS[0]}' in description
+        assert writable(binary) == 0, name
