@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .dense import NO_BREAKS, DenseSolution
 from .errors import SetupError, pluralize
 from .metrics import Metric
-from .report import Outcome, RunReport
+from .report import BondEnergy, Outcome, RunReport
 from .result import Result
 from .series import Column
 from .system import Network, Port, Value
@@ -46,7 +46,7 @@ class Cases:
 
     @classmethod
     def of(cls, cases: Any, network: Network) -> Cases:
-        """Read a mapping from names to values, or a frame with a row for each member.
+        """Read a mapping from names to values, a frame with a row for each member, or a number of equal members.
 
         Raises
         ------
@@ -55,6 +55,8 @@ class Cases:
         """
         if isinstance(cases, Cases):
             return cases
+        if isinstance(cases, int):
+            return cls((), (), cases)
         ports = tuple(network.port(str(name)) for name in cases)
         columns = tuple(np.asarray(cases[name]) for name in cases)
         lengths = {str(port.name): column.shape for port, column in zip(ports, columns)}
@@ -79,10 +81,10 @@ class Cases:
     def checked(
         self, network: Network, members: Iterable[int]
     ) -> tuple[list[tuple[Value, ...]], dict[int, str]]:
-        """The values of members in the types of their ports, and why the others cannot have theirs."""
+        """The values of members in the types of their ports, and by position why the others cannot have theirs."""
         values, wrong = [], {}
-        for k in members:
-            given = self.case(k).start.values()
+        for k, number in enumerate(members):
+            given = self.case(number).start.values()
             try:
                 values.append(
                     tuple(checked_start(network, port, x)[1] for port, x in zip(self.ports, given))
@@ -185,6 +187,7 @@ class Ensemble:
             self.report,
             setup=replace(self.report.setup, start_values=start),
             outcome=Outcome("failed" if reason else "complete", reason, reached, n),
+            bonds={bond: _balance(values[k]) for bond, values in self.energy.items()},
             warnings=[text for text, members in self.warnings.items() if number in members],
         )
         return Result(
@@ -227,6 +230,12 @@ class Ensemble:
         names = ", ".join(str(k) for k in members[:MOST_NAMED])
         more = len(members) - MOST_NAMED
         return f"run {names}" + (f" and {more} more" if more > 0 else "")
+
+
+def _balance(energy: Array) -> BondEnergy:
+    """The balance of a bond of energy given, taken and exchanged [J]."""
+    given, taken, exchanged = energy.tolist()
+    return BondEnergy(given, taken, given - taken, exchanged)
 
 
 def joined(blocks: Sequence[Ensemble]) -> Ensemble:

@@ -62,7 +62,7 @@ class How:
     jobs: int = 1
     isolated: bool = False
     numbers: Numbers | None = None
-    steps: Sequence[float] | None = None
+    steps: Sequence[float | Adaptive] | None = None
     timeout: float = math.inf
     progress: Callable[[float], None] | None = None
     evaluate: Evaluate | None = None
@@ -147,7 +147,7 @@ class Prepared:
         cases: Any,
         *,
         jobs: int = 1,
-        steps: Sequence[float] | None = None,
+        steps: Sequence[float | Adaptive] | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Ensemble:
         """Run a member for each case; the rows are those of single runs, bit for bit.
@@ -157,11 +157,12 @@ class Prepared:
 
         Parameters
         ----------
-        cases : mapping, pandas frame or Cases
-            Columns of start values by name, a row for each member.
+        cases : mapping, pandas frame, Cases or int
+            Columns of start values by name, a row for each member; or how many members there are, if only their
+            steps differ.
         jobs : int
             Threads if FMUs of fmukit are all that runs, else processes, in which a crash costs one member.
-        steps : sequence of float, optional
+        steps : sequence of float or Adaptive, optional
             The communication step of each member [s]. Rows are at the times that all have: `output_step` of the
             settings must be a multiple of each.
         progress : callable, optional
@@ -225,14 +226,15 @@ class Prepared:
         """The members in pieces of the same step that fit into memory, at least one for each job."""
         settings = self.settings
         numbers = np.arange(cases.members) if how.numbers is None else how.numbers
-        groups: list[tuple[float | Adaptive, Numbers]] = [(settings.step, numbers)]
-        if how.steps is not None:
-            sizes = np.asarray(how.steps, float)
-            if isinstance(settings.step, Adaptive) or sizes.shape != (cases.members,):
-                raise SetupError(f"steps must be {cases.members} numbers, one for each case")
-            groups = [(h, numbers[sizes[numbers] == h]) for h in np.unique(sizes).tolist()]
+        groups: dict[str, tuple[float | Adaptive, list[int]]] = {}
+        steps = [settings.step] * cases.members if how.steps is None else list(how.steps)
+        if len(steps) != cases.members:
+            raise SetupError(f"there are {len(steps)} steps for {cases.members} cases")
+        for k in numbers.tolist():
+            groups.setdefault(repr(steps[k]), (steps[k], []))[1].append(k)
         chunks = []
-        for step, some in groups:
+        for step, members in groups.values():
+            some = np.array(members)
             if step != settings.step:
                 self._require_step(step)
             most = max(1, min(self._most_in_chunk(step, how.share), -(-len(some) // how.jobs)))
@@ -246,7 +248,7 @@ class Prepared:
         """Raise SetupError for a step that gives no rows at the times of the others."""
         settings = replace(self.settings, step=step)
         require_runnable(self.network, settings)
-        if settings.every() is None:
+        if settings.every() is None and not isinstance(step, Adaptive):
             apart = settings.output_step
             raise SetupError(
                 f"step = {step!r} s: rows must be a multiple of it apart, not {apart!r} s"

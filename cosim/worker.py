@@ -163,7 +163,7 @@ class Worker:
         in_c, kept = None, np.zeros(len(values), bool)
         if self._members is not None and self._names == cases.names:
             inside = np.array(
-                [k for k, row in enumerate(values) if row and _is_exact(row)], np.intp
+                [k for k, row in enumerate(values) if k not in wrong and _is_exact(row)], np.intp
             )
             numbers = np.array([values[k] for k in inside], float)
             assert not isinstance(chunk.step, Adaptive)
@@ -206,7 +206,9 @@ class Worker:
             members = _laid_out(first.simulation, first.cases.names, self._desk)
             if _is_exact(values[0]) and not isinstance(first.chunk.step, Adaptive):
                 members.step_by(first.chunk.step, first.chunk.output_step)
-                block = members.block(np.array([first.number]), np.array([values[0]], float))
+                block = members.block(
+                    np.array([first.number]), np.array([values[0]], float).reshape(1, -1)
+                )
                 for _ in members.run(block):
                     self._process.restore()
                 members.warnings = {}

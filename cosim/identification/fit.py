@@ -105,7 +105,7 @@ def search(evaluator: Evaluator, plan: SearchPlan, enough: float, loss: Loss) ->
     for p in [problem.guess, *latin_hypercube(plan.starts - 1, low, high, rng)]:
         if first:
             draws = latin_hypercube(DRAWS, low[first], high[first], rng)
-            p = min([p, *(_with_values(p, first, draw) for draw in draws)], key=evaluator.chi2)
+            p = evaluator.best([p, *(_with_values(p, first, draw) for draw in draws)])
             p = descend(evaluator, p, plan.first, FIRST_EVALUATIONS, loss).p
         minima.append(descend(evaluator, p, everything, ALL_EVALUATIONS, loss))
         minima.sort(key=lambda minimum: minimum.chi2)

@@ -10,8 +10,6 @@ import numpy as np
 from scipy import stats
 
 from ..accuracy.limit import likeliest
-from ..errors import SetupError
-from ..result import SimulationError
 from .chi2 import chi2_band
 from .fit import Fit, descend
 from .noise import Noise
@@ -123,19 +121,19 @@ def refine(fit: Fit) -> Refinement:
 def linearise(evaluator: Evaluator, p: Array) -> Linearisation:
     """The neighbourhood of values p, from central differences; from one side where the FMUs refuse the other."""
     problem = evaluator.problem
-    centre = evaluator.evaluate(p)
-    columns, gradients = [], []
+    displaced: list[Array] = []
     for k, parameter in enumerate(problem.parameters):
-        samples = []
         for sign in (-1.0, 1.0):
-            displaced = p.copy()
             step = sign * CENTRAL_STEP * parameter.size
-            displaced[k] = min(max(p[k] + step, parameter.low), parameter.high)
-            try:
-                samples.append((displaced[k], evaluator.evaluate(displaced)))
-            except (SimulationError, SetupError):
-                samples.append((p[k], centre))
-        (lower, below), (upper, above) = samples
+            displaced.append(p.copy())
+            displaced[-1][k] = min(max(p[k] + step, parameter.low), parameter.high)
+    centre, samples = evaluator.evaluate(p), evaluator.evaluations(displaced)
+    columns, gradients = [], []
+    for k in range(len(p)):
+        ends = zip(displaced[2 * k : 2 * k + 2], samples[2 * k : 2 * k + 2])
+        (lower, below), (upper, above) = (
+            (p[k], centre) if sample is None else (point[k], sample) for point, sample in ends
+        )
         distance = (upper - lower) or 1.0
         columns.append((above.residuals - below.residuals) / distance)
         gradients.append((above.derived - below.derived) / distance)

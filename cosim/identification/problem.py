@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypedDict, Unpack
+from weakref import finalize
 
 import numpy as np
 
+from ..engine.settings import RunSettings
+from ..ensemble import Case
 from ..errors import SetupError
 from ..fmu.messages import quiet
-from ..master import run
 from ..metrics import spline
+from ..prepared import Prepared
 from ..result import Result, SimulationError
 from ..system import Network, System
 from .parameters import (
@@ -135,71 +139,132 @@ class Problem:
 
 
 class Evaluator:
-    """Runs a problem with values of its free parameters; counts the runs and remembers the residuals of the last."""
+    """Runs a problem with values of its free parameters; counts the runs and remembers the residuals of the last.
+
+    The system is made ready once for all of them, and freed with this.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.runs = 0
         self._last: tuple[bytes, Array] | None = None
+        self._stack = ExitStack()
+        self._ready: dict[tuple[float, bool], Prepared] = {}
+        finalize(self, self._stack.close)
+
+    def _prepared(self, step: float, *, all_outputs: bool) -> Prepared:
+        """The system, ready for runs over the record, of the measured columns or of all outputs; raises SetupError."""
+        key = step, all_outputs
+        if key not in self._ready:
+            problem = self.problem
+            measured = list(dict.fromkeys(column.name for column in problem.columns))
+            first, last = problem.span
+            record = None if all_outputs else measured
+            settings = {k: v for k, v in problem.settings.items() if v is not None}
+            plan = RunSettings(last, step, first, record=record, **settings)  # type: ignore[arg-type]
+            opened = Prepared.open(problem.system, plan)
+            self._ready[key] = self._stack.enter_context(opened)
+        return self._ready[key]
+
+    def _start(self, p: Array) -> dict[str, float]:
+        """The start values among the free parameters."""
+        pairs = zip(self.problem.names, p.tolist())
+        return {name: value for name, value in pairs if not is_sensor_parameter(name)}
 
     def simulate(self, p: Array, *, step: float | None = None, all_outputs: bool = False) -> Result:
         """A run over the record, of the measured columns or of all outputs; raises what `run` does."""
-        problem = self.problem
-        start = {n: v for n, v in zip(problem.names, p.tolist()) if not is_sensor_parameter(n)}
-        system = replace(problem.system, start={**problem.system.start, **start})
-        measured = list(dict.fromkeys(column.name for column in problem.columns))
         self.runs += 1
-        first, last = problem.span
         with quiet():
-            return run(
-                system,
-                start=first,
-                stop=last,
-                step=step or problem.step,
-                record=None if all_outputs else measured,
-                **problem.settings,
-            )
+            prepared = self._prepared(step or self.problem.step, all_outputs=all_outputs)
+            return prepared.run(Case(self._start(p)))
+
+    def _results(
+        self, points: Sequence[Array], *, all_outputs: bool = False
+    ) -> list[Result | None]:
+        """Runs with many values p; None where the FMUs refuse them."""
+        names = [name for name in self.problem.names if not is_sensor_parameter(name)]
+        if not names:  # all differ in what sensors show
+            return [self._result(points[0], all_outputs=all_outputs)] * len(points)
+        self.runs += len(points)
+        starts = [self._start(p) for p in points]
+        try:
+            prepared = self._prepared(self.problem.step, all_outputs=all_outputs)
+            ensemble = prepared.map({name: [start[name] for start in starts] for name in names})
+        except SetupError:
+            return [None] * len(points)
+        return [None if reason else ensemble.result(k) for k, reason in enumerate(ensemble.reasons)]
+
+    def _result(self, p: Array, *, all_outputs: bool) -> Result | None:
+        """A run; None where the FMUs refuse it."""
+        try:
+            return self.simulate(p, all_outputs=all_outputs)
+        except (SimulationError, SetupError):
+            return None
 
     def evaluate(self, p: Array) -> Evaluation:
         """Residuals and derived quantities; raises what `run` does."""
+        evaluation = self.evaluations([p])[0]
+        if evaluation is None:
+            self.simulate(p)
+            raise SetupError("a run that the FMUs had refused went well the second time")
+        return evaluation
+
+    def evaluations(self, points: Sequence[Array]) -> list[Evaluation | None]:
+        """Residuals and derived quantities for many values p; None where the FMUs refuse them."""
         problem = self.problem
-        result = self.simulate(p, all_outputs=bool(problem.derived))
-        values = problem.start_values(p)
-        derived = [float(quantity.function(values, result)) for quantity in problem.derived]
-        return Evaluation(problem.residual_vector(p, problem.predict(p, result)), np.array(derived))
+        evaluations: list[Evaluation | None] = []
+        for p, result in zip(points, self._results(points, all_outputs=bool(problem.derived))):
+            if result is None:
+                evaluations.append(None)
+                continue
+            values = problem.start_values(p)
+            derived = [float(quantity.function(values, result)) for quantity in problem.derived]
+            residuals = problem.residual_vector(p, problem.predict(p, result))
+            evaluations.append(Evaluation(residuals, np.array(derived)))
+        return evaluations
+
+    def residuals_of(self, points: Sequence[Array]) -> list[Array]:
+        """The residuals for many values p, shape (m,) each; FAILED_RESIDUAL in all rows where the FMUs refuse them."""
+        problem = self.problem
+        failed = [np.full(len(column.times), FAILED_RESIDUAL) for column in problem.columns]
+        return [
+            problem.residual_vector(p, failed if result is None else problem.predict(p, result))
+            for p, result in zip(points, self._results(points))
+        ]
 
     def residuals(self, p: Array) -> Array:
-        """The residuals, shape (m,); those of all rows are FAILED_RESIDUAL where the FMUs refuse the values."""
-        problem, key = self.problem, p.tobytes()
-        if self._last is not None and self._last[0] == key:
-            return self._last[1]
-        try:
-            predictions = problem.predict(p, self.simulate(p))
-        except (SimulationError, SetupError):
-            predictions = [np.full(len(c.times), FAILED_RESIDUAL) for c in problem.columns]
-        residuals = problem.residual_vector(p, predictions)
-        self._last = key, residuals
-        return residuals
+        """The residuals of values p, shape (m,)."""
+        key = p.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self.residuals_of([p])[0]
+        return self._last[1]
 
     def chi2(self, p: Array) -> float:
         """The sum of squared residuals."""
         return float(np.sum(self.residuals(p) ** 2))
+
+    def best(self, points: Sequence[Array]) -> Array:
+        """Of many values p, those with the least sum of squared residuals."""
+        sums = [float(np.sum(residuals**2)) for residuals in self.residuals_of(points)]
+        return points[int(np.argmin(sums))]
 
     def jacobian(self, p: Array, indices: Sequence[int] | None = None) -> Array:
         """The derivatives of the residuals by the free parameters of these indices, or by all, shape (m, n).
 
         They are forward differences, or backward ones at an upper bound.
         """
-        base = self.residuals(p)
-        base_entry = self._last
-        columns = []
-        for k in range(len(p)) if indices is None else indices:
+        base, points = self.residuals(p), []
+        chosen = range(len(p)) if indices is None else indices
+        for k in chosen:
             parameter = self.problem.parameters[k]
             step = FORWARD_STEP * parameter.size
             displaced = p.copy()
             displaced[k] += step * (1.0 if parameter.high - p[k] > step else -1.0)
-            columns.append((self.residuals(displaced) - base) / (displaced[k] - p[k]))
-        self._last = base_entry
+            points.append(displaced)
+        columns = [
+            (residuals - base) / (displaced[k] - p[k])
+            for k, displaced, residuals in zip(chosen, points, self.residuals_of(points))
+        ]
         return np.stack(columns, axis=1)
 
 

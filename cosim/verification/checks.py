@@ -14,7 +14,9 @@ from scipy.optimize import brentq
 from ..analysis.coupling_theory import Ideal, Matrix, Scheme, Unit
 from ..engine.algorithms import ALGORITHMS, CouplingContext, Feedthrough, find_algorithm
 from ..engine.control import Adaptive
-from ..master import run
+from ..engine.settings import RunSettings
+from ..errors import SetupError
+from ..prepared import Prepared
 from ..result import Result
 from .systems import (
     BENCHMARKS,
@@ -102,16 +104,21 @@ def simulate(
     units: Mapping[str, Unit],
     scheme: Scheme,
     stop: float,
-    step: float | Adaptive,
+    steps: Sequence[float | Adaptive],
     *,
     bond: tuple[str, str] | None = None,
-) -> Result:
-    """A run of the master, all states recorded."""
-    return run(
-        couple(units, fmu, input_hold=scheme.hold, bond=bond), stop=stop, step=step,
-        algorithm=scheme.algorithm, order=list(units), input_order=scheme.input_order,
+) -> list[Result]:
+    """Runs of the master with each of these steps, all states recorded; raises SetupError for one that fails."""
+    system = couple(units, fmu, input_hold=scheme.hold, bond=bond)
+    settings = RunSettings(
+        stop, steps[0], algorithm=scheme.algorithm, order=list(units), input_order=scheme.input_order,
         substeps={list(units)[-1]: scheme.substeps}, record=states(units),
     )  # fmt: skip
+    with Prepared.open(system, settings) as prepared:
+        ensemble = prepared.map(len(steps), steps=steps)
+    for reason in filter(None, ensemble.reasons):
+        raise SetupError(reason)
+    return [ensemble.result(k) for k in range(len(steps))]
 
 
 def deviation(actual: Matrix, expected: Matrix) -> float:
@@ -165,9 +172,9 @@ def orders(fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Schem
     bond = None if scheme.hold else benchmark.bond
     matches, errors, booked, residuals, shares = [], [], [], [], []
     ideal_shares: list[float] = []
-    for count in benchmark.counts:
-        h = benchmark.stop / count
-        result = simulate(fmu, benchmark.units, scheme, benchmark.stop, h, bond=bond)
+    steps = [benchmark.stop / count for count in benchmark.counts]
+    results = simulate(fmu, benchmark.units, scheme, benchmark.stop, steps, bond=bond)
+    for count, h, result in zip(benchmark.counts, steps, results):
         simulated = result.data[:, 1:]
         matches.append(deviation(simulated, ideal.states(scheme, [h] * count)))
         errors.append(deviation(simulated, ideal.exact([h] * count)))
@@ -241,7 +248,7 @@ def limit(fmu: Path, name: str, units: Mapping[str, Unit], title: str, scheme: S
     matches, growth = [], []
     for h in (theory * (1 - MARGIN), theory * (1 + MARGIN)):
         count = math.ceil(4.0 / abs(math.log(ideal.radius(scheme, h))))
-        simulated = simulate(fmu, units, scheme, count * h, h).data[:, 1:]
+        simulated = simulate(fmu, units, scheme, count * h, [h])[0].data[:, 1:]
         matches.append(deviation(simulated, ideal.states(scheme, [h] * count)))
         size = np.log(np.linalg.norm(simulated / np.abs(simulated).max(axis=0), axis=1))[
             count // 4 :
@@ -263,7 +270,7 @@ def spring_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
     """
     h, count = 0.01, 200
     ideal = Ideal(SPRING_AND_MASS)
-    result = simulate(fmu, SPRING_AND_MASS, scheme, count * h, h, bond=("spring.1", "mass.1"))
+    [result] = simulate(fmu, SPRING_AND_MASS, scheme, count * h, [h], bond=("spring.1", "mass.1"))
     position, speed = result.data[:, 1], result.data[:, 2]
     energy = 50 * position**2 / 2 + 2.0 * speed**2 / 2
     created = -next(iter(result.energy.values()))["residual"] / energy[0]
@@ -287,9 +294,9 @@ def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
     """
     ideal = Ideal(UNDAMPED.units)
     matches, gaps = [], []
-    for count in UNDAMPED.counts:
-        h = UNDAMPED.stop / count
-        result = simulate(fmu, UNDAMPED.units, scheme, UNDAMPED.stop, h, bond=UNDAMPED.bond)
+    steps = [UNDAMPED.stop / count for count in UNDAMPED.counts]
+    results = simulate(fmu, UNDAMPED.units, scheme, UNDAMPED.stop, steps, bond=UNDAMPED.bond)
+    for count, h, result in zip(UNDAMPED.counts, steps, results):
         matches.append(deviation(result.data[:, 1:], ideal.states(scheme, [h] * count)))
         twist, w_1, w_2 = result.data[:, 1:].T
         energy = (SHAFT_STIFFNESS * twist**2 + FIRST_INERTIA * w_1**2 + SECOND_INERTIA * w_2**2) / 2
@@ -317,9 +324,10 @@ def tolerance(
     ideal, scheme = Ideal(benchmark.units), SCHEMES[title]
     pieces = 2 if control == "doubling" else 1
     matches, errors = [], []
-    for allowed in tolerances:
-        step = Adaptive(allowed, control=control)
-        result = simulate(fmu, benchmark.units, scheme, benchmark.stop, step, bond=benchmark.bond)
+    steps = [Adaptive(allowed, control=control) for allowed in tolerances]
+    for result in simulate(
+        fmu, benchmark.units, scheme, benchmark.stop, steps, bond=benchmark.bond
+    ):
         simulated, sizes = result.data[:, 1:], np.diff(result["time"])
         predicted = ideal.states(scheme, np.repeat(sizes / pieces, pieces).tolist())[::pieces]
         matches.append(deviation(simulated, predicted))

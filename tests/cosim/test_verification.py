@@ -268,7 +268,8 @@ def test_the_ledger_of_gauss_seidel_telescopes(fmus: Path, problem: str) -> None
     left = h / 2 * (p[0] * q[0] - p[-1] * q[-1])
     assert supplied - taken == pytest.approx(left, rel=1e-10)
     fmu = fmus / "LinearSystem.fmu"
-    result = simulate(fmu, benchmark.units, SCHEMES["gauss-seidel"], 15 * h, h, bond=benchmark.bond)
+    scheme = SCHEMES["gauss-seidel"]
+    [result] = simulate(fmu, benchmark.units, scheme, 15 * h, [h], bond=benchmark.bond)
     assert next(iter(result.energy.values()))["residual"] == pytest.approx(left, rel=1e-10)
 
 
