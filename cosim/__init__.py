@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .prepared import How, Prepared
     from .result import Interrupted, Result, SimulationError
     from .simulation import versions
+    from .sweeps import combinations, sample, sweep
     from .system import System, Wire
     from .system.inputs import Table
 
@@ -76,6 +77,7 @@ _HOMES = {
         "prepared": "How, Prepared",
         "result": "Interrupted, Result, SimulationError",
         "simulation": "versions",
+        "sweeps": "combinations, sample, sweep",
         "system": "System, Wire",
         "system.inputs": "Table",
     }.items()
@@ -86,9 +88,9 @@ __all__ = [
     "ALGORITHMS", "CONVERGENCE_ORDERS", "Adaptive", "Advice", "Case", "Certified", "Comparison", "Crosscheck",
     "Deviation", "Diagnosis", "Ensemble", "Estimate", "Experiment", "How", "Identified", "Interrupted", "Interval",
     "Judged", "Limit", "Linear", "Package", "Prepared", "RefereeReport", "Result", "RunSettings", "SetupError", "SimulationError", "System", "Table",
-    "Verdict", "Wire", "advise", "certify", "compare", "crosscheck", "crossing", "diagnose",
+    "Verdict", "Wire", "advise", "certify", "combinations", "compare", "crosscheck", "crossing", "diagnose",
     "identify", "largest", "limit", "linearize", "mean", "measured", "oracle", "quiet",
-    "read_osp", "read_ssp", "referee", "rms", "run", "run_isolated", "smallest", "summary",
+    "read_osp", "read_ssp", "referee", "rms", "run", "run_isolated", "sample", "smallest", "summary", "sweep",
     "time_of_largest", "time_of_smallest", "true_errors", "versions", "write_container",
     "write_osp", "write_ssp",
 ]  # fmt: skip

@@ -7,7 +7,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 #: Least time between two changes of the bar [s]: a convention of this project, which limits the time that it takes.
@@ -26,12 +34,26 @@ class Pace(ProgressColumn):
 @contextmanager
 def bar(title: str, start: float, stop: float) -> Iterator[Callable[[float], None]]:
     """A function to call with the share of a run from `start` to `stop` [s] that is done."""
-    columns = (TextColumn("{task.description}"), BarColumn(), Pace(), TimeRemainingColumn())
+    with _bar(title, Pace(), stop - start) as show:
+        yield show
+
+
+@contextmanager
+def bar_of_runs(title: str, runs: int) -> Iterator[Callable[[float], None]]:
+    """A function to call with the share of so many runs that is done."""
+    with _bar(title, MofNCompleteColumn(), runs) as show:
+        yield show
+
+
+@contextmanager
+def _bar(title: str, column: ProgressColumn, total: float) -> Iterator[Callable[[float], None]]:
+    """A function to call with the share of the total that is done, which a column shows."""
+    columns = (TextColumn("{task.description}"), BarColumn(), column, TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(
         *columns, console=console, redirect_stdout=False, disable=not console.is_terminal
     ) as progress:
-        task = progress.add_task(title, total=stop - start)
+        task = progress.add_task(title, total=total)
         last_update = 0.0
 
         def show(fraction: float) -> None:
@@ -39,6 +61,6 @@ def bar(title: str, start: float, stop: float) -> Iterator[Callable[[float], Non
             now = time.monotonic()
             if now - last_update > REFRESH_INTERVAL or fraction >= 1.0:
                 last_update = now
-                progress.update(task, completed=fraction * (stop - start))
+                progress.update(task, completed=type(total)(fraction * total))
 
         yield show

@@ -247,8 +247,8 @@ def add_shared_options(parser: Parser, *options: str) -> None:
         parser.add_argument(option, **arguments[option])
 
 
-def add_stepping_options(parser: Parser) -> None:
-    """Add the options of how a system is stepped."""
+def add_stepping_options(parser: Parser, *, records: bool = True) -> None:
+    """Add the options of how a system is stepped, and if it `records` what."""
     add_shared_options(parser, "--stop", "--step")
     text = "choose the steps so that the coupling error stays within this tolerance"
     parser.number("--adaptive", text, metavar="TOLERANCE")
@@ -268,5 +268,6 @@ def add_stepping_options(parser: Parser) -> None:
     text = "hold the values of --input until the next row instead of interpolating"
     add("--held", action="store_true", help=text)
     parser.several("--at", "change of a value during the run", metavar="'TIME NAME=VALUE'")
-    add_shared_options(parser, "--record")
+    if records:
+        add_shared_options(parser, "--record")
     parser.time("--output-step", "time between rows [s] (default: a row at every step)")

@@ -168,7 +168,7 @@ class Stream:
             path.parent.mkdir(parents=True, exist_ok=True)
             while True:
                 self._file = open_unlinked(path, "ab")
-                if not _lock(self._file.fileno()):
+                if not lock_file(self._file.fileno()):
                     self._file.close()
                     raise SetupError(f"another run is writing {path}")
                 if path.exists() and path.stat().st_ino == os.fstat(self._file.fileno()).st_ino:
@@ -196,7 +196,7 @@ class Stream:
         self._file.close()
 
 
-def _lock(file: int) -> bool:
+def lock_file(file: int) -> bool:
     """Lock a file until it is closed; False if another has."""
     try:
         if sys.platform == "win32":

@@ -1,0 +1,329 @@
+"""cosim sweep: many cases of one system, a table of figures, each with its error on request."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import SetupError, pluralize
+from ...metrics import (
+    Integral,
+    Largest,
+    Last,
+    Mean,
+    Metric,
+    Rms,
+    Smallest,
+    Swing,
+    TimeOfLargest,
+    TimeOfSmallest,
+)
+from ...result import partial as partial_file
+from ...result import require_names, write_json
+from ...system import Network, Value
+from ...system.inputs import COLUMN, read_table
+from ...system.start_values import checked_start, value_of_text
+from ..command import Command
+from ..options import Parser, assignment, require, seconds
+from ..output import new_folders, print_new_files, print_table, require_image, require_writable
+from ..system_file import add_stepping_options, open_system
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: What may be asked of a column.
+METRICS: dict[str, Any] = {
+    "largest": Largest, "smallest": Smallest, "swing": Swing, "mean": Mean, "rms": Rms, "last": Last,
+    "integral": Integral, "time_of_largest": TimeOfLargest, "time_of_smallest": TimeOfSmallest,
+}  # fmt: skip
+FIGURE = re.compile(r"(?P<kind>[^:]*):(?P<column>[^@]+?)(?:@(?P<begin>[^@]*?)\.\.(?P<end>[^@]*))?")
+SPAN = re.compile(r"(?P<low>[^:]+):(?P<high>[^:]+):\s*(?P<n>\d+)\s*")
+#: Rows of a table that is printed; a longer one is written. A convention: more do not fit on a screen.
+MOST_PRINTED = 20
+
+
+def sweep_system(options: argparse.Namespace) -> int:
+    """Run all cases of a system, and write and print the table; 1 if every run failed."""
+    from ...prepared import How
+    from ...progress import bar_of_runs
+    from ...sweeps import sweep
+
+    with open_system(options) as file:
+        cases = cases_of(options, file.network)
+        figures = dict(figure_of(text, file.network) for text in options.figure)
+        if not figures:
+            raise SetupError(
+                "name a figure for each run: --figure largest:motor.tau; "
+                f"there are {', '.join(METRICS)}"
+            )
+        _require_files(options)
+        settings = vars(file.settings(options)) | {"record": None}
+        folders = new_folders(options)
+        journal = None if options.out is None else partial_file(options.out).with_suffix(".journal")
+        runs = len(next(iter(cases.values())))
+        with bar_of_runs(file.title, runs) as progress:
+            how = How(options.jobs, isolated=True, timeout=options.timeout, progress=progress)
+            table = sweep(
+                file.system, cases, figures, certified=options.certify, how=how, journal=journal,
+                **settings,
+            )  # fmt: skip
+        units = _units(file.network, cases, figures)
+        table.insert(0, "run", range(1, runs + 1))
+        if options.out is not None:
+            _write(table, options.out, units)
+        if options.plot is not None:
+            _plot(table, list(cases), list(figures), units, options.plot)
+    failed = int(table[next(iter(figures))].isna().sum())
+    print(f"{pluralize(runs, 'run')}, {failed} failed")
+    _print(table, figures, written=options.out is not None)
+    print_new_files(options, folders)
+    return 1 if failed == runs else 0
+
+
+def cases_of(options: argparse.Namespace, network: Network) -> Mapping[str, Sequence[Any]]:
+    """The columns of start values that the options ask for; raises SetupError."""
+    from ...sweeps import combinations, sample
+
+    ways = {"--vary": options.vary, "--table": options.table, "--sample": options.sample}
+    given = [name for name, value in ways.items() if value]
+    if len(given) != 1:
+        raise SetupError(
+            f"{' and '.join(given)} exclude each other" if given else
+            "say what differs from run to run: --vary NAME=from:to:n, --table FILE, or --sample N "
+            "--within NAME=a..b"
+        )  # fmt: skip
+    if options.within and not options.sample:
+        raise SetupError("--within needs --sample N")
+    if options.together and not options.vary:
+        raise SetupError("--together needs --vary")
+    if options.table:
+        return _table(options.table, network)
+    if options.sample:
+        if options.sample < 1 or not options.within:
+            raise SetupError("--sample needs a number of at least 1, and --within NAME=a..b")
+        require("scipy", "--sample")
+        bounds = _distinct([_bounds(text, network) for text in options.within])
+        return sample(bounds, options.sample, options.seed)
+    axes = _distinct([_axis(text, network) for text in options.vary])
+    if not options.together:
+        return combinations(axes)
+    lengths = {name: len(values) for name, values in axes.items()}
+    if len(set(lengths.values())) != 1:
+        text = ", ".join(f"{name} has {n}" for name, n in lengths.items())
+        raise SetupError(f"--together: as many values of each: {text}")
+    return axes
+
+
+def _distinct(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Pairs by name; raises SetupError for a name that is there twice."""
+    for k, (name, _) in enumerate(pairs):
+        if name in [other for other, _ in pairs[:k]]:
+            raise SetupError(f"{name} is given twice")
+    return dict(pairs)
+
+
+def _axis(text: str, network: Network) -> tuple[str, list[Value]]:
+    """The values of "motor.T=5ms:50ms:10", or of "motor.T=5ms,20ms"; raises SetupError."""
+    name, content = assignment(text)
+    port = network.port(name)
+    span = SPAN.fullmatch(content)
+    if span is not None and int(span["n"]) > 1:
+        low, high = (_number(network, name, span[key]) for key in ("low", "high"))
+        values: list[Value] = np.linspace(low, high, int(span["n"])).tolist()
+    elif ":" in content and port.type not in ("String", "Enumeration"):
+        raise SetupError(f"{text!r} must read NAME=from:to:n with n of at least 2, or NAME=a,b,c")
+    else:
+        values = [
+            value_of_text(network, network.port(name), piece.strip())
+            for piece in content.split(",")
+        ]
+    return port.name, [checked_start(network, port, value)[1] for value in values]
+
+
+def _bounds(text: str, network: Network) -> tuple[str, tuple[float, float]]:
+    """The bounds of "motor.T=5ms..50ms"; raises SetupError."""
+    name, content = assignment(text)
+    port = network.port(name)
+    low, dots, high = content.partition("..")
+    if not dots:
+        raise SetupError(f"{text!r} must read NAME=a..b")
+    bounds = _number(network, name, low), _number(network, name, high)
+    if not bounds[0] < bounds[1]:
+        raise SetupError(f"{text!r}: the first value must be below the second")
+    if port.type != "Real":
+        raise SetupError(f"{port} is a {port.type} and cannot be sampled: use --vary or --table")
+    for value in bounds:
+        checked_start(network, port, value)
+    return port.name, bounds
+
+
+def _number(network: Network, name: str, text: str) -> float:
+    """A number, with a unit if needed; raises SetupError."""
+    value = value_of_text(network, network.port(name), text.strip())
+    if isinstance(value, str | bool):
+        raise SetupError(f"{name} = {text.strip()!r} must be a number")
+    return float(value)
+
+
+def _table(path: Path, network: Network) -> dict[str, list[Value]]:
+    """The columns of a CSV file, whose head names start values; cells may have units. Raises SetupError."""
+    head, *rows = read_table(path)
+    matches = [COLUMN.fullmatch(cell) for cell in head]
+    names = [match["name"] if match else cell for match, cell in zip(matches, head)]
+    units = [(match["unit"] or "") if match else "" for match in matches]
+    columns = _distinct([(network.port(name).name, []) for name in names])
+    for line, row in enumerate(rows, 2):
+        if len(row) != len(names):
+            raise SetupError(f"{path}, line {line}: {len(row)} cells under {len(names)} names")
+        for name, unit, cell in zip(columns, units, row):
+            columns[name].append(
+                value_of_text(network, network.port(name), f"{cell.strip()}{unit}")
+            )
+    if not rows:
+        raise SetupError(f"{path} has no row below its head")
+    return columns
+
+
+def figure_of(text: str, network: Network) -> tuple[str, Metric]:
+    """The figure of "largest:motor.tau" or "mean:motor.tau@0.5..2", by that name; raises SetupError."""
+    match = FIGURE.fullmatch(text)
+    if match is None or match["kind"] not in METRICS:
+        raise SetupError(
+            f"figure {text!r} must read KIND:COLUMN or KIND:COLUMN@BEGIN..END, with one of {', '.join(METRICS)}"
+        )
+    port = network.port(match["column"])
+    times = {"begin": -math.inf, "end": math.inf}
+    for key in times:
+        if match[key]:
+            try:
+                times[key] = seconds(match[key])
+            except argparse.ArgumentTypeError as error:
+                raise SetupError(f"figure {text!r}: {error}") from None
+    return text, METRICS[match["kind"]](port.name, **times)
+
+
+def _require_files(options: argparse.Namespace) -> None:
+    """Raise SetupError, before the runs, for files that could not be written at their end."""
+    require_image(options.plot)
+    if options.jobs < 1:
+        raise SetupError(f"--jobs {options.jobs} must be at least 1")
+    if not options.timeout > 0.0:
+        raise SetupError(f"--timeout {options.timeout:g} s must be above 0")
+    if options.certify:
+        require("scipy", "--certify")
+    if options.out is not None:
+        if options.out.suffix not in (".csv", ".parquet"):
+            raise SetupError(f"{options.out} must end in .csv or .parquet")
+        require_writable(options.out)
+        require_names(options.out)
+        if options.out.suffix == ".parquet":
+            require("pyarrow", f"{options.out}: Parquet")
+
+
+def _units(
+    network: Network, cases: Mapping[str, Any], figures: Mapping[str, Metric]
+) -> dict[str, str]:
+    """The units of the columns of the table."""
+    units = {name: network.port(name).unit for name in cases}
+    for name, metric in figures.items():
+        unit = metric.unit(network.port(metric.columns[0]).unit)
+        units[name] = units[f"{name} error"] = unit
+    return units
+
+
+def _write(table: pd.DataFrame, path: Path, units: Mapping[str, str]) -> None:
+    """Write the table, with units and what makes it in a JSON file next to it: both or neither."""
+    rows = partial_file(path)
+    facts = rows.with_suffix(".json")
+    columns = {name: units[name] for name in map(str, table) if name in units}
+    if path.suffix == ".csv":
+        table.to_csv(rows, index=False, quoting=csv.QUOTE_MINIMAL)
+    else:
+        table.to_parquet(rows, index=False)
+    write_json(facts, {**{str(k): v for k, v in table.attrs.items()}, "units": columns})
+    facts.replace(path.with_suffix(".json"))
+    rows.replace(path)
+
+
+def _print(table: pd.DataFrame, figures: Mapping[str, Metric], *, written: bool) -> None:
+    """Print the table, or of a long one that is written the extremes of its figures."""
+    if len(table) <= MOST_PRINTED or not written:
+        names = [n for n in map(str, table) if n not in ("warnings", "reason") or any(table[n])]
+        cells = table.loc[:, names].to_numpy(object).tolist()
+        texts = [[f"{x:.6g}" if isinstance(x, float) else str(x) for x in row] for row in cells]
+        print_table([names, *texts])
+        return
+    rows = [["figure", "smallest", "in run", "largest", "in run"]]
+    for name in figures:
+        column = table[name].to_numpy()
+        if not np.isnan(column).all():
+            ends = int(np.nanargmin(column)), int(np.nanargmax(column))
+            rows.append([name, *(x for k in ends for x in (f"{column[k]:.6g}", str(k + 1)))])
+    print_table(rows)
+
+
+def _plot(
+    table: pd.DataFrame, names: list[str], figures: list[str], units: Mapping[str, str], path: Path
+) -> None:
+    """Plot every figure over every start value that differs."""
+    from ...picture import Picture
+
+    picture = Picture(
+        figsize=(1.5 + 3.5 * len(names), 0.7 + 2.3 * len(figures)), layout="constrained"
+    )
+    axes = picture.subplots(len(figures), len(names), squeeze=False, sharex="col", sharey="row")
+    mark = "-o" if len(names) == 1 else "o"
+    for row, figure in zip(axes, figures):
+        for axis, name in zip(row, names):
+            axis.plot(table[name], table[figure], mark, markersize=3, linewidth=1)
+            axis.grid(alpha=0.3)
+        row[0].set_ylabel(f"{figure} [{units[figure]}]")
+    for axis, name in zip(axes[-1], names):
+        axis.set_xlabel(f"{name} [{units[name]}]" if units[name] else name)
+    picture.savefig(path, dpi=150)
+
+
+def available_cores() -> int:
+    """How many processor cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def add_options(parser: Parser) -> None:
+    """Add the cases, the figures, how the system is stepped, and what is written."""
+    text = "values from run to run, NAME=from:to:n or NAME=a,b,c, with units if needed; all combinations of several"
+    parser.several("--vary", text, metavar="NAME=VALUES")
+    text = "vary several names row by row, not in all combinations"
+    parser.add_argument("--together", action="store_true", help=text)
+    parser.path("--table", "cases: a .csv whose head names start values, a row for each run")
+    text = "draw this many cases from the space within --within"
+    parser.add_argument("--sample", type=int, metavar="N", help=text)
+    parser.several("--within", "bounds of a start value for --sample", metavar="NAME=a..b")
+    text = "where the pseudo-random numbers of --sample begin"
+    parser.add_argument("--seed", type=int, metavar="N", default=0, help=text)
+    text = "figure of each run, as largest:motor.tau or mean:motor.tau@0.5..2"
+    parser.several("--figure", text, metavar="KIND:COLUMN")
+    text = "also run with smaller steps and give every figure with its error"
+    parser.add_argument("--certify", action="store_true", help=text)
+    add_stepping_options(parser, records=False)
+    parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units")
+    parser.path("--plot", "image file with every figure over every value that differs")
+    text = "runs at a time"
+    parser.add_argument("--jobs", type=int, metavar="N", default=available_cores(), help=text)
+    text = "longest wall-clock time of a step [s] (default: no limit)"
+    parser.time("--timeout", text, math.inf)
+
+
+COMMAND = Command(
+    "sweep", "run many cases of a system and make a table of figures", sweep_system, add_options,
+    rank=4, is_timed=True,
+)  # fmt: skip

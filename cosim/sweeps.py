@@ -1,0 +1,309 @@
+"""Sweeps: many cases of one system as a table of figures, each with its error on request."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .accuracy.certify import certify
+from .engine.control import Adaptive
+from .engine.row_file import RowFile
+from .engine.settings import RunSettings
+from .ensemble import Array, Cases, Ensemble
+from .journal import digest, open_journal
+from .metrics import Metric
+from .prepared import PLAIN, How, Prepared
+from .result import Interrupted, Result, SimulationError
+from .simulation import versions
+from .system import System
+from .system.inputs import Table
+from .worker import Chunk, Worker
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: What the name of a figure's error is made of.
+ERROR = "{} error"
+#: Share of the memory for rows that a certified chunk may take in its first run: derived, the finest of its runs has
+#: four times the rows, and all are kept meanwhile.
+CERTIFIED_SHARE = 1.0 / 7.0
+
+
+def combinations(axes: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
+    """Cases with all combinations of the values of several names.
+
+    Parameters
+    ----------
+    axes : mapping
+        Values by name.
+
+    Examples
+    --------
+    >>> combinations({"motor.A": [7000, 8000], "motor.T": [0.05, 0.06]})
+    {'motor.A': [7000, 7000, 8000, 8000], 'motor.T': [0.05, 0.06, 0.05, 0.06]}
+    """
+    rows = list(product(*axes.values()))
+    return {name: [row[k] for row in rows] for k, name in enumerate(axes)}
+
+
+def sample(bounds: Mapping[str, tuple[float, float]], number: int, seed: int = 0) -> dict[str, Any]:
+    """Cases that fill the space between bounds evenly: a Latin hypercube of scipy.stats.qmc.
+
+    Parameters
+    ----------
+    bounds : mapping
+        The least and the largest value by name.
+    number : int
+        How many cases.
+    seed : int
+        Where the pseudo-random numbers begin; the same seed gives the same cases.
+    """
+    from scipy.stats import qmc
+
+    unit = qmc.LatinHypercube(len(bounds), rng=np.random.default_rng(seed)).random(number)
+    low, high = np.array(list(bounds.values()), float).T
+    return dict(zip(bounds, (low + unit * (high - low)).T))
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a worker makes of a chunk: the numbers of metrics, and if they are `certified` their errors."""
+
+    metrics: Mapping[str, Metric]
+    certified: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the figures, each with its error behind it where there is one."""
+        return [
+            name
+            for metric in self.metrics
+            for name in ([metric, ERROR.format(metric)] if self.certified else [metric])
+        ]
+
+    def __call__(
+        self, worker: Worker, cases: Cases, chunk: Chunk, progress: Callable[[int], None]
+    ) -> Ensemble:
+        """The ensemble of a chunk with figures in place of rows."""
+        if not self.certified:
+            block = worker.run(cases, chunk, progress)
+            return replace(
+                block, rows=block.rows[:, :0].copy(), figures=block.evaluate(self.metrics)
+            )
+        block = worker.run(cases, chunk)
+        runs, done = _Runs(worker, cases, chunk), 0
+        figures = {name: np.full(len(block), np.nan) for name in self.names}
+        try:
+            for k, number in enumerate(block.members.tolist()):
+                if not block.reasons[k]:
+                    values, block.reasons[k] = self._certified(runs, chunk, number)
+                    for name, value in values.items():
+                        figures[name][k] = value
+                done = k + 1
+                progress(done)
+        except KeyboardInterrupt:
+            figures = {name: values[:done] for name, values in figures.items()}
+        return replace(block.head(done), rows=block.rows[:done, :0].copy(), figures=figures)
+
+    def _certified(self, runs: _Runs, chunk: Chunk, number: int) -> tuple[dict[str, float], str]:
+        """The figures of a member and their errors, and why some have none."""
+        try:
+            answer = certify(
+                runs.system, self.metrics, step=chunk.step, runner=partial(runs.result, number),
+                **runs.settings,
+            )  # fmt: skip
+        except SimulationError as error:
+            return {}, str(error)
+        values, wrong = {}, []
+        for name, estimate in answer.figures.items():
+            values[name] = estimate.value
+            if estimate.error is None:
+                wrong.append(f"{name}: {estimate.reason}")
+            else:
+                values[ERROR.format(name)] = estimate.error
+        return values, "; ".join(wrong)
+
+
+class _Runs:
+    """The members of a chunk with other steps, as a runner of `certify` asks for them."""
+
+    def __init__(self, worker: Worker, cases: Cases, chunk: Chunk) -> None:
+        self._worker, self._cases, self._chunk = worker, cases, chunk
+        self.system, plan = worker.network.system, worker.settings
+        self.settings: dict[str, Any] = {
+            "start": plan.start,
+            "stop": plan.stop,
+            "record": plan.record,
+        }
+        if chunk.output_step is not None:
+            self.settings["output_step"] = chunk.output_step
+        self._ensembles: dict[Any, Ensemble] = {}
+
+    def result(
+        self,
+        number: int,
+        _: System,
+        *,
+        step: float | Adaptive,
+        output_step: float | None = None,
+        all_rows: Path | None = None,
+        **__: Any,
+    ) -> Result:
+        """The run of a member; its rows at all communication points go to the file `all_rows`."""
+        if all_rows is not None:
+            file = RowFile(all_rows)
+            file.add(self._result(number, step, None).data.ravel().tolist())
+            file.close()
+        return self._result(number, step, output_step)
+
+    def _result(self, number: int, step: float | Adaptive, output_step: float | None) -> Result:
+        """The run of a member, with rows so far apart [s]."""
+        key = repr(step), output_step
+        if key not in self._ensembles:
+            chunk = self._chunk._replace(step=step, output_step=output_step)
+            self._ensembles[key] = self._worker.run(self._cases, chunk)
+        ensemble = self._ensembles[key]
+        found = np.flatnonzero(ensemble.members == number)
+        if not len(found):
+            raise KeyboardInterrupt
+        k = int(found[0])
+        result = ensemble.result(k)
+        if ensemble.reasons[k]:
+            raise SimulationError(ensemble.reasons[k], result)
+        return result
+
+
+def sweep(
+    system: System,
+    cases: Any,
+    figures: Mapping[str, Metric],
+    *,
+    certified: bool = False,
+    how: How = PLAIN,
+    journal: Path | None = None,
+    **settings: Any,
+) -> pd.DataFrame:
+    """Run a system for each case, and return a frame of pandas with a row for each: the case, figures, and their errors.
+
+    Parameters
+    ----------
+    system : System
+        What is run.
+    cases : mapping or pandas frame
+        Columns of start values by name, a row for each run; see `combinations` and `sample`.
+    figures : mapping
+        Metrics by name, such as `{"torque": Largest("motor.tau")}`.
+    certified : bool
+        Whether each figure gets its error, from runs with smaller steps, in a column behind it. The reason of a
+        figure without one is in the column `reason`.
+    how : How
+        How many runs at a time, and where.
+    journal : Path, optional
+        A file that keeps what is done until the sweep ends, so that the same call goes on after any end.
+    **settings
+        Those of `run`, without `record`.
+
+    Returns
+    -------
+    DataFrame
+        A row for each case. That of a run which failed has no figures, and the `reason`; `warnings` are those of
+        the FMUs.
+
+    Raises
+    ------
+    SetupError
+        For a system, cases or settings that cannot be run, and for the journal of another sweep.
+    Interrupted
+        With the rows that are done, after Ctrl-C.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from cosim import System, sweep
+    >>> from cosim.metrics import Largest
+    >>> motor = System({"motor": Path("fmus/native/DriveMotor.fmu")})
+    >>> table = sweep(motor, {"motor.A": [7000, 8000]}, {"torque": Largest("motor.tau")}, stop=0.1, step=0.01)
+    >>> list(table)
+    ['motor.A', 'torque', 'warnings', 'reason']
+    """
+    wanted = Figures(figures, certified)
+    columns = list(dict.fromkeys(c for metric in figures.values() for c in metric.columns))
+    plan = RunSettings(**{**settings, "record": columns})
+    with Prepared.open(system, plan) as prepared:
+        read = Cases.of(cases, prepared.network)
+        recorded = {column.name: column for column in prepared.columns}
+        for metric in figures.values():
+            metric.check(recorded, plan.start, plan.stop)
+        identity = _identity(system, plan, read, wanted)
+        with open_journal(journal, identity, len(wanted.names)) as kept:
+            rest = np.setdiff1d(np.arange(read.members), list(kept.rows))
+            share = how.share * (CERTIFIED_SHARE if certified else 1.0)
+            its = replace(how, evaluate=wanted, numbers=rest, share=share)
+            for block in prepared.blocks(read, its) if len(rest) else ():
+                values = [
+                    block.figures.get(name, np.full(len(block), np.nan)) for name in wanted.names
+                ]
+                texts = [_text(block, k) for k in range(len(block))]
+                kept.add(block.members.tolist(), np.array(values).T, texts)
+            table = _table(read, wanted, kept.rows)
+            table.attrs.update(identity)
+            if len(table) < read.members:
+                where = "" if journal is None else f" in {journal}; the same command goes on"
+                text = f"{len(table)} of {read.members} runs{where}"
+                raise Interrupted(text, table)
+    return table
+
+
+def _text(block: Ensemble, k: int) -> str:
+    """Why a member failed and what its FMUs warn of, as one text."""
+    number = int(block.members[k])
+    warnings = [text for text, members in block.warnings.items() if number in members]
+    return json.dumps([block.reasons[k], "; ".join(warnings)])
+
+
+def _table(cases: Cases, figures: Figures, rows: Mapping[int, tuple[Array, str]]) -> pd.DataFrame:
+    """The runs that are done, in the order of the cases."""
+    import pandas as pd
+
+    numbers = sorted(rows)
+    columns: dict[str, Any] = {
+        name: column[numbers] for name, column in zip(cases.names, cases.columns)
+    }
+    values = np.array([rows[k][0] for k in numbers]).reshape(len(numbers), -1)
+    columns |= {name: values[:, k] for k, name in enumerate(figures.names)}
+    texts = [json.loads(rows[k][1]) for k in numbers]
+    columns |= {"warnings": [text[1] for text in texts], "reason": [text[0] for text in texts]}
+    return pd.DataFrame(columns, index=numbers)
+
+
+def _identity(
+    system: System, settings: RunSettings, cases: Cases, figures: Figures
+) -> dict[str, Any]:
+    """What makes the rows of a sweep: files, values, settings and versions."""
+    content = repr([(name, column.tolist()) for name, column in zip(cases.names, cases.columns)])
+    return {
+        "FMUs": {name: digest(Path(path)) for name, path in system.parts.items()},
+        "wires": [str(wire) for wire in system.wires],
+        "start values": repr(dict(system.start)),
+        "inputs": repr({name: _content(profile) for name, profile in system.inputs.items()}),
+        "changes": list(system.changes),
+        "settings": repr(settings),
+        "cases": hashlib.sha256(content.encode()).hexdigest(),
+        "figures": repr(figures),
+        "versions": versions(),
+    }
+
+
+def _content(profile: Any) -> Any:
+    """What a result says of an input over time."""
+    return (
+        profile.provenance() if isinstance(profile, Table) else getattr(profile, "__qualname__", "")
+    )

@@ -1,0 +1,242 @@
+"""Sweeps: tables of figures from the command line and from Python, whatever happens on the way."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from cosim import How, SetupError, System, certify, combinations, run, sample, sweep
+from cosim.journal import open_journal
+from cosim.metrics import Largest, Mean
+from tests.conftest import ROOT, restore_ctrl_c, until
+from tests.cosim.conftest import CommandOutput
+from tests.cosim.foreign import pack, single_fmu_system
+
+SHAFT = "motor.flange -- conveyor.flange"
+TORQUE, SPEED = "largest:motor.tau", "mean:conveyor.w@0.05..0.1"
+
+
+def parts(fmus: Path) -> list[str]:
+    """Motor and conveyor on the command line."""
+    native = fmus / "native"
+    return [
+        f"motor={native}/DriveMotor.fmu",
+        f"conveyor={native}/CrankConveyor.fmu",
+        "--wire",
+        SHAFT,
+    ]
+
+
+def drive(fmus: Path) -> System:
+    """The same in Python."""
+    native = fmus / "native"
+    return System(
+        {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}, [SHAFT]
+    )
+
+
+def test_a_sweep_is_a_table_of_figures(
+    fmus: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
+    """All combinations, values in units; each figure is that of a run by itself."""
+    out = tmp_path / "table.csv"
+    vary = ["--vary", "motor.T=40ms:60ms:3", "--vary", "motor.A=7000,8000"]
+    figures = ["--figure", TORQUE, "--figure", SPEED]
+    options = ["--stop", "0.1", "--step", "1e-3", "--out", out, "--plot", tmp_path / "p.png"]
+    text = command_output("sweep", *parts(fmus), *vary, *figures, *options)
+    assert text.startswith("6 runs, 0 failed\n") and (tmp_path / "p.png").stat().st_size
+    table = pd.read_csv(out)
+    assert list(table) == ["run", "motor.T", "motor.A", TORQUE, SPEED, "warnings", "reason"]
+    assert table["motor.T"].tolist() == [0.04, 0.04, 0.05, 0.05, 0.06, 0.06]
+    assert json.loads(out.with_suffix(".json").read_text())["units"][TORQUE] == "N.m"
+    for k in (0, 3, 5):
+        start = {"motor.T": table["motor.T"][k], "motor.A": table["motor.A"][k]}
+        single = run(System(**vars(drive(fmus)) | {"start": start}), stop=0.1, step=1e-3)
+        assert table[TORQUE][k] == Largest("motor.tau")(single.solution("motor.tau"))
+        mean = Mean("conveyor.w", begin=0.05, end=0.1)
+        assert_allclose(table[SPEED][k], mean(single.solution("conveyor.w")), rtol=1e-12)
+    assert not list(tmp_path.glob("*partial*"))
+
+
+def test_cases_come_from_a_file_or_are_drawn(
+    fmus: Path, tmp_path: Path, command_output: CommandOutput
+) -> None:
+    """A file has units in its head or its cells; a sample is the same each time, and fills its bounds."""
+    table, out = tmp_path / "cases.csv", tmp_path / "table.parquet"
+    table.write_text("motor.T [ms],motor.A\n40,7000\n50,8 kN.m\n")
+    shared = ["--figure", TORQUE, "--stop", "0.02", "--step", "1e-3"]
+    command_output("sweep", *parts(fmus), "--table", table, *shared, "--out", out)
+    assert pd.read_parquet(out)["motor.T"].tolist() == [0.04, 0.05]
+    drawn = []
+    for name in ("a.csv", "b.csv"):
+        within = [
+            "--sample",
+            "8",
+            "--within",
+            "motor.T=40ms..60ms",
+            "--within",
+            "motor.A=7000..8000",
+        ]
+        command_output("sweep", *parts(fmus), *within, *shared, "--out", tmp_path / name)
+        drawn.append((tmp_path / name).read_bytes())
+    assert drawn[0] == drawn[1]
+    values = pd.read_csv(tmp_path / "a.csv")["motor.T"].to_numpy()
+    assert_array_equal(np.sort(np.floor((values - 0.04) / 0.02 * 8)), np.arange(8))
+    text = command_output("sweep", *parts(fmus), "--vary", "motor.T=0.04,0.05", "--vary", "motor.A=7000,8000", "--together", *shared)  # fmt: skip
+    assert text.startswith("2 runs")
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ([], "say what differs from run to run"),
+        (["--vary", "motor.Q=1:2:3"], "motor has no variable 'Q', only characteristic, A"),
+        (["--vary", "pump.Q=1,2"], "there is no part 'pump', only motor, conveyor"),
+        (["--vary", "motor.A=1:2:1"], "must read NAME=from:to:n with n of at least 2"),
+        (["--vary", "motor.A=1:2"], "must read NAME=from:to:n"),
+        (["--vary", "motor.A=a,b"], "motor.A [N.m] = 'a' must be"),
+        (["--vary", "motor.T=1kg,2"], "motor.T [s] cannot be given in kg"),
+        (["--vary", "motor.T=-1,2"], "must be at least 0.0 s"),
+        (["--vary", "motor.A=1,2", "--vary", "motor.A=3"], "motor.A is given twice"),
+        (
+            ["--vary", "motor.A=1,2", "--vary", "motor.T=3", "--together"],
+            "motor.A has 2, motor.T has 1",
+        ),
+        (["--together", "--sample", "2", "--within", "motor.A=1..2"], "--together needs --vary"),
+        (["--vary", "motor.A=1,2", "--figure", "biggest:motor.tau"], "must read KIND:COLUMN"),
+        (
+            ["--vary", "motor.A=1,2", "--figure", "largest:motor.torque"],
+            "motor has no variable 'torque'",
+        ),
+        (["--vary", "motor.A=1,2", "--figure", "largest:motor.tau@a..b"], "'a' is not a number"),
+        (["--vary", "motor.A=1,2", "--figure", "largest:motor.tau@2..3"], "must lie in the run"),
+        (["--sample", "3"], "--within NAME=a..b"),
+        (["--sample", "3", "--within", "motor.A=3..2"], "the first value must be below the second"),
+        (["--sample", "3", "--vary", "motor.A=1,2"], "--vary and --sample exclude each other"),
+        (["--table", "missing.csv"], "missing.csv cannot be read as a table"),
+        (["--vary", "motor.A=1,2", "--out", "x.txt"], "x.txt must end in .csv or .parquet"),
+        (["--vary", "motor.A=1,2", "--jobs", "0"], "--jobs 0 must be at least 1"),
+        (["--vary", "motor.characteristic=linear,foo"], "must be one of linear, kloss"),
+        (["--vary", "motor.A"], "'motor.A' must read NAME=VALUE"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(
+    options: list[str], reason: str, fmus: Path, command_output: CommandOutput
+) -> None:
+    shared = ["--stop", "0.01", "--step", "1e-3", "--figure", TORQUE]
+    assert reason in command_output("sweep", *parts(fmus), *shared, *options, code=2)
+
+
+def test_each_figure_may_have_its_error(fmus: Path) -> None:
+    """That of `certify`; a figure without one says why."""
+    cases = combinations({"motor.A": [7000.0, 8000.0]})
+    figures = {"torque": Largest("motor.tau")}
+    settings: dict[str, Any] = {"stop": 0.1, "step": 1e-3}
+    table = sweep(drive(fmus), cases, figures, certified=True, **settings)
+    assert list(table) == ["motor.A", "torque", "torque error", "warnings", "reason"]
+    for k, a in enumerate(cases["motor.A"]):
+        system = System(**vars(drive(fmus)) | {"start": {"motor.A": a}})
+        answer = certify(system, figures, **settings).figures["torque"]
+        assert (table["torque"][k], table["torque error"][k]) == (answer.value, answer.error)
+
+
+def test_runs_that_fail_are_rows_with_their_reason(tmp_path: Path) -> None:
+    """One that crashes costs one row."""
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    cases = {"A.error_at": [1e300, 0.35, 1e300], "A.crash_at": [1e300, 1e300, 0.35]}
+    table = sweep(system, cases, {"y": Mean("A.y")}, how=How(2, isolated=True), stop=1.0, step=0.1)
+    assert table["y"].isna().tolist() == [False, True, True]
+    assert "error at t = 0.35" in table["reason"][1] and "SIGSEGV" in table["reason"][2]
+
+
+def test_a_run_that_hangs_is_ended(tmp_path: Path) -> None:
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    cases = {"A.hang_at": [1e300, 0.35, 1e300]}
+    how = How(isolated=True, timeout=8.0)
+    table = sweep(system, cases, {"y": Mean("A.y")}, how=how, stop=1.0, step=0.1)
+    assert table["y"].isna().tolist() == [False, True, False]
+    assert "did not respond for 8 s" in table["reason"][1]
+
+
+def test_a_sweep_that_was_killed_goes_on_with_the_same_bytes(fmus: Path, tmp_path: Path) -> None:
+    """SIGKILL at any moment, and Ctrl-C; what is done is not done again."""
+    rows = ",".join(str(x) for x in np.linspace(7000.0, 8000.0, 400))
+    command = [sys.executable, "-m", "cosim", "sweep", *parts(fmus), "--vary", f"motor.A={rows}"]
+    command += [
+        "--figure",
+        TORQUE,
+        "--stop",
+        "0.2",
+        "--step",
+        "1e-4",
+        "--output-step",
+        "1e-3",
+        "--jobs",
+        "1",
+    ]
+    whole, again = tmp_path / "whole.csv", tmp_path / "again.csv"
+    subprocess.run([*command, "--out", whole], check=True, capture_output=True, cwd=ROOT)
+    journal = tmp_path / "again.partial.journal"
+    for number in (signal.SIGKILL, signal.SIGINT):
+        before = journal.stat().st_size if journal.exists() else 3000
+        process = subprocess.Popen(
+            [*command, "--out", again],
+            cwd=ROOT,
+            stderr=subprocess.PIPE,
+            preexec_fn=restore_ctrl_c,  # noqa: PLW1509
+        )
+        until(lambda b=before: journal.exists() and journal.stat().st_size > b)
+        process.send_signal(number)
+        _, said = process.communicate()
+        assert not again.exists() and journal.stat().st_size > before
+    assert process.returncode == 130 and b"the same command goes on" in said
+    done = subprocess.run([*command, "--out", again], check=True, capture_output=True, cwd=ROOT)
+    assert done.stdout.startswith(b"400 runs, 0 failed")
+    assert again.read_bytes() == whole.read_bytes() and not journal.exists()
+
+
+def test_a_journal_is_read_as_far_as_it_is_sound(tmp_path: Path) -> None:
+    """Cut anywhere, or with any byte changed, it gives rows that were written, or none; it executes nothing."""
+    path = tmp_path / "a.journal"
+    identity = {"cases": "x"}
+
+    def numbers() -> dict[int, tuple[list[float], str]]:
+        with pytest.raises(KeyboardInterrupt), open_journal(path, identity, 2) as journal:
+            read = {k: (row.tolist(), text) for k, (row, text) in journal.rows.items()}
+            raise KeyboardInterrupt
+        return read
+
+    with pytest.raises(KeyboardInterrupt), open_journal(path, identity, 2) as journal:
+        journal.add([3, 1], np.array([[1.0, 2.0], [3.0, np.inf]]), ["", "grün"])
+        raise KeyboardInterrupt
+    content, written = path.read_bytes(), numbers()
+    assert written == {3: ([1.0, 2.0], ""), 1: ([3.0, np.inf], "grün")}
+    head = content.index(b"\n") + 1
+    for k in range(head, len(content)):
+        path.write_bytes(content[:k])
+        assert numbers().items() <= written.items()
+        path.write_bytes(content[:k] + bytes([content[k] ^ 1]) + content[k + 1 :])
+        assert numbers().items() <= written.items()
+    path.write_bytes(content)
+    other = "belongs to another sweep, whose cases differ"
+    with pytest.raises(SetupError, match=other), open_journal(path, {"cases": "y"}, 2):
+        pass
+    path.write_bytes(b"something else")
+    other = "is no journal of a sweep"
+    with pytest.raises(SetupError, match=other), open_journal(path, identity, 2):
+        pass
+
+
+def test_a_sample_needs_no_more_than_its_seed() -> None:
+    bounds = {"a": (0.0, 1.0), "b": (5.0, 6.0)}
+    assert_array_equal(sample(bounds, 4)["a"], sample(bounds, 4)["a"])
+    assert (sample(bounds, 4, seed=1)["a"] != sample(bounds, 4)["a"]).any()
