@@ -109,8 +109,11 @@ class Figures:
                         figures[name][k] = value
                 done = k + 1
                 progress(done)
+                if worker.is_late():
+                    break
         except KeyboardInterrupt:
-            figures = {name: values[:done] for name, values in figures.items()}
+            pass
+        figures = {name: values[:done] for name, values in figures.items()}
         return replace(block.head(done), rows=block.rows[:done, :0].copy(), figures=figures)
 
     def _certified(self, runs: _Runs, chunk: Chunk, number: int) -> tuple[dict[str, float], str]:

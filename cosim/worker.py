@@ -31,6 +31,8 @@ from .system import Network, Value, connect
 
 #: Members of a chunk. Chosen: of members without rows, it is the work of a tenth of a second.
 MOST_IN_CHUNK = 4096
+#: Time [s] after which a worker gives what it has done of a chunk, so that a kill costs no more. Chosen: a person waits so long.
+LONGEST_BLOCK = 1.0
 #: Said of an ensemble whose instances cannot be used again.
 FRESH = "every run has new instances: after a reset the FMUs do not give the same rows again"
 
@@ -138,6 +140,7 @@ class Worker:
         self._names: list[str] | None = None
         self._first: First | None = None
         self._is_fresh = False
+        self._deadline = 0.0
         self._report: RunReport | None = None
         self._breaks = NO_BREAKS
         self.abandoned = self.stopped = False
@@ -150,10 +153,11 @@ class Worker:
     def run(
         self, cases: Cases, chunk: Chunk, progress: Callable[[int], None] = lambda _: None
     ) -> Ensemble:
-        """The members of a chunk, or those before the worker was abandoned or the user interrupted.
+        """The members of a chunk, or as many as it does in LONGEST_BLOCK, until it is abandoned or the user interrupts.
 
         `progress` is called with how many are done.
         """
+        self._deadline = clock.monotonic() + LONGEST_BLOCK
         values, wrong = cases.checked(self.network, chunk.numbers.tolist())
         driven = {k: Member(self._no_rows, reason) for k, reason in wrong.items()}
         if self._names != cases.names:
@@ -173,12 +177,16 @@ class Worker:
             in_c = inside, block
             driven = {k: member for k, member in driven.items() if not kept[k]}
         for k in range(len(values)):
-            if self.abandoned or self.interrupts:
+            if self.abandoned or self.interrupts or (self.is_late() and (kept.any() or driven)):
                 break
             if not kept[k] and k not in driven:
                 driven[k] = self._drive(cases, int(chunk.numbers[k]), chunk)[0]
                 progress(int(kept.sum()) + len(driven))
         return self._ensemble(cases, chunk, driven, kept, in_c)
+
+    def is_late(self) -> bool:
+        """Whether it has worked so long that it gives what is done."""
+        return clock.monotonic() > self._deadline
 
     @property
     def _no_rows(self) -> Array:
@@ -246,7 +254,7 @@ class Worker:
             if done and block.status[done - 1] == LEFT + FATAL:
                 rows = block.rows[done - 1, : block.counts[done - 1]].copy()
                 driven[int(inside[done - 1])] = Member(rows, self._abandon())
-            if self.interrupts:
+            if self.interrupts or (done and self.is_late()):
                 break
         kept: NDArray[np.bool_] = (block.status < LEFT) & (np.arange(len(block.status)) < done)
         return kept

@@ -169,25 +169,15 @@ def test_a_run_that_hangs_is_ended(tmp_path: Path) -> None:
 
 def test_a_sweep_that_was_killed_goes_on_with_the_same_bytes(fmus: Path, tmp_path: Path) -> None:
     """SIGKILL at any moment, and Ctrl-C; what is done is not done again."""
-    rows = ",".join(str(x) for x in np.linspace(7000.0, 8000.0, 400))
+    rows = ",".join(str(x) for x in np.linspace(7000.0, 8000.0, 800))
     command = [sys.executable, "-m", "cosim", "sweep", *parts(fmus), "--vary", f"motor.A={rows}"]
-    command += [
-        "--figure",
-        TORQUE,
-        "--stop",
-        "0.2",
-        "--step",
-        "1e-4",
-        "--output-step",
-        "1e-3",
-        "--jobs",
-        "1",
-    ]
+    command += ["--figure", TORQUE, "--stop", "1", "--step", "1e-4", "--output-step", "1e-2"]
+    command += ["--jobs", "1"]
     whole, again = tmp_path / "whole.csv", tmp_path / "again.csv"
     subprocess.run([*command, "--out", whole], check=True, capture_output=True, cwd=ROOT)
     journal = tmp_path / "again.partial.journal"
     for number in (signal.SIGKILL, signal.SIGINT):
-        before = journal.stat().st_size if journal.exists() else 3000
+        before = journal.stat().st_size if journal.exists() else 1500
         process = subprocess.Popen(
             [*command, "--out", again],
             cwd=ROOT,
@@ -200,7 +190,7 @@ def test_a_sweep_that_was_killed_goes_on_with_the_same_bytes(fmus: Path, tmp_pat
         assert not again.exists() and journal.stat().st_size > before
     assert process.returncode == 130 and b"the same command goes on" in said
     done = subprocess.run([*command, "--out", again], check=True, capture_output=True, cwd=ROOT)
-    assert done.stdout.startswith(b"400 runs, 0 failed")
+    assert done.stdout.startswith(b"800 runs, 0 failed")
     assert again.read_bytes() == whole.read_bytes() and not journal.exists()
 
 
