@@ -66,7 +66,7 @@ class SyntheticCase:
 
 
 def synthetic_cases(draw: Draw) -> Iterator[SyntheticCase]:
-    """Twelve cases with parameters drawn between bounds."""
+    """Fourteen cases with parameters drawn between bounds."""
     a, w = draw(0.05, 0.2), draw(5.0, 9.0)
     yield SyntheticCase(
         "chaotic",
@@ -141,6 +141,8 @@ def synthetic_cases(draw: Draw) -> Iterator[SyntheticCase]:
         2,
         POINTS | MEANS,
     )
+    yield SyntheticCase("small units", lambda t, h: 3e-9 * np.sin(w * t) * (1.0 + a * h), 1.0, 0.01)
+    yield SyntheticCase("whole numbers", lambda t, h: 160000.0 * t**2, 1.0, 0.01)
     yield SyntheticCase(
         "rounding", lambda t, h: 1e8 + 1e-3 * (1.0 + h) * np.sin(w * t), 1.0, 0.01, 1, NONE
     )

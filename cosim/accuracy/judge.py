@@ -374,7 +374,7 @@ def judge_function(
         return {name: _estimate(x)._replace(error=None, reason=reason) for name, x in first.items()}
     numbers = {name: x for name, x in first.items() if not isinstance(x, Estimate)}
     try:
-        of_runs = [function(result) for result in forms.results()]
+        of_runs = [function(result) for result in (forms.results() if numbers else runs.results)]
         after = _need_later_rows(function, runs, diverged, [*columns])
         every = _evaluations(function, runs, columns, of_runs) if numbers else {}
     except Exception as error:  # noqa: BLE001 - whatever the function of a person raises

@@ -70,6 +70,13 @@ def test_what_does_not_converge_has_a_reason_and_no_claim() -> None:
         assert got.sentence()
 
 
+def test_values_in_no_order_that_agree_to_three_digits_have_three_times_their_spread() -> None:
+    got = limit([133.258, 133.293, 133.311], 1.0)
+    assert got.is_stated and got.error == pytest.approx(3.0 * 0.053)
+    assert not limit([133.258, 133.493, 133.611], 1.0).is_stated
+    assert limit([0.01, 0.02, 0.025], 1.0, scale=100.0).is_stated
+
+
 def test_what_grows_as_the_step_shrinks_has_no_error_whatever_its_noise() -> None:
     """A pulse within one step: the held mean is twice as high in a run with half the step."""
     assert limit([0.004, 0.002, 0.001], 1.0, noise=1.0).reason == Reason.GROWING
