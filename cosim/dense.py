@@ -19,15 +19,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .series import Kind
+from .series import NO_BREAKS, Kind
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-#: No intervals.
-NO_BREAKS = np.zeros((0, 2))
 
 #: Rows through which a cubic is laid: derived, a polynomial of degree 3 has four coefficients.
 CUBIC_ROWS = 4

@@ -18,22 +18,24 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .dense import NO_BREAKS, DenseSolution
+from .dense import DenseSolution
 from .errors import SetupError
 from .report import RunReport
-from .series import TIME, Column, column_facts
+from .series import NO_BREAKS, TIME, Column, Kind, Series, column_facts
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
 Rows = NDArray[np.float64]
+#: Whole numbers below this one are all doubles. Derived: 2^53.
+MOST_EXACT = 2.0**53
 #: Curves that a notebook shows unasked. A convention: more do not fit on a screen.
 MOST_CURVES = 6
 
 
-class Result:
-    """Rows of a run; rows streamed to a file are read from it on first use.
+class Result(Series):
+    """Rows of a run, a `Series`; rows streamed to a file are read from it on first use.
 
     At a jump that the master knows, of an input or by a change, two rows have the same time: the first is the
     last before the jump, the second the first after it.
@@ -60,26 +62,17 @@ class Result:
         report: RunReport | None = None,
         breaks: Rows = NO_BREAKS,
     ) -> None:
-        self.columns, self.provenance = tuple(columns), provenance
-        self.report, self.breaks = report, breaks
+        super().__init__(columns, self._values, breaks=breaks, label="the result")
+        self.provenance, self.report = provenance, report
         self._load = load
 
-    @property
-    def names(self) -> list[str]:
-        """The names of the columns; the first is "time"."""
-        return [column.name for column in self.columns]
-
-    @property
-    def units(self) -> dict[str, str]:
-        """The units of the columns by name; empty where none is known."""
-        return {column.name: column.unit for column in self.columns}
-
-    def column(self, name: str) -> Column:
-        """What a column is; raises KeyError for a variable that was not recorded."""
-        for column in self.columns:
-            if column.name == name:
-                return column
-        raise KeyError(f"{name} was not recorded, only {', '.join(self.names)}")
+    def _values(self, k: int) -> NDArray[Any]:
+        """Column number k; whole numbers as such, where doubles tell them apart."""
+        values, kind = self.data[:, k], self.columns[k].kind
+        if kind in (Kind.INTEGER, Kind.ENUMERATION, Kind.BOOLEAN):
+            is_whole = np.isfinite(values).all() and np.abs(values).max(initial=0.0) < MOST_EXACT
+            return values.astype(np.int64) if is_whole else values
+        return values
 
     def solution(self, name: str) -> DenseSolution:
         """A column as a function of time, of its kind and with its breaks; raises KeyError."""
@@ -115,17 +108,6 @@ class Result:
     def data(self) -> Rows:
         """All rows, shape (rows, columns); the first column is the time in s."""
         return self._load()
-
-    def __getitem__(self, name: str) -> Rows:
-        """The column of a variable, shape (rows,).
-
-        Raises
-        ------
-        KeyError
-            For a variable that was not recorded.
-        """
-        column: Rows = self.data[:, self.columns.index(self.column(name))]
-        return column
 
     @property
     def warnings(self) -> list[str]:
@@ -325,7 +307,4 @@ class DerivedResult(Result):
             lambda: np.column_stack([column(name) for name in result.names]),
             breaks=result.breaks,
         )
-        self._values = column
-
-    def __getitem__(self, name: str) -> Rows:
-        return self._values(self.column(name).name)
+        self._column = lambda k: column(result.names[k])

@@ -1,10 +1,34 @@
-"""What a column of a table is: its name, unit and kind, as the master or a file knows them."""
+"""A table over time: what its columns are, as the master or a file knows them, and one reader for all files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property, partial
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import SetupError
+from .table_file import TIMES, TableFile, is_empty, number_of, of_frame, read_file, read_text
+from .units import multiples
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+#: No intervals.
+NO_BREAKS = np.zeros((0, 2))
+NUMBER = r"\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+SCALED = re.compile(
+    rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?\s*",
+    re.DOTALL,
+)
 
 
 class Kind(Enum):
@@ -21,6 +45,10 @@ class Kind(Enum):
     def is_held(self) -> bool:
         """Whether a value holds from its row to the next, so that nothing lies between two values."""
         return self is not Kind.CONTINUOUS
+
+
+#: What a column of a file is whose kind is not stated, by the type of its values.
+KIND_OF_TYPE = dict.fromkeys("fiu", Kind.CONTINUOUS) | {"b": Kind.BOOLEAN}
 
 
 @dataclass(frozen=True)
@@ -52,3 +80,219 @@ def column_facts(columns: Sequence[Column]) -> dict[str, dict[str, str]]:
     """The entries `units` and `kinds` of a JSON file, the latter for columns that are not continuous."""
     held = {column.name: column.kind.value for column in columns if column.kind.is_held}
     return {"units": {column.name: column.unit for column in columns}, "kinds": held}
+
+
+class Reading(NamedTuple):
+    """A column of a file and how to read its numbers: factor * number + offset, in a unit if given."""
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str | None = None
+
+    @classmethod
+    def read(cls, text: str, names: Sequence[str], where: str) -> Reading:
+        """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit.
+
+        Raises SetupError for a column that `where` lacks or has twice, and for a factor of 0.
+        """
+        text = text.strip()
+        if text not in names:  # long runs of blanks take the expression below hours
+            text = re.sub(r"\s+", " ", text)
+        scaled, colon, unit = text.rpartition(":")
+        match = SCALED.fullmatch(scaled if colon else text)
+        name = match["name"] if match and text not in names else text
+        if name not in names:
+            raise SetupError(f"{where} has no column {text!r}, only {', '.join(names)}")
+        if names.count(name) > 1:
+            raise SetupError(f"{where} has two columns {name!r}")
+        if match is None or name == text:
+            return cls(name)
+        factor = float(re.sub(r"\s", "", match["factor"] or "1"))
+        if not factor:
+            raise SetupError(f"column {text!r}: the factor must not be 0")
+        factor = 1.0 / factor if match["sign"] == "/" else factor
+        offset = float(re.sub(r"\s", "", match["offset"] or "0"))
+        return cls(name, factor, offset, unit.strip() if colon else None)
+
+
+class Series:
+    """Columns over time: an input table, a measured record, a result of this master or of another.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        What each column is, in the sequence of the file.
+    load : callable
+        Gives the values of a column, by its number, in their own type, shape (rows,).
+    breaks : array of shape (breaks, 2)
+        Intervals, begin and end [s], in which columns may jump.
+    label : str
+        What messages call it.
+    """
+
+    def __init__(
+        self,
+        columns: Sequence[Column],
+        load: Callable[[int], NDArray[Any]],
+        *,
+        breaks: Array = NO_BREAKS,
+        label: str = "the table",
+    ) -> None:
+        self.columns, self.breaks, self.label = tuple(columns), breaks, label
+        self._column = load
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the columns in their sequence."""
+        return [column.name for column in self.columns]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The units of the columns by name; empty where none is known."""
+        return {column.name: column.unit for column in self.columns}
+
+    def column(self, name: str) -> Column:
+        """What a column is; raises KeyError for one that there is not."""
+        return self.columns[self._index(name)]
+
+    def _index(self, name: str) -> int:
+        for k, column in enumerate(self.columns):
+            if column.name == name:
+                return k
+        raise KeyError(f"{name} was not recorded, only {', '.join(self.names)}")
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """The values of a column in their own type, shape (rows,); raises KeyError for one that there is not."""
+        return self._column(self._index(name))
+
+    @property
+    def clock(self) -> str:
+        """The name of the column of times: one that is called so, else the first."""
+        named = (column.name for column in self.columns if column.name.lower() in TIMES)
+        return next(named, self.columns[0].name)
+
+    @cached_property
+    def t(self) -> Array:
+        """The times [s], shape (rows,); raises SetupError for what are no times."""
+        return self.scaled(Reading(self.clock), "s")
+
+    def numbers(self, name: str, *, gaps: bool = False, finite: bool = True) -> Array:
+        """The numbers of a column, nan for cells that are empty.
+
+        Raises SetupError with row and column for what is no number, and, unless there may be `gaps` or the numbers
+        need not be `finite`, for an empty cell; row 1 is the heading.
+        """
+        values = self[name]
+        if values.dtype.kind in "mM":
+            raise SetupError(f"{self.label}, column {name}: it has dates, and must have numbers")
+        if values.dtype.kind in "fiub":
+            numbers, is_number = values.astype(float), np.ones(len(values), dtype=bool)
+        else:
+            cells = values.tolist()
+            numbers = np.array([number_of(cell) for cell in cells], float)
+            is_number = ~np.isnan(numbers) | np.array([is_empty(cell) for cell in cells], bool)
+        wrong = ~is_number
+        if finite:
+            wrong |= np.isinf(numbers) | (np.isnan(numbers) & (not gaps))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            what = "not a number" if not is_number[row] else "not a finite number"
+            raise SetupError(
+                f"{self.label}, row {row + 2}, column {name}: {str(values[row])[:40]!r} is {what}"
+            )
+        return numbers
+
+    def scaled(self, reading: Reading, unit: str, *, gaps: bool = False) -> Array:
+        """The numbers of a reading in a unit, none for its own; raises SetupError if it cannot be converted."""
+        stated = self.column(reading.name).unit if reading.unit is None else reading.unit
+        scale = 1.0 if not stated or not unit or stated == unit else multiples(unit).get(stated)
+        if scale is None:
+            choices = " or ".join(multiples(unit))
+            raise SetupError(
+                f"{self.label}: {reading.name} [{stated}] cannot be converted to {unit}, only from {choices}"
+            )
+        numbers = self.numbers(reading.name, gaps=gaps)
+        return scale * (reading.factor * numbers + reading.offset)
+
+    def pieces(self) -> Iterator[Series]:
+        """The stretches without equal times and without breaks, each with two rows at least."""
+        t = self.t
+        cut = np.diff(t) <= 0.0
+        for begin, end in self.breaks[self.breaks[:, 1] > self.breaks[:, 0]]:
+            cut |= (t[:-1] < end) & (t[1:] > begin)
+        ends = [0, *(np.flatnonzero(cut) + 1).tolist(), len(t)]
+        for first, last in pairwise(ends):
+            if last - first > 1:
+                part = slice(first, last)
+                yield Series(
+                    self.columns,
+                    lambda k, part=part: self._column(k)[part],  # type: ignore[misc]
+                    label=self.label,
+                )
+
+    @classmethod
+    def read(cls, path: Path | str, mapping: Mapping[str, str] | None = None) -> Series:
+        """Read a table.
+
+        Parameters
+        ----------
+        path : path
+            A .parquet file, a .mat file of Modelica tools, or a text of cells with a heading, whose separator is a
+            comma, a semicolon or a tab; with the latter two, decimals may have commas. Units come from
+            headings, "n [rpm]", "n (rpm)" or "n / rpm", or from a JSON file beside it, as `Result.write` makes it.
+            A file above 50 MB is read column by column, when they are asked for.
+        mapping : mapping of str to str, optional
+            By its new name, a column with a factor, an offset and a unit where needed: "n * 0.4:rpm". The
+            columns of the series are the time and these.
+
+        Raises
+        ------
+        SetupError
+            With the reason for a file that cannot be read, and for two columns of one name.
+        """
+        path = Path(path)
+        series = _series(read_file(path), str(path))
+        if mapping is None:
+            return series
+        readings = {
+            name: Reading.read(text, series.names, str(path)) for name, text in mapping.items()
+        }
+        columns, loads = [TIME], [lambda: series.t]
+        for name, reading in readings.items():
+            of = series.column(reading.name)
+            unit = of.unit if reading.unit is None else reading.unit
+            columns.append(Column(name, unit, of.kind, source=f"{path.name}, column {of.name}"))
+            loads.append(partial(series.scaled, reading, ""))
+        return cls(columns, lambda k: loads[k](), breaks=series.breaks, label=str(path))
+
+    @classmethod
+    def of(cls, frame: pd.DataFrame, label: str = "the table") -> Series:
+        """The columns of a pandas frame, whose headings may have units; SetupError for two of one name."""
+        return _series(of_frame(frame, label, {}), label)
+
+    @classmethod
+    def of_text(cls, text: str, label: str) -> Series:
+        """The columns of a text of cells with a heading; raises ValueError or SetupError for what is none."""
+        return _series(read_text(text, label), label)
+
+
+def _series(table: TableFile, label: str) -> Series:
+    """The series of what a file has; raises SetupError for two columns of one name, and for a kind that there is not."""
+    names = [name for name, _ in table.headings]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise SetupError(f"{label} has two columns named {twice[0]!r}")
+    if not names:
+        raise SetupError(f"{label} cannot be read as a table: it has no columns")
+    kinds, columns = table.facts.get("kinds", {}), []
+    for k, (name, unit) in enumerate(table.headings):
+        stated = kinds.get(name)
+        if stated is not None and stated not in Kind._value2member_map_:
+            raise SetupError(f"{label}: {name} is {stated!r}, which is no kind of a column")
+        if stated is not None or table.is_large:
+            kind = Kind.CONTINUOUS if stated is None else Kind(stated)
+        else:
+            kind = KIND_OF_TYPE.get(table.load(k).dtype.kind, Kind.TEXT)
+        columns.append(Column(name, unit, kind, source=label))
+    breaks = np.array(table.facts.get("breaks", []), float).reshape(-1, 2)
+    return Series(columns, table.load, breaks=breaks, label=label)

@@ -6,10 +6,9 @@ high as that in value, is moved along the reference, which is interpolated linea
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from ..describe import table
 from ..errors import SetupError
 from ..result import Result, Rows
-from ..system.inputs import COLUMN, Reading, separator
+from ..series import Reading, Series
 from ..units import QUANTITY, multiples
 
 if TYPE_CHECKING:
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
 #: Convention of the FMI cross-check.
 SHARE = 0.002
 ERROR = "_error"
-INDEX = re.compile(r".*\S\[[\d, ]*\]")
-UNSCALED = (1.0, 0.0)
 #: Times at which a band is drawn. Chosen: more than the dots across a figure.
 PLOT_POINTS = 2000
 
@@ -245,7 +242,7 @@ def compare(
         raise SetupError(f"error of {unmatched[0]}: only {', '.join(pairs)} are compared")
     deviations = []
     for name, other in pairs.items():
-        unit = theirs.units[other] or ours.units[name]
+        unit = theirs.unit(other) or ours.unit(name)
         y, error = theirs.column(other, unit)
         height = value * (float(np.ptp(y)) or abs(float(y[0]))) + _error(name, stated_errors, unit)
         rows = (ours.time, *ours.column(name, unit))
@@ -263,71 +260,55 @@ def compare(
     return Comparison(tuple(deviations), start, stop, width, tuple(notes))
 
 
-class Record:
-    """A result, frame or file: its times [s], its columns and their units by name."""
+@dataclass(frozen=True)
+class _Record:
+    """A table on one side of a comparison, and how its columns are read."""
 
-    def __init__(self, label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> None:
-        if not len(frame) or len(frame.columns) <= 1:
-            raise SetupError(f"{label} has no rows with a time and values")
-        self.label = label
-        self.series: dict[str, pd.Series] = {}
-        self.units: dict[str, str] = {}
-        self.scales: dict[str, tuple[float, float]] = {}
-        for index, heading in enumerate(map(str, frame.columns)):
-            match = COLUMN.fullmatch(heading)
-            name, unit = heading, units.get(heading, "")
-            if heading not in units and match is not None and not INDEX.fullmatch(heading):
-                name, unit = match["name"], match["unit"] or ""
-            if name in self.series:
-                raise SetupError(f"{label} has two columns named {name!r}")
-            self.series[name], self.units[name] = frame.iloc[:, index], unit
-        first, *self.names = self.series
-        self.time = self._in(first, "s")
-        if (falls := np.flatnonzero(np.diff(self.time) < 0.0)).size:
-            previous, t = self.time[falls[0] :][:2].tolist()
-            raise SetupError(f"{label}: time {t!r} s after {previous!r} s must not fall")
+    series: Series
+    readings: dict[str, Reading] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """What messages call it."""
+        return self.series.label
+
+    @property
+    def names(self) -> list[str]:
+        """Its columns but the first, the time."""
+        return self.series.names[1:]
+
+    @cached_property
+    def time(self) -> Rows:
+        """Its times [s], which do not fall."""
+        times = self.series.scaled(Reading(self.series.names[0]), "s")
+        if (falls := np.flatnonzero(np.diff(times) < 0.0)).size:
+            previous, t = times[falls[0] :][:2].tolist()
+            raise SetupError(f"{self.label}: time {t!r} s after {previous!r} s must not fall")
+        return times
 
     def __str__(self) -> str:
         return f"{self.label} from {self.time[0]:g} to {self.time[-1]:g} s"
 
     def named(self, text: str) -> str:
         """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit."""
-        name, factor, offset, unit = Reading.read(text, self.names, self.label)
-        if text != name:
-            self.scales[name] = factor, offset
-        if unit is not None:
-            self.units[name] = unit
-        return name
+        reading = Reading.read(text, self.names, self.label)
+        self.readings[reading.name] = reading
+        return reading.name
+
+    def unit(self, name: str) -> str:
+        """The unit of a column."""
+        stated = self.readings.get(name, Reading(name)).unit
+        return self.series.column(name).unit if stated is None else stated
 
     def column(self, name: str, unit: str) -> tuple[Rows, Rows]:
         """Values and their errors in a unit; raises SetupError for values that are not finite."""
-        values = self._in(name, unit)
+        reading = self.readings.get(name, Reading(name))
+        values = self.series.scaled(reading, unit)
         if name + ERROR not in self.names:
             return values, np.zeros(len(values))
-        self.units[name + ERROR] = self.units[name + ERROR] or self.units[name]
-        self.scales.setdefault(name + ERROR, (self.scales.get(name, UNSCALED)[0], 0.0))
-        return values, np.abs(self._in(name + ERROR, unit))
-
-    def _in(self, name: str, unit: str) -> Rows:
-        import pandas as pd
-
-        present_unit = self.units[name]
-        scale = (
-            1.0
-            if not present_unit or not unit or present_unit == unit
-            else multiples(unit).get(present_unit)
-        )
-        if scale is None:
-            raise SetupError(f"{self.label}: {name} [{present_unit}] cannot be converted to {unit}")
-        values = self.series[name]
-        numbers = np.asarray(pd.to_numeric(values, errors="coerce"), float)
-        if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
-            row = int(bad[0])
-            raise SetupError(
-                f"{self.label}, row {row + 1}: {name} = {values.iloc[row]} must be a finite number"
-            )
-        factor, offset = self.scales.get(name, UNSCALED)
-        return scale * (factor * numbers + offset)
+        stated = self.series.column(name + ERROR).unit or self.unit(name)
+        error = reading._replace(name=name + ERROR, offset=0.0, unit=stated)
+        return values, np.abs(self.series.scaled(error, unit))
 
     def in_gap(self, t: Rows, gap: float) -> NDArray[np.bool_]:
         """Which times lie between rows further apart than a gap [s]."""
@@ -336,36 +317,24 @@ class Record:
         return (self.time[upper] - self.time[upper - 1] > gap) & ~coincides
 
 
-def _read(source: Source, label: str) -> Record:
+def _read(source: Source, label: str) -> _Record:
     """Read a record from a result, a frame or a file."""
     import pandas as pd
 
     if isinstance(source, Result):
-        return Record(label, source.frame, source.units)
-    if isinstance(source, pd.DataFrame):
-        return Record(label, source, {})
-    path = Path(source)
-    metadata_path = path.with_suffix(".json")
-    units: dict[str, str] = {}
-    try:
-        if path.suffix == ".parquet":
-            frame = pd.read_parquet(path)
-        else:
-            mark = separator(path)
-            point = "." if mark == "," else ","
-            frame = pd.read_csv(
-                path, sep=mark, decimal=point, skipinitialspace=True, encoding="utf-8-sig"
-            )
-        if metadata_path.is_file():
-            metadata = json.loads(metadata_path.read_text())
-            units = metadata.get("units", {}) if isinstance(metadata, dict) else {}
-    except (OSError, ValueError, ImportError) as error:
-        raise SetupError(f"{path} cannot be read as a table: {error}") from error
-    return Record(str(path), frame, units)
+        series = Series(source.columns, lambda k: source.data[:, k], label=label)
+    elif isinstance(source, pd.DataFrame):
+        series = Series.of(source, label)
+    else:
+        series = Series.read(source)
+    record = _Record(series)
+    if not record.names or not len(record.time):
+        raise SetupError(f"{series.label} has no rows with a time and values")
+    return record
 
 
 def _pairs(
-    ours: Record, theirs: Record, columns: Mapping[str, str] | Sequence[str] | None
+    ours: _Record, theirs: _Record, columns: Mapping[str, str] | Sequence[str] | None
 ) -> dict[str, str]:
     """Columns of the reference by those of the result."""
     if columns is None:
@@ -402,7 +371,7 @@ def _error(name: str, stated_errors: Mapping[str, str | float], unit: str) -> fl
     return error
 
 
-def _notes(ours: Record, theirs: Record, pairs: Mapping[str, str]) -> Iterator[str]:
+def _notes(ours: _Record, theirs: _Record, pairs: Mapping[str, str]) -> Iterator[str]:
     """What the comparison leaves out."""
     spans = [(record.time[0], record.time[-1]) for record in (ours, theirs)]
     if spans[0] != spans[1]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..dense import CUBIC_ROWS, NO_BREAKS
+from ..dense import CUBIC_ROWS
 from ..errors import FmuError, SetupError
 from ..fmu.times import coincide
 from ..json_values import Json
@@ -32,7 +32,7 @@ from ..result import (
     table_facts,
     write_json,
 )
-from ..series import TIME, Column
+from ..series import NO_BREAKS, TIME, Column
 
 #: Rows that wait in memory before they are written. A convention: a page or two of memory for each column.
 CHUNK = 4096

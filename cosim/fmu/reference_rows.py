@@ -7,18 +7,17 @@ values are the largest errors of these results.
 
 from __future__ import annotations
 
-import csv
 import posixpath
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..errors import SetupError
+from ..series import Series
+
 #: A convention of FMI-LS-REF: where its files are in an FMU.
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 #: What the file of errors is called after the file of results: a convention of `fmukit`.
@@ -27,21 +26,11 @@ ERRORS = "_error.csv"
 MOST_BYTES = 100_000_000
 
 
-@dataclass(frozen=True)
-class ReferenceRows:
-    """The results of a default experiment.
+class ReferenceRows(NamedTuple):
+    """The results of a default experiment over time, in the units of the FMU, and the largest errors of each."""
 
-    Attributes
-    ----------
-    time : array of shape (rows,)
-        Times [s], which rise.
-    values, errors : mapping of str to array of shape (rows,)
-        By the name of the variable, in its unit.
-    """
-
-    time: Array
-    values: Mapping[str, Array]
-    errors: Mapping[str, Array]
+    values: Series
+    errors: Series
 
 
 def read_reference_rows(fmu: Path) -> ReferenceRows | None:
@@ -66,24 +55,19 @@ def read_reference_rows(fmu: Path) -> ReferenceRows | None:
                     members.get(file, MOST_BYTES) < MOST_BYTES for file in files
                 ):
                     return _reference_rows(*(archive.read(file).decode() for file in files))
-    except (OSError, BadZipFile, ElementTree.ParseError, ValueError):
+    except (OSError, BadZipFile, ElementTree.ParseError, ValueError, SetupError):
         return None
     return None
 
 
 def _reference_rows(results: str, errors: str) -> ReferenceRows:
-    """The rows of both texts; raises ValueError if they do not belong together."""
-    time, values = _columns(results)
-    times_of_errors, stated = _columns(errors)
-    if values.keys() != stated.keys() or not np.array_equal(time, times_of_errors):
+    """The rows of both texts; raises ValueError or SetupError if they do not belong together."""
+    rows = ReferenceRows(Series.of_text(results, "results"), Series.of_text(errors, "errors"))
+    if rows.values.names != rows.errors.names or not np.array_equal(rows.values.t, rows.errors.t):
         raise ValueError("results and errors have different columns or times")
-    if not np.all(np.diff(time) > 0.0):
+    if not np.all(np.diff(rows.values.t) > 0.0):
         raise ValueError("times must rise")
-    return ReferenceRows(time, values, stated)
-
-
-def _columns(text: str) -> tuple[Array, dict[str, Array]]:
-    """The times and the other columns by name."""
-    heading, *rows = csv.reader(text.splitlines())
-    time, *columns = np.array(rows, float).T
-    return time, dict(zip(heading[1:], columns, strict=True))
+    for series in rows:
+        for name in series.names:
+            series.numbers(name)
+    return rows

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
 from pathlib import Path
 
 from ..errors import SetupError
 from ..system import READ, Network, Value
 from ..system.base_units import Unit
-from ..system.inputs import read_table
+from ..table_file import read_cells
+from ..units import multiples
 from .ssp.files import Budget, parse
 from .ssp.parameters import Parameter, parameters_of
 from .ssp.plan import Node, Plan, dotted
@@ -56,9 +58,18 @@ def _variables_named(plan: Plan, root_path: str, name: str) -> list[Node]:
 
 def _rows(path: Path, plan: Plan, root_path: str) -> Iterator[Parameter]:
     """Rows of a CSV, in the type of what they name."""
-    header, *rows = read_table(path)
+    header, rows = read_cells(path)
     if lacking := [column for column in COLUMNS[:2] if column not in header]:
         raise SetupError(f"{path} has no column {lacking[0]!r}, only {', '.join(header)}")
+    for k, column in enumerate(header):
+        if column in COLUMNS and header.count(column) > 1:
+            raise SetupError(f"{path} has two columns {column!r}")
+        texts = {row[k].strip() for row in rows if k < len(row)} - {""}
+        are_units = bool(texts) and all(len(multiples(text)) > 1 for text in texts)
+        is_near = get_close_matches(column.lower(), COLUMNS, n=1)
+        if column not in COLUMNS and (are_units or is_near):
+            meant = is_near[0] if is_near else "unit"
+            raise SetupError(f"{path} has a column {column!r}: {meant!r} must be spelt so")
     for line, cells in ((line, cells) for line, cells in enumerate(rows, 2) if cells):
         row = dict(zip(header, map(str.strip, cells)))
         name, text, unit = (row.get(column, "") for column in COLUMNS)

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import SetupError
+from ..series import Reading, Series
 from ..system import Network, Port, conversion_to
-from ..system.inputs import COLUMN, Reading, Table, read_table
-from ..units import multiples
+from ..system.inputs import Table
 from .noise import Noise, Samples, estimate_noise
 
-#: units of a column of times, in seconds
-SECONDS = {"": 1.0} | multiples("s")
 #: Largest measured number. Chosen: its square, for chi2, is still far from the largest double.
 LARGEST_NUMBER = 1e30
 
@@ -40,7 +37,7 @@ class Column:
 def measured(
     path: Path | str, columns: Mapping[str, str], *, time: str | None = "time", gaps: bool = False
 ) -> dict[str, Table]:
-    """Read columns of a CSV file by the variables that they measure.
+    """Read columns of a file, see `Series.read`, by the variables that they measure.
 
     Parameters
     ----------
@@ -61,78 +58,42 @@ def measured(
         With file, row and column for times that do not rise, for a cell that is not a number, and for a column that
         is named twice.
     """
-    header, *rows = read_table(path)
-    heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
-    source = _Source(path, [name for name, _ in heads], [unit for _, unit in heads], rows)
-    if not rows:
+    series, taken = Series.read(path), dict[str, str]()
+    if not len(series[series.names[0]]):
         raise SetupError(f"{path} has no rows below its header")
-    times = np.arange(float(len(rows))) if time is None else source.times(time)
+
+    def column(variable: str, text: str, unit: str, *, gaps: bool) -> tuple[Samples, Reading]:
+        """The values of a column in a unit, or in its own."""
+        reading = Reading.read(text, series.names, str(path))
+        if reading.name in taken:
+            raise SetupError(
+                f"{path}, column {reading.name}: it is mapped twice, to {taken[reading.name]} and {variable}"
+            )
+        taken[reading.name] = variable
+        values = series.scaled(reading, unit, gaps=gaps)
+        if (large := np.abs(values) >= LARGEST_NUMBER).any():
+            row = int(np.argmax(large))
+            raise SetupError(
+                f"{path}, row {row + 2}, column {reading.name}: {values[row]:g} is not below {LARGEST_NUMBER:g}"
+            )
+        return values, reading
+
+    times = np.arange(float(len(series[series.names[0]])))
+    if time is not None:
+        times, reading = column("time", time, "s", gaps=False)
+        if (falls := np.flatnonzero(np.diff(times) <= 0.0)).size:
+            before, after = times[falls[0] :][:2].tolist()
+            raise SetupError(
+                f"{path}, row {falls[0] + 3}, column {reading.name}: times must rise, but "
+                f"{after!r} s follows {before!r} s"
+            )
     tables = {}
     for variable, text in columns.items():
-        values, index, unit = source.column(variable, text, gaps=gaps)
-        label = f"{Path(path).name}, column {source.names[index]}"
+        values, reading = column(variable, text, "", gaps=gaps)
+        unit = series.column(reading.name).unit if reading.unit is None else reading.unit
+        label = f"{Path(path).name}, column {reading.name}"
         tables[variable] = Table(times.tolist(), values.tolist(), unit=unit, source=label)
     return tables
-
-
-@dataclass(frozen=True)
-class _Source:
-    """The cells of a file, the names and units of its header, and which column serves which variable."""
-
-    path: Path | str
-    names: list[str]
-    units: list[str | None]
-    rows: list[list[str]]
-    variables: dict[int, str] = field(default_factory=dict)
-
-    def column(self, variable: str, text: str, *, gaps: bool) -> tuple[Samples, int, str]:
-        """The values of a column for a variable, its place in the header and its unit."""
-        name, factor, offset, unit = Reading.read(text, self.names, str(self.path))
-        index = self.names.index(name)
-        if index in self.variables:
-            raise SetupError(
-                f"{self.path}, column {name}: it is mapped twice, to {self.variables[index]} and {variable}"
-            )
-        self.variables[index] = variable
-        return (
-            factor * self.numbers(index, gaps=gaps) + offset,
-            index,
-            unit or self.units[index] or "",
-        )
-
-    def numbers(self, index: int, *, gaps: bool) -> Samples:
-        """The numbers of a column, nan where a cell is empty."""
-        values = np.full(len(self.rows), math.nan)
-        for k, row in enumerate(self.rows):
-            text = row[index].strip() if index < len(row) else ""
-            cell = f"{self.path}, row {k + 2}, column {self.names[index]}"
-            try:
-                values[k] = float(text or "nan")
-            except ValueError:
-                raise SetupError(f"{cell}: {text!r} is not a number") from None
-            if not abs(values[k]) < LARGEST_NUMBER and not (gaps and math.isnan(values[k])):
-                raise SetupError(
-                    f"{cell}: {text or 'an empty cell'!r} is not a finite number "
-                    f"below {LARGEST_NUMBER:g}; gaps must be allowed, and a time cannot be one"
-                )
-        return values
-
-    def times(self, text: str) -> Samples:
-        """The column of times [s], which must rise."""
-        values, index, unit = self.column("time", text, gaps=False)
-        if unit not in SECONDS:
-            choices = ", ".join(filter(None, SECONDS))
-            raise SetupError(
-                f"{self.path}, column {self.names[index]}: times are in {choices}, not in {unit!r}"
-            )
-        times = np.asarray(values * SECONDS[unit], float)
-        for k, (previous, current) in enumerate(pairwise(times.tolist()), 3):
-            if not previous < current:
-                raise SetupError(
-                    f"{self.path}, row {k}, column {self.names[index]}: times must rise, but "
-                    f"{current!r} s follows {previous!r} s"
-                )
-        return times
 
 
 def measured_columns(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import math
 import re
@@ -10,21 +9,19 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..errors import SetupError
 from ..json_values import Json
 from ..numbers import real
+from ..series import Kind, Reading, Series
+from ..table_file import is_empty, number_of
 
+#: Truth values as texts of a table.
+FALSE_TRUE_TEXTS = {"true": True, "false": False}
 CHANGE = re.compile(
     r"\s*(?:at\s+)?(?P<time>\S+?)\s*(?:s\s)?\s*(?P<name>[^\s=]+)\s*=\s*(?P<value>.*?)\s*"
 )
-COLUMN = re.compile(r"\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
-NUMBER = r"\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-SCALED = re.compile(
-    rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?\s*"
-)
-DECIMAL = re.compile(r"^\s*([+-]?\d*),(\d+)")
 #: Distance of the points of Gauss' rule from the middle, over the interval: derived, the roots of the Legendre
 #: polynomial of degree 2.
 GAUSS = 0.5 / math.sqrt(3.0)
@@ -32,40 +29,6 @@ GAUSS = 0.5 / math.sqrt(3.0)
 #: off by up to 5e-10 of itself, and so are the stop and the last row of a run from 0. The first two
 #: rows are continued to the start, and the last row holds to the stop.
 END_ROUNDING = 1e-9
-
-
-class Reading(NamedTuple):
-    """A column of a file and how to read its numbers: factor * number + offset, in a unit if given."""
-
-    name: str
-    factor: float = 1.0
-    offset: float = 0.0
-    unit: str | None = None
-
-    @classmethod
-    def read(cls, text: str, names: Sequence[str], where: str) -> Reading:
-        """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit.
-
-        Raises SetupError for a column that `where` lacks or has twice, and for a factor of 0.
-        """
-        text = text.strip()
-        if text not in names:  # long runs of blanks take the expression below hours
-            text = re.sub(r"\s+", " ", text)
-        scaled, colon, unit = text.rpartition(":")
-        match = SCALED.fullmatch(scaled if colon else text)
-        name = match["name"] if match and text not in names else text
-        if name not in names:
-            raise SetupError(f"{where} has no column {text!r}, only {', '.join(names)}")
-        if names.count(name) > 1:
-            raise SetupError(f"{where} has two columns {name!r}")
-        if match is None or name == text:
-            return cls(name)
-        factor = float(re.sub(r"\s", "", match["factor"] or "1"))
-        if not factor:
-            raise SetupError(f"column {text!r}: the factor must not be 0")
-        factor = 1.0 / factor if match["sign"] == "/" else factor
-        offset = float(re.sub(r"\s", "", match["offset"] or "0"))
-        return cls(match["name"], factor, offset, unit.strip() if colon else None)
 
 
 class Table:
@@ -104,7 +67,7 @@ class Table:
     def read(
         cls, path: Path | str, column: str, *, unit: str | None = None, held: bool = False
     ) -> Table:
-        """Read a column of a CSV file whose first column is the time [s].
+        """Read a column of a file, see `Series.read`, whose first column is the time.
 
         `column` is its name, or "M * 0.73:N.m" to scale it and give its unit. A header may give a
         unit too, "torque [N.mm]", which applies unless another is given here. A table that is `held`
@@ -113,7 +76,7 @@ class Table:
         Parameters
         ----------
         path : path
-            The CSV file.
+            The file.
         column : str
             The column, with a factor and a unit where needed.
         unit : str, optional
@@ -124,31 +87,28 @@ class Table:
         Raises
         ------
         SetupError
-            For a file that cannot be read, a column that does not exist, a time that is not in s, and with
-            its line for a cell that is not a number.
+            For a file that cannot be read, a column that does not exist, times in no unit of time, and with
+            row and column for a cell that is not a number.
         """
-        header, *rows = read_table(path)
-        (_, time), *heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
-        names = [name for name, _ in heads]
+        series = Series.read(path)
+        clock, *names = series.names
         wanted = Reading.read(column, names, str(path))
-        if time not in (None, "", "s"):
-            raise SetupError(f"{path}: time must be in s, not {time}")
-        index = names.index(wanted.name)
-        pairs = []
-        for line, row in enumerate(rows, 2):
-            try:
-                value = _cell(row[index + 1].strip(), held=held)
-                if (wanted.factor, wanted.offset) != (1.0, 0.0):
-                    value = wanted.factor * float(value) + wanted.offset
-                pairs.append((real(row[0]), value))
-            except (IndexError, ValueError):
-                raise SetupError(
-                    f"{path}, line {line}: time and {wanted.name} must be numbers"
-                ) from None
-        declared = wanted.unit or heads[index][1] or ""
+        times = series.scaled(Reading(clock), "s")
+        values: list[Any]
+        if held and series.column(wanted.name).kind in (Kind.BOOLEAN, Kind.TEXT):
+            cells = ("" if is_empty(cell) else cell for cell in series[wanted.name].tolist())
+            values = [_cell(cell) for cell in cells]
+        else:
+            values = series.scaled(wanted, "").tolist()
+        declared = series.column(wanted.name).unit if wanted.unit is None else wanted.unit
         source = f"{Path(path).name}, column {wanted.name}"
-        times, values = zip(*pairs) if pairs else ((), ())
-        return cls(times, values, unit=declared if unit is None else unit, held=held, source=source)
+        return cls(
+            times.tolist(),
+            values,
+            unit=declared if unit is None else unit,
+            held=held,
+            source=source,
+        )
 
     def after(self, value: Any) -> Table:
         """The table with a value that holds before its first row.
@@ -298,47 +258,12 @@ class Table:
         return {"source": self.source, "rows": len(rows), "held": self.held, "sha256": digest}
 
 
-def separator(path: Path | str) -> str:
-    """The separator of a CSV file.
-
-    It is a semicolon or a tab if the first line contains one, as in files with decimal commas, else a
-    comma.
-    """
-    with Path(path).open(encoding="utf-8-sig") as file:
-        first = file.readline()
-    return next((mark for mark in ";\t" if mark in first), ",")
-
-
-def read_table(path: Path | str) -> list[list[str]]:
-    """The cells of a CSV file, at least one row; raises SetupError if it cannot be read."""
-    if Path(path).exists() and not Path(path).is_file():
-        raise SetupError(
-            f"{path} cannot be read as a table: it is no file, but a folder, a pipe or a device"
-        )
-    try:
-        mark = separator(path)
-        with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file, delimiter=mark, skipinitialspace=True))
-    except (OSError, ValueError, csv.Error) as error:
-        raise SetupError(f"{path} cannot be read as a table: {error}") from error
-    while rows and not rows[-1]:
-        rows.pop()
-    if not rows or not rows[0]:
-        raise SetupError(f"{path} cannot be read as a table: it is empty")
-    if mark == ",":
-        return rows
-    head, *rows = rows
-    return [head, *([DECIMAL.sub(r"\1.\2", cell) for cell in row] for row in rows)]
-
-
-def _cell(text: str, *, held: bool) -> float | bool | str:
-    """A number, or where values are held a truth value or a text; raises ValueError."""
-    try:
-        return real(text)
-    except ValueError:
-        if not held:
-            raise
-        return {"true": True, "false": False}.get(text, text)
+def _cell(cell: Any) -> float | bool | str:
+    """A truth value, a number or a text of a table that is held."""
+    if isinstance(cell, bool):
+        return cell
+    number = number_of(cell)
+    return FALSE_TRUE_TEXTS.get(cell, cell) if math.isnan(number) else number
 
 
 class FunctionInput:

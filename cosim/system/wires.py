@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import SetupError
+from ..series import NUMBER
 from .description import Value
-from .inputs import NUMBER, Table
+from .inputs import Table
 
 Name = str | tuple[str, str]
 WIRE = re.compile(

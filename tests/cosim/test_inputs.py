@@ -310,12 +310,12 @@ def test_what_is_no_table_is_refused(times: Any, values: Any, message: str) -> N
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time,tau\n0,1\n1,x\n", "line 3: time and tau must be numbers"),
+        ("time,tau\n0,1\n1,x\n", "row 3, column tau: 'x' is not a number"),
         ("time,w\n0,1\n", "has no column 'tau', only w"),
-        ("time [ms],tau\n0,1\n", "time must be in s, not ms"),
+        ("time [m],tau\n0,1\n", r"time \[m\] cannot be converted to s, only from s or ms"),
         ("", "cannot be read as a table"),
-        (f"time,tau\n0,{'1' * 200_000}\n", "cannot be read as a table: field larger than"),
-        ("time,tau,tau\n0,1,2\n", "has two columns 'tau'"),
+        (f"time,tau\n0,{'1' * 200_000}\n", "row 2, column tau: '1{40}' is not a"),
+        ("time,tau,tau\n0,1,2\n", "has two columns named 'tau'"),
     ],
 )
 def test_what_is_no_file_of_rows_is_refused(text: str, message: str, tmp_path: Path) -> None:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...engine.settings import RunSettings
 from ...errors import SetupError, pluralize
+from ...series import Series
 from ...system import Network, Port, System, connect
 from ...units import multiples
 from .causes import Cause, not_finite, table_causes
@@ -19,7 +20,7 @@ from .connections import DECISIVE_REDUCTION
 from .report import RefereeReport
 from .signals import SignalJudgement, Verdict, judge_signal
 from .solution import ReferenceSolution, SolutionRequest, solve_reference
-from .table import ForeignTable, MatchedColumn, match_columns, read_foreign
+from .table import MatchedColumn, match_columns, read_foreign
 from .variants import Reproduction, best_coupling, variant_causes
 
 if TYPE_CHECKING:
@@ -107,16 +108,16 @@ def referee(
     matches = match_columns(table, network, ports, columns or {})
     if not matches:
         raise SetupError(
-            f"{table.label} has no column of the system: it has {', '.join(table.columns)}, the system "
+            f"{table.label} has no column of the system: it has {', '.join(table.names[1:])}, the system "
             f"has {', '.join(port.name for port in ports)}; give --map NAME=COLUMN"
         )
-    rows = table.time >= start
-    if np.count_nonzero(rows) <= 1 or table.time[-1] <= start:
+    rows = table.t >= start
+    if np.count_nonzero(rows) <= 1 or table.t[-1] <= start:
         raise SetupError(
-            f"{table.label} ends at {table.time[-1]:g} s: it has no rows after {start:g} s"
+            f"{table.label} ends at {table.t[-1]:g} s: it has no rows after {start:g} s"
         )
     names = [port.name for port in ports]
-    times = table.time[rows]
+    times = table.t[rows]
     request = SolutionRequest(names, times, start, PRECISION * tolerance, step, timeout)
     notes = tuple(_notes(table, matches, rows))
     try:
@@ -139,20 +140,23 @@ def _overall(signals: Iterable[SignalJudgement], time_cause: Cause | None) -> Ve
     return Verdict.UNDECIDED if Verdict.UNDECIDED in verdicts else Verdict.AGREES
 
 
-def _in_seconds(table: ForeignTable, stop: float | None) -> tuple[ForeignTable, Cause | None]:
+def _in_seconds(table: Series, stop: float | None) -> tuple[Series, Cause | None]:
     """The table with its times in s, and the cause if they were in another unit without saying so."""
     if not stop or stop <= 0.0:
         return table, None
-    ratio = float(table.time[-1]) / stop
+    ratio = float(table.t[-1]) / stop
     if 1.0 / TIME_UNIT_DOUBT < ratio < TIME_UNIT_DOUBT:
         return table, None
     for unit, scale in multiples("s").items():
         if scale != 1.0 and abs(ratio * scale - 1.0) <= TIME_UNIT_MARGIN:
-            text = (
-                f"the times are in {unit}, not in s: the last is {table.time[-1]:g}, not {stop:g}"
-            )
-            return replace(table, time=scale * table.time), Cause("time unit", text, math.inf, ())
+            text = f"the times are in {unit}, not in s: the last is {table.t[-1]:g}, not {stop:g}"
+            return _with_times(table, scale * table.t), Cause("time unit", text, math.inf, ())
     return table, None
+
+
+def _with_times(table: Series, times: NDArray[np.float64]) -> Series:
+    """The table with other times [s] in its first column."""
+    return Series(table.columns, lambda k: table[table.names[k]] if k else times, label=table.label)
 
 
 def _find_causes(
@@ -213,13 +217,13 @@ def _common_cause(
 
 
 def _notes(
-    table: ForeignTable,
+    table: Series,
     matches: Sequence[MatchedColumn],
     rows: np.ndarray[tuple[int], np.dtype[np.bool_]],
 ) -> Iterable[str]:
     """What is not judged."""
     used = {match.column for match in matches}
-    rest = [name for name in table.columns if name not in used]
+    rest = [name for name in table.names[1:] if name not in used]
     if rest:
         yield f"not judged: {', '.join(rest)}"
     if ignored := int(np.count_nonzero(~rows)):

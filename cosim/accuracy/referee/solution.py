@@ -149,19 +149,18 @@ def _carried(network: Network, request: SolutionRequest) -> ReferenceSolution | 
     rows = read_reference_rows(Path(path))
     if rows is None or request.start != (network.descriptions[part].defaultExperiment.start or 0.0):
         return None
-    nearest = _nearest(rows.time, request.times)
+    time = rows.values.t
+    nearest = _nearest(time, request.times)
     names = {name: name.removeprefix(f"{part}.") for name in request.names}
     if not (
-        set(names.values()) <= rows.values.keys()
-        and np.all(
-            np.abs(rows.time[nearest] - request.times) <= SPACING_TOLERANCE * request.spacing
-        )
+        set(names.values()) <= set(rows.values.names)
+        and np.all(np.abs(time[nearest] - request.times) <= SPACING_TOLERANCE * request.spacing)
     ):
         return None
     return ReferenceSolution(
         request.times,
-        {name: rows.values[variable][nearest] for name, variable in names.items()},
-        {name: rows.errors[variable][nearest] for name, variable in names.items()},
+        {name: rows.values.numbers(variable)[nearest] for name, variable in names.items()},
+        {name: rows.errors.numbers(variable)[nearest] for name, variable in names.items()},
         f"the results of the default experiment that {Path(path).name} carries",
         (),
     )

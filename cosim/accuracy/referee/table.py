@@ -7,7 +7,6 @@ with the other; a name that fits two variables or two columns is left out.
 
 from __future__ import annotations
 
-import json
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -20,8 +19,9 @@ from numpy.typing import NDArray
 
 from ...errors import SetupError
 from ...result import Result
+from ...series import TIME, Reading, Series
 from ...system import Network, Port, conversion_to
-from ...system.inputs import Reading, separator
+from ...table_file import TIMES
 from ...units import multiples
 
 if TYPE_CHECKING:
@@ -30,42 +30,8 @@ if TYPE_CHECKING:
     Source = Result | pd.DataFrame | Path | str
 
 Array = NDArray[np.float64]
-HEADING = re.compile(r"\s*(?P<name>.*?)\s*(?:\[(?P<bracket>[^\[\]]*)\]|/ ?(?P<slash>[^\s/]+))?\s*")
-#: An index as in A[2,1], which belongs to the name and is no unit. A convention of FMI.
-INDEX = re.compile(r"[\d, ]+")
-#: What masters write in brackets that is no unit: the type of a variable, or its reference and causality.
-TYPE = re.compile(
-    r"(\d+ )?(real|integer|boolean|string|int|bool|float64|float32|int32)\b.*", re.IGNORECASE
-)
-#: The number of the matrix of what varies with time, `data_2`: a convention of the Modelica tools' format 1.1.
-VARYING = 2
 #: Columns that count steps instead of measuring something. A convention of Ecos and of libcosim.
 COUNTERS = ("iterations", "stepcount")
-TIMES = ("time", "t", "zeit", "timestamp")
-#: The first line with which some programs state their separator. A convention of spreadsheets.
-SEPARATOR_LINE = re.compile(r'"?sep=(.)"?\s*')
-
-
-@dataclass(frozen=True)
-class ForeignTable:
-    """A result of another master.
-
-    Attributes
-    ----------
-    label : str
-        What messages call it.
-    time : array of shape (rows,)
-        Times [s].
-    columns : mapping of str to array of shape (rows,)
-        Values by the names that the file gives them, without units.
-    units : mapping of str to str
-        The units that the file states; "" where it states none.
-    """
-
-    label: str
-    time: Array
-    columns: Mapping[str, Array]
-    units: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -81,14 +47,14 @@ class MatchedColumn:
     values: Array
 
 
-def read_foreign(source: Source) -> ForeignTable:
-    """Read what another master wrote.
+def read_foreign(source: Source) -> Series:
+    """Read what another master wrote: the time [s], and its columns but those that count steps.
 
     Parameters
     ----------
     source : Result, pandas frame or path
-        A .csv file with any of the separators comma, semicolon or tab, a .parquet file, or a .mat file of
-        Modelica tools. Units come from headings or from a JSON file beside it, as `Result.write` makes it.
+        A file as `Series.read` takes it. Rows without a time are left out, and of rows with the same time the last
+        one counts.
 
     Raises
     ------
@@ -96,156 +62,49 @@ def read_foreign(source: Source) -> ForeignTable:
         If it cannot be read, has fewer than two rows, or has times that fall.
     """
     if isinstance(source, Result):
-        return _table("the result", source.frame, source.units)
-    if not isinstance(source, (str, Path)):
-        return _table("the table", source, {})
-    path = Path(source)
-    units: dict[str, str] = {}
-    try:
-        if path.suffix == ".mat":
-            return _read_modelica(path)
-        frame = _read_frame(path)
-        metadata = path.with_suffix(".json")
-        if metadata.is_file():
-            content = json.loads(metadata.read_text(encoding="utf-8"))
-            units = content.get("units", {}) if isinstance(content, dict) else {}
-    except (OSError, ValueError, TypeError, LookupError, NotImplementedError, ImportError) as error:
-        raise SetupError(f"{path} cannot be read as a table: {_reason(error)}") from error
-    return _table(str(path), frame, units)
-
-
-def _reason(error: Exception) -> str:
-    """Why a file cannot be read, without what only programmers know."""
-    if isinstance(error, UnicodeDecodeError):
-        return "it is no text in UTF-8"
-    return (isinstance(error, OSError) and error.strerror) or str(error)
-
-
-def _read_frame(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    if path.suffix == ".parquet":
-        return pd.read_parquet(path)
-    with path.open(encoding="utf-8-sig") as file:
-        stated = SEPARATOR_LINE.fullmatch(file.readline())
-    mark = stated[1] if stated else separator(path)
-    options: Any = {
-        "skipinitialspace": True,
-        "encoding": "utf-8-sig",
-        "skiprows": int(bool(stated)),
-    }
-    frame: pd.DataFrame = pd.read_csv(
-        path, sep=mark, decimal="." if mark == "," else ",", **options
-    )
-    return frame
-
-
-def _read_modelica(path: Path) -> ForeignTable:
-    """A result of Dymola or OpenModelica, a .mat file of version 1.1.
-
-    Names are columns of characters; `dataInfo` gives for each the matrix, and the row in it with its sign.
-    """
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        content = loadmat(path, chars_as_strings=False)
-    except MatReadError as error:
-        raise ValueError(str(error)) from error
-    if not {"name", "dataInfo", "data_2"} <= content.keys():
-        raise ValueError("it is no result of a Modelica tool")
-    texts = {
-        key: ["".join(map(str, letters)).replace("\0", " ").strip() for letters in content[key].T]
-        for key in ("name", "description")
-        if key in content
-    }
-    info, rows = content["dataInfo"], content["data_2"].shape[1]
-    values: dict[str, Array] = {}
-    units: dict[str, str] = {}
-    for k, name in enumerate(texts["name"]):
-        matrix, row = max(int(info[0, k]), VARYING) if k == 0 else int(info[0, k]), int(info[1, k])
-        column = content[f"data_{matrix}"][abs(row) - 1] * (1.0 if row > 0 else -1.0)
-        values[name] = np.asarray(column if matrix == VARYING else np.full(rows, column[0]), float)
-        match = (
-            re.search(r"\[([^\]|:]*)", texts["description"][k]) if "description" in texts else None
-        )
-        units[name] = match[1].strip() if match else ""
-    first = texts["name"][0]
-    time = values.pop(first)
-    return _checked(ForeignTable(str(path), time, values, units))
-
-
-def _table(label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> ForeignTable:
-    import pandas as pd
-
-    columns: dict[str, Array] = {}
-    stated_units: dict[str, str] = {}
-    headings = [str(heading) for heading in frame.columns]
-    clocks = [k for k, heading in enumerate(headings) if _split(heading)[0].lower() in TIMES]
-    clock = clocks[0] if clocks else 0
-    for k, heading in enumerate(headings):
-        name, unit = (heading, units[heading]) if heading in units else _split(heading)
-        values = np.asarray(pd.to_numeric(frame.iloc[:, k], errors="coerce"), float)
-        if k != clock and name.lower() in COUNTERS:
-            continue
-        if name in columns:
-            raise SetupError(f"{label} has two columns named {name!r}")
-        columns[name], stated_units[name] = values, unit
-    if not headings:
-        raise SetupError(f"{label} has no columns")
-    name = headings[clock] if headings[clock] in columns else _split(headings[clock])[0]
-    scale = multiples("s").get(stated_units[name] or "s")
+        whole = Series(source.columns, lambda k: source.data[:, k], label="the result")
+    elif isinstance(source, (str, Path)):
+        whole = Series.read(source)
+    else:
+        whole = Series.of(source)
+    clock = whole.clock
+    unit = whole.column(clock).unit or "s"
+    scale = multiples("s").get(unit)
     if scale is None:
-        raise SetupError(
-            f"{label}: the time must be in a unit of time, not in {stated_units[name]}"
-        )
-    table = ForeignTable(label, scale * columns.pop(name), columns, stated_units)
-    if clocks:
-        return _checked(table)
+        raise SetupError(f"{whole.label}: the time must be in a unit of time, not in {unit}")
     try:
-        return _checked(table)
+        time = scale * whole.numbers(clock, finite=False)
+        finite = np.isfinite(time)
+        time = time[finite]
+        if (falls := np.flatnonzero(np.diff(time) < 0.0)).size:
+            before, after = time[falls[0] :][:2].tolist()
+            raise SetupError(f"{whole.label}: time {after!r} s after {before!r} s must not fall")
+        last = np.append(np.diff(time) > 0.0, True)
+        if np.count_nonzero(last) <= 1 or len(whole.columns) <= 1:
+            raise SetupError(f"{whole.label} needs two rows with a time and values")
     except SetupError as error:
-        reason = f"no column is called time, so that the first, {name}, is taken for it"
+        if clock.lower() in TIMES:
+            raise
+        reason = f"no column is called time, so that the first, {clock}, is taken for it"
         raise SetupError(f"{error}; {reason}") from error
+    kept = [c for c in whole.columns if c.name != clock and c.name.lower() not in COUNTERS]
 
+    def load(k: int) -> NDArray[Any]:
+        values = whole[kept[k - 1].name][finite] if k else time
+        selected: NDArray[Any] = values[last]
+        return selected
 
-def _checked(table: ForeignTable) -> ForeignTable:
-    """The table without rows that have no time; of rows with the same time, the last one counts."""
-    finite = np.isfinite(table.time)
-    time = table.time[finite]
-    if (falls := np.flatnonzero(np.diff(time) < 0.0)).size:
-        before, after = time[falls[0] :][:2].tolist()
-        raise SetupError(f"{table.label}: time {after!r} s after {before!r} s must not fall")
-    last = np.append(np.diff(time) > 0.0, True)
-    if np.count_nonzero(last) <= 1 or not table.columns:
-        raise SetupError(f"{table.label} needs two rows with a time and values")
-    columns = {name: values[finite][last] for name, values in table.columns.items()}
-    return ForeignTable(table.label, time[last], columns, table.units)
-
-
-def _split(heading: str) -> tuple[str, str]:
-    """A heading as name and unit; what is in its brackets may also be an index or a type."""
-    match = HEADING.fullmatch(heading)
-    if match is None or match["name"] == "":
-        return heading.strip(), ""
-    bracket = match["bracket"]
-    if bracket is not None and INDEX.fullmatch(bracket):
-        return heading.strip(), ""
-    if bracket is not None and TYPE.fullmatch(bracket):
-        return match["name"], ""
-    if bracket is None and match["slash"] is not None and " " not in heading:
-        return heading.strip(), ""
-    return match["name"], (bracket if bracket is not None else match["slash"]) or ""
+    return Series([TIME, *kept], load, label=whole.label)
 
 
 def match_columns(
-    table: ForeignTable, network: Network, ports: Sequence[Port], columns: Mapping[str, str]
+    table: Series, network: Network, ports: Sequence[Port], columns: Mapping[str, str]
 ) -> list[MatchedColumn]:
     """The columns of a table as variables of a system.
 
     Parameters
     ----------
-    table : ForeignTable
+    table : Series
         The result of another master.
     network : Network
         The system, whose FMUs define units.
@@ -261,15 +120,16 @@ def match_columns(
         For a variable or a column that does not exist, and for a unit that cannot be converted.
     """
     by_name = {port.name: port for port in ports}
-    names = list(table.columns)
+    names = table.names[1:]
     matches: list[MatchedColumn] = []
     for variable, text in columns.items():
         port = network.port(variable)
         if port.name not in by_name:
             raise SetupError(f"{port} cannot be judged: it must be a numeric output")
         reading = Reading.read(text, names, table.label)
-        values = reading.factor * table.columns[reading.name] + reading.offset
-        unit = table.units.get(reading.name, "") if reading.unit is None else reading.unit
+        numbers = table.numbers(reading.name, finite=False)
+        values = reading.factor * numbers + reading.offset
+        unit = table.column(reading.name).unit if reading.unit is None else reading.unit
         matches.append(_matched(network, port, reading.name, unit, values))
     taken = {match.port.name for match in matches}
     used = {match.column for match in matches}
@@ -278,8 +138,8 @@ def match_columns(
         [name for name in names if name not in used],
         Path(table.label).stem,
     ):
-        values, unit = table.columns[column], table.units.get(column, "")
-        matches.append(_matched(network, port, column, unit, values))
+        values = table.numbers(column, finite=False)
+        matches.append(_matched(network, port, column, table.column(column).unit, values))
     order = list(by_name)
     return sorted(matches, key=lambda match: order.index(match.port.name))
 

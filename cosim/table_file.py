@@ -1,0 +1,345 @@
+"""Tables in files: texts of cells, Parquet and the results of Modelica tools, with what a JSON file beside them says."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import SetupError
+from .numbers import real
+from .units import SCALES, multiples
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Values = NDArray[Any]
+#: Size of a file from which on its columns are read one by one [bytes]: chosen, as doubles it is some 30 MB.
+LARGE = 50_000_000
+#: What a column of times is called.
+TIMES = ("time", "t", "zeit", "timestamp")
+#: A heading, whose unit stands in brackets, in parentheses or behind a slash.
+HEADING = re.compile(
+    r"(?P<name>.*?)\s*(?:\[(?P<bracket>[^\[\]]*)\]|\((?P<round>[^()]*)\)|/ ?(?P<slash>[^\s/]+))?",
+    re.DOTALL,
+)
+ROUND = re.compile(r"\([^()]*\)\s*$")
+#: What in parentheses may be a unit: no digit first and no blank.
+UNIT = re.compile(r"[^\W\d][^\s,;]*|[%°][^\s,;]*|1")
+#: An index as in A[2,1], which belongs to the name and is no unit. A convention of FMI.
+INDEX = re.compile(r"[\d, ]+")
+#: What masters write in brackets that is no unit: the type of a variable, or its reference and causality.
+TYPE = re.compile(
+    r"(\d+ )?(real|integer|boolean|string|int|bool|float64|float32|int32)\b.*", re.IGNORECASE
+)
+DECIMAL = re.compile(r"^\s*([+-]?[0-9]*),([0-9]+)")
+#: The number of the matrix of what varies with time, `data_2`: a convention of the Modelica tools' format 1.1.
+VARYING = 2
+#: The first line with which some programs state their separator. A convention of spreadsheets.
+SEPARATOR_LINE = re.compile(r'"?sep=(.)"?\s*')
+#: What stands for no number in a cell. A convention of loggers.
+NOTHING = ("", "nan", "NaN", "NAN", "-nan")
+#: What the JSON file beside a table says of its columns.
+FACTS = ("units", "kinds", "breaks")
+
+
+@dataclass(frozen=True)
+class TableFile:
+    """A table as a file has it.
+
+    Attributes
+    ----------
+    headings : sequence of pairs of str
+        Name and unit of each column; the unit is "" where none is stated.
+    load : callable
+        Gives the values of a column, by its number, in their own type, shape (rows,).
+    facts : mapping
+        What the JSON file beside it says: `units` and `kinds` by name, and `breaks`.
+    is_large : bool
+        Whether columns are read from the file each time they are asked for.
+    """
+
+    headings: Sequence[tuple[str, str]]
+    load: Callable[[int], Values]
+    facts: Mapping[str, Any]
+    is_large: bool = False
+
+
+def read_file(path: Path) -> TableFile:
+    """The table of a .parquet, a .mat or a text file; raises SetupError with one reason."""
+    if path.exists() and not path.is_file():
+        raise SetupError(
+            f"{path} cannot be read as a table: it is no file, but a folder, a pipe or a device"
+        )
+    facts = _facts_beside(path)
+    try:
+        if path.suffix == ".mat":
+            return _read_modelica(path, facts)
+        if path.suffix == ".parquet":
+            return _read_parquet(path, facts)
+        return _read_text(path, str(path), facts, is_large=path.stat().st_size > LARGE)
+    except (
+        OSError, ValueError, TypeError, LookupError, NotImplementedError, ImportError, csv.Error,
+    ) as error:  # fmt: skip
+        raise SetupError(f"{path} cannot be read as a table: {_reason(error)}") from error
+
+
+def split_heading(heading: str) -> tuple[str, str]:
+    """A heading as name and unit; what is in its brackets may also be an index or a type."""
+    heading = heading.strip()
+    match = HEADING.fullmatch(heading)
+    if match is None or not match["name"]:
+        return heading, ""
+    name, bracket, slash = match["name"], match["bracket"], match["slash"]
+    if bracket is not None:
+        if INDEX.fullmatch(bracket):
+            return heading, ""
+        return name, "" if TYPE.fullmatch(bracket) else bracket.strip()
+    if match["round"] is not None:
+        return (name, match["round"]) if UNIT.fullmatch(match["round"]) else (heading, "")
+    if slash is None:
+        return heading, ""
+    is_spaced = heading[len(name)].isspace()
+    is_time = name.lower() in TIMES and slash in multiples("s")
+    is_known = len(slash) > 1 and (slash in SCALES or len(multiples(slash)) > 1)
+    return (name, slash) if is_spaced or is_time or is_known else (heading, "")
+
+
+def split_headings(
+    headings: Sequence[str], units: Mapping[str, str], label: str
+) -> list[tuple[str, str]]:
+    """Names and units of headings, whose units the mapping has first; raises SetupError if there are none."""
+    if not headings:
+        raise SetupError(f"{label} cannot be read as a table: it has no columns")
+    split = [
+        (heading.strip(), units[heading.strip()])
+        if heading.strip() in units
+        else split_heading(heading)
+        for heading in headings
+    ]
+    names = [name for name, _ in split]
+    for k, (heading, name) in enumerate(zip(headings, names)):
+        if names.count(name) > 1 and ROUND.search(heading):  # "speed (set)" and "speed (actual)"
+            split[k] = heading.strip(), ""
+    return split
+
+
+def is_empty(cell: object) -> bool:
+    """Whether a cell has nothing in it, or nan."""
+    is_nan = isinstance(cell, float) and math.isnan(cell)
+    return cell is None or is_nan or (isinstance(cell, str) and not cell.strip())
+
+
+def number_of(cell: object) -> float:
+    """The number of a cell, nan for a text that is none."""
+    try:
+        return real(cell) if isinstance(cell, str) else float(cell)  # type: ignore[arg-type]
+    except (ValueError, TypeError):
+        return math.nan
+
+
+def _reason(error: Exception) -> str:
+    """Why a file cannot be read, without what only programmers know."""
+    if isinstance(error, UnicodeDecodeError):
+        return "it is no text in UTF-8"
+    reason = (isinstance(error, OSError) and error.strerror) or str(error)
+    return str(reason).strip().partition("\n")[0]
+
+
+def _facts_beside(path: Path) -> dict[str, Any]:
+    """What a JSON file beside a table says of its columns; raises SetupError for one that is no JSON, or says it wrong."""
+    beside = path.with_suffix(".json")
+    if not beside.is_file():
+        return {}
+    try:
+        content = json.loads(beside.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = "too many brackets" if isinstance(error, RecursionError) else _reason(error)
+        raise SetupError(f"{beside}, beside the table, cannot be read: {reason}") from error
+    content = content if isinstance(content, dict) else {}
+    facts = {key: content[key] for key in FACTS if key in content}
+    for key in ("units", "kinds"):
+        texts = facts.get(key, {})
+        if not isinstance(texts, dict) or not all(isinstance(x, str) for x in texts.values()):
+            raise SetupError(f"{beside}: {key!r} must be texts by the names of columns")
+    breaks = facts.get("breaks", [])
+    is_pairs = isinstance(breaks, list) and all(
+        isinstance(pair, list) and len(pair) == len(("begin", "end"))
+        and all(isinstance(x, int | float) for x in pair) for pair in breaks
+    )  # fmt: skip
+    if not is_pairs:
+        raise SetupError(f"{beside}: 'breaks' must be a list of pairs, begin and end in s")
+    return facts
+
+
+def read_cells(path: Path | str) -> tuple[list[str], list[list[str]]]:
+    """The headings and the rows of a text of cells, all as texts; raises SetupError if it cannot be read.
+
+    The separator is a semicolon or a tab if the first line contains one, or what a line "sep=;" says, else a comma.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        raise SetupError(
+            f"{path} cannot be read as a table: it is no file, but a folder, a pipe or a device"
+        )
+    try:
+        with _opened(path) as file:
+            mark = _separator(file)
+            rows = list(csv.reader(file, delimiter=mark, skipinitialspace=True))
+    except (OSError, ValueError, csv.Error) as error:
+        raise SetupError(f"{path} cannot be read as a table: {_reason(error)}") from error
+    while rows and not rows[-1]:
+        rows.pop()
+    if not rows or not rows[0]:
+        raise SetupError(f"{path} cannot be read as a table: it is empty")
+    if mark != ",":
+        rows[1:] = [[DECIMAL.sub(r"\1.\2", cell) for cell in row] for row in rows[1:]]
+    return [heading.strip() for heading in rows[0]], rows[1:]
+
+
+def _separator(file: TextIO) -> str:
+    """The separator of a text, which is then at its heading: behind a first line that does nothing but state it."""
+    first = file.readline()
+    if stated := SEPARATOR_LINE.fullmatch(first):
+        return stated[1]
+    file.seek(0)
+    return next((mark for mark in ";\t" if mark in first), ",")
+
+
+def _read_text(
+    source: Path | str, label: str, facts: Mapping[str, Any], *, is_large: bool = False
+) -> TableFile:
+    """A file, or a text, of cells with a heading."""
+    with _opened(source) as file:
+        mark = _separator(file)
+        headings = next(csv.reader(file, delimiter=mark, skipinitialspace=True), [])
+    if not headings:
+        raise ValueError("it is empty")
+    split, count = split_headings(headings, facts.get("units", {}), label), len(headings)
+    if is_large:
+        return TableFile(
+            split, lambda k: _values(_cells(source, count, k)[k], mark), facts, is_large=True
+        )
+    frame = _cells(source, count)
+    beyond = np.flatnonzero(frame[count].notna())
+    if len(beyond):
+        raise ValueError(f"row {beyond[0] + 2} has more cells than the heading")
+    named = [k for k, (name, _) in enumerate(split) if name or frame[k].notna().any()]
+    loaded = [_values(frame[k], mark) for k in named]
+    return TableFile([split[k] for k in named], loaded.__getitem__, facts)
+
+
+def _opened(source: Path | str) -> TextIO:
+    if isinstance(source, Path):
+        return source.open(newline="", encoding="utf-8-sig")
+    return io.StringIO(source, newline="")
+
+
+def _cells(source: Path | str, count: int, only: int | None = None) -> pd.DataFrame:
+    """All columns below the heading, or this one; one more has what rows have beyond the heading."""
+    import pandas as pd
+
+    with _opened(source) as file:
+        mark = _separator(file)
+        next(csv.reader(iter(file.readline, ""), delimiter=mark, skipinitialspace=True))
+        try:
+            names = range(count + 1) if only is None else range(count)
+            return pd.read_csv(
+                file, sep=mark, decimal="." if mark == "," else ",", header=None, names=names,
+                usecols=None if only is None else [only], skipinitialspace=True,
+                keep_default_na=False, na_values=NOTHING, low_memory=False, index_col=False,
+            )  # fmt: skip
+        except pd.errors.EmptyDataError:
+            return pd.DataFrame({k: [] for k in range(count + 1)}, dtype=float)
+
+
+def _values(column: pd.Series, mark: str) -> Values:
+    """The cells of a column in their own type; where commas do not separate, they may be points."""
+    if mark != "," and column.dtype.kind == "O":
+        texts = column.map(lambda x: DECIMAL.sub(r"\1.\2", x) if isinstance(x, str) else x)
+        numbers = [number_of(x) for x in texts]
+        if all(is_empty(x) or not math.isnan(number) for x, number in zip(texts, numbers)):
+            return np.array(numbers)
+        column = texts
+    return column.to_numpy()
+
+
+def read_text(text: str, label: str) -> TableFile:
+    """The table of a text of cells with a heading; raises ValueError for what is none."""
+    return _read_text(text, label, {})
+
+
+def _read_parquet(path: Path, facts: Mapping[str, Any]) -> TableFile:
+    """A Parquet file, of which columns are read when they are asked for if it is large."""
+    import pandas as pd
+
+    if path.stat().st_size <= LARGE:
+        return of_frame(pd.read_parquet(path), str(path), facts)
+    from pyarrow.parquet import read_schema  # type: ignore[import-untyped]
+
+    headings = read_schema(path).names
+
+    def load(k: int) -> Values:
+        return _seconds(pd.read_parquet(path, columns=[headings[k]]).iloc[:, 0]).to_numpy()
+
+    split = split_headings(headings, facts.get("units", {}), str(path))
+    return TableFile(split, load, facts, is_large=True)
+
+
+def of_frame(frame: pd.DataFrame, label: str, facts: Mapping[str, Any]) -> TableFile:
+    """The table of a pandas frame; an index with a name is a column, too."""
+    if frame.index.name is not None:
+        frame = frame.reset_index()
+    headings = [str(heading) for heading in frame.columns]
+    loaded = [_seconds(frame.iloc[:, k]).to_numpy() for k in range(len(headings))]
+    split = split_headings(headings, facts.get("units", {}), label)
+    return TableFile(split, loaded.__getitem__, facts)
+
+
+def _seconds(column: pd.Series) -> pd.Series:
+    """A column, of which durations are in seconds, and dates in seconds from the first."""
+    if column.dtype.kind == "M":
+        column = column - column.iloc[0] if len(column) else column
+    return column.dt.total_seconds() if column.dtype.kind == "m" else column
+
+
+def _read_modelica(path: Path, facts: Mapping[str, Any]) -> TableFile:
+    """A result of Dymola or OpenModelica, a .mat file of version 1.1.
+
+    Names are columns of characters; `dataInfo` gives for each the matrix, and the row in it with its sign.
+    """
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        content = loadmat(path, chars_as_strings=False)
+    except MatReadError as error:
+        raise ValueError(str(error)) from error
+    if not {"name", "dataInfo", "data_2"} <= content.keys():
+        raise ValueError("it is no result of a Modelica tool")
+    texts = {
+        key: ["".join(map(str, letters)).replace("\0", " ").strip() for letters in content[key].T]
+        for key in ("name", "description")
+        if key in content
+    }
+    info, rows = content["dataInfo"], content["data_2"].shape[1]
+    values: list[Values] = []
+    headings: list[tuple[str, str]] = []
+    for k, name in enumerate(texts["name"]):
+        matrix, row = max(int(info[0, k]), VARYING) if k == 0 else int(info[0, k]), int(info[1, k])
+        column = content[f"data_{matrix}"][abs(row) - 1] * (1.0 if row > 0 else -1.0)
+        values.append(np.asarray(column if matrix == VARYING else np.full(rows, column[0]), float))
+        match = (
+            re.search(r"\[([^\]|:]*)", texts["description"][k]) if "description" in texts else None
+        )
+        headings.append((name, match[1].strip() if match else ""))
+    return TableFile(headings, values.__getitem__, facts)
