@@ -178,10 +178,10 @@ class Series:
         return self.scaled(Reading(self.clock), "s")
 
     def numbers(self, name: str, *, gaps: bool = False, finite: bool = True) -> Array:
-        """The numbers of a column, nan for cells that are empty.
+        """The numbers of a column, nan for cells that are none.
 
-        Raises SetupError with row and column for what is no number, and, unless there may be `gaps` or the numbers
-        need not be `finite`, for an empty cell; row 1 is the heading.
+        Raises SetupError with row and column for what is not finite, unless there may be `gaps`, cells that are empty,
+        or the numbers need not be `finite` at all; row 1 is the heading.
         """
         values = self[name]
         if values.dtype.kind in "mM":
@@ -192,10 +192,8 @@ class Series:
             cells = values.tolist()
             numbers = np.array([number_of(cell) for cell in cells], float)
             is_number = ~np.isnan(numbers) | np.array([is_empty(cell) for cell in cells], bool)
-        wrong = ~is_number
-        if finite:
-            wrong |= np.isinf(numbers) | (np.isnan(numbers) & (not gaps))
-        if wrong.any():
+        wrong = ~is_number | np.isinf(numbers) | (np.isnan(numbers) & (not gaps))
+        if finite and wrong.any():
             row = int(np.argmax(wrong))
             what = "not a number" if not is_number[row] else "not a finite number"
             raise SetupError(

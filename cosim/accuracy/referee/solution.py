@@ -205,14 +205,15 @@ def interpolate(
     values, gaps = {}, {}
     for name in request.names:
         column = result[name][last]
-        smooth, linear = _interpolate_pieces(time, column, request.times, inner)
+        held = result.column(name).kind.is_held
+        smooth, linear = _interpolate_pieces(time, column, request.times, inner, held=held)
         values[name] = np.where(exact, column[nearest], smooth)
         gaps[name] = np.where(exact, 0.0, np.abs(smooth - linear))
     return values, gaps
 
 
 def _interpolate_pieces(
-    time: Array, column: Array, wanted: Array, events: Sequence[float]
+    time: Array, column: Array, wanted: Array, events: Sequence[float], *, held: bool
 ) -> tuple[Array, Array]:
     """A column at the wanted times by cubic splines and by straight lines, both within the pieces between events."""
     from scipy.interpolate import CubicSpline, make_interp_spline
@@ -231,13 +232,9 @@ def _interpolate_pieces(
             continue
         line = make_interp_spline(t, x, k=1)
         linear[inside] = line(wanted[inside])
-        curve = line if _is_integral(x) or len(t) < FEWEST_OF_A_SPLINE else CubicSpline(t, x)
+        curve = line if held or len(t) < FEWEST_OF_A_SPLINE else CubicSpline(t, x)
         smooth[inside] = curve(wanted[inside])
     return smooth, linear
-
-
-def _is_integral(column: Array) -> bool:
-    return bool((column == np.round(column)).all())
 
 
 def _refine(system: System, request: SolutionRequest, refusal: str) -> ReferenceSolution:
