@@ -127,5 +127,153 @@ def begin(system: System, settings: RunSettings) -> None:
     SetupError
         For what `run` refuses before the first step.
     """
+<<<<<<< HEAD
     with Prepared.open(system, settings) as prepared:
         prepared.begin()
+=======
+    network = connect(system)
+    require_runnable(network, settings)
+    with ExitStack() as stack:
+        process = ProcessState()
+        stack.callback(process.restore)
+        _Simulation(network, settings, stack, process)
+
+
+class _Simulation:
+    """The parts of a checked system, initialised, on their way from start to stop."""
+
+    def __init__(
+        self, network: Network, settings: RunSettings, stack: ExitStack, process: ProcessState
+    ) -> None:
+        self.network, self.settings, self.process = network, settings, process
+        self.all_rows: RowFile | None = None
+        self.ports = settings.ports(network)
+        self.sequence = stepping_order(network, settings.order)
+        within = self.ports if settings.every() is None else ()
+        try:
+            self.parts = initialise(network, settings, self.sequence, stack, within)
+            self.setup = self._setup()
+            process.restore()
+        except FmuError as error:
+            raise SetupError(str(error)) from error
+
+    def _setup(self) -> RunSetup:
+        """What is run."""
+        system, settings = self.network.system, self.settings
+        identities = {
+            name: _identity(part, system.parts[name], settings.tolerance)
+            for name, part in self.parts.items()
+        }
+        return RunSetup(
+            algorithm=settings.algorithm,
+            communication=settings.text(),
+            order=self.sequence,
+            input_order=settings.input_order,
+            substeps=settings.substeps,
+            start=settings.start,
+            stop=settings.stop,
+            tolerance=settings.tolerance,
+            stop_time_defined=settings.stop_time_defined,
+            wires=[str(wire) for wire in system.wires],
+            inputs={port.name: profile.provenance() for port, profile in self.network.inputs},
+            changes=list(system.changes),
+            start_values=dict(system.start),
+            open_inputs={port.name: value for port, value in self.network.open},
+            unrecorded=settings.unrecorded(self.network),
+            parts=identities,
+            versions=versions(),
+        )
+
+    def finish(
+        self,
+        csv: Path | None,
+        progress: Callable[[float], None] | None,
+        interrupts: Sequence[int],
+        began: float,
+    ) -> tuple[Result, RunReport]:
+        """Take all steps; the result and report, complete or not, of a run that `began` at a reading of the clock [s]."""
+        recorder = Recorder([port.column for port in self.ports], csv, self.setup)
+        settings = self.settings
+        changes = discrete_changes(self.network, self.parts, settings.start, settings.stop)
+        row = RowReader(list(self.parts.values()), self.ports)
+        stepped = [self.parts[name] for name in self.sequence]
+        driver = Driver(stepped, settings, row, recorder, changes, all_rows=self.all_rows)
+        status, reason = "failed", "stopped by an error outside the FMUs"
+        try:
+            status, reason = self._drive(driver, recorder, progress, interrupts)
+        except FmuError as failure:
+            reason = str(failure)
+        finally:
+            outcome = Outcome(status, reason, driver.t, recorder.count)
+            report = self._report(driver, outcome, began)
+            result = recorder.finish(report, driver.breaks)
+        return result, report
+
+    def _drive(
+        self,
+        driver: Driver,
+        recorder: Recorder,
+        progress: Callable[[float], None] | None,
+        interrupts: Sequence[int],
+    ) -> tuple[str, str]:
+        """Take all steps; status and reason of the end. Raises FmuError."""
+        try:
+            for fraction in driver.steps():
+                self.process.require()
+                if progress is not None:
+                    progress(fraction)
+                if interrupts:
+                    return "interrupted", "interrupted by the user"
+            self.process.require_now()
+            recorder.flush()
+        except SimulationTerminated as end:
+            with suppress(FmuError):
+                driver.end_at(end.reached)
+            recorder.flush()
+            return "complete", f"{end}; the last row is at t = {driver.t!r} s"
+        return "complete", ""
+
+    def _report(self, driver: Driver, outcome: Outcome, began: float) -> RunReport:
+        parts = self.parts.values()
+        balance = energy_balance(side for part in parts for side in part.bond_sides)
+        warnings = list(self.network.flaw_texts())
+        warnings += [f"{part.name}: {text}" for part in parts for text in part.messages.warnings]
+        warnings += self.process.warnings
+        if not self.ports:
+            warnings.append("no FMU has an output to record: the rows contain only the time")
+        return RunReport(
+            setup=self.setup,
+            statistics=driver.statistics(),
+            outcome=outcome,
+            bonds=balance,
+            warnings=[*warnings, *bond_warnings(balance)],
+            wall_time=clock.perf_counter() - began,
+        )
+
+
+def _identity(part: Part, path: Path, tolerance: float | None) -> PartIdentity:
+    """What a result says of a part, with every parameter's value."""
+    description = part.description
+    if tolerance is None:
+        tolerance = description.defaultExperiment.tolerance
+    parameters = [v for v in description.modelVariables if v.causality == "parameter"]
+    return PartIdentity(
+        fmu=Path(path).name,
+        model=description.modelName,
+        guid=description.guid,
+        tolerance=tolerance,
+        tool=description.generationTool,
+        parameters=part.instance.access.values(parameters),
+    )
+
+
+@cache
+def versions() -> dict[str, str]:
+    """The versions that a result depends on; scipy is optional, since it only serves to judge results."""
+    packages = [name for name in ("fmpy", "numpy", "scipy") if find_spec(name)]
+    return {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        **{name: importlib.metadata.version(name) for name in packages},
+    }
+>>>>>>> 09797fe (A run says which outputs it leaves out because they are texts)

@@ -62,6 +62,7 @@ class RunSetup:
     changes: Sequence[str]
     start_values: Mapping[str, Value]
     open_inputs: Mapping[str, Value]
+    unrecorded: Sequence[str]
     parts: Mapping[str, PartIdentity]
     versions: Mapping[str, str]
 

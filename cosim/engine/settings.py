@@ -55,6 +55,15 @@ class RunSettings:
                 raise SetupError(f"{port} is a {port.type} and cannot be recorded")
         return ports
 
+    def unrecorded(self, network: Network) -> list[str]:
+        """The outputs that a run which names no columns leaves out, since their values are texts."""
+        variables = ((n, v) for n, d in network.descriptions.items() for v in d.modelVariables)
+        return [
+            f"{name}.{v.name}"
+            for name, v in variables
+            if self.record is None and v.causality == "output" and v.type in ("String", "Binary")
+        ]
+
     def check(self) -> None:
         """Raise SetupError for what makes no run."""
         times: dict[str, float] = {"start": self.start, "stop": self.stop}

@@ -13,6 +13,7 @@ from numpy.testing import assert_array_equal
 from scipy.linalg import expm
 
 from cosim import Adaptive, Result, System, Table, certify, oracle, run
+from cosim.cli.main import main
 from cosim.metrics import Crossing, Largest, Last, Mean, Metric, Smallest
 from cosim.series import TIME, Column, Kind
 from tests.cosim.foreign import idle, pack
@@ -137,6 +138,16 @@ def test_kinds_come_from_the_master_and_stay_in_the_file(tmp_path: Path) -> None
     facts = json.loads((tmp_path / "rows.json").read_text())
     assert facts["kinds"] == {n: k.value for n, k in zip(names[1:], kinds[1:])}
     assert facts["breaks"] == result.breaks.tolist() == [[0.5, 0.5]]
+
+
+def test_texts_that_are_left_out_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fmu = pack(tmp_path / "A.fmu")
+    result = run(System({"A": fmu}, start=idle("A")), stop=0.2, step=0.1)
+    assert result.provenance["unrecorded"] == ["A.string_out", "A.token"]
+    assert main(["run", str(fmu), "--stop", "0.2", "--step", "0.1"]) == 0
+    assert "texts are not recorded: A.string_out, A.token" in capsys.readouterr().out
 
 
 def test_a_real_whose_rows_are_whole_numbers_is_no_count() -> None:

@@ -113,6 +113,8 @@ def run_summary(result: Result) -> Iterator[str]:
             f"{bond}: {energy['given']:.6g} J delivered, {energy['taken']:.6g} J received, "
             f"{-energy['residual']:+.2g} J created by the coupling"
         )
+    if facts["unrecorded"]:
+        yield f"texts are not recorded: {', '.join(facts['unrecorded'])}"
 
 
 def print_estimates(estimates: Mapping[str, Estimate], *, is_adaptive: bool) -> None:
