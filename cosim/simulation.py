@@ -77,6 +77,7 @@ class Simulation:
             changes=list(system.changes),
             start_values=dict(system.start),
             open_inputs={port.name: value for port, value in self.network.open},
+            unrecorded=settings.unrecorded(self.network),
             parts=identities,
             versions=versions(),
         )
