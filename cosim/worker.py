@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .dense import NO_BREAKS
 from .engine.control import Adaptive
 from .engine.energy import NEGLIGIBLE, NOTICEABLE, bond_warnings
 from .engine.members import EXACT, LEFT, Block, Members, NeedsPythonError, Place
@@ -25,7 +24,7 @@ from .errors import FmuError, SetupError
 from .fmu.instance import CoSimulation
 from .fmu.messages import FATAL
 from .report import RunReport
-from .series import TIME
+from .series import NO_BREAKS, TIME
 from .simulation import Simulation
 from .system import Network, Value, connect
 

@@ -29,8 +29,8 @@ from ...metrics import (
 from ...result import partial as partial_file
 from ...result import require_names, write_json
 from ...system import Network, Value
-from ...system.inputs import COLUMN, read_table
 from ...system.start_values import checked_start, value_of_text
+from ...table_file import read_cells, split_heading
 from ..command import Command
 from ..options import Parser, assignment, require, seconds
 from ..output import new_folders, print_new_files, print_table, require_image, require_writable
@@ -175,10 +175,8 @@ def _number(network: Network, name: str, text: str) -> float:
 
 def _table(path: Path, network: Network) -> dict[str, list[Value]]:
     """The columns of a CSV file, whose head names start values; cells may have units. Raises SetupError."""
-    head, *rows = read_table(path)
-    matches = [COLUMN.fullmatch(cell) for cell in head]
-    names = [match["name"] if match else cell for match, cell in zip(matches, head)]
-    units = [(match["unit"] or "") if match else "" for match in matches]
+    head, rows = read_cells(path)
+    names, units = zip(*map(split_heading, head))
     columns = _distinct([(network.port(name).name, []) for name in names])
     for line, row in enumerate(rows, 2):
         if len(row) != len(names):
