@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .dense import NO_BREAKS, DenseSolution
+from .dense import DenseSolution
 from .errors import SetupError, pluralize
 from .metrics import Metric
 from .report import BondEnergy, Outcome, RunReport
 from .result import Result
-from .series import Column
+from .series import NO_BREAKS, Column
 from .system import Network, Port, Value
 from .system.start_values import checked_start
 
