@@ -51,6 +51,8 @@ SLOWEST_PACE = 0.05
 MIN_SETTLING_SHARE = 0.1
 #: Deviations over the mean speed that give a state its scale where its own value is close to zero.
 MIN_STATE_SCALE = 1e-3
+#: Why there is no orbit of a crank that turns back before its first revolutions are complete.
+STALLED = "the crank does not complete a turn"
 
 
 class NoOrbitError(Exception):
@@ -212,7 +214,7 @@ def periodic_orbit(
         phi = result[angle]
         if not (np.diff(phi) > 0.0).all():
             if turned_from is None:
-                raise NoOrbitError("the crank does not complete a turn")
+                raise NoOrbitError(STALLED)
             at = (at + turned_from) / 2.0
             continue
         if phi[-1 - STENCIL // 2] < TURN * shooting.revolutions:

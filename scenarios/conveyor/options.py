@@ -48,6 +48,14 @@ class RippleOptions(workbench.Options):
         """The limit of the torque ripple [N.m]."""
         return self.limit / 100 * self.rated
 
+    @property
+    def limit_told(self) -> str:
+        """The limit of the torque ripple in words, with the rated torque that nobody has given."""
+        told = f"{self.ripple_limit:g} N.m"
+        if self.rated_torque is not None:
+            return told
+        return f"{told}, {self.limit:g} % of the default rated torque of {self.rated:g} N.m"
+
 
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions(workbench.Options):

@@ -81,12 +81,25 @@ class RippleLimit:
             lines = [self.about_crossings()]
         else:
             lines = self.about_rows(is_complete=not left_out)
-        lines += self.about_left_out(left_out)
-        total = len(self.sweep.speeds)
-        steady = sum(not math.isnan(row["tau2"]) for row in self.sweep.rows)
-        if steady < total:
-            lines.append(f"No steady orbit is found at {total - steady} of the {total} speeds.")
-        return lines
+        return [*lines, *self.about_left_out(left_out), *self.about_unknown()]
+
+    def about_unknown(self) -> list[str]:
+        """Say at how many speeds there is no answer, for each reason, but for those at which the motor stalls."""
+        total, lost = len(self.sweep.speeds), len(self.sweep.unsteady)
+        answers = [above_limit(self.limit, row) for row in self.sweep.rows]
+        open_rows = [
+            row
+            for row, answer in zip(self.sweep.rows, answers)
+            if answer == UNDETERMINED and not math.isnan(row["tau2"])
+        ]
+        unknown = sum(math.isnan(row["tau2_error"]) for row in open_rows)
+        counts = {
+            f"No steady orbit is found at {lost}": lost,
+            f"The error of the torque ripple is not known at {unknown}": unknown,
+            f"The limit lies within the error at {len(open_rows) - unknown}": len(open_rows)
+            - unknown,
+        }
+        return [f"{text} of the {total} speeds." for text, count in counts.items() if count]
 
     def about_left_out(self, left_out: Sequence[str]) -> list[str]:
         """Say what the sweep does not have, in at most one sentence."""

@@ -14,8 +14,18 @@ import numpy as np
 from cosim import CONVERGENCE_ORDERS
 from cosim.accuracy.extrapolation import extrapolate
 from workbench import Figure, Table
+from workbench.figure import listed
+from workbench.periodic import STALLED
 
-from .features import SPEED_PEAK, TORQUE_PEAK, ResponseLine, Sweep
+from .features import (
+    AT_EDGE,
+    NEED_TWO_SPEEDS,
+    NOT_IN_RANGE,
+    SPEED_PEAK,
+    TORQUE_PEAK,
+    ResponseLine,
+    Sweep,
+)
 from .first_order import Machine
 from .orbits import OperatingPoint, Orbit, OrbitRunner, largest_force
 
@@ -36,6 +46,8 @@ OPERATING = {"A": 40.0, "B": 60.0}
 LARGEST_PEAKED_ZETA = math.sqrt(0.5)
 #: Relative error of the mean speed of an orbit, which settling leaves.
 MEAN_SPEED_ERROR = 2e-9
+#: Most speeds that a sentence names one by one; a convention.
+MOST_NAMED = 3
 NO_COUPLING_ERROR = "the coupling error is not known; take more steps per revolution"
 UNITS = {
     "nu": "rad/s", "w2": "rad/s", "w2_error": "rad/s", "w2_phase": "deg", "tau2": "N.m",
@@ -97,6 +109,51 @@ class SpeedSweep:
             if abs(orbits[0].torque) > 0.0
         ]
 
+    @property
+    def stalled(self) -> list[float]:
+        """The speeds at which the motor does not take the crank through a turn, with the shortest step."""
+        return [nu for nu, orbits in zip(self.speeds, self.orbits) if orbits[0].problem == STALLED]
+
+    @property
+    def unsteady(self) -> list[float]:
+        """The other speeds without a steady orbit."""
+        lost = [nu for nu, row in zip(self.speeds, self.rows) if math.isnan(row["tau2"])]
+        return [nu for nu in lost if nu not in self.stalled]
+
+    def named(self, speeds: Sequence[float]) -> str:
+        """Return speeds of the sweep in words, by their number where they are many."""
+        if len(speeds) == len(self.speeds) > 1:
+            return "every speed of the sweep"
+        if len(speeds) > MOST_NAMED:
+            return f"{len(speeds)} of the {len(self.speeds)} speeds"
+        return f"{listed([f'{nu:.4g}' for nu in speeds])} rad/s"
+
+    def no_orbit(self, speeds: Sequence[float] | None = None) -> str:
+        """Return why those of the speeds that have no steady orbit, by default all, have none; "" without any."""
+        reasons = {"the motor stalls": self.stalled, "no steady orbit is found": self.unsteady}
+        return listed([
+            f"{reason} at {self.named(those)}"
+            for reason, lost in reasons.items()
+            if (those := [nu for nu in lost if speeds is None or nu in speeds])
+        ])  # fmt: skip
+
+    def explained(self, figure: Figure) -> Figure:
+        """Return a feature of the response, refused for the orbits that the sweep lacks where it is for these."""
+        why = self.no_orbit()
+        ends = self.no_orbit((self.speeds[0], self.speeds[-1]))
+        if figure.error is not None or not why:
+            return figure
+        if figure.reason == NEED_TWO_SPEEDS:
+            found = (
+                ""
+                if all(math.isnan(row["tau2"]) for row in self.rows)
+                else f", and {NEED_TWO_SPEEDS}"
+            )
+            return figure._replace(reason=f"{why}{found}")
+        if figure.reason == NOT_IN_RANGE or (figure.reason == AT_EDGE and ends):
+            return figure._replace(reason=f"{why}, and the other speeds do not show it")
+        return figure
+
     def at(self, nu: float) -> Series[float]:
         """Return the row of a speed of the sweep."""
         return self.frame.iloc[self.speeds.index(nu)]
@@ -108,7 +165,8 @@ class SpeedSweep:
             self.speeds[0],
         )
         value, error = largest_force(self.orbits)
-        return orbit_figure(value, error, "N", "largest rod force of the sweep", nu)
+        meaning = "largest rod force of the sweep"
+        return orbit_figure(value, error, "N", meaning, self.no_orbit((nu,)))
 
 
 def sweep_speeds(
@@ -168,17 +226,24 @@ def extrapolated(values: Sequence[complex], order: float) -> tuple[complex, floa
     return complex(parts[0].value, parts[1].value), math.hypot(*errors)
 
 
-def orbit_figure(value: float, error: float, unit: str, meaning: str, nu: float) -> Figure:
-    """Return a figure of the orbit at nu, refused where that or the error is not known."""
+def no_orbit(orbit: Orbit) -> str:
+    """Return why there is no orbit at its nominal speed, in a sentence."""
+    what = "the motor stalls" if orbit.problem == STALLED else "no steady orbit is found"
+    return f"{what} at {orbit.nu:g} rad/s"
+
+
+def orbit_figure(value: float, error: float, unit: str, meaning: str, why: str) -> Figure:
+    """Return a figure of an orbit, refused where the error is not known; `why` says why there is no orbit."""
     if math.isnan(error):
-        reason = (
-            f"no steady orbit is found at {nu:g} rad/s" if math.isnan(value) else NO_COUPLING_ERROR
-        )
+        reason = why if math.isnan(value) else NO_COUPLING_ERROR
         return Figure.undetermined(unit, reason, meaning)
     return Figure(value, unit, error, meaning)
 
 
-def row_figure(row: Mapping[str, float] | Series[float], column: str, meaning: str) -> Figure:
-    """Return a column of a row that has an error beside it, as a figure."""
+def row_figure(
+    row: Mapping[str, float] | Series[float], column: str, meaning: str, why: str = ""
+) -> Figure:
+    """Return a column of a row that has an error beside it, as a figure; `why` says why there is no orbit."""
     value, error, nu = (float(row[name]) for name in (column, f"{column}_error", "nu"))
-    return orbit_figure(value, error, UNITS[column], meaning, nu)
+    why = why or f"no steady orbit is found at {nu:g} rad/s"
+    return orbit_figure(value, error, UNITS[column], meaning, why)

@@ -136,7 +136,10 @@ def test_the_verdict_reports_the_speeds_to_avoid_with_their_errors(
     """Where exact orbits have the limit; beside little damping the spring carries the load at 60."""
     answer = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
     ripple = answer.figures["tau2_operating"].brief()
-    assert f"At the operating speed it is {ripple}; the limit is {limit:g} N.m." in answer.verdict
+    assert (
+        f"At the operating speed it is {ripple}; the limit is {limit:g} N.m, {limit:g} % of the default"
+        in answer.verdict
+    )
     first, last, _ = map(float, speeds.split(":"))
     exact = edges(drive, first, last, limit)
     avoided = [name for name in answer.figures if name.startswith("avoid")]

@@ -35,7 +35,8 @@ SPEEDS = "34:46:7"
 
 def answers(answer: Answer) -> tuple[str, str]:
     """Both answers of the verdict of `resonance`: on resonance, ripple above its limit."""
-    resonance, limit, *_ = answer.verdict.splitlines()
+    stalls, *lines = answer.verdict.splitlines()
+    resonance, limit, *_ = lines if stalls.startswith("The motor stalls") else (stalls, *lines)
     starts = ("On resonance: ", "Torque ripple above its limit: ")
     for line, start in zip((resonance, limit), starts):
         assert line.startswith(start)
@@ -128,7 +129,8 @@ def test_no_claim_of_a_sweep_goes_beyond_the_speeds_that_have_an_orbit() -> None
     assert 1 < steady < 5
     assert (long.table["tau2"].dropna() > 50.0).all()
     assert f"above the limit at each of the {steady} of 5 speeds that have a steady" in long.verdict
-    assert f"No steady orbit is found at {5 - steady} of the 5 speeds." in long.verdict
+    assert long.verdict.startswith("The motor stalls at 40 rad/s: ")
+    assert f"No steady orbit is found at {4 - steady} of the 5 speeds." in long.verdict
     slow = ask("resonance", speeds="30,40,50,60", start={"motor.T": 1e9})
     assert slow.table["tau2"].notna().sum() == 1
     assert "below the limit at the only one of 4 speeds at which it is determined" in slow.verdict
@@ -136,9 +138,76 @@ def test_no_claim_of_a_sweep_goes_beyond_the_speeds_that_have_an_orbit() -> None
         assert "every speed" not in answer.verdict
         assert answer.refused and answers(answer)[1] == "not determined"
         reason = answer.figures["tau2_operating"].reason
-        assert reason == "no steady orbit is found at 40 rad/s"
+        assert reason == "the motor stalls at 40 rad/s"
         assert answer.show().charts[0].title.endswith(f"not determined ({reason})")
         assert not answer.show().charts[0].spans
+
+
+#: A crank that a spring stops at low speeds, and that takes short steps at others.
+WEAK = {
+    "conveyor.trough.m": 13.74, "conveyor.crank.r": 0.01659, "conveyor.rotor.J": 0.03411,
+    "conveyor.spring.c": 55300.0, "conveyor.trough.d": 200.2, "motor.B": 1.361, "motor.T": 0.05053,
+}  # fmt: skip
+
+
+def test_each_speed_of_a_sweep_is_counted_once() -> None:
+    """Stalled, without an orbit, without an error, or above the limit; none is drawn as another."""
+    answer = ask(
+        "resonance",
+        speeds="6.199:25.29:7",
+        speed=13.65,
+        rated_torque=1.93,
+        steps_per_rev=256,
+        start=WEAK,
+    )
+    table, chart = answer.table, answer.show().charts[0]
+    counts = [int(x) for x in re.findall(r"(\d+) of (?:the )?7 speeds", answer.verdict)]
+    stalled = re.match(r"The motor stalls at (.*?) rad/s: ", answer.verdict)
+    assert stalled is not None and stalled[1] == "6.199 and 9.381"
+    assert 2 + sum(counts) == 7
+    unknown = int((table["tau2"].notna() & table["tau2_error"].isna()).sum())
+    assert unknown == 1
+    assert f"The error of the torque ripple is not known at {unknown} of the 7 sp" in answer.verdict
+    drawn = {curve.name: np.isfinite(curve.y).sum() for curve in chart.panels[0].curves}
+    assert drawn["co-simulation"] == table["tau2_error"].notna().sum()
+    assert drawn["co-simulation, error not known"] == unknown
+
+
+def test_a_resonance_among_speeds_without_an_orbit_is_not_said_to_be_outside_the_sweep() -> None:
+    start = {
+        "conveyor.trough.m": 8.316, "conveyor.crank.r": 0.003444, "conveyor.rotor.J": 0.001854,
+        "conveyor.spring.c": 16220.0, "conveyor.trough.d": 9.264, "motor.B": 0.04909, "motor.T": 0.2075,
+    }  # fmt: skip
+    answer = ask(
+        "resonance",
+        speeds="4.998:10.34:5",
+        speed=8.817,
+        rated_torque=0.00122,
+        steps_per_rev=256,
+        start=start,
+    )
+    assert 4.998 < answer.figures["nu_res"].value < 6.334
+    reason = answer.figures["nu_90"].reason
+    assert reason.startswith("the motor stalls at 4.998 and 6.333 rad/s, and the other speeds")
+    assert "does not contain it" not in answer.verdict
+
+
+def test_a_drive_that_stalls_everywhere_is_told_so_first() -> None:
+    answer = ask("resonance", speeds="6:9:3", speed=7.0, steps_per_rev=256, start=WEAK)
+    assert answer.verdict.startswith(
+        "The motor stalls at every speed of the sweep and at the operating speed of 7 "
+    )
+    assert "steady orbit" not in answer.verdict
+    assert answer.figures["nu_90"].reason == "the motor stalls at every speed of the sweep"
+    assert answer.refused
+
+
+def test_a_rated_torque_that_nobody_gave_is_named() -> None:
+    """The limit is a share of it."""
+    default = ask("resonance", speeds="36:44:3", steps_per_rev=128).verdict
+    assert "the limit is 50 N.m, 50 % of the default rated torque of 100 N.m." in default
+    given = ask("resonance", speeds="36:44:3", steps_per_rev=128, rated_torque=100.0).verdict
+    assert "the limit is 50 N.m." in given
 
 
 def test_rows_without_an_error_answer_nothing() -> None:

@@ -173,7 +173,7 @@ def about_speed(o: Options, f: Mapping[str, Figure], nu: float) -> str:
         speed = f"The operating speed of {nu:.4g} rad/s lies {where}."
         return f"{speed} The torque ripple there is not determined: {ripple.reason}."
     at = f"At the operating speed of {nu:.4g} rad/s, {where}, the torque ripple is {ripple.text()}"
-    return f"{at}; the limit is {o.ripple_limit:g} N.m."
+    return f"{at}; the limit is {o.limit_told}."
 
 
 def about_limit(o: Options, f: Mapping[str, Figure], nu: float) -> list[str]:

@@ -160,7 +160,10 @@ def solve(o: Options, context: Context) -> Findings:
     steady = sweep.steady
     passed = line.limits_passed(o.ripple_limit, steady) if len(steady) > 1 else []
     sought = [(line, feature, steady) for feature in (LAG, TORQUE_PEAK, SPEED_PEAK, *passed)]
-    (lag, _), (torque, tau2), (omega, w2), *ends = locate(sought, multiples, "rad/s", runner)
+    (lag, _), (torque, tau2), (omega, w2), *ends = (
+        (sweep.explained(x), sweep.explained(y))
+        for x, y in locate(sought, multiples, "rad/s", runner)
+    )
     crossings = [LimitCrossing(feature, end) for feature, (end, _) in zip(passed, ends)]
     data = ResonanceData(sweep, speed, operating, RippleLimit(o.ripple_limit, sweep, crossings))
     tables = {TABLE: sweep.table}
@@ -225,15 +228,15 @@ def formula_figures(machine: Machine) -> dict[str, Figure]:
 
 def operating_figures(r: ResonanceData) -> dict[str, Figure]:
     """Return torque ripple and lag at the operating speed."""
-    (row,) = r.operating.rows
+    (row,), why = r.operating.rows, r.operating.no_orbit()
     meaning = "lag of the torque ripple behind its load at the operating speed"
-    lag = row_figure(row, "lag", meaning)
+    lag = row_figure(row, "lag", meaning, why)
     machine, nu = r.line.at(r.speed)
     parts = machine.r**2 / 2 * (machine.c + machine.m * nu**2 + machine.d * nu)
     if not math.isnan(row["lag"]) and abs(machine.load_ripple(nu)) < VANISHING * parts:
         lag = Figure.undetermined("deg", PHASE_UNDEFINED.format(f"at {r.speed:g} rad/s"), meaning)
-    ripple = row_figure(row, "tau2", "torque ripple at the operating speed")
-    mean = row_figure(row, "w_mean", "mean speed of the orbit at the operating speed")
+    ripple = row_figure(row, "tau2", "torque ripple at the operating speed", why)
+    mean = row_figure(row, "w_mean", "mean speed of the orbit at the operating speed", why)
     return {"tau2_operating": ripple, "lag_operating": lag, "w_operating": mean}
 
 
@@ -266,7 +269,23 @@ def verdict(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
     last = r.limit.sentences(left)
     if r.classical:
         last = [classical.sentence(r.classical), *r.limit.about_left_out(left)]
-    return "\n".join([about_resonance(f, r), about_limit(o, f, r), *last, *about_supply(o, f, r)])
+    answers = [about_resonance(f, r), about_limit(o, f, r)]
+    return "\n".join([*about_stalls(r), *answers, *last, *about_supply(o, f, r)])
+
+
+def about_stalls(r: ResonanceData) -> list[str]:
+    """Say at which speeds the motor stalls, since nothing else is to be known there."""
+    stalled, where = r.sweep.stalled, []
+    if stalled:
+        where.append(r.sweep.named(stalled))
+    if r.operating.stalled and r.speed not in stalled:
+        where.append(operating_speed(r))
+    if not where:
+        return []
+    return [
+        f"The motor stalls at {' and at '.join(where)}: started near its steady motion, the crank does not complete "
+        "a turn."
+    ]
 
 
 def about_supply(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
@@ -380,7 +399,7 @@ def about_limit(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
     if answer == UNDETERMINED:
         sentence += ", because the limit lies within the error"
     at = f"At the operating speed it is {ripple.brief()}"
-    return f"{sentence}. {at}; the limit is {o.ripple_limit:g} N.m."
+    return f"{sentence}. {at}; the limit is {o.limit_told}."
 
 
 def headline(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
@@ -421,14 +440,18 @@ def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData, title: str) ->
         at, y, errors = (
             r.sweep.frame[column].to_numpy() for column in ("nu", name, f"{name}_error")
         )
-        points = Curve("co-simulation", at, y, color, "points", errors)
+        known = np.isfinite(errors)
+        points = [Curve("co-simulation", at, np.where(known, y, np.nan), color, "points", errors)]
+        if (np.isfinite(y) & ~known).any():
+            y = np.where(known, np.nan, y)
+            points.append(Curve("co-simulation, error not known", at, y, colors.THEORY, "points"))
         line = Curve("first-order theory", nu, theory, colors.THEORY, "theory")
         load = CLASSICAL_LOADS.get(name, "")
         more = classical.curves(machine, load, nu) if r.classical and load else []
         return Panel(
             quantity,
             unit,
-            [line, *more, points],
+            [line, *more, *points],
             levels,
             includes=(0.0, *(180.0,) * (unit == "deg")),
         )

@@ -44,7 +44,7 @@ from ..rod_waveform import (
     unloading_points,
     waveform,
 )
-from ..rows import LARGEST_PEAKED_ZETA, OPERATING, orbit_figure, speed_row
+from ..rows import LARGEST_PEAKED_ZETA, OPERATING, no_orbit, orbit_figure, speed_row
 
 Real = NDArray[np.float64]
 PARTS = DRIVE
@@ -169,7 +169,7 @@ def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
                 [OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES], "operating speed"
             )
         )
-        at = speed_row(machine, orbits, order)
+        at, why = speed_row(machine, orbits, order), no_orbit(orbits[0])
         shifted_machine = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
         force_error = at["f_rod_peak_error"] + machine.r * (shifted_machine.c - machine.c)
         unsure = at["tau2_error"] + abs(
@@ -183,10 +183,10 @@ def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
         shifts.append(abs(shifted_top - top))
         all_figures |= {
             f"f_rod{name}": orbit_figure(
-                at["f_rod_peak"], force_error, "N", f"largest rod force {label}", nu
+                at["f_rod_peak"], force_error, "N", f"largest rod force {label}", why
             ),
             f"f_rod_formula{name}": expected,
-            f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {label}", nu),
+            f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {label}", why),
         }
         line = ResponseLine(partial(turning, machine), r.speeds[0], r.speeds[-1])
         steady_orbits = [
