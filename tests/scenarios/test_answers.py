@@ -79,7 +79,8 @@ NUMBERS_IN_TEXT = {
 OTHER = {"rad/s": ("rpm", 30 / math.pi), "s": ("ms", 1e3)}
 VARIABLES: dict[str, dict[str, str]] = {
     "resonance": {"w2": "conveyor.w", "tau2": "motor.tau", "f_rod_peak": "conveyor.f_rod",
-                  "w2_peak": "conveyor.w", "tau2_peak": "motor.tau", "w_mean": "conveyor.w"},
+                  "w2_peak": "conveyor.w", "tau2_peak": "motor.tau", "w_mean": "conveyor.w",
+                  "w_operating": "conveyor.w"},
     "mean_values": {"speed": "conveyor.w", "angle": "conveyor.w", "torque": "motor.tau",
                     "supply": "motor.P", "supply_more": "motor.P", "trough": "conveyor.P_loss",
                     "torque_error": "motor.tau", "mean": "conveyor.w", "w": "conveyor.w",

@@ -134,11 +134,12 @@ def test_no_claim_of_a_sweep_goes_beyond_the_speeds_that_have_an_orbit() -> None
     slow = ask("resonance", speeds="30,40,50,60", start={"motor.T": 1e9})
     assert slow.table["tau2"].notna().sum() == 1
     assert "below the limit at the only one of 4 speeds at which it is determined" in slow.verdict
-    for answer in (long, slow):
+    reasons = ("the motor stalls at 40 rad/s", "no steady orbit is found at 40 rad/s")
+    for answer, expected in zip((long, slow), reasons):
         assert "every speed" not in answer.verdict
         assert answer.refused and answers(answer)[1] == "not determined"
         reason = answer.figures["tau2_operating"].reason
-        assert reason == "the motor stalls at 40 rad/s"
+        assert reason == expected
         assert answer.show().charts[0].title.endswith(f"not determined ({reason})")
         assert not answer.show().charts[0].spans
 
