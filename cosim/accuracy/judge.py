@@ -31,9 +31,7 @@ NO_ROWS = "it cannot be determined from fewer rows"
 OTHER_ROWS = "it cannot be computed from other rows: {}"
 TOUCHES = "it comes as near to it as its error"
 COLUMN_NOT_CONVERGED = "not converged: the error of {} falls with order {:.1f}"
-SAME_STEPS = (
-    "control takes the same steps with all three tolerances, so that no error can be estimated"
-)
+SAME_STEPS = "control takes nearly the same steps with all three tolerances, so that no error can be estimated"
 RUNS_DISAGREE = "the runs count differently"
 
 #: The directions in which columns are moved.
@@ -264,7 +262,7 @@ def _why_none(runs: NestedRuns, columns: Sequence[ColumnForms]) -> str:
     """Why no number of columns has an error; "" if one may have."""
     if len(runs.results) == 1:
         return runs.lost
-    if runs.are_the_same:
+    if not runs.refines:
         return SAME_STEPS
     for column in columns:
         if column.slow is not None:

@@ -1,4 +1,4 @@
-"""Runs of one system with the steps h, 2 h and 4 h, or with tolerances that differ by ten."""
+"""Runs of one system with the steps h, 2 h and 4 h, or with steps that adapt to tolerances which differ by ten."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,8 +22,10 @@ from ..scratch import scratch
 from ..system import System
 from .limit import STEP_RATIO
 
-#: Ratio of two tolerances of adaptive steps: steps of order 1 then differ by sqrt(10).
+#: Ratio of two tolerances of adaptive steps: the steps then differ by sqrt(10) or more, as they do by 2 where they are fixed.
 TOLERANCE_RATIO = 10.0
+#: Least ratio of the steps of two runs that shows an error (Celik et al., J. Fluids Eng. 130, 2008, step 2).
+LEAST_RATIO = 1.3
 #: Runs from which an order is observed: derived, two differences need three.
 RUNS = 3
 #: Share by which a step may exceed a run that is as long: rounding of their quotient.
@@ -33,7 +36,7 @@ LOST = "the run with a {} fails, so that no error can be estimated: {}"
 
 @dataclass(frozen=True)
 class NestedRuns:
-    """The results of up to three runs, the finest first, whose steps or tolerances differ by `ratio`.
+    """The results of up to three runs, the finest first, whose steps differ by `ratio`.
 
     `dense` is the finest one with all its rows. `lost` says why coarser runs are missing.
     """
@@ -49,25 +52,16 @@ class NestedRuns:
         return self.results[0]
 
     def order(self, column: str) -> float:
-        """The convergence order of a column, in the step or in the tolerance.
-
-        Adaptive steps keep the error per time, h^p, within the tolerance: it has order 1 in that, and an output that
-        converges with order 1 in h has 1 / p.
-        """
+        """The convergence order of a column in the step."""
         provenance = self.finest.provenance
-        order = float(provenance["convergence_order"])
-        is_first = column in provenance.get("first_order", ())
-        if self.ratio == TOLERANCE_RATIO:
-            return 1.0 / order if is_first else 1.0
-        return 1.0 if is_first else order
+        return (
+            1.0 if column in provenance.get("first_order", ()) else provenance["convergence_order"]
+        )
 
     @property
-    def are_the_same(self) -> bool:
-        """Whether control took the same steps whatever the tolerance, so that differences show nothing."""
-        facts = [result.provenance for result in self.results]
-        is_coupled = any(fact.get("wires") for fact in facts)
-        steps = {fact.get("steps") for fact in facts}
-        return self.ratio == TOLERANCE_RATIO and is_coupled and len(steps) == 1 < len(facts)
+    def refines(self) -> bool:
+        """Whether the steps of the runs differ by so much that differences show an error."""
+        return self.ratio >= LEAST_RATIO
 
     @property
     def have_jumps_inside(self) -> bool:
@@ -118,7 +112,7 @@ def nested_runs(
         if path.exists():
             rows = StoredRows(path, len(finest.columns))
             dense = DerivedResult(finest, lambda name: rows.column(finest.names.index(name)))
-        yield NestedRuns(results, dense, _ratio(step), lost)
+        yield NestedRuns(results, dense, ratio_of_steps(results, step), lost)
 
 
 def _results(
@@ -165,6 +159,19 @@ def _results(
 def _ratio(step: float | Adaptive) -> float:
     """That of the steps or tolerances of two runs."""
     return TOLERANCE_RATIO if isinstance(step, Adaptive) else STEP_RATIO
+
+
+def ratio_of_steps(results: Sequence[Result], step: float | Adaptive) -> float:
+    """By what the steps of runs differ that were asked for with this step or tolerance.
+
+    That of adaptive steps is seen in their numbers: jumps and a longest step leave control only a part of them, and
+    by what power of the tolerance it changes them depends on the system. Of two ratios the smaller one counts. Where no
+    wire couples parts, control has nothing to control, and there is no error that steps could show.
+    """
+    facts = [result.provenance for result in results]
+    if not isinstance(step, Adaptive) or not facts[0].get("wires"):
+        return _ratio(step)
+    return min((a["steps"] / b["steps"] for a, b in pairwise(facts)), default=TOLERANCE_RATIO)
 
 
 @contextmanager
