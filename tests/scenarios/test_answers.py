@@ -341,7 +341,8 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
     assert "The induction motor does not complete a turn within 0.1 s." in slow.verdict
     slow = ask("run_up", stop=3.0, step=1e-3, start={"motor.kloss.tau_b": 1.0})
     assert "The induction motor stalls" in slow.verdict
-    assert slow.figures["kloss_passing"].reason == "the crank does not stay above the resonance"
+    reason = "the crank does not stay above the resonance for a whole turn"
+    assert slow.figures["kloss_passing"].reason == reason
 
 
 @pytest.mark.parametrize("name", QUESTIONS)

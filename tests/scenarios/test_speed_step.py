@@ -112,6 +112,19 @@ def test_an_overshoot_is_that_of_the_mean() -> None:
     assert f["w_max"].value > f["mean_max"].value + 0.1
 
 
+def test_a_mean_that_still_rises_at_the_end_of_the_run_is_no_peak() -> None:
+    """Its largest mean comes later: the longer run has it."""
+    machine = {"shaft.c": 1311.0, "shaft.b": 0.001721, "controller.K": 0.5123}
+    options: Any = {"speed": 19.78, "ratio": 3.002, "start": machine}
+    short, long = (ask("speed_step", stop=stop, **options) for stop in (0.5593, 1.5))
+    mean, later = short.figures["mean_max"], long.figures["mean_max"]
+    assert later.value > mean.value > 1.1 * 19.78
+    assert short.figures["mean_max_time"].reason == "the mean still rises at 0.5593 s"
+    end = f"has reached {mean.brief()} by the end of the run at 0.5593 s, still rising."
+    assert end in short.verdict and "overshoots" not in short.verdict
+    assert "still rising" not in long.verdict
+
+
 def test_what_was_not_observed_is_not_stated() -> None:
     """The time of observation stands in the verdict, and a short one has neither mean nor ripple."""
     answer = ask("speed_step", speed=200.0, stop=0.2)

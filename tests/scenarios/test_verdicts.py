@@ -319,6 +319,21 @@ def test_a_mean_speed_overshoots_as_its_damping_says(lag: float, overshoots: boo
     assert ("settles without overshoot" in answer.verdict) != overshoots
 
 
+def test_a_mean_speed_that_still_rises_has_not_overshot() -> None:
+    """A ripple as large as the mean slows the response, and the step response ends before its peak."""
+    start = {
+        "conveyor.trough.m": 286.0, "conveyor.crank.r": 0.01643, "conveyor.rotor.J": 0.8095,
+        "conveyor.spring.c": 70410.0, "conveyor.trough.d": 797.4, "motor.B": 9.961, "motor.T": 0.08729,
+    }  # fmt: skip
+    answer = ask("mean_values", speeds="8.747", speed=5.831, start=start)
+    mean = answer.tables["drift.csv"].frame["mean"].to_numpy()
+    assert mean.argmax() == len(mean) - 1 and mean[-1] > 5.831
+    overshoot = answer.figures["overshoot"].brief()
+    assert f"has gone beyond its new value by {overshoot} of the step by the end" in answer.verdict
+    assert "settles with" not in answer.verdict
+    assert re.search(r"at 0\.\d+ s, still rising; up to then the settling formula", answer.verdict)
+
+
 def test_a_crank_that_stalls_has_no_overshoot() -> None:
     """A spring too stiff for its motor: the means are refused, and what the mean speed settles at."""
     start = {"motor.B": 14.0, "motor.T": 0.13, "conveyor.rotor.J": 0.1, "conveyor.spring.c": 2e6}
@@ -365,6 +380,23 @@ def test_a_motor_that_cannot_reach_a_high_resonance_does_not_stall() -> None:
         "The linear motor does not stay above the 90 degree lag at 1000 rad/s by formula (22), which is no "
         "resonance with this damping, within 0.3 s."
     )
+
+
+def test_a_motor_that_is_set_below_its_resonance_needs_no_more_time() -> None:
+    """Both motors at 41 rad/s, the resonance at 46 rad/s; then the induction motor above it."""
+    start = {
+        "conveyor.trough.m": 176.6, "conveyor.crank.r": 0.004694, "conveyor.rotor.J": 0.004543,
+        "conveyor.spring.c": 64290.0, "conveyor.trough.d": 2912.0, "motor.B": 0.5847, "motor.T": 0.01124,
+        "motor.kloss.tau_b": 8.54,
+    }  # fmt: skip
+    told = (
+        "It is set for a mean speed of 41.06 rad/s, below",
+        "Its synchronous speed is 41 rad/s, below",
+    )
+    for w_s, expected in ((41.0, (True, True)), (71.83, (True, False))):
+        options = {"start": start | {"motor.kloss.w_s": w_s}}
+        verdict = ask("run_up", speed=41.06, stop=1.0, step=5e-4, **options).verdict
+        assert tuple(text in verdict for text in told) == expected
 
 
 def test_an_induction_motor_is_not_compared_with_itself() -> None:

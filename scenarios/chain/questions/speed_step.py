@@ -67,6 +67,7 @@ STEADY = 0.01
 SLOWEST = 0.9
 #: Smallest overshoot of the mean, over the set speed, whose time is named; a flat top has none.
 LEAST_OVERSHOOT = 1e-3
+STILL_RISES = "the mean still rises"
 #: Fewest rows whose peak is named: derived from its error, for which every second row must hold a cubic, of
 #: four points.
 LEAST_ROWS = 2 * 4
@@ -160,6 +161,8 @@ def means(o: Options, r: Result) -> dict[str, Figure]:
     mean = TURN / (t[later] - CubicSpline(phi, t)(phi[later] - TURN))
     peak = largest(t[later], mean)
     at = peak.at.figure("s", ending)
+    if int(np.argmax(mean)) == len(mean) - 1:
+        at = Figure.undetermined("s", f"{STILL_RISES} at {o.stop:g} s", ending)
     if peak.value <= (1.0 + LEAST_OVERSHOOT) * o.speed:
         at = Figure.undetermined("s", "the mean does not overshoot", ending)
     return {"mean_max": peak.figure(rad, meaning), "mean_max_time": at}
@@ -285,7 +288,9 @@ def reaching(o: Options, f: Mapping[str, Figure]) -> str:
     if mean.error is None:
         return f"{first} Up to {until}, its largest speed is {fast.brief()}."
     beyond = f"Up to {until}, its mean over a turn is at most {mean.brief()}."
-    if f["mean_max_time"].error is not None and mean.value - mean.error > o.speed:
+    if f["mean_max_time"].reason.startswith(STILL_RISES):
+        beyond = f"Its mean over a turn has reached {mean.brief()} by the end of the run at {until}, still rising."
+    elif f["mean_max_time"].error is not None and mean.value - mean.error > o.speed:
         beyond = (
             f"Its mean over a turn overshoots to {mean.brief()} at {f['mean_max_time'].brief()}."
         )

@@ -69,6 +69,12 @@ class MeanData(NamedTuple):
     rows: Any
     step_response: Any
 
+    @property
+    def still_rises(self) -> bool:
+        """Whether the mean speed is above that of the new supply, and largest, at the end of the step response."""
+        mean = self.step_response["mean"].to_numpy()
+        return bool(mean[-1] > self.operating and np.argmax(mean) == len(mean) - 1)
+
 
 def solve(o: Options, context: Context) -> Findings:
     """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError.
@@ -204,21 +210,27 @@ def verdict(o: Options, f: Mapping[str, Figure], r: MeanData) -> str:
         f"{f['torque_plain'].brief()} of the mean-torque formula (24), which neglects the ripple"
     )
     than = f"{changed(f['more'])} than the" if f["torque_plain"].value else "instead of the"
+    formula = f"the settling formula (16) is off by up to {f['off_16'].brief()} of the step"
+    settling = f"{overshooting(f['overshoot'])}; {formula}"
+    if r.still_rises:
+        settling = (
+            f"has gone beyond its new value by {f['overshoot'].brief()} of the step by the end of the run at "
+            f"{r.step_response['time'].iloc[-1]:.3g} s, still rising; up to then {formula}"
+        )
     return (
         f"At {r.operating:g} rad/s the mean torque is {f['torque'].brief()}, {than} {torque}.\n"
         f"With the ripple, the supply gives {changed(f['supply_more'])}.\n"
-        f"After a step of the supply the mean speed settles {overshooting(f['overshoot'])}; the settling formula "
-        f"(16) is off by up to {f['off_16'].brief()} of the step."
+        f"After a step of the supply the mean speed {settling}."
     )
 
 
 def overshooting(figure: Figure) -> str:
-    """Say with which overshoot the mean speed settles."""
+    """Say how the mean speed settles: with which overshoot."""
     if figure.error is None:
-        return f"with an overshoot that is {figure.brief()}"
+        return f"settles with an overshoot that is {figure.brief()}"
     if figure.value > figure.error:
-        return f"with an overshoot of {figure.brief()}"
-    return "without overshoot"
+        return f"settles with an overshoot of {figure.brief()}"
+    return "settles without overshoot"
 
 
 def changed(figure: Figure) -> str:

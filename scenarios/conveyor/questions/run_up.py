@@ -34,8 +34,8 @@ from workbench.periodic import TURN
 
 from .. import live_theory
 from ..first_order import SETS, Machine
+from ..machine import KLOSS, conveyor_drive, followed
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive, followed
 from ..motion import live_motion, moving
 from ..papers import cited
 from ..rows import LARGEST_PEAKED_ZETA
@@ -170,8 +170,23 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str
     for motor, word in LABELS.items():
         torque = f[f"{motor}_tau_max"]
         most = f" Its torque reaches {torque.brief()}." if torque.error is not None else ""
-        lines.append(f"The {word} {passes(o, f[f'{motor}_passing'], r[motor], name)}.{most}")
+        lines.append(
+            f"The {word} {passes(o, f[f'{motor}_passing'], r[motor], name)}.{too_slow(o, f, motor)}{most}"
+        )
     return "\n".join(lines)
+
+
+def too_slow(o: Options, f: Mapping[str, Figure], motor: str) -> str:
+    """Say that more time does not help a motor whose supply is set for a speed below the resonance."""
+    machine, passing = machine_of(o), f[f"{motor}_passing"]
+    speed = float(o.start.get("motor.A", machine.A(o.speed))) / machine.slope
+    what = "It is set for a mean speed"
+    if motor == "kloss":
+        speed = float(o.start.get("motor.kloss.w_s", KLOSS["motor.kloss.w_s"]))
+        what = "Its synchronous speed is"
+    if passing.reason != BELOW or speed >= machine.nu_res:
+        return ""
+    return f" {what} {'of ' * (motor == 'linear')}{speed:.4g} rad/s, below that: more time does not help."
 
 
 def passes(o: Options, passing: Figure, r: Result, name: str) -> str:

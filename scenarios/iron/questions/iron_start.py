@@ -59,6 +59,9 @@ def system(o: Options, fmus: Mapping[str, Path]) -> System:
     return System(fmus, iron.WIRES, motor | dict(o.start))
 
 
+NO_TURN = "the cam does not complete a turn"
+
+
 def process(o: Options, r: Result) -> Result:
     """Return the run with its ledger."""
     return ledger(r)
@@ -96,13 +99,16 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     cycles, work = Measured(*(iron.PER_MINUTE * x for x in mean)), integral(t, r["motor.P"])
     turns = float(phi[-1] - phi[0]) / (2 * math.pi)
     missing = float(np.abs(r["E_missing"]).max())
+    meaning = "cycles per minute in the second half"
     return {
         "w_cam_max": w.figure(rad, "largest speed of the cam"),
         "w_cam_max_time": w.at.figure("s", "time of the largest speed of the cam"),
         "tau_max": tau.figure(torque, "largest torque of the motor"),
         "tau_max_time": tau.at.figure("s", "time of the largest torque"),
         "w_cam_mean": mean.figure(rad, "mean speed in the second half"),
-        "cycles": cycles.figure("1/min", "cycles per minute in the second half"),
+        "cycles": cycles.figure("1/min", meaning)
+        if abs(turns) >= 1.0
+        else Figure.undetermined("1/min", NO_TURN, meaning),
         "turns": Figure(turns, "1", 0.0, "turns of the cam"),
         "energy_in": work.figure(J, "work of the motor"),
         "energy_stored": Figure(float(r["E_stored"][-1]), J, 0.0, "stored at the end"),
@@ -156,8 +162,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
         )
         starts = f"The motor stalls: {turned}, and does not turn any further."
     elif abs(f["turns"].value) < 1.0:
-        so_far = f"Up to {o.stop:g} s it makes {texts['turns']} turns."
-        starts = creeping(o, f) if is_weak(f) else f"{starts} {so_far}"
+        starts = f"{incomplete(o, f)}. {peak}; its mean speed in the second half is {texts['w_cam_mean']}."
+        starts = creeping(o, f) if is_weak(f) else starts
     if not stands(r[0]["time"], r[0]["iron.phi"]) and f["w_cam_mean"].value < 0.0:
         starts = (
             f"The cam turns backwards, at {texts['w_cam_mean']} in the second half; up to {o.stop:g} s it "
@@ -169,11 +175,17 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
     )
 
 
+def incomplete(o: Options, f: Mapping[str, Figure]) -> str:
+    """Say how far a cam comes that does not complete a turn, without the end of the sentence."""
+    return (
+        f"Within {o.stop:g} s the cam does not complete a turn: it makes {f['turns'].brief()} turns"
+    )
+
+
 def creeping(o: Options, f: Mapping[str, Figure]) -> str:
     """Say how far the cam comes of a motor that is too weak for a slow turn."""
     return (
-        f"Within {o.stop:g} s the cam does not complete a turn: it makes {f['turns'].brief()} turns. The motor "
-        f"gives {f['tau_cam_rest'].brief()} at the cam at the start, and a slow turn takes up to "
+        f"{incomplete(o, f)}. The motor gives {f['tau_cam_rest'].brief()} at the cam at the start, and a slow turn takes up to "
         f"{f['tau_cam_max'].brief()}: it cannot turn the cam slowly through a whole turn."
     )
 

@@ -15,7 +15,7 @@ from cosim import Result, System
 from cosim.accuracy.judge import SOME_RUNS
 from workbench import Chart, Context, Figure, Mark, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
-from workbench.figure import SHARE_DIGITS, concise, listed
+from workbench.figure import listed
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Samples, measured
 
@@ -167,7 +167,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
     pulls = ""
     if wall.error is not None and wall.value + wall.error < 0.0:
         pulls = (
-            f" The reaction of the wall falls to {concise(wall, SHARE_DIGITS)}: the wall would have to pull, and a "
+            f" The reaction of the wall falls to {wall.brief()}: the wall would have to pull, and a "
             "real cup leaves it there."
         )
     return f"{ending(r[0]).capitalize()}{after}. {stage_text}.{pulls}"
