@@ -124,7 +124,7 @@ class Problem:
             t, x = result["time"], result[column.name]
             times = column.times - delay
             same = len(t) == len(times) and np.abs(t - times).max() < SAME_TIME * (t[1] - t[0])
-            predictions.append(gain * (x if same else spline(t, x)(times)) + zero)
+            predictions.append(gain * (x if same else shown(result, column.name, times)) + zero)
         return predictions
 
     def residual_vector(self, p: Array, predictions: Sequence[Array]) -> Array:
@@ -136,6 +136,14 @@ class Problem:
         vector = np.concatenate([*by_column, self.prior.residuals(p[indices])])
         clipped = np.clip(vector, -FAILED_RESIDUAL, FAILED_RESIDUAL)
         return np.where(np.isfinite(vector), clipped, FAILED_RESIDUAL)
+
+
+def shown(result: Result, name: str, times: Array) -> Array:
+    """A column of a run at times [s], between its jumps where it has any: a jump has a row before and one after."""
+    t = result["time"]
+    if len(result.breaks):
+        return result.solution(name)(np.clip(times, t[0], t[-1]))
+    return np.asarray(spline(t, result[name])(times))
 
 
 class Evaluator:

@@ -149,7 +149,7 @@ UNIT_PATTERNS = {
     "W": r"(supply|motor|trough|least|most|rms|main)_\w+|mean_(conveyor|supply)|missing"
     r"|supply|motor|together",
     "rad/s": r"(before|after)_(up|down)|avoid_(from|to)(_\d)?|nu\w*|w_n_\w+|w2_theory|(mean|angle|speed|limit|heavy|small|worst)_\w+"
-    r"|\w+_(res|flux|kloss|limit|speed)|\w+_w_end_max",
+    r"|\w+_(res|flux|kloss|limit|speed|clearance)|\w+_w_end_max",
 }
 """Units of figures and columns that no FMU has, by the first pattern that their names match."""
 
