@@ -27,14 +27,11 @@ from .signals import collect_interrupts
 from .simulation import Simulation
 from .system import Network, System, connect
 from .threads import in_order, in_threads
-from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, with_case
+from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, keeps_nothing, with_case
 
 NO_CASE = Case()
 #: Memory for the rows of a chunk of members [bytes]. Chosen: what a chunk costs besides its members is a thousandth.
 CHUNK_BYTES = 1 << 24
-#: The tools whose FMUs have no variables besides those of their instances, so that each thread may have instances of
-#: its own: their binaries have neither .data nor .bss, which a test shows of every FMU that is built here.
-THREADED_TOOLS = ("build_fmus.py",)
 
 
 @dataclass(frozen=True)
@@ -152,7 +149,8 @@ class Prepared:
     ) -> Ensemble:
         """Run a member for each case; the rows are those of single runs, bit for bit.
 
-        Instances are reset from member to member, if the first one shows that this gives the same bits. A member
+        Instances of FMUs that are known to keep nothing are reset from member to member, if the first one shows that
+        this gives the same bits; all others are made anew. A member
         that fails has its rows and the reason. What FMUs warn of is in the ensemble, not logged.
 
         Parameters
@@ -216,9 +214,8 @@ class Prepared:
 
     def _is_threaded(self) -> bool:
         """Whether each thread may have instances of its own."""
-        return all(
-            (d.generationTool or "").startswith(THREADED_TOOLS)
-            and not d.interface("coSimulation").needsExecutionTool
+        return keeps_nothing(self.network) and not any(
+            d.interface("coSimulation").needsExecutionTool
             for d in self.network.descriptions.values()
         )
 

@@ -103,6 +103,12 @@ def test_cases_come_from_a_file_or_are_drawn(
         (["--vary", "pump.Q=1,2"], "there is no part 'pump', only motor, conveyor"),
         (["--vary", "motor.A=1:2:1"], "must read NAME=from:to:n with n of at least 2"),
         (["--vary", "motor.A=1:2"], "must read NAME=from:to:n"),
+        (["--vary", "motor.A=1:2:1000000000"], "1000000000 runs are more than a sweep may have"),
+        (
+            ["--vary", "motor.A=1:2:2000", "--vary", "motor.T=1:2:2000"],
+            "4000000 runs are more than a sweep may have: at most 1000000",
+        ),
+        (["--sample", "1000000000", "--within", "motor.A=1..2"], "1000000000 runs are more"),
         (["--vary", "motor.A=a,b"], "motor.A [N.m] = 'a' must be"),
         (["--vary", "motor.T=1kg,2"], "motor.T [s] cannot be given in kg"),
         (["--vary", "motor.T=-1,2"], "must be at least 0.0 s"),

@@ -46,6 +46,8 @@ METRICS: dict[str, Any] = {
 }  # fmt: skip
 FIGURE = re.compile(r"(?P<kind>[^:]*):(?P<column>[^@]+?)(?:@(?P<begin>[^@]*?)\.\.(?P<end>[^@]*))?")
 SPAN = re.compile(r"(?P<low>[^:]+):(?P<high>[^:]+):\s*(?P<n>\d+)\s*")
+#: Runs of a sweep. A convention: their cases and figures fit into memory.
+MOST_RUNS = 1_000_000
 #: Rows of a table that is printed; a longer one is written. A convention: more do not fit on a screen.
 MOST_PRINTED = 20
 
@@ -109,17 +111,25 @@ def cases_of(options: argparse.Namespace, network: Network) -> Mapping[str, Sequ
     if options.sample:
         if options.sample < 1 or not options.within:
             raise SetupError("--sample needs a number of at least 1, and --within NAME=a..b")
+        _require_number(options.sample)
         require("scipy", "--sample")
         bounds = _distinct([_bounds(text, network) for text in options.within])
         return sample(bounds, options.sample, options.seed)
     axes = _distinct([_axis(text, network) for text in options.vary])
-    if not options.together:
-        return combinations(axes)
     lengths = {name: len(values) for name, values in axes.items()}
+    if not options.together:
+        _require_number(math.prod(lengths.values()))
+        return combinations(axes)
     if len(set(lengths.values())) != 1:
         text = ", ".join(f"{name} has {n}" for name, n in lengths.items())
         raise SetupError(f"--together: as many values of each: {text}")
     return axes
+
+
+def _require_number(runs: int) -> None:
+    """Raise SetupError for more runs than a sweep may have."""
+    if runs > MOST_RUNS:
+        raise SetupError(f"{runs} runs are more than a sweep may have: at most {MOST_RUNS}")
 
 
 def _distinct(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
@@ -136,6 +146,7 @@ def _axis(text: str, network: Network) -> tuple[str, list[Value]]:
     port = network.port(name)
     span = SPAN.fullmatch(content)
     if span is not None and int(span["n"]) > 1:
+        _require_number(int(span["n"]))
         low, high = (_number(network, name, span[key]) for key in ("low", "high"))
         values: list[Value] = np.linspace(low, high, int(span["n"])).tolist()
     elif ":" in content and port.type not in ("String", "Enumeration"):

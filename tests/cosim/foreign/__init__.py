@@ -12,6 +12,7 @@ changes folder, locale and what hears Ctrl-C (`meddle`) or rounds upwards (`roun
 initialising. One that `forgets` goes back to the start values of its file when an experiment is set up,
 one that `overrules` takes its own x0 at the end of initialisation, one that `commits` steps only where noSetFMUStatePriorToCurrentPoint is true, and then never goes back, one that is `punctual` steps
 to the stop time and no bit further, one that `needs_stop` does not initialise without a stop time, one
+that `wears` begins 1 above x0 from its second reset on, one
 that `runs_ahead` computes all up to a defined stop time in its first step, one that `chats` logs from a thread that its step waits for. Other calls out of order, wrong times, steps beyond the stop time and, of one that commits,
 returns to times that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
 
@@ -62,7 +63,7 @@ class Variable(NamedTuple):
 
 SWITCHES = (
     "fresh", "counts", "stubborn", "needs_input", "talks", "crash_at_end", "hang_at_end", "forgets",
-    "overrules", "commits", "punctual", "chats", "needs_stop", "runs_ahead",
+    "overrules", "commits", "punctual", "chats", "needs_stop", "runs_ahead", "wears",
 )  # fmt: skip
 LIMITS = (
     "longest_step", "warn_at", "error_at", "fatal_at", "nan_at", "nan_above", "crash_at", "hang_at",

@@ -63,6 +63,7 @@ typedef struct {
     Text name;
     const fmi2CallbackFunctions *host;
     double promise;
+    int resets;
 } Foreign;
 static int later(double a, double b) { return a - b > SLACK(a); }
 static void note(const Foreign *c, const char *event) {
@@ -204,7 +205,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component p) {
 }
 CALL(Terminate, (fmi2Component p), BIT(STEPPING) | BIT(DISCARDED),
      c->m.crash_at_end && (*(volatile int *)NULL = 0), c->m.mode = TERMINATED, note(c, "terminated"))
-CALL(Reset, (fmi2Component p), ANY, restore(c, &c->start), c->promise = -INFINITY)
+CALL(Reset, (fmi2Component p), ANY, restore(c, &c->start), c->promise = -INFINITY, c->resets++)
 #define SAVES (c->m.canGetAndSetFMUstate ? ANY : 0)
 CALL(GetFMUstate, (fmi2Component p, fmi2FMUstate *state), SAVES,
      *state || (c->m.live_states++, *state = c->host->allocateMemory(1, sizeof(Model))),
@@ -224,6 +225,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
     ENTER(BIT(INITIALIZING));
     if (c->m.needs_input && !c->m.u_is_set) FAIL("%s: u was not set while initializing", c->name);
     if (c->m.overrules) c->m.x0 = c->start.x0;
+    if (c->m.wears && c->resets > 1) c->m.x0 += 1.0;
     look(&c->m);
     fmi2Status status = reach(c, -INFINITY, c->m.time);
     if (status <= fmi2Warning) c->m.mode = STEPPING;
