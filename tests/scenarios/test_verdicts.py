@@ -172,6 +172,8 @@ def test_each_speed_of_a_sweep_is_counted_once() -> None:
     drawn = {curve.name: np.isfinite(curve.y).sum() for curve in chart.panels[0].curves}
     assert drawn["co-simulation"] == table["tau2_error"].notna().sum()
     assert drawn["co-simulation, error not known"] == unknown
+    missing = sum(np.isnan(curve.y).sum() for curve in chart.panels[0].curves)
+    assert missing == table["tau2"].isna().sum()
 
 
 def test_a_resonance_among_speeds_without_an_orbit_is_not_said_to_be_outside_the_sweep() -> None:

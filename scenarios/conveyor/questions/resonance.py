@@ -440,11 +440,16 @@ def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData, title: str) ->
         at, y, errors = (
             r.sweep.frame[column].to_numpy() for column in ("nu", name, f"{name}_error")
         )
-        known = np.isfinite(errors)
-        points = [Curve("co-simulation", at, np.where(known, y, np.nan), color, "points", errors)]
-        if (np.isfinite(y) & ~known).any():
-            y = np.where(known, np.nan, y)
-            points.append(Curve("co-simulation, error not known", at, y, colors.THEORY, "points"))
+        unsure = np.isfinite(y) & ~np.isfinite(errors)
+        drawn = {"co-simulation": (~unsure, color)}
+        drawn |= {"co-simulation, error not known": (unsure, colors.THEORY)}
+        points = [
+            Curve(
+                name, at[rows], y[rows], shade, "points", None if rows is unsure else errors[rows]
+            )
+            for name, (rows, shade) in drawn.items()
+            if rows.any()
+        ]
         line = Curve("first-order theory", nu, theory, colors.THEORY, "theory")
         load = CLASSICAL_LOADS.get(name, "")
         more = classical.curves(machine, load, nu) if r.classical and load else []
