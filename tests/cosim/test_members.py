@@ -185,7 +185,8 @@ def test_a_start_value_that_cannot_be_is_a_reason(fmus: Path) -> None:
 def test_no_reset_of_an_fmu_of_another_tool_is_trusted(jobs: int, tmp_path: Path) -> None:
     """The first reset brings back its start, as a trial shows, and the second does not, as it cannot show."""
     system = single_fmu_system(pack(tmp_path / "A.fmu", wears=True))
-    ensemble = ensemble_of(system, {"A.x0": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]}, jobs=jobs)
+    cases = {"A.x0": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]}
+    ensemble = ensemble_of(system, cases, jobs=jobs, record=["A.y"])
     assert ensemble["A.y"][:, 0].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
     assert "new instances" in ensemble.notes[0]
 
