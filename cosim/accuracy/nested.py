@@ -52,11 +52,11 @@ class NestedRuns:
         return self.results[0]
 
     def order(self, column: str) -> float:
-        """The convergence order of a column in the step."""
+        """The convergence order of a column in the step; nan where the result is that of no coupled run."""
         provenance = self.finest.provenance
-        return (
-            1.0 if column in provenance.get("first_order", ()) else provenance["convergence_order"]
-        )
+        if column in provenance.get("first_order", ()):
+            return 1.0
+        return float(provenance.get("convergence_order", math.nan))
 
     @property
     def refines(self) -> bool:

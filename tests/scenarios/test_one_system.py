@@ -105,7 +105,8 @@ def compare_run_up(seed: int) -> Comparison:
             for *x, tau in rows.T
         ]
         above = CubicSpline(t, rows[1]).solve(estimates["nu_res"].value, extrapolate=False)
-        if rows[1][-1] > estimates["nu_res"].value:
+        stays = len(above) and rows[0][-1] - np.interp(above[-1], t, rows[0]) >= 2.0 * math.pi
+        if rows[1][-1] > estimates["nu_res"].value and stays:
             wanted[f"{word}_passing"] = above[-1]
         end = t >= 0.8 * stop - 1e-9
         for key, x in (("w", rows[1]), ("tau", rows[2]), ("f_rod", np.array(force))):
