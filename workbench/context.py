@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from logging.handlers import BufferingHandler
@@ -104,7 +104,10 @@ class Context:
                 for name, x in made[-1].items()
             }
 
-        with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress_bar:
+        with (
+            bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress_bar,
+            self._rows(csv) as path,
+        ):
             certified = cosim.certify(
                 system,
                 numbers,
@@ -112,7 +115,7 @@ class Context:
                 step=o.step,
                 algorithm=o.algorithm,
                 record=record,
-                csv=self.out / csv if self.out and csv else None,
+                csv=path,
                 progress=progress_bar,
             )
         return certified.result, {
@@ -121,6 +124,20 @@ class Context:
             else Figure.undetermined(x.unit, x.reason, made[0][name].meaning)
             for name, x in certified.figures.items()
         }
+
+    @contextmanager
+    def _rows(self, csv: str) -> Iterator[Path | None]:
+        """The file of the rows of a run, None for none; a run that a question refuses to read leaves none behind."""
+        path = self.out / csv if self.out and csv else None
+        try:
+            yield path
+        except SetupError:
+            if path:
+                path.unlink(missing_ok=True)
+                path.with_suffix(".json").unlink(missing_ok=True)
+                with suppress(OSError):
+                    path.parent.rmdir()
+            raise
 
     def each(
         self,

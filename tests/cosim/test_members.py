@@ -299,7 +299,7 @@ def native_binaries(fmus: Path) -> Iterator[tuple[str, str, bytes]]:
 def test_fmus_that_may_run_in_threads_have_no_variables_of_their_own(fmus: Path) -> None:
     """What is written would be shared by instances in several threads."""
     binaries = list(native_binaries(fmus))
-    assert len(binaries) >= 20
+    assert len(binaries) >= 10  # of this machine, in FMI 2.0
     for name, description, binary in binaries:
         assert f'generationTool="{KNOWN_TOOLS[0]}' in description
         assert writable(binary) == 0, name

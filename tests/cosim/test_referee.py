@@ -698,7 +698,7 @@ def test_a_column_without_numbers_is_no_column_that_agrees(
     ("name", "content", "message"),
     [
         ("none.csv", None, "No such file"),
-        ("empty.csv", b"", "No columns"),
+        ("empty.csv", b"", "it is empty"),
         ("binary.csv", bytes(range(256)), "no text in UTF-8"),
         ("heading.csv", b"time,motor.tau\n", "needs two rows"),
         ("not.mat", b"nothing", "cannot be read"),

@@ -250,7 +250,7 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
             study.run(study.load(path, PROJECT), out=tmp_path / "again", scheduler=address)
 
     with (home / "cosim" / "engine" / "links.py").open("a") as file:
-        file.write("# changed\n")
+        file.write("CHANGED = True\n")
     refused(r"differs: code.\"cosim/engine/links.py\" has changed")
     (home / "workbench" / "__init__.py").write_text(f"raise ModuleNotFoundError({LACKING!r})")
     refused("cannot do runs: .*No module named 'workbench'.*; start it in the project's folder")

@@ -64,7 +64,7 @@ PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 QUESTIONS = names(PROJECT.home)
 QUICK_QUESTIONS = ("resonance",)
 OPTIONS = {
-    "resonance": {"speeds": "36,38,40,42,44", "steps_per_rev": 66, "algorithm": "gauss-seidel"}
+    "resonance": {"speeds": "36,38,40,42,44", "steps_per_rev": 128, "algorithm": "gauss-seidel"}
 }
 MARGIN = 14 / 25.4 * 72
 FIGURES = "//table[contains(@class, 'figures')]/tbody/tr"

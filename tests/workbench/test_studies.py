@@ -414,7 +414,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     write(GRID)
     page.write_text(f"{before}# changed\n")
     assert "0 of them now" in study.run(study.load(tmp_path / "some.toml"), out=out).verdict
-    page.write_text(f"{before}changed = 1\n")
+    page.write_text(before.replace("3.0 * o.x", "4.0 * o.x"))
     with pytest.raises(SetupError, match="runs: question has changed; choose another folder"):
         study.run(study.load(tmp_path / "some.toml"), out=out)
     page.write_text(before)
