@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from .system import System, Wire
     from .system.inputs import Table
 
-__version__ = "1.0.0rc1"
+__version__ = "1.0.0"
 
 #: The module of each public name, imported when the name is first asked for: NumPy and SciPy take longer than most runs.
 _HOMES = {

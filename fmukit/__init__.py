@@ -5,7 +5,7 @@ from .declare.model import Experiment
 from .declare.record import array, discrete, fill, real, record, replace, start
 from .runtime.flow import attempted, repeat
 
-VERSION = "1.0.0rc1"
+VERSION = "1.0.0"
 
 __all__ = [
     "VERSION",

@@ -9,6 +9,7 @@ MODEL is a file, NAME.py or NAME/model.py, or the name of a machine that comes w
 import argparse
 import difflib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 KIT = Path(__file__).resolve().parent
@@ -20,17 +21,15 @@ MACHINES = next(
 )
 
 
-def main() -> int:
-    """Run the command line; 0 if every FMU was built, else 1; 2 for what cannot be meant."""
+def main(arguments: Sequence[str] | None = None, program: str = "fmukit") -> int:
+    """Run a command line, by default that of the process; 0 if every FMU was built, else 1; 2 for what cannot be meant."""
     try:
         from .fmu import make
     except ModuleNotFoundError as missing:
         sys.exit(f"error: fmukit needs the package {missing.name}, which is not installed")
     except KeyboardInterrupt:
         return 130
-    parser = argparse.ArgumentParser(
-        prog="fmukit", description="Make FMUs from pages of equations."
-    )
+    parser = argparse.ArgumentParser(prog=program, description="Make FMUs from pages of equations.")
     commands = parser.add_subparsers(dest="command", required=True)
     build = commands.add_parser("build", help="build FMUs from models, validate and test them")
     build.add_argument(
@@ -43,7 +42,7 @@ def main() -> int:
         help="folder for the FMUs, with the folders native, wasm and fmi3 for compiled ones (default: the current one)",
     )
     make.add_options(build)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     models = [model_file(model) for model in options.model]
     if problems := [text for text in map(problem, options.model, models) if text]:
         print(*(f"error: {text}" for text in problems), sep="\n", file=sys.stderr)

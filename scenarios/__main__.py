@@ -1,8 +1,9 @@
 """scenarios list | run NAME or FILE.py [options] | study FILE.toml [options]."""
 
 import sys
+from collections.abc import Sequence
 
-from workbench.cli import main
+from workbench import cli
 from workbench.question import Project
 
 from . import fmu_files
@@ -12,10 +13,10 @@ PROJECT = Project(fmu_files.PACKAGE, fmu_files.FOLDERS, fmu_files.problem, OLD_N
 PROGRAM = "scenarios"
 
 
-def run() -> int:
-    """The words of the command line; its exit code."""
-    return main(sys.argv[1:], PROJECT, PROGRAM)
+def main(arguments: Sequence[str] | None = None, program: str = PROGRAM) -> int:
+    """Run a command line, by default that of the process; return its exit code."""
+    return cli.main(sys.argv[1:] if arguments is None else arguments, PROJECT, program)
 
 
 if __name__ == "__main__":
-    sys.exit(run())
+    sys.exit(main())

@@ -26,9 +26,9 @@ def registered_commands() -> list[Command]:
     return sorted((module.COMMAND for module in modules), key=lambda command: command.rank)
 
 
-def parser() -> Parser:
+def parser(program: str = "cosim") -> Parser:
     """Return the parser of the whole command line."""
-    top = Parser(prog="cosim", description="Couple co-simulation FMUs of FMI 2.0 and 3.0.")
+    top = Parser(prog=program, description="Couple co-simulation FMUs of FMI 2.0 and 3.0.")
     top.add_argument("--version", action="version", version=f"cosim {__version__}")
     subparsers = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for command in registered_commands():
@@ -44,14 +44,14 @@ def parser() -> Parser:
     return top
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None, program: str = "cosim") -> int:
     """Run the command that the arguments, by default those of the process, name; return its exit code."""
 
     def run_command() -> int:
         argv = sys.argv[1:] if arguments is None else arguments
         if argv and argv[0] in SUBSTITUTES:
             raise SetupError(f"there is no command {argv[0]!r}: use {SUBSTITUTES[argv[0]]}")
-        top = parser()
+        top = parser(program)
         options, rest = top.parse_known_args(arguments)
         if rest and "files" in options and not any(text.startswith("-") for text in rest):
             options.files += rest  # parts after an option

@@ -225,7 +225,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--flavour",
         choices=FLAVOURS,
         default=default,
-        help=f"which FMUs to build (default here: {default})",
+        help="python; native, from C; wasm, for browsers; both, which is these three; fmi3, native in FMI 3.0; or "
+        f"all (default here: {default})",
     )
     parser.add_argument(
         "--platforms",

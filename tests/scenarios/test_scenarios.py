@@ -346,7 +346,7 @@ def test_a_users_question_runs_and_is_studied_anywhere(tmp_path: Path) -> None:
 
 def test_list_names_every_question_and_imports_none() -> None:
     code = (
-        "import sys; from scenarios.__main__ import *; main(['list'], PROJECT, '');"
+        "import sys; from scenarios.__main__ import *; main(['list']);"
         "light = {'scenarios.__main__', 'scenarios.fmu_files', 'scenarios.old_names'};"
         "sys.exit(any(x.startswith('scenarios.') and x not in light for x in sys.modules))"
     )
