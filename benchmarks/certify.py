@@ -278,7 +278,9 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
         dense = np.column_stack([t, *(x[:, names.index(c)] for c in columns)])
         fed = any(unit.D is not None for unit in units.values())
         order = 2 if algorithm == "strang" and not fed else 1
-        return Result([TIME, *map(Column, columns)], {"convergence_order": order}, lambda: dense)
+        return Result(
+            [TIME, *map(Column, columns)], {"convergence_order": order}, dense.T.__getitem__
+        )
 
     return Case(linear.couple(units, FMUS / "LinearSystem.fmu"), stop, step, exact, runner)
 

@@ -62,7 +62,7 @@ class SyntheticCase:
             return np.column_stack([t, self.x(t, step)])
 
         report = {"convergence_order": self.order, "warnings": []}
-        return Result([TIME, Column("x")], report, partial(rows, step))
+        return Result([TIME, Column("x")], report, rows(step).T.__getitem__)
 
 
 def synthetic_cases(draw: Draw) -> Iterator[SyntheticCase]:
@@ -276,7 +276,7 @@ def relaxing_pair(draw: Draw) -> tuple[Callable[..., Result], dict[str, Callable
             rows.append(((k + 1) * step, y, z, b))
         report = {"convergence_order": 2 if algorithm == "strang" else 1, "warnings": []}
         data = np.array(rows)
-        return Result([TIME, *map(Column, ("y", "z", "b"))], report, lambda: data)
+        return Result([TIME, *map(Column, ("y", "z", "b"))], report, data.T.__getitem__)
 
     exact = solve_ivp(
         lambda _, x: [

@@ -190,9 +190,8 @@ class Ensemble:
             bonds={bond: _balance(values[k]) for bond, values in self.energy.items()},
             warnings=[text for text, members in self.warnings.items() if number in members],
         )
-        return Result(
-            self.columns, report.to_json(), lambda: rows, report=report, breaks=self.breaks
-        )
+        load = rows.T.__getitem__
+        return Result(self.columns, report.to_json(), load, report=report, breaks=self.breaks)
 
     def evaluate(self, metrics: Mapping[str, Metric]) -> dict[str, Array]:
         """The numbers that metrics make of the members, shape (members,) each; nan for one that failed."""

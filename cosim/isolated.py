@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import logging
 import math
@@ -23,7 +22,7 @@ from .engine.settings import RunSettings
 from .errors import SetupError, pluralize
 from .fmu.messages import log, quiet
 from .master import begin, run
-from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
+from .result import Interrupted, Result, SimulationError, file_columns, partial, write_json
 from .series import described_columns
 from .signals import collect_interrupts
 from .system import System
@@ -95,8 +94,7 @@ def run_isolated(
                     logger.handle(content)
             elif kind == "end":
                 error, text, columns, breaks, facts, path = content
-                load = functools.partial(read_rows, path)
-                result = Result(columns, facts, load, breaks=breaks)
+                result = Result(columns, facts, file_columns(path), breaks=breaks)
                 if error is not None:
                     raise error(text, result)
                 return result
@@ -271,6 +269,6 @@ def _error_with_rows(
     write_json(path.with_suffix(".json"), facts)
     columns = described_columns(header.split(","), facts.pop("units"), facts.pop("kinds", {}))
     breaks = np.reshape(facts.pop("breaks", []), (-1, 2))
-    result = Result(columns, facts, lambda: read_rows(path), breaks=breaks)
+    result = Result(columns, facts, file_columns(path), breaks=breaks)
     text = f"{dead} after t = {reached!r} s, {pluralize(len(rows), 'row')} in {path.name}"
     return Interrupted(text, result) if pressed else SimulationError(text, result)

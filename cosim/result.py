@@ -8,8 +8,9 @@ import json
 import os
 import stat
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.util import find_spec
 from io import BytesIO, FileIO
 from pathlib import Path
@@ -22,6 +23,7 @@ from .dense import DenseSolution
 from .errors import SetupError
 from .report import RunReport
 from .series import NO_BREAKS, TIME, Column, Kind, Series, column_facts
+from .table_file import facts_path, read_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,18 +59,17 @@ class Result(Series):
         self,
         columns: Sequence[Column],
         provenance: dict[str, Any],
-        load: Callable[[], Rows],
+        load: Callable[[int], Rows],
         *,
         report: RunReport | None = None,
         breaks: Rows = NO_BREAKS,
     ) -> None:
-        super().__init__(columns, self._values, breaks=breaks, label="the result")
+        super().__init__(columns, load, breaks=breaks, label="the result")
         self.provenance, self.report = provenance, report
-        self._load = load
 
-    def _values(self, k: int) -> NDArray[Any]:
-        """Column number k; whole numbers as such, where doubles tell them apart."""
-        values, kind = self.data[:, k], self.columns[k].kind
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """A column, shape (rows,); whole numbers as such, where doubles tell them apart. Raises KeyError."""
+        values, kind = super().__getitem__(name), self.column(name).kind
         if kind in (Kind.INTEGER, Kind.ENUMERATION, Kind.BOOLEAN):
             is_whole = np.isfinite(values).all() and np.abs(values).max(initial=0.0) < MOST_EXACT
             return values.astype(np.int64) if is_whole else values
@@ -107,7 +108,8 @@ class Result(Series):
     @cached_property
     def data(self) -> Rows:
         """All rows, shape (rows, columns); the first column is the time in s."""
-        return self._load()
+        loaded = [self.load(k) for k in range(len(self.columns))]
+        return np.column_stack(loaded) if loaded else np.empty((0, 0))
 
     @property
     def warnings(self) -> list[str]:
@@ -129,7 +131,7 @@ class Result(Series):
         return pd.DataFrame(self.data, columns=self.names)
 
     def write(self, path: Path | str, part: str | None = None) -> None:
-        """Write NAME.csv or NAME.parquet, with units and provenance in NAME.json: both files or neither.
+        """Write NAME.csv and NAME.json with units and provenance, or NAME.parquet and NAME.parquet.json: both or neither.
 
         Parameters
         ----------
@@ -157,25 +159,7 @@ class Result(Series):
         if path.suffix not in (".csv", ".parquet"):
             raise SetupError(f"{path} must end in .csv or .parquet")
         path.parent.mkdir(parents=True, exist_ok=True)
-        require_names(path)
-        rows = partial(path)
-        facts = rows.with_suffix(".json")
-        try:
-            if path.suffix == ".csv":
-                frame.to_csv(rows, index=False)
-            else:
-                frame.to_parquet(rows)
-            write_json(facts, self.provenance | table_facts(columns, self.breaks))
-            facts.replace(path.with_suffix(".json"))
-            rows.replace(path)
-        except ImportError:
-            raise SetupError(
-                f"{path}: Parquet needs the package pyarrow, the extra `parquet`"
-            ) from None
-        except OSError:
-            for name in (rows, facts):
-                name.unlink(missing_ok=True)
-            raise
+        write_table(frame, path, self.provenance | table_facts(columns, self.breaks))
 
     def plot(
         self, names: Sequence[str] | str | None = None, path: Path | str | IO[bytes] | None = None
@@ -245,7 +229,7 @@ def require_names(path: Path) -> None:
     A symbolic link at such a name would lead to a file that nobody has named: it is refused.
     """
     rows = partial(path)
-    for name in (rows, rows.with_suffix(".json"), path.with_suffix(".json")):
+    for name in (rows, facts_path(rows), facts_path(path)):
         try:
             mode = name.lstat().st_mode
         except FileNotFoundError:
@@ -270,12 +254,50 @@ def open_unlinked(path: Path, mode: str) -> FileIO:
     return FileIO(path, mode, opener=opener)
 
 
-def read_rows(path: Path) -> Rows:
-    """The rows of a CSV file, to the last digit."""
-    import pandas as pd
+def file_columns(path: Path) -> Callable[[int], Rows]:
+    """Gives the columns of a file of rows by their number; it is read when the first is asked for, a large one each time.
 
-    rows: Rows = pd.read_csv(path).to_numpy(dtype=np.float64)
-    return rows
+    Raises SetupError if another run has written the file since.
+    """
+
+    def written() -> tuple[int, int] | None:
+        with suppress(OSError):
+            return path.stat().st_mtime_ns, path.stat().st_ino
+        return None
+
+    now, table = written(), cache(lambda: read_file(path))
+
+    def load(k: int) -> Rows:
+        if written() != now:
+            raise SetupError(f"{path} has been written since by another run: give each its own csv")
+        return table().load(k).astype(np.float64)
+
+    return load
+
+
+def write_table(frame: pd.DataFrame, path: Path, facts: dict[str, Any]) -> None:
+    """Write a frame to NAME.csv or NAME.parquet and the facts beside it: both files or neither.
+
+    Raises SetupError if a file cannot have its name or pyarrow is missing, and OSError without room.
+    """
+    require_names(path)
+    rows = partial(path)
+    try:
+        if path.suffix == ".csv":
+            frame.to_csv(rows, index=False)
+        else:
+            frame.to_parquet(rows, index=False)
+        write_json(facts_path(rows), facts)
+        facts_path(rows).replace(facts_path(path))
+        rows.replace(path)
+    except ImportError:
+        raise SetupError(
+            f"{path}: Parquet needs the package pyarrow, the extra `parquet`"
+        ) from None
+    except OSError:
+        for name in (rows, facts_path(rows)):
+            name.unlink(missing_ok=True)
+        raise
 
 
 def table_facts(columns: Sequence[Column], breaks: Rows) -> dict[str, Any]:
@@ -287,24 +309,3 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write readable JSON."""
     with open_unlinked(path, "wb") as file:
         file.write(f"{json.dumps(content, indent=2)}\n".encode())
-
-
-class DerivedResult(Result):
-    """A result whose columns are made of those of another one when they are asked for, and not held.
-
-    Parameters
-    ----------
-    result : Result
-        Has the names, the units and the provenance.
-    column : callable
-        Gives the column of a name, shape (rows,).
-    """
-
-    def __init__(self, result: Result, column: Callable[[str], Rows]) -> None:
-        super().__init__(
-            result.columns,
-            result.provenance,
-            lambda: np.column_stack([column(name) for name in result.names]),
-            breaks=result.breaks,
-        )
-        self._column = lambda k: column(result.names[k])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +141,7 @@ class Series:
         label: str = "the table",
     ) -> None:
         self.columns, self.breaks, self.label = tuple(columns), breaks, label
-        self._column = load
+        self.load = load
 
     @property
     def names(self) -> list[str]:
@@ -164,7 +165,7 @@ class Series:
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """The values of a column in their own type, shape (rows,); raises KeyError for one that there is not."""
-        return self._column(self._index(name))
+        return self.load(self._index(name))
 
     @property
     def clock(self) -> str:
@@ -213,7 +214,19 @@ class Series:
         numbers = self.numbers(reading.name, gaps=gaps)
         return scale * (reading.factor * numbers + reading.offset)
 
-    def pieces(self) -> Iterator[Series]:
+    def with_values(self, load: Callable[[int], NDArray[Any]]) -> Self:
+        """The table with other values in its columns, which `load` gives by their number, shape (rows,)."""
+        other = copy(self)
+        other.load = load
+        for made in ("t", "data"):  # of the values that it has no more
+            vars(other).pop(made, None)
+        return other
+
+    def select(self, rows: slice | NDArray[Any]) -> Self:
+        """The table with these rows only."""
+        return self.with_values(lambda k: self.load(k)[rows])
+
+    def pieces(self) -> Iterator[Self]:
         """The stretches without equal times and without breaks, each with two rows at least."""
         t = self.t
         cut = np.diff(t) <= 0.0
@@ -222,12 +235,9 @@ class Series:
         ends = [0, *(np.flatnonzero(cut) + 1).tolist(), len(t)]
         for first, last in pairwise(ends):
             if last - first > 1:
-                part = slice(first, last)
-                yield Series(
-                    self.columns,
-                    lambda k, part=part: self._column(k)[part],  # type: ignore[misc]
-                    label=self.label,
-                )
+                piece = self.select(slice(first, last))
+                piece.breaks = NO_BREAKS
+                yield piece
 
     @classmethod
     def read(cls, path: Path | str, mapping: Mapping[str, str] | None = None) -> Series:

@@ -93,6 +93,11 @@ def read_file(path: Path) -> TableFile:
         raise SetupError(f"{path} cannot be read as a table: {_reason(error)}") from error
 
 
+def facts_path(path: Path) -> Path:
+    """The JSON file beside a table, NAME.json; NAME.parquet has NAME.parquet.json, since NAME.csv may stand beside it."""
+    return path.with_suffix(".parquet.json" if path.suffix == ".parquet" else ".json")
+
+
 def split_heading(heading: str) -> tuple[str, str]:
     """A heading as name and unit; what is in its brackets may also be an index or a type."""
     heading = heading.strip()
@@ -157,7 +162,7 @@ def _reason(error: Exception) -> str:
 
 def _facts_beside(path: Path) -> dict[str, Any]:
     """What a JSON file beside a table says of its columns; raises SetupError for one that is no JSON, or says it wrong."""
-    beside = path.with_suffix(".json")
+    beside = facts_path(path)
     if not beside.is_file():
         return {}
     try:

@@ -88,14 +88,14 @@ def with_row_errors(
 
 def with_rows(result: Result, rows: Samples) -> Result:
     """The result with these rows instead, of shape (n, columns)."""
-    return Result(result.columns, result.provenance, lambda: rows, breaks=result.breaks)
+    return Result(result.columns, result.provenance, rows.T.__getitem__, breaks=result.breaks)
 
 
 def extended(result: Result, unit: str, more: Mapping[str, Samples]) -> Result:
     """The result with more columns, which are all in that unit."""
     data = np.column_stack([result.data, *more.values()])
     columns = [*result.columns, *(Column(name, unit) for name in more)]
-    return Result(columns, result.provenance, lambda: data, breaks=result.breaks)
+    return Result(columns, result.provenance, data.T.__getitem__, breaks=result.breaks)
 
 
 def _halves(rows: int) -> list[NDArray[np.int64]]:

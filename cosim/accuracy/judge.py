@@ -329,9 +329,7 @@ class ObservedResult(Result):
     """A result that notes which columns are read."""
 
     def __init__(self, result: Result) -> None:
-        super().__init__(
-            result.columns, result.provenance, lambda: result.data, breaks=result.breaks
-        )
+        super().__init__(result.columns, result.provenance, result.load, breaks=result.breaks)
         self._rows, self._read = result, set[str]()
 
     def __getitem__(self, name: str) -> Rows:

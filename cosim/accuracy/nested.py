@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..engine.control import Adaptive
-from ..engine.row_file import StoredRows
-from ..result import DerivedResult, Result, SimulationError
+from ..engine.row_file import stored_column
+from ..result import Result, SimulationError
 from ..scratch import scratch
 from ..system import System
 from .limit import STEP_RATIO
@@ -110,8 +110,7 @@ def nested_runs(
         )
         finest = dense = results[0]
         if path.exists():
-            rows = StoredRows(path, len(finest.columns))
-            dense = DerivedResult(finest, lambda name: rows.column(finest.names.index(name)))
+            dense = finest.with_values(partial(stored_column, path, len(finest.columns)))
         yield NestedRuns(results, dense, ratio_of_steps(results, step), lost)
 
 
@@ -152,7 +151,6 @@ def _results(
                 else f"step of {longer:g} s"
             )
             return [known[n] for n in range(k)], LOST.format(size, error)
-        len(known[k].data)  # read now: the next run may write the same file
     return [known[k] for k in range(RUNS)], ""
 
 

@@ -165,7 +165,7 @@ def oracle(
         result = Result(
             columns,
             provenance | outcome,
-            lambda: np.array(rows).reshape(-1, len(columns)),
+            np.array(rows).reshape(-1, len(columns)).T.__getitem__,
             breaks=np.array(jumps).reshape(-1, 2),
         )
         if outcome["status"] == "failed":

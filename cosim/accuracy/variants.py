@@ -9,7 +9,7 @@ import numpy as np
 
 from ..dense import KEPT_ROWS, Array, Indices, Side, thinned_rows
 from ..metrics import Curve
-from ..result import DerivedResult, Result
+from ..result import Result
 from .nested import RUNS, NestedRuns
 from .trajectories import (
     Divergence,
@@ -187,20 +187,19 @@ class Forms:
         """The results of the runs, on common rows."""
         if self._common is None:
             return list(self.runs.results)
-        return [
-            DerivedResult(result, lambda name, r=result, k=rows: r[name][k])  # type: ignore[misc]
-            for result, rows in zip(self.runs.results, self._common)
-        ]
+        return [result.select(rows) for result, rows in zip(self.runs.results, self._common)]
 
 
 def with_columns(result: Result, changed: Mapping[str, Callable[[], Array]]) -> Result:
     """A result with other values in some columns, which are made when they are read."""
-    return DerivedResult(result, lambda name: changed[name]() if name in changed else result[name])
+    names = result.names
+    return result.with_values(
+        lambda k: changed[names[k]]() if names[k] in changed else result.load(k)
+    )
 
 
 def thinned_results(result: Result, n: int) -> Iterator[Result]:
     """The result with the rows first, first + n, ..., and the ends, for each first row."""
     t = result["time"]
     for first in range(n):
-        rows = np.flatnonzero(thinned_rows(t, n, first))
-        yield DerivedResult(result, lambda name, rows=rows: result[name][rows])  # type: ignore[misc]
+        yield result.select(np.flatnonzero(thinned_rows(t, n, first)))

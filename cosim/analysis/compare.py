@@ -322,7 +322,7 @@ def _read(source: Source, label: str) -> _Record:
     import pandas as pd
 
     if isinstance(source, Result):
-        series = Series(source.columns, lambda k: source.data[:, k], label=label)
+        series = Series(source.columns, source.load, label=label)
     elif isinstance(source, pd.DataFrame):
         series = Series.of(source, label)
     else:

@@ -16,6 +16,7 @@ from ..names import only
 from ..result import Result, require_names
 from ..result import partial as partial_file
 from ..system import System
+from ..table_file import facts_path
 from .options import require
 
 
@@ -98,7 +99,7 @@ def new_folders(options: argparse.Namespace) -> list[Path]:
 def print_new_files(options: argparse.Namespace, folders: Sequence[Path]) -> None:
     """Print which files and folders a command has made."""
     if options.out is not None:
-        facts = options.out.with_suffix(".json")
+        facts = facts_path(options.out)
         print(f"rows written to {options.out}, units and provenance to {facts}")
     if options.plot is not None:
         print(f"plot written to {options.plot}")

@@ -25,9 +25,9 @@ from ..report import RunReport, RunSetup, Statistics
 from ..result import (
     Result,
     Rows,
+    file_columns,
     open_unlinked,
     partial,
-    read_rows,
     require_names,
     table_facts,
     write_json,
@@ -105,13 +105,8 @@ class Recorder:
         columns = [_with_order(column, report.statistics) for column in self.columns]
         intervals = np.array(breaks, dtype=float).reshape(-1, 2)
         if self._stream is None or self._path is None:
-            return Result(
-                columns,
-                provenance,
-                lambda: np.array(rows).reshape(-1, width),
-                report=report,
-                breaks=intervals,
-            )
+            load = np.asarray(rows).reshape(-1, width).T.__getitem__
+            return Result(columns, provenance, load, report=report, breaks=intervals)
         with suppress(FmuError):
             self.flush()
         target = partial(self._path)
@@ -125,9 +120,7 @@ class Recorder:
             with suppress(OSError):
                 write_json(target.with_suffix(".json"), content)
             self._stream.close()
-        return Result(
-            columns, provenance, lambda: read_rows(target), report=report, breaks=intervals
-        )
+        return Result(columns, provenance, file_columns(target), report=report, breaks=intervals)
 
     def _take_names(self, rows: Path, content: dict[str, Json]) -> Path:
         """Give the complete file and its JSON their names, so that old facts never stand beside new rows.

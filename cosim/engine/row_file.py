@@ -41,27 +41,11 @@ class RowFile:
         self._file.close()
 
 
-class StoredRows:
-    """The rows of such a file, of which no more than one column and a few rows are in memory.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    width : int
-        Numbers in a row.
-    """
-
-    def __init__(self, path: Path, width: int) -> None:
-        self._path, self._width = path, width
-        self._rows = path.stat().st_size // (width * DOUBLE_BYTES)
-
-    def column(self, k: int) -> Rows:
-        """Column number k, shape (rows,)."""
-        values = np.empty(self._rows)
-        with self._path.open("rb") as file:
-            for begin in range(0, self._rows, ROWS_AT_A_TIME):
-                rows = np.fromfile(file, count=ROWS_AT_A_TIME * self._width)
-                part = rows.reshape(-1, self._width)[:, k]
-                values[begin : begin + len(part)] = part
-        return values
+def stored_column(path: Path, width: int, k: int) -> Rows:
+    """Column number k of such a file with so many numbers in a row, shape (rows,); no other one is in memory."""
+    values = np.empty(path.stat().st_size // (width * DOUBLE_BYTES))
+    with path.open("rb") as file:
+        for begin in range(0, len(values), ROWS_AT_A_TIME):
+            rows = np.fromfile(file, count=ROWS_AT_A_TIME * width).reshape(-1, width)
+            values[begin : begin + len(rows)] = rows[:, k]
+    return values

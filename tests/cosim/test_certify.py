@@ -41,7 +41,7 @@ def test_an_extreme_that_every_run_smoothes_is_in_the_error(metric: Any, widest:
 
     def runner(_: System, *, step: float, **__: Any) -> Result:
         rows = np.column_stack([t, 20 * t**2 - t + 80 * step * t])
-        return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
+        return Result([TIME, Column("x")], {"convergence_order": 1}, rows.T.__getitem__)
 
     estimate = certify(System({}), {"x": metric}, step=0.0125, runner=runner).figures["x"]
     assert estimate.value == pytest.approx(0.0, abs=1e-12)
@@ -81,7 +81,7 @@ def certified_estimate(x: Any, metric: Any) -> Any:
 
     def runner(_: System, *, step: float, **__: Any) -> Result:
         report = {"convergence_order": 1}
-        return Result([TIME, Column("x")], report, lambda: np.column_stack([t, x(t, step)]))
+        return Result([TIME, Column("x")], report, np.column_stack([t, x(t, step)]).T.__getitem__)
 
     return certify(System({}), {"x": metric}, step=0.0025, runner=runner).figures["x"]
 
@@ -242,7 +242,7 @@ def test_figures_after_the_runs_have_diverged_are_refused(stop: float) -> None:
         x = lorenz(step, stop)
         columns = [TIME, *map(Column, ("x", "y", "z", "ramp"))]
         rows = np.column_stack([t, x, t])
-        return Result(columns, {"convergence_order": 2}, lambda: rows)
+        return Result(columns, {"convergence_order": 2}, rows.T.__getitem__)
 
     def figures(r: Result) -> dict[str, float]:
         final, early = r["time"] >= stop - 1.0, r["time"] <= 1.0
@@ -267,7 +267,7 @@ def test_runs_that_differ_much_but_converge_have_not_diverged() -> None:
 
     def runs(x: Any, kind: Kind = Kind.CONTINUOUS) -> list[Result]:
         rows = [np.column_stack([t, x(h)]) for h in (0.025, 0.05, 0.1)]
-        return [Result([TIME, Column("x", kind=kind)], {}, lambda r=r: r) for r in rows]
+        return [Result([TIME, Column("x", kind=kind)], {}, r.T.__getitem__) for r in rows]
 
     for delay in (0.02, 0.2, 1.0):
         late = runs(lambda h, delay=delay: np.sin(2 * (1 - delay * h) * t))

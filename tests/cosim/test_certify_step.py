@@ -33,7 +33,7 @@ class Steps:
         t = np.linspace(0.0, 1.0, 101 if isinstance(step, Adaptive) else round(1.0 / size) + 1)
         rows = np.column_stack([t, self.x(t, size)])
         report = {"convergence_order": self.order, "status": "complete", "warnings": []}
-        result = Result([TIME, Column("x", "N")], report, lambda: rows)
+        result = Result([TIME, Column("x", "N")], report, rows.T.__getitem__)
         if size >= self.fails_from:
             raise SimulationError(f"it lifts off with {size:g}", result)
         return result

@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
 
-from cosim import Adaptive, Result, System, Table, certify, oracle, run
+from cosim import Adaptive, Result, SetupError, System, Table, certify, oracle, run, table_file
 from cosim.cli.main import main
 from cosim.metrics import Crossing, Largest, Last, Mean, Metric, Smallest
 from cosim.series import TIME, Column, Kind
@@ -158,7 +158,9 @@ def test_a_real_whose_rows_are_whole_numbers_is_no_count() -> None:
     def error(offset: float, kind: Kind) -> float:
         def runner(_: Any, *, step: float, **__: Any) -> Result:
             rows = np.column_stack([t, 160_000.0 * t**2 + offset])
-            return Result([TIME, Column("x", kind=kind)], {"convergence_order": 1}, lambda: rows)
+            return Result(
+                [TIME, Column("x", kind=kind)], {"convergence_order": 1}, rows.T.__getitem__
+            )
 
         got = certify(System({}), {"x": Mean("x")}, step=0.01, runner=runner).figures["x"]
         assert got.error is not None
@@ -167,6 +169,28 @@ def test_a_real_whose_rows_are_whole_numbers_is_no_count() -> None:
     assert error(0.0, Kind.CONTINUOUS) == pytest.approx(error(0.1, Kind.CONTINUOUS), rel=0.1)
     assert error(0.0, Kind.CONTINUOUS) < 1e-3
     assert error(0.0, Kind.DISCRETE) > 100.0
+
+
+def test_columns_of_a_large_file_are_read_one_by_one(
+    switched: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cosim.table_file.LARGE", 100)
+    plain = run(switched, stop=1.0, step=0.01)
+    result = run(switched, stop=1.0, step=0.01, csv=tmp_path / "rows.csv")
+    asked, cells = list[object](), table_file._cells
+    monkeypatch.setattr(table_file, "_cells", lambda *of: (asked.append(of[2:]), cells(*of))[1])
+    assert_array_equal(result["motor.tau"], plain["motor.tau"])
+    assert asked == [(1,)]
+    assert_array_equal(result.data, plain.data)
+    run(switched, stop=1.0, step=0.02, csv=tmp_path / "rows.csv")
+    with pytest.raises(SetupError, match="has been written since by another run"):
+        result["motor.tau"]
+
+
+def test_pieces_are_what_jumps_separate(switched: System) -> None:
+    pieces = list(run(switched, stop=1.0, step=Adaptive(1e-4)).pieces())
+    assert [(p["time"][0], p["time"][-1]) for p in pieces] == [(0.0, 0.503), (0.503, 1.0)]
+    assert [bool(p["motor.P"].any()) for p in pieces] == [False, True]
 
 
 class Drawn:

@@ -21,10 +21,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
+from cosim import Interrupted, SetupError, SimulationError, isolated, result, run, run_isolated
 from cosim.cli.commands import run as run_command
 from cosim.cli.main import main
 from cosim.engine import driver, process_state
+from cosim.table_file import facts_path
 from tests.conftest import ROOT, restore_ctrl_c, until
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack, single_fmu_system
@@ -76,7 +77,7 @@ def test_a_name_belongs_to_a_single_run_in_every_format(
     tmp_path: Path,
     command_output: CommandOutput,
 ) -> None:
-    """Both would write r.json; the second is refused, the first keeps its rows, a third may run."""
+    """Both may write r.partial.csv; the second is refused, the first keeps its rows, a third may run."""
     first = start(*long(tmp_path, "--out", tmp_path / first_options[0], *first_options[1:]))
     until((tmp_path / "r.partial.csv").exists)
     again = [
@@ -98,6 +99,7 @@ def test_a_name_belongs_to_a_single_run_in_every_format(
         len(pd.read_parquet(partial) if partial.suffix == ".parquet" else pd.read_csv(partial)) > 1
     )
     partial.unlink()
+    facts_path(partial).unlink()
     command_output("run", tmp_path / "A.fmu", *again)
     assert not list(tmp_path.glob("r.partial.[cp]*"))
 
@@ -139,7 +141,7 @@ def test_a_failed_run_keeps_its_rows_whatever_the_format(
     partial = Path(options[1]).with_stem("r.partial")
     rows = pd.read_parquet(partial) if partial.suffix == ".parquet" else pd.read_csv(partial)
     assert list(rows["time"]) == pytest.approx([0.1 * n for n in range(6)])
-    assert json.loads(Path("r.partial.json").read_text())["status"] == "failed"
+    assert json.loads(facts_path(partial).read_text())["status"] == "failed"
 
 
 @pytest.mark.parametrize(
@@ -376,7 +378,7 @@ def test_an_fmu_that_is_never_freed_does_not_hold_the_result(
 def test_rows_in_a_file_are_counted_without_reading_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_output: CommandOutput
 ) -> None:
-    monkeypatch.setattr(isolated, "read_rows", pytest.fail)
+    monkeypatch.setattr(result, "read_file", pytest.fail)
     arguments = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "r.csv")]
     assert ", 11 rows" in command_output("run", pack(tmp_path / "A.fmu"), *arguments)
 

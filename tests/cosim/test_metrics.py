@@ -101,7 +101,7 @@ def of(
     def runner(_: Any, *, step: float, **__: Any) -> Result:
         t = np.linspace(0.0, stop, round(stop / 0.01) + 1)
         rows = np.column_stack([t, values(t)])
-        return Result([TIME, Column("x", kind=kind)], {"convergence_order": 2}, lambda: rows)
+        return Result([TIME, Column("x", kind=kind)], {"convergence_order": 2}, rows.T.__getitem__)
 
     return runner
 
@@ -210,7 +210,7 @@ def test_a_row_of_an_event_close_to_a_row_does_not_make_a_peak_uncertain() -> No
 
         def runner(_: Any, *, step: float, **__: Any) -> Result:
             rows = np.column_stack([t, np.sin(7.0 * t) * (1.0 + step)])
-            return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
+            return Result([TIME, Column("x")], {"convergence_order": 1}, rows.T.__getitem__)
 
         return certify(System({}), {"f": Largest("x")}, step=0.0025, runner=runner).figures["f"]
 
@@ -312,7 +312,7 @@ def test_what_never_passes_a_level_says_how_far_it_gets() -> None:
 
     def touching(_: Any, *, step: float, **__: Any) -> Result:
         rows = np.column_stack([t, np.sin(7.0 * t) * (1.0 + step)])
-        return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
+        return Result([TIME, Column("x")], {"convergence_order": 1}, rows.T.__getitem__)
 
     for level in (1.0001, 1.0026):
         passes = {"f": Crossing("x", level=level)}

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from cosim import Adaptive, Result, SetupError, System, run
 from cosim.engine.recorder import CHUNK, OutputGrid, Recorder
-from cosim.series import Column
+from cosim.series import Column, Series
 from scenarios.conveyor.first_order import SETS
 from tests.cosim.foreign import idle, pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
@@ -248,7 +248,9 @@ def test_parquet_carries_the_frame(fmus: Path, tmp_path: Path) -> None:
     result = from_rest(fmus, step=1e-2)
     result.write(tmp_path / "run.parquet")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "run.parquet"), result.frame)
-    assert json.loads((tmp_path / "run.json").read_text())["units"]["motor.tau"] == "N.m"
+    result.write(tmp_path / "run.csv", part="motor")  # of other names, and so of other facts
+    assert Series.read(tmp_path / "run.parquet").units["motor.tau"] == "N.m"
+    assert Series.read(tmp_path / "run.csv").units["tau"] == "N.m"
 
 
 def test_plot_has_an_axis_per_unit(fmus: Path, tmp_path: Path) -> None:

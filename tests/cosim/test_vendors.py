@@ -15,7 +15,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from cosim import Adaptive, Result, SetupError, System, run
+from cosim import Adaptive, SetupError, System, run
 from cosim.cli.main import main
 from cosim.engine.recorder import OutputGrid
 from tests.conftest import ROOT, described, rewritten
@@ -217,7 +217,7 @@ def test_a_run_without_files_shows_where_it_ends(
         assert text in page
     result.provenance["warnings"].append("A: 3 < 4")
     assert "<p>A: 3 &lt; 4</p>" in result._repr_html_()
-    empty = Result(result.columns, result.provenance, lambda: result.data[:0])
+    empty = result.select(slice(0))
     assert "<td>" not in empty._repr_html_()
 
 

@@ -184,7 +184,7 @@ def result_of_steps(steps: float = 1.0, first_order: Sequence[str] = ()) -> Resu
     error = 0.1 * steps**2 * np.ones_like(t)
     report = {"convergence_order": 2, "first_order": first_order}
     columns = [TIME, Column("x", "N"), Column("y", "N")]
-    return Result(columns, report, lambda: np.column_stack([t, 5.0 + error, 5.0 + error]))
+    return Result(columns, report, np.column_stack([t, 5.0 + error, 5.0 + error]).T.__getitem__)
 
 
 def judged(function: Function, results: Sequence[Result]) -> dict[str, Estimate]:
@@ -306,7 +306,7 @@ def test_the_cost_of_a_jam_and_its_error_follow_the_cycle() -> None:
 
 def test_rows_of_a_result_are_thinned_together() -> None:
     t = np.linspace(0.0, 1.0, 21)
-    r = Result([TIME, Column("a.x", "m")], {}, lambda: np.column_stack([t, t**2]))
+    r = Result([TIME, Column("a.x", "m")], {}, np.column_stack([t, t**2]).T.__getitem__)
 
     def figures_of(r: Result) -> dict[str, Figure]:
         area = float(np.trapezoid(r["a.x"], r["time"]))
@@ -333,7 +333,7 @@ def test_figures_after_the_runs_have_diverged_are_refused() -> None:
 
     def diverged(phase: float) -> Result:
         rows = np.column_stack([t, np.sin(t + phase * past_divergence)])
-        return Result([TIME, Column("x")], {"convergence_order": 1}, lambda: rows)
+        return Result([TIME, Column("x")], {"convergence_order": 1}, rows.T.__getitem__)
 
     results = [diverged(phase) for phase in (5.5, 3.0, 1.0)]
 

@@ -32,7 +32,7 @@ class RunFailedError(SimulationError):
     """A task that did not come to its end."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(message, Result([], {}, lambda: np.empty((0, 0))))
+        super().__init__(message, Result([], {}, np.empty((0, 0)).__getitem__))
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def read_foreign(source: Source) -> Series:
         If it cannot be read, has fewer than two rows, or has times that fall.
     """
     if isinstance(source, Result):
-        whole = Series(source.columns, lambda k: source.data[:, k], label="the result")
+        whole = Series(source.columns, source.load, label="the result")
     elif isinstance(source, (str, Path)):
         whole = Series.read(source)
     else:

@@ -6,7 +6,7 @@ import argparse
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,6 +19,7 @@ from ...isolated import run_isolated
 from ...result import Interrupted, Result, SimulationError
 from ...result import partial as partial_file
 from ...scratch import scratch
+from ...system import System
 from ..command import Command
 from ..options import Parser
 from ..output import (
@@ -40,7 +41,13 @@ def run_system(options: argparse.Namespace) -> int:
         arguments = {k: value for k, value in vars(settings).items() if value is not None}
         folders = new_folders(options)
         require_files(options, file.system)
-        runner = partial(run_isolated, csv=Path(folder) / "rows.csv", timeout=options.timeout)
+        files = (Path(folder) / f"rows{k}.csv" for k in count())
+
+        def runner(system: System, **settings: Any) -> Result:
+            """Run in a child; rows that are not wanted in a file have one of their own for as long as they are needed."""
+            settings = {"csv": next(files)} | settings
+            return run_isolated(system, timeout=options.timeout, **settings)
+
         outcome = _run_and_write(file, options, arguments, runner)
         result = outcome.result
         if options.plot is not None:

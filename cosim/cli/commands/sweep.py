@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import os
 import re
@@ -27,7 +26,7 @@ from ...metrics import (
     TimeOfSmallest,
 )
 from ...result import partial as partial_file
-from ...result import require_names, write_json
+from ...result import require_names, write_table
 from ...system import Network, Value
 from ...system.start_values import checked_start, value_of_text
 from ...table_file import read_cells, split_heading
@@ -80,7 +79,9 @@ def sweep_system(options: argparse.Namespace) -> int:
         units = _units(file.network, cases, figures)
         table.insert(0, "run", range(1, runs + 1))
         if options.out is not None:
-            _write(table, options.out, units)
+            facts = {str(k): v for k, v in table.attrs.items()}
+            columns = {name: units[name] for name in map(str, table) if name in units}
+            write_table(table, options.out, facts | {"units": columns})
         if options.plot is not None:
             _plot(table, list(cases), list(figures), units, options.plot)
     failed = int(table[next(iter(figures))].isna().sum())
@@ -246,20 +247,6 @@ def _units(
         unit = metric.unit(network.port(metric.columns[0]).unit)
         units[name] = units[f"{name} error"] = unit
     return units
-
-
-def _write(table: pd.DataFrame, path: Path, units: Mapping[str, str]) -> None:
-    """Write the table, with units and what makes it in a JSON file next to it: both or neither."""
-    rows = partial_file(path)
-    facts = rows.with_suffix(".json")
-    columns = {name: units[name] for name in map(str, table) if name in units}
-    if path.suffix == ".csv":
-        table.to_csv(rows, index=False, quoting=csv.QUOTE_MINIMAL)
-    else:
-        table.to_parquet(rows, index=False)
-    write_json(facts, {**{str(k): v for k, v in table.attrs.items()}, "units": columns})
-    facts.replace(path.with_suffix(".json"))
-    rows.replace(path)
 
 
 def _print(table: pd.DataFrame, figures: Mapping[str, Metric], *, written: bool) -> None:
