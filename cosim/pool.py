@@ -128,9 +128,9 @@ def _failed(job: Job, waiting: list[Chunk], reason: str) -> Ensemble:
     number = int(job.desk.numbers[max(job.desk.place.member, 0)])
     numbers = job.chunk.numbers
     number = number if number in numbers else int(numbers[0])
-    for rest in (numbers[numbers > number], numbers[numbers < number]):
+    for rest in (np.flatnonzero(numbers > number), np.flatnonzero(numbers < number)):
         if len(rest):
-            waiting.insert(0, job.chunk._replace(numbers=rest))
+            waiting.insert(0, job.chunk.part(rest))
     return Ensemble(
         NO_CASES, np.array([number]), job.columns, np.empty((1, 0, len(job.columns))),
         np.zeros(1, np.int64), [f"the process that ran the parts {reason}"], {}, {}, None,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .engine.control import Adaptive
+from .engine.members import Span
 from .engine.process_state import ProcessState
 from .engine.row_file import RowFile
 from .engine.settings import RunSettings
@@ -20,7 +21,7 @@ from .ensemble import Case, Cases, Ensemble, Numbers, joined
 from .errors import SetupError, pluralize
 from .fmu.messages import quiet
 from .pool import in_processes
-from .requirements import require_runnable
+from .requirements import require_runnable, require_times
 from .result import Interrupted, Result, SimulationError
 from .series import TIME
 from .signals import collect_interrupts
@@ -32,6 +33,8 @@ from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, keeps_nothing
 NO_CASE = Case()
 #: Memory for the rows of a chunk of members [bytes]. Chosen: what a chunk costs besides its members is a thousandth.
 CHUNK_BYTES = 1 << 24
+#: Rows of a member with adaptive steps, which nobody knows before. Chosen: a chunk of them is one of MOST_IN_CHUNK.
+FEW_ROWS = 1
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,8 @@ class How:
         Whether all members run in other processes. The reason of one whose process dies is that.
     numbers
         The members that are run, by default all.
-    steps
-        The communication step of each member [s].
+    steps, stops
+        The communication step of each member, and its stop [s].
     timeout
         The longest time that an isolated worker may take for a step [s].
     progress
@@ -60,6 +63,7 @@ class How:
     isolated: bool = False
     numbers: Numbers | None = None
     steps: Sequence[float | Adaptive] | None = None
+    stops: Sequence[float] | None = None
     timeout: float = math.inf
     progress: Callable[[float], None] | None = None
     evaluate: Evaluate | None = None
@@ -145,6 +149,7 @@ class Prepared:
         *,
         jobs: int = 1,
         steps: Sequence[float | Adaptive] | None = None,
+        stops: Sequence[float] | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Ensemble:
         """Run a member for each case; the rows are those of single runs, bit for bit.
@@ -163,6 +168,8 @@ class Prepared:
         steps : sequence of float or Adaptive, optional
             The communication step of each member [s]. Rows are at the times that all have: `output_step` of the
             settings must be a multiple of each.
+        stops : sequence of float, optional
+            The stop of each member [s].
         progress : callable, optional
             Called with the share of the members that is done.
 
@@ -174,7 +181,7 @@ class Prepared:
             With the members that are done, after Ctrl-C.
         """
         read = Cases.of(cases, self.network)
-        blocks = list(self.blocks(read, How(jobs, steps=steps, progress=progress)))
+        blocks = list(self.blocks(read, How(jobs, steps=steps, stops=stops, progress=progress)))
         done = sum(map(len, blocks))
         if done < read.members:
             text = f"interrupted by the user; {done} of {read.members} runs are done"
@@ -220,42 +227,40 @@ class Prepared:
         )
 
     def _chunks(self, cases: Cases, how: How) -> list[Chunk]:
-        """The members in pieces of the same step that fit into memory, at least one for each job."""
-        settings = self.settings
-        numbers = np.arange(cases.members) if how.numbers is None else how.numbers
-        groups: dict[str, tuple[float | Adaptive, list[int]]] = {}
-        steps = [settings.step] * cases.members if how.steps is None else list(how.steps)
-        if len(steps) != cases.members:
-            raise SetupError(f"there are {len(steps)} steps for {cases.members} cases")
-        for k in numbers.tolist():
-            groups.setdefault(repr(steps[k]), (steps[k], []))[1].append(k)
+        """The members in pieces of equally many rows that fit into memory, at least one for each job."""
+        n, settings = cases.members, self.settings
+        steps = [settings.step] * n if how.steps is None else list(how.steps)
+        stops = [settings.stop] * n if how.stops is None else list(how.stops)
+        for name, values in (("steps", steps), ("stops", stops)):
+            if len(values) != n:
+                raise SetupError(f"there are {len(values)} {name} for {n} cases")
+        spans = [Span(*pair) for pair in zip(steps, stops)]
+        keys = [repr(span) for span in spans]
+        rows = {key: self._rows(span) for key, span in dict(zip(keys, spans)).items()}
+        groups: dict[tuple[int, str], list[int]] = {}
+        for k in range(n) if how.numbers is None else how.numbers.tolist():
+            groups.setdefault(rows[keys[k]], []).append(k)
         chunks = []
-        for step, members in groups.values():
-            some = np.array(members)
-            if step != settings.step:
-                self._require_step(step)
-            most = max(1, min(self._most_in_chunk(step, how.share), -(-len(some) // how.jobs)))
-            chunks += [
-                Chunk(some[k : k + most], step, settings.output_step)
-                for k in range(0, len(some), most)
-            ]
+        for (of_each, _), members in groups.items():
+            most = min(
+                MOST_IN_CHUNK, int(how.share * CHUNK_BYTES / (8 * of_each * len(self.columns)))
+            )
+            most = max(1, min(most, -(-len(members) // how.jobs)))
+            for first in range(0, len(members), most):
+                some = members[first : first + most]
+                chunks.append(Chunk(np.array(some), [spans[k] for k in some], settings.output_step))
         return chunks
 
-    def _require_step(self, step: float | Adaptive) -> None:
-        """Raise SetupError for a step that gives no rows at the times of the others."""
-        settings = replace(self.settings, step=step)
-        require_runnable(self.network, settings)
-        if settings.every() is None and not isinstance(step, Adaptive):
-            apart = settings.output_step
+    def _rows(self, span: Span) -> tuple[int, str]:
+        """About how many rows a member has, and its steps if they are adaptive; raises SetupError for what makes no run."""
+        settings = replace(self.settings, step=span.step, stop=span.stop)
+        if settings != self.settings:
+            require_times(self.network, settings)
+        if isinstance(span.step, Adaptive):
+            return FEW_ROWS, repr(span.step)
+        every = settings.every()
+        if every is None and settings != self.settings:
             raise SetupError(
-                f"step = {step!r} s: rows must be a multiple of it apart, not {apart!r} s"
+                f"step = {span.step!r} s: rows must be a multiple of it apart, not {settings.output_step!r} s"
             )
-
-    def _most_in_chunk(self, step: float | Adaptive, share: float) -> int:
-        """How many members of this step a chunk may have, whose rows get a share of the memory."""
-        if isinstance(step, Adaptive):
-            return MOST_IN_CHUNK
-        settings = replace(self.settings, step=step)
-        rows = 2 + settings.number() // (settings.every() or 1)
-        most = share * CHUNK_BYTES / (8 * rows * len(self.columns))
-        return min(MOST_IN_CHUNK, int(most))
+        return 2 + settings.number() // (every or 1), ""

@@ -41,13 +41,24 @@ def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
     yield from _missing_for_algorithm(network, settings)
     if isinstance(settings.step, Adaptive):
         yield from _missing_for_control(network, settings.step)
-    else:
+    yield from _wrong_times(network, settings)
+
+
+def _wrong_times(network: Network, settings: RunSettings) -> Iterator[str]:
+    """The reasons why steps, changes and inputs over time make no run up to the stop."""
+    span = settings.stop - settings.start
+    if not isinstance(settings.step, Adaptive):
+        if settings.step > span * (1.0 + LEFT_OVER):
+            yield (
+                f"step = {settings.step!r} s must be at most the time from start to stop: "
+                f"write step={span!r}"
+            )
         yield from _times_between_steps(network, settings, settings.step)
     for text in network.system.changes:
         time, _, _ = parse_change(text)
         if not settings.start <= time <= settings.stop:
-            span = f"from {settings.start!r} to {settings.stop!r} s"
-            yield f"change {text!r}: {time!r} s is not in the run, {span}"
+            ends = f"from {settings.start!r} to {settings.stop!r} s"
+            yield f"change {text!r}: {time!r} s is not in the run, {ends}"
     for port, profile in network.inputs:
         try:
             profile.at(settings.start)
@@ -60,6 +71,13 @@ def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
 def require_runnable(network: Network, settings: RunSettings) -> None:
     """Raise SetupError for a system that cannot be run with these settings."""
     for problem in setup_problems(network, settings):
+        raise SetupError(problem)
+
+
+def require_times(network: Network, settings: RunSettings) -> None:
+    """Raise SetupError for a step or a stop with which a system that can be run otherwise cannot."""
+    settings.check()
+    for problem in _wrong_times(network, settings):
         raise SetupError(problem)
 
 
@@ -105,9 +123,6 @@ def _wrong_settings(network: Network, settings: RunSettings) -> Iterator[str]:
             f"input_order = {settings.input_order!r} must be at least 0 and at most "
             f"{HIGHEST_INPUT_DEGREE}"
         )
-    span = settings.stop - settings.start
-    if not isinstance(settings.step, Adaptive) and settings.step > span * (1.0 + LEFT_OVER):
-        yield f"step = {settings.step!r} s must be at most the time from start to stop: write step={span!r}"
     for name, count in settings.substeps.items():
         if name not in network.descriptions:
             yield f"substeps: there is no part {name!r}, {only(name, network.descriptions)}"

@@ -15,6 +15,7 @@ import numpy as np
 
 from .accuracy.certify import certify
 from .engine.control import Adaptive
+from .engine.members import Span
 from .engine.row_file import RowFile
 from .engine.settings import RunSettings
 from .ensemble import Array, Cases, Ensemble
@@ -104,7 +105,8 @@ class Figures:
         try:
             for k, number in enumerate(block.members.tolist()):
                 if not block.reasons[k]:
-                    values, block.reasons[k] = self._certified(runs, chunk, number)
+                    at = int(np.flatnonzero(chunk.numbers == number)[0])
+                    values, block.reasons[k] = self._certified(runs, chunk, at)
                     for name, value in values.items():
                         figures[name][k] = value
                 done = k + 1
@@ -116,11 +118,11 @@ class Figures:
         figures = {name: values[:done] for name, values in figures.items()}
         return replace(block.head(done), rows=block.rows[:done, :0].copy(), figures=figures)
 
-    def _certified(self, runs: _Runs, chunk: Chunk, number: int) -> tuple[dict[str, float], str]:
-        """The figures of a member and their errors, and why some have none."""
+    def _certified(self, runs: _Runs, chunk: Chunk, at: int) -> tuple[dict[str, float], str]:
+        """The figures of the member at a position of a chunk and their errors, and why some have none."""
         try:
             answer = certify(
-                runs.system, self.metrics, step=chunk.step, runner=partial(runs.result, number),
+                runs.system, self.metrics, step=chunk.spans[at].step, runner=partial(runs.result, int(chunk.numbers[at])),
                 **runs.settings,
             )  # fmt: skip
         except SimulationError as error:
@@ -171,7 +173,8 @@ class _Runs:
         """The run of a member, with rows so far apart [s]."""
         key = repr(step), output_step
         if key not in self._ensembles:
-            chunk = self._chunk._replace(step=step, output_step=output_step)
+            spans = [Span(step, span.stop) for span in self._chunk.spans]
+            chunk = self._chunk._replace(spans=spans, output_step=output_step)
             self._ensembles[key] = self._worker.run(self._cases, chunk)
         ensemble = self._ensembles[key]
         found = np.flatnonzero(ensemble.members == number)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .engine.control import Adaptive
 from .engine.energy import NEGLIGIBLE, NOTICEABLE, bond_warnings
-from .engine.members import EXACT, LEFT, Block, Members, NeedsPythonError, Place
+from .engine.members import EXACT, LEFT, Block, Members, NeedsPythonError, Place, Span
 from .engine.process_state import ProcessState
 from .engine.settings import RunSettings
 from .ensemble import Array, Case, Cases, Ensemble, Numbers
@@ -41,11 +41,17 @@ FRESH = "every run has new instances: not all FMUs are known to be as new after 
 
 
 class Chunk(NamedTuple):
-    """Members that one worker runs one after the other: steps of the same size, rows of the same distance [s]."""
+    """Members that one worker runs one after the other, each for its span; rows of the same distance [s]."""
 
     numbers: Numbers
-    step: float | Adaptive
+    spans: Sequence[Span]
     output_step: float | None
+
+    def part(self, which: Numbers) -> Chunk:
+        """The members at these positions."""
+        return self._replace(
+            numbers=self.numbers[which], spans=[self.spans[k] for k in which.tolist()]
+        )
 
 
 #: What a worker makes of a chunk: its ensemble, or one with figures in place of rows.
@@ -75,9 +81,9 @@ class Batch:
 
     def give_back(self, chunk: Chunk, block: Ensemble) -> None:
         """Let the members wait that a worker has not done of a chunk."""
-        rest = np.setdiff1d(chunk.numbers, block.members)
+        rest = np.flatnonzero(~np.isin(chunk.numbers, block.members))
         if len(rest):
-            self.waiting.insert(0, chunk._replace(numbers=rest))
+            self.waiting.insert(0, chunk.part(rest))
 
 
 class Desk(NamedTuple):
@@ -122,10 +128,9 @@ def with_case(network: Network, case: Case) -> Network:
 
 
 class First(NamedTuple):
-    """The first member that has come to its end, and its rows, shape (rows, columns)."""
+    """The first member that has come to its end, as a chunk of its own, and its rows, shape (rows, columns)."""
 
     cases: Cases
-    number: int
     chunk: Chunk
     rows: Array
     simulation: Simulation
@@ -177,12 +182,16 @@ class Worker:
         in_c, kept = None, np.zeros(len(values), bool)
         if self._members is not None and self._names == cases.names:
             inside = np.array(
-                [k for k, row in enumerate(values) if k not in wrong and _is_exact(row)], np.intp
+                [
+                    k
+                    for k, row in enumerate(values)
+                    if k not in wrong
+                    and _is_exact(row)
+                    and not isinstance(chunk.spans[k].step, Adaptive)
+                ],
+                np.intp,
             )
-            numbers = np.array([values[k] for k in inside], float)
-            assert not isinstance(chunk.step, Adaptive)
-            self._members.step_by(chunk.step, chunk.output_step)
-            block = self._members.block(chunk.numbers[inside], numbers.reshape(len(inside), -1))
+            block = self._block(self._members, chunk.part(inside), [values[k] for k in inside])
             kept[inside] = self._in_c(block, inside, driven, progress)
             in_c = inside, block
             driven = {k: member for k, member in driven.items() if not kept[k]}
@@ -190,9 +199,15 @@ class Worker:
             if self.abandoned or self.interrupts or (self.is_late() and (kept.any() or driven)):
                 break
             if not kept[k] and k not in driven:
-                driven[k] = self._drive(cases, int(chunk.numbers[k]), chunk)[0]
+                driven[k] = self._drive(cases, chunk, k)[0]
                 progress(int(kept.sum()) + len(driven))
         return self._ensemble(cases, chunk, driven, kept, in_c)
+
+    @staticmethod
+    def _block(members: Members, chunk: Chunk, values: Sequence[tuple[Value, ...]]) -> Block:
+        """Memory for the members of a chunk, whose steps are fixed, with these values."""
+        numbers = np.array(values, float).reshape(len(values), -1)
+        return members.block(chunk.numbers, numbers, chunk.spans, chunk.output_step)
 
     def is_late(self) -> bool:
         """Whether it has worked so long that it gives what is done."""
@@ -205,29 +220,28 @@ class Worker:
     def _begin(self, cases: Cases, chunk: Chunk, driven: dict[int, Member]) -> None:
         """Run the first member that comes to its end, with new instances."""
         self._members, self._first, self._is_fresh = None, None, not keeps_nothing(self.network)
-        for k, number in enumerate(chunk.numbers.tolist()):
+        for k in range(len(chunk.numbers)):
             if k in driven or self.abandoned or self.interrupts:
                 continue
             self._drop()
-            driven[k], simulation = self._drive(cases, number, chunk)
+            driven[k], simulation = self._drive(cases, chunk, k)
             if simulation is not None and not driven[k].reason:
                 self._names, self._report = cases.names, driven[k].report
                 self._breaks = np.array(simulation.driver.breaks, float).reshape(-1, 2)
                 if not self._is_fresh:
-                    self._first = First(cases, number, chunk, driven[k].rows, simulation)
+                    self._first = First(
+                        cases, chunk.part(np.array([k])), driven[k].rows, simulation
+                    )
                 return
 
     def _show(self, first: First) -> None:
         """Find out how the others may run: the first member again, with instances that are reset."""
         self._first, expected = None, first.rows.tobytes()
-        values, _ = first.cases.checked(self.network, [first.number])
+        values, _ = first.cases.checked(self.network, first.chunk.numbers.tolist())
         try:
             members = _laid_out(first.simulation, first.cases.names, self._desk)
-            if _is_exact(values[0]) and not isinstance(first.chunk.step, Adaptive):
-                members.step_by(first.chunk.step, first.chunk.output_step)
-                block = members.block(
-                    np.array([first.number]), np.array([values[0]], float).reshape(1, -1)
-                )
+            if _is_exact(values[0]) and not isinstance(first.chunk.spans[0].step, Adaptive):
+                block = self._block(members, first.chunk, values)
                 for _ in members.run(block):
                     self._process.restore()
                 members.warnings = {}
@@ -236,7 +250,7 @@ class Worker:
                     return
         except (NeedsPythonError, OSError):
             pass
-        again, _ = self._drive(first.cases, first.number, first.chunk)
+        again, _ = self._drive(first.cases, first.chunk, 0)
         self._is_fresh = again.rows.tobytes() != expected and not self.interrupts
         if self._is_fresh:
             self._drop()
@@ -284,12 +298,13 @@ class Worker:
         self._stack.close()
         self._instances = {}
 
-    def _drive(self, cases: Cases, number: int, chunk: Chunk) -> tuple[Member, Simulation | None]:
-        """What the driver makes of a member, with instances that are reset or, if need be, new ones."""
+    def _drive(self, cases: Cases, chunk: Chunk, k: int) -> tuple[Member, Simulation | None]:
+        """What the driver makes of the member at position k, with instances that are reset or, if need be, new ones."""
+        number, (step, stop) = int(chunk.numbers[k]), chunk.spans[k]
         self._desk.numbers[0], self._desk.place.member = number, 0
-        settings = replace(self.settings, step=chunk.step, output_step=chunk.output_step)
-        if isinstance(chunk.step, Adaptive) and _is_tolerance_of_steps(self.settings):
-            settings = replace(settings, tolerance=chunk.step.tolerance)
+        settings = replace(self.settings, step=step, stop=stop, output_step=chunk.output_step)
+        if isinstance(step, Adaptive) and _is_tolerance_of_steps(self.settings):
+            settings = replace(settings, tolerance=step.tolerance)
         began = clock.perf_counter()
         if self._is_fresh:
             self._drop()

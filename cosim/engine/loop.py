@@ -23,7 +23,7 @@ from .sources import InputSource
 
 INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
 ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3, CELLS, CELLS]
-MEMBER_ARGUMENTS: Any = [CELLS, CELLS, LONG, LONG, CELLS, CELLS, LONG, *[CELLS] * 3]
+MEMBER_ARGUMENTS: Any = [*[CELLS] * 3, LONG, LONG, CELLS, CELLS, LONG, *[CELLS] * 3]
 
 
 class Column(ctypes.Structure):

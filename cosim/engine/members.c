@@ -16,9 +16,17 @@ enum { DONE, WARNED, LEFT };
 typedef struct {
     int version, has_tolerance, has_stop;
     void *component, *reset, *set_up, *initialise, *leave, *update, *enter_steps;
-    double tolerance, stop;
+    double tolerance;
     double *due;
 } instance;
+
+/* How long a member runs: `count` steps of `h` to the stop, a row after each `every`-th, and for each
+   input over time its means in these steps. */
+typedef struct {
+    double h, stop;
+    long long count, every;
+    const double **means;
+} span;
 
 /* What a cell is given before the start value with the same index is set: the value `number` of the
    member, one that all members share if the number is beyond those, or nothing if it is below 0. */
@@ -63,15 +71,13 @@ typedef struct {
     const side *sides;
     operation *program;
     const int *feeds;
-    const double **means;
     const column *columns;
     const double *shared;
     void *scratch;
     long long *warned;
     int n_instances, n_starts, n_again, n_outputs, n_kept, n_initial, n_entered, n_listeners, n_promises;
     int n_sides, n_feeds, length, row_begin, width, n_values, most_exchanges;
-    double start, stop, h, share_kept;
-    long long count, every;
+    double start, share_kept;
 } ensemble;
 
 /* Where the work stands: the member, and the steps of it that are done, -1 before it has begun. */
@@ -127,22 +133,22 @@ static int set_starts(const ensemble *e, const double *values, const operation *
     return DONE;
 }
 
-static int initialise(const ensemble *e, const instance *p)
+static int initialise(const ensemble *e, const span *s, const instance *p)
 {
     if (p->version == 3) {
         *p->due = INFINITY;
         DO(((set_up3)p->initialise)(p->component, p->has_tolerance, p->tolerance, e->start,
-                                    p->has_stop, p->stop));
+                                    p->has_stop, s->stop));
         return DONE;
     }
     DO(((set_up2)p->set_up)(p->component, p->has_tolerance, p->tolerance, e->start, p->has_stop,
-                            p->stop));
+                            s->stop));
     DO(((call)p->initialise)(p->component));
     return DONE;
 }
 
 /* Out of initialisation mode. Events of the start are Python's. */
-static int leave(const ensemble *e, const instance *p)
+static int leave(const ensemble *e, const span *s, const instance *p)
 {
     enum { MOST_AT_ONCE = 100 };
     DO(((call)p->leave)(p->component));
@@ -156,7 +162,7 @@ static int leave(const ensemble *e, const instance *p)
     }
     *p->due = timed ? time : INFINITY;
     DO(((call)p->enter_steps)(p->component));
-    return *p->due <= e->start + 1e-9 * (fabs(e->start) + e->h) ? LEFT : DONE;
+    return *p->due <= e->start + 1e-9 * (fabs(e->start) + s->h) ? LEFT : DONE;
 }
 
 /* Bring the values of the wires as far as they are finite; whether any has changed. */
@@ -233,25 +239,25 @@ static double *write_row(const ensemble *e, double t, double *rows)
     } while (0)
 
 /* From the reset of the instances to the row of the start. */
-static int begin(const ensemble *e, const double *values, double *rows)
+static int begin(const ensemble *e, const span *s, const double *values, double *rows)
 {
     memset(e->warned, 0, e->length * sizeof *e->warned);
     for (int k = 0; k < e->n_instances; k++) DO(((call)e->instances[k].reset)(e->instances[k].component));
     PASS(set_starts(e, values, e->starts, e->settings, e->n_starts));
-    for (int k = 0; k < e->n_instances; k++) PASS(initialise(e, &e->instances[k]));
+    for (int k = 0; k < e->n_instances; k++) PASS(initialise(e, s, &e->instances[k]));
     PASS(set_starts(e, values, e->again, e->settings_again, e->n_again));
     for (const memory *m = e->initial; m < e->initial + e->n_initial; m++)
         memcpy(m->cells, m->initial, m->size);
     PASS(settle(e));
     PASS(read_finite(e->outputs, e->n_outputs));
-    for (int k = 0; k < e->n_instances; k++) PASS(leave(e, &e->instances[k]));
+    for (int k = 0; k < e->n_instances; k++) PASS(leave(e, s, &e->instances[k]));
     for (const memory *m = e->entered; m < e->entered + e->n_entered; m++)
         memcpy(m->cells, m->initial, m->size);
     for (int k = 0; k < e->n_kept; k++) DO(run(&e->kept[k], e->start, 0.0, 0));
     if (!keeps_promises(e, values)) return LEFT;
     PASS(read_finite(e->outputs, e->n_outputs));
-    for (const side *s = e->sides; s < e->sides + e->n_sides; s++)
-        s->totals[0] = s->totals[1] = 0.0, s->totals[2] = *s->output;
+    for (const side *p = e->sides; p < e->sides + e->n_sides; p++)
+        p->totals[0] = p->totals[1] = 0.0, p->totals[2] = *p->output;
     PASS(read_finite(e->program + e->row_begin, e->length - e->row_begin));
     write_row(e, e->start, rows);
     return DONE;
@@ -288,25 +294,25 @@ static int steps_to_stop(const operation *op, double t, double h, double stop, d
 }
 
 /* The last step, as long as what is left, and the row of the stop. */
-static int end(const ensemble *e, double *rows)
+static int end(const ensemble *e, const span *s, double *rows)
 {
-    double t = e->start + (double)(e->count - 1) * e->h;
-    double h = t + e->h == e->stop ? e->h : e->stop - t;
+    double t = e->start + (double)(s->count - 1) * s->h;
+    double h = t + s->h == s->stop ? s->h : s->stop - t;
     int64_t bits;
-    double size = fabs(e->stop);
+    double size = fabs(s->stop);
     memcpy(&bits, &size, sizeof bits);
     bits++;
     memcpy(&size, &bits, sizeof size);
-    double nearly = e->stop - 64.0 * (size - fabs(e->stop));
+    double nearly = s->stop - 64.0 * (size - fabs(s->stop));
     for (int i = 0; i < e->length; i++) {
         const operation *op = e->program + i;
         int is_step = op->code == STEP || op->code == STEP3;
-        int status = is_step ? steps_to_stop(op, t, h, e->stop, nearly) : run(op, t, h, e->count - 1);
-        if (status == 1 && !e->warned[i]) e->warned[i] = e->count;
+        int status = is_step ? steps_to_stop(op, t, h, s->stop, nearly) : run(op, t, h, s->count - 1);
+        if (status == 1 && !e->warned[i]) e->warned[i] = s->count;
         if (status != 0 && status != 1) return LEFT + (status > 0 ? status : 0);
         if (!finite_cells(op)) return LEFT;
     }
-    write_row(e, e->stop, rows);
+    write_row(e, s->stop, rows);
     for (int i = 0; i < e->length; i++)
         if (e->warned[i]) return WARNED;
     return DONE;
@@ -315,34 +321,35 @@ static int end(const ensemble *e, double *rows)
 /* Members from p->member to last - 1, at most `most` steps; returns when they are used up, or after a
    member that is not just DONE. Of each member: rows, (most_rows, width + 1), counts of them, work
    over the sides of bonds, (n_sides, 2), status. */
-void run_members(const ensemble *e, place *p, long long last, long long most,
+void run_members(const ensemble *e, place *p, const span *spans, long long last, long long most,
                           const double *values, double *rows, long long most_rows,
                           long long *counts, double *work, int *status)
 {
     for (; p->member < last && most > 0; p->member++, p->steps = -1) {
         long long m = p->member, report[3] = {0, -1, 0};
+        const span *s = spans + m;
         double *own = rows + m * most_rows * (e->width + 1);
         if (p->steps < 0) {
             counts[m] = 0;
-            status[m] = begin(e, values + m * e->n_values, own);
+            status[m] = begin(e, s, values + m * e->n_values, own);
             if (!status[m]) p->steps = 0, counts[m] = 1;
             most--;
         }
-        if (!status[m] && p->steps < e->count - 1) {
-            long long to = p->steps + most < e->count - 1 ? p->steps + most : e->count - 1;
+        if (!status[m] && p->steps < s->count - 1) {
+            long long to = p->steps + most < s->count - 1 ? p->steps + most : s->count - 1;
             for (int k = 0; k < e->n_feeds; k++)
-                e->program[e->feeds[k]].source = e->means[k] + p->steps;
+                e->program[e->feeds[k]].source = s->means[k] + p->steps;
             counts[m] += take_steps(e->program, e->warned, e->length, e->row_begin, e->columns,
-                                    e->width, e->start, e->h, p->steps, to, e->every,
+                                    e->width, e->start, s->h, p->steps, to, s->every,
                                     own + counts[m] * (e->width + 1), report);
             most -= to - p->steps;
             p->steps = report[0];
             if (report[1] >= 0) status[m] = LEFT + (report[2] > 0 ? (int)report[2] : 0);
-            else if (to < e->count - 1) return;
+            else if (to < s->count - 1) return;
         }
         if (!status[m]) {
-            for (int k = 0; k < e->n_feeds; k++) e->program[e->feeds[k]].source = e->means[k];
-            status[m] = end(e, own + counts[m] * (e->width + 1));
+            for (int k = 0; k < e->n_feeds; k++) e->program[e->feeds[k]].source = s->means[k];
+            status[m] = end(e, s, own + counts[m] * (e->width + 1));
             counts[m] += status[m] < LEFT;
             most--;
         }

@@ -6,7 +6,7 @@ import ctypes
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +48,18 @@ class InstanceLayout(ctypes.Structure):
         *((name, INT) for name in ("version", "has_tolerance", "has_stop")),
         *((name, PLACE) for name in ("component", "reset", "set_up", "initialise", "leave")),
         *((name, PLACE) for name in ("update", "enter_steps")),
-        *((name, DOUBLE) for name in ("tolerance", "stop")),
+        ("tolerance", DOUBLE),
         ("due", PLACE),
+    ]
+
+
+class SpanLayout(ctypes.Structure):
+    """struct span of members.c."""
+
+    _fields_ = [
+        *((name, DOUBLE) for name in ("h", "stop")),
+        *((name, LONG) for name in ("count", "every")),
+        ("means", PLACE),
     ]
 
 
@@ -93,13 +103,12 @@ class EnsembleLayout(ctypes.Structure):
         *((name, PLACE) for name in ("instances", "starts", "again", "outputs", "kept")),
         *((name, PLACE) for name in ("settings", "settings_again", "initial", "entered")),
         *((name, PLACE) for name in ("listeners", "promises", "sides", "program", "feeds")),
-        *((name, PLACE) for name in ("means", "columns", "shared", "scratch", "warned")),
+        *((name, PLACE) for name in ("columns", "shared", "scratch", "warned")),
         *((name, INT) for name in ("n_instances", "n_starts", "n_again", "n_outputs", "n_kept")),
         *((name, INT) for name in ("n_initial", "n_entered", "n_listeners", "n_promises")),
         *((name, INT) for name in ("n_sides", "n_feeds", "length", "row_begin", "width")),
         *((name, INT) for name in ("n_values", "most_exchanges")),
-        *((name, DOUBLE) for name in ("start", "stop", "h", "share_kept")),
-        *((name, LONG) for name in ("count", "every")),
+        *((name, DOUBLE) for name in ("start", "share_kept")),
     ]
 
 
@@ -107,6 +116,13 @@ class Place(ctypes.Structure):
     """struct place of members.c: the member that is worked on, and the steps of it that are done."""
 
     _fields_ = [("member", LONG), ("steps", LONG)]
+
+
+class Span(NamedTuple):
+    """The communication step of a member and its stop [s]."""
+
+    step: float | Adaptive
+    stop: float
 
 
 @dataclass(frozen=True)
@@ -119,6 +135,8 @@ class Block:
         Those of the members, shape (n,).
     values
         What they differ in, shape (n, names).
+    spans
+        How long each runs, n of SpanLayout.
     rows
         Shape (n, rows, columns), the time first.
     counts
@@ -131,6 +149,7 @@ class Block:
 
     numbers: NDArray[np.int64]
     values: Array
+    spans: Any
     rows: Array
     counts: NDArray[np.int64]
     work: Array
@@ -169,10 +188,9 @@ class Members:
             width=len(loop.columns),
             n_values=len(names),
             start=settings.start,
-            stop=settings.stop,
             share_kept=START_ROUNDING,
         )
-        self._by_step: dict[tuple[float, float | None], dict[str, Any]] = {}
+        self._spans: dict[tuple[float, float, float | None], SpanLayout] = {}
         self._feeds = [
             k for k, timed in enumerate(loop.operations) if isinstance(timed.operation, InputSource)
         ]
@@ -184,8 +202,6 @@ class Members:
         self._lay_out_promises(network)
         self._lay_out_coupling(network)
         self._array("shared", DOUBLE, self._shared)
-        assert not isinstance(settings.step, Adaptive)
-        self.step_by(settings.step, settings.output_step)
 
     def energy(self, block: Block) -> dict[str, Array]:
         """Energy given, taken and exchanged [J] over each power bond, shape (n, 3)."""
@@ -201,27 +217,21 @@ class Members:
             )
         return energy
 
-    def step_by(self, h: float, output_step: float | None) -> None:
-        """Take steps of h [s] from the next member on, with rows so far apart [s]; raises NeedsPythonError."""
-        key = h, output_step
-        if key not in self._by_step:
-            settings = replace(self._settings, step=h, output_step=output_step)
-            every = settings.every()
+    def _span(self, h: float, stop: float, output_step: float | None) -> SpanLayout:
+        """Steps of h [s] to the stop, with rows so far apart [s]; raises NeedsPythonError."""
+        key = h, stop, output_step
+        if key not in self._spans:
+            settings = replace(self._settings, step=h, stop=stop, output_step=output_step)
+            every, count = settings.every(), settings.number()
             if every is None:
                 raise NeedsPythonError("rows lie between steps")
-            means = self._means(settings.number(), h)
-            self._by_step[key] = {
-                "h": h,
-                "every": every,
-                "count": settings.number(),
-                "means": means,
-            }
-        for name, value in self._by_step[key].items():
-            setattr(self.layout, name, value)
+            means = self._means(count, h, stop) if self._feeds else None
+            self._spans[key] = SpanLayout(h, stop, count, every, means)
+        return self._spans[key]
 
-    def _means(self, count: int, h: float) -> int:
+    def _means(self, count: int, h: float, stop: float) -> int:
         """Where the means of the inputs over time in each of the steps stand."""
-        start, stop, last = self._settings.start, self._settings.stop, count - 1
+        start, last = self._settings.start, count - 1
         feeds = [self._loop.operations[k] for k in self._feeds]
         if len(feeds) * count > MOST_MEANS:
             raise NeedsPythonError("the means of inputs over time do not fit into memory")
@@ -234,14 +244,22 @@ class Members:
             means = [feed.profile.mean(t, size * h) for t in times]
             means.append(feed.profile.mean(t_last + at * h_last, size * h_last))
             addresses.append(self._kept((DOUBLE * count)(*means)))
-        return self._kept((PLACE * max(1, len(addresses)))(*addresses))
+        return self._kept((PLACE * len(addresses))(*addresses))
 
-    def block(self, numbers: NDArray[np.int64], values: Array) -> Block:
-        """Memory for members of these numbers with these values."""
-        n, most = len(values), 2 + (self.layout.count - 1) // self.layout.every
+    def block(
+        self,
+        numbers: NDArray[np.int64],
+        values: Array,
+        spans: Sequence[Span],
+        output_step: float | None,
+    ) -> Block:
+        """Memory for members of these numbers with these values; raises NeedsPythonError."""
+        layouts = [self._span(float(h), stop, output_step) for h, stop in spans]  # type: ignore[arg-type]
+        n, most = len(values), max((2 + (x.count - 1) // x.every for x in layouts), default=0)
         return Block(
             numbers,
             np.ascontiguousarray(values, np.float64),
+            (SpanLayout * n)(*layouts),
             np.empty((n, most, self.layout.width + 1)),
             np.zeros(n, np.int64),
             np.zeros((n, self.layout.n_sides, 2)),
@@ -257,21 +275,20 @@ class Members:
         while place.member < n:
             began = clock.perf_counter()
             library().run_members(
-                ctypes.byref(self.layout), ctypes.byref(place), n, most, block.values.ctypes,
+                ctypes.byref(self.layout), ctypes.byref(place), block.spans, n, most, block.values.ctypes,
                 block.rows.ctypes, block.rows.shape[1], block.counts.ctypes, block.work.ctypes,
                 block.status.ctypes,
             )  # fmt: skip
             most = most * 2 if clock.perf_counter() - began < PATIENCE else max(most // 2, 1)
             last = int(block.status[place.member - 1]) if place.steps < 0 else DONE
             if last == WARNED:
-                self._warn()
+                self._warn(block.spans[place.member - 1].h)
             yield place.member
             if last == LEFT + FATAL:
                 return
 
-    def _warn(self) -> None:
-        """Let the parts warn of what calls of the last member have returned."""
-        h = self.layout.h
+    def _warn(self, h: float) -> None:
+        """Let the parts warn of what calls of the last member, whose steps are h [s], have returned."""
         self.place.member -= 1
         for k, n in enumerate(self._warned):
             if n:
@@ -343,7 +360,6 @@ class Members:
                     has_tolerance=tolerance is not None,
                     tolerance=tolerance or 0.0,
                     has_stop=has_stop,
-                    stop=self._settings.stop if has_stop else 0.0,
                     component=session.component.value,
                     due=self._parts[name].instance.due_address(),
                     **functions,

@@ -303,3 +303,20 @@ def test_fmus_that_may_run_in_threads_have_no_variables_of_their_own(fmus: Path)
     for name, description, binary in binaries:
         assert f'generationTool="{KNOWN_TOOLS[0]}' in description
         assert writable(binary) == 0, name
+
+
+def test_each_member_has_its_own_step_and_stop(fmus: Path) -> None:
+    """The last step of each, cut at its stop, belongs to the same bits."""
+    system = drive(fmus / "native", "pair")
+    steps, stops = [H, 1.1 * H, 0.7 * H, H], [0.1, 0.05, 0.0123, 0.1]
+    with Prepared.open(system, RunSettings(0.1, H)) as prepared:
+        ensemble = prepared.map({"motor.A": [8e3, 8e3, 7e3, 7e3]}, steps=steps, stops=stops)
+        with pytest.raises(SetupError, match="3 stops for 4 cases"):
+            prepared.map({"motor.A": [8e3] * 4}, stops=[0.1] * 3)
+        with pytest.raises(SetupError, match="must be after start"):
+            prepared.map({"motor.A": [8e3]}, stops=[0.0])
+    for k, (h, stop, a) in enumerate(zip(steps, stops, (8e3, 8e3, 7e3, 7e3))):
+        start = {**system.start, "motor.A": a}
+        single = run(System(**vars(system) | {"start": start}), stop=stop, step=h)
+        assert ensemble.rows[k, : ensemble.counts[k]].tobytes() == single.data.tobytes()
+        assert np.isnan(ensemble.rows[k, ensemble.counts[k] :]).all()
