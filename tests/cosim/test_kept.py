@@ -78,7 +78,8 @@ def test_a_name_belongs_to_a_single_run_in_every_format(
     command_output: CommandOutput,
 ) -> None:
     """Both may write r.partial.csv; the second is refused, the first keeps its rows, a third may run."""
-    first = start(*long(tmp_path, "--out", tmp_path / first_options[0], *first_options[1:]))
+    arguments = long(tmp_path, "--out", tmp_path / first_options[0], *first_options[1:])
+    first = start(*arguments, env=os.environ | {"TMPDIR": str(tmp_path)})
     until((tmp_path / "r.partial.csv").exists)
     again = [
         "--stop",
@@ -90,7 +91,7 @@ def test_a_name_belongs_to_a_single_run_in_every_format(
         *second_options[1:],
     ]
     assert "another run is writing" in command_output("run", tmp_path / "A.fmu", *again, code=2)
-    time.sleep(0.5)
+    until(lambda: sum(rows.stat().st_size for rows in tmp_path.rglob("*.partial.csv")) > 1000)
     first.send_signal(signal.SIGINT)
     _, errors = first.communicate(timeout=60)
     assert first.returncode == 130, errors

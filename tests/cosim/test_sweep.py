@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from cosim import How, SetupError, System, certify, combinations, run, sample, sweep
 from cosim.journal import open_journal
 from cosim.metrics import Largest, Mean
-from tests.conftest import ROOT, restore_ctrl_c, until
+from tests.conftest import ROOT, restore_ctrl_c
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack, single_fmu_system
 
@@ -173,30 +173,42 @@ def test_a_run_that_hangs_is_ended(tmp_path: Path) -> None:
     assert "did not respond for 8 s" in table["reason"][1]
 
 
+#: A sweep that gets a signal as soon as three of its blocks are in the journal.
+ENDED = """
+import os, sys
+from cosim import journal, prepared
+from cosim.__main__ import main
+number, blocks, add = int(sys.argv.pop(1)), [], journal.Journal.add
+prepared.MOST_IN_CHUNK = 20
+def add_and_end(*arguments):
+    add(*arguments)
+    blocks.append(arguments)
+    if len(blocks) == 3:
+        os.kill(os.getpid(), number)
+journal.Journal.add = add_and_end
+sys.exit(main())
+"""
+
+
 def test_a_sweep_that_was_killed_goes_on_with_the_same_bytes(fmus: Path, tmp_path: Path) -> None:
-    """SIGKILL at any moment, and Ctrl-C; what is done is not done again."""
-    rows = ",".join(str(x) for x in np.linspace(7000.0, 8000.0, 800))
-    command = [sys.executable, "-m", "cosim", "sweep", *parts(fmus), "--vary", f"motor.A={rows}"]
-    command += ["--figure", TORQUE, "--stop", "1", "--step", "1e-4", "--output-step", "1e-2"]
-    command += ["--jobs", "1"]
+    """SIGKILL, and Ctrl-C; what is done is not done again."""
+    rows = ",".join(str(x) for x in np.linspace(7000.0, 8000.0, 200))
+    words = ["sweep", *parts(fmus), "--vary", f"motor.A={rows}", "--figure", TORQUE, "--jobs", "1"]
+    words += ["--stop", "0.1", "--step", "1e-3", "--out"]
     whole, again = tmp_path / "whole.csv", tmp_path / "again.csv"
-    subprocess.run([*command, "--out", whole], check=True, capture_output=True, cwd=ROOT)
-    journal = tmp_path / "again.partial.journal"
+    command = [sys.executable, "-m", "cosim", *words]
+    subprocess.run([*command, whole], check=True, capture_output=True, cwd=ROOT)
+    journal, before = tmp_path / "again.partial.journal", 0
     for number in (signal.SIGKILL, signal.SIGINT):
-        before = journal.stat().st_size if journal.exists() else 1500
-        process = subprocess.Popen(
-            [*command, "--out", again],
-            cwd=ROOT,
-            stderr=subprocess.PIPE,
-            preexec_fn=restore_ctrl_c,  # noqa: PLW1509
-        )
-        until(lambda b=before: journal.exists() and journal.stat().st_size > b)
-        process.send_signal(number)
-        _, said = process.communicate()
+        ended = subprocess.run(
+            [sys.executable, "-c", ENDED, str(int(number)), *words, again],
+            cwd=ROOT, capture_output=True, preexec_fn=restore_ctrl_c, check=False,
+        )  # fmt: skip
         assert not again.exists() and journal.stat().st_size > before
-    assert process.returncode == 130 and b"the same command goes on" in said
-    done = subprocess.run([*command, "--out", again], check=True, capture_output=True, cwd=ROOT)
-    assert done.stdout.startswith(b"800 runs, 0 failed")
+        before = journal.stat().st_size
+    assert ended.returncode == 130 and b"the same command goes on" in ended.stderr
+    done = subprocess.run([*command, again], check=True, capture_output=True, cwd=ROOT)
+    assert done.stdout.startswith(b"200 runs, 0 failed")
     assert again.read_bytes() == whole.read_bytes() and not journal.exists()
 
 
