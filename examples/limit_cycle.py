@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from cosim import System
-from workbench import Chart, Curve, Panel, Run, Show, option
+from workbench import Chart, Curve, Judgement, Panel, Run, Show, option
 from workbench.measure import Measured, crossing, largest, since
 
 PARTS = {"oscillator": "VanDerPol.fmu"}
@@ -29,8 +29,8 @@ def figures(o, r):
     return {"period": cycle.figure("s", "period"), "amplitude": top}
 
 
-def verdict(o, f, r):
-    return f"It has a period of {f['period'].brief()} and an amplitude of {f['amplitude'].brief()}."
+def judgements(o, f, r):
+    return [Judgement("period", f["period"]), Judgement("amplitude", f["amplitude"])]
 
 
 def show(o, f, r):

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from cosim import System
-from workbench import Chart, Curve, Mark, Panel, Run, Show, option
+from workbench import Chart, Curve, Judgement, Mark, Panel, Run, Show, option
 from workbench.measure import crossing, largest
 
 PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
@@ -32,8 +32,11 @@ def figures(o, r):
     }
 
 
-def verdict(o, f, r):
-    return f"It runs on for {f['tenth'].text()}; the motor brakes with up to {f['brake'].text()}."
+def judgements(o, f, r):
+    return [
+        Judgement("a tenth of the speed is left within half a second", f["tenth"], most=0.5),
+        Judgement("largest braking torque", f["brake"]),
+    ]
 
 
 def show(o, f, r):

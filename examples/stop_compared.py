@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from cosim import System
-from workbench import Figure, Run, option
+from workbench import Figure, Judgement, Run, option
 from workbench.measure import crossing
 
 PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
@@ -34,5 +34,5 @@ def more_figures(o, f, results):
     return {"sooner": Figure(slow.value - quick.value, "s", error, "sooner with the quick motor")}
 
 
-def verdict(o, f, results):
-    return f"Half the speed is left {f['sooner'].text()} sooner."
+def judgements(o, f, results):
+    return [Judgement("half the speed is left sooner by", f["sooner"])]

@@ -17,7 +17,7 @@ import pytest
 from fmukit.fmu.page import EXTERNAL_DEPENDENCIES
 from tests.conftest import ROOT, ask
 from tests.pictures import differ
-from workbench.export import draw_show
+from workbench.export import draw_answer
 
 PAGES = sorted(
     str(path.relative_to(ROOT))
@@ -334,7 +334,7 @@ def test_the_first_command_answers_as_the_readme_shows(tmp_path: Path) -> None:
     assert len(pairs) > 7
     for old, new in pairs:
         assert abs(float(new) - float(old)) <= 1.01 * 10.0 ** -len(old.partition(".")[2])
-    draw_show(answer.show(), answer.question, tmp_path / "resonance.png")
+    draw_answer(answer, tmp_path / "resonance.png")
     assert not differ(ROOT / "docs" / "resonance.png", tmp_path / "resonance.png")
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .charts.model import Chart, Curve, Mark, Panel
     from .context import Context
     from .figure import Figure
+    from .judgement import Judgement
     from .options import Options, Run, option
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -21,12 +22,12 @@ for variable in THREADS:
 
 HOMES = {
     "Answer": "answer", "Show": "answer", "Table": "answer", "Context": "context", "Findings": "answer",
-    "Figure": "figure", "Options": "options", "Run": "options", "option": "options",
+    "Figure": "figure", "Judgement": "judgement", "Options": "options", "Run": "options", "option": "options",
     "Chart": "charts.model", "Curve": "charts.model", "Mark": "charts.model",
     "Panel": "charts.model",
 }  # fmt: skip
 __all__ = [
-    "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Mark", "Options", "Panel", "Run",
+    "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Judgement", "Mark", "Options", "Panel", "Run",
     "Show", "Table", "option",
 ]  # fmt: skip
 

@@ -14,6 +14,7 @@ from cosim.system import Value, connect, declared_start
 from .charts.model import Picture
 from .charts.motion import Motion
 from .figure import ERROR_SCOPE, Figure
+from .judgement import Judgement
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,15 +65,11 @@ class Table(NamedTuple):
 
 
 class Show(NamedTuple):
-    """What is shown besides numbers: pictures, motions, and `more` pictures only for the page.
-
-    `title` is the answer in one line, shown above the pictures; by default it is the question.
-    """
+    """What is shown besides numbers: pictures, motions, and `more` pictures only for the page."""
 
     charts: Sequence[Picture] = ()
     motions: Sequence[Motion] = ()
     more: Sequence[Picture] = ()
-    title: str = ""
 
 
 class LivePart(NamedTuple):
@@ -124,8 +121,9 @@ def _no_picture(answer: Answer) -> str:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Answer(Findings):
-    """The complete answer to a question: findings, options, verdict, tables and charts.
+    """The complete answer to a question: findings, options, judgements, tables and charts.
 
+    `verdict` is what the judgements say, a line each; the first says what to do, and stands above the picture.
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
     is what the page needs to ask again. It is `refused` if the figures that it hangs on are not
     determined. `sources` are papers whose formulas the question names, and where they are described.
@@ -136,6 +134,7 @@ class Answer(Findings):
     scenario: str
     question: str
     verdict: str
+    judgements: Sequence[Judgement] = ()
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     options: Mapping[str, Parameter] = field(default_factory=dict)
     warnings: Sequence[str] = ()

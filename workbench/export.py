@@ -15,7 +15,7 @@ from typing import Any
 
 from cosim.result import partial, write_json
 
-from .answer import Answer, Show
+from .answer import Answer
 from .charts.gif import gif
 from .charts.mpl import draw
 from .files import replacement
@@ -27,18 +27,19 @@ from .runs.folder import reservation
 PAGE = "report.html"
 
 
-def draw_show(show: Show, title: str, path: Path) -> list[str]:
-    """Write the picture of an answer: its motions that have still frames, and its charts.
+def draw_answer(answer: Answer, path: Path) -> list[str]:
+    """Write the picture of an answer: its motions that have still frames, and its charts, below its first line.
 
     Returns
     -------
     list of str
         The file's name; none where there is nothing to draw.
     """
+    show, title = answer.show(), answer.verdict.partition("\n")[0] or answer.question
     pictures = [*(motion for motion in show.motions if motion.ghosts), *show.charts]
     if pictures:
         with replacement(path) as fresh:
-            draw(pictures, show.title or title, fresh)
+            draw(pictures, title, fresh)
     return [path.name] * bool(pictures)
 
 
@@ -46,7 +47,7 @@ def picture(answer: Answer) -> str:
     """Return the picture of an answer as an element of HTML, for a notebook."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "answer.png"
-        if not draw_show(answer.show(), answer.question, path):
+        if not draw_answer(answer, path):
             return ""
         content = b64encode(path.read_bytes()).decode()
     return f'<img src="data:image/png;base64,{content}" style="max-width: 100%">'
@@ -76,7 +77,7 @@ def _write(answer: Answer, folder: Path, *, animate: bool) -> list[str]:
     if find_spec("plotly"):
         with replacement(folder / PAGE) as fresh:
             report(answer, fresh)
-    pictures = draw_show(answer.show(), answer.question, folder / f"{answer.scenario}.png")
+    pictures = draw_answer(answer, folder / f"{answer.scenario}.png")
     for number, motion in enumerate(answer.show().motions if animate else (), 1):
         pictures.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
         with replacement(folder / pictures[-1]) as fresh:
@@ -95,6 +96,7 @@ def content(answer: Answer) -> dict[str, Any]:
         "scenario": answer.scenario,
         "question": answer.question,
         "verdict": answer.verdict.splitlines(),
+        "judgements": [judgement.json() for judgement in answer.judgements],
         "warnings": list(answer.warnings),
         "figures": {name: figure.json() for name, figure in answer.figures.items()},
         "refused": answer.refused,

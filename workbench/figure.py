@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -132,50 +131,9 @@ def checked(figures: Any, path: Path) -> dict[str, Figure]:
     return result
 
 
-def refusals(figures: Mapping[str, Figure]) -> list[str]:
-    """A sentence for each reason why figures are refused, and for which: "With A and B, it jams."."""
-    whose: dict[str, list[str]] = {}
-    for who, figure in figures.items():
-        if figure.error is None:
-            whose.setdefault(figure.reason, []).append(who)
-    return [f"With {listed(them)}, {reason}." for reason, them in whose.items()]
-
-
 def listed(texts: Sequence[str]) -> str:
     """Texts joined for a sentence: "a", "a and b", "a, b and c"."""
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
-
-
-def drop_undetermined(verdict: str, figures: Mapping[str, Figure]) -> str:
-    """Return a verdict without the sentences in which a refused figure leaves a hole.
-
-    Such a sentence is "It takes not determined (..)"; its reason stands at the end instead. "It is not
-    determined (..)." and "With it: not determined (..)." stay.
-    """
-    refused = {f.text(): f.reason for f in figures.values() if f.error is None}
-    lines: list[str] = []
-    reasons: dict[str, str] = {}
-    for line in verdict.split("\n"):
-        sentences = []
-        for sentence in line.removesuffix(".").split(". "):
-            holed = {text: reason for text, reason in refused.items() if _holed(sentence, text)}
-            sentences += [] if holed else [sentence]
-            reasons |= holed
-        if sentences:
-            lines.append(". ".join(sentences) + "." * line.endswith("."))
-    remaining = " ".join(lines)
-    new = [reason for reason in reasons.values() if reason not in remaining]
-    why = f": {new[0]}" if len(new) == 1 else ", for the reasons given with the figures"
-    if new:
-        lines.append(f"Nothing {'more ' if lines else ''}can be determined{why}.")
-    return "\n".join(lines)
-
-
-def _holed(sentence: str, text: str) -> bool:
-    return any(
-        not before.endswith((" is ", " are ", ": ")) or after[:1] not in ("", ";")
-        for before, after in pairwise(sentence.split(text))
-    )
 
 
 def percent(share: float) -> str:
@@ -208,13 +166,3 @@ def certain(value: float, error: float, digits: int) -> str:
     if not error < 0.5 * 10.0**last:
         return ""
     return text if last < LEAST_POWER else f"{float(text):.{max(-last, 0)}f}"
-
-
-def concise(figure: Figure, digits: int) -> str:
-    """Write a figure in as many digits, up to `digits`, as its error leaves certain.
-
-    Where its error leaves not even one, the error is written, too: "0.0090 ± 0.0063 %".
-    """
-    texts = (certain(figure.value, figure.error or 0.0, n) for n in range(digits, 0, -1))
-    text = next((text for text in texts if text), "")
-    return f"{text} {figure.unit}" if text and figure.error is not None else figure.text()

@@ -21,6 +21,7 @@ from cosim.units import QUANTITY, multiples
 from .answer import Table
 from .charts.model import Chart, Curve, Mark, Panel
 from .figure import Figure, listed
+from .judgement import Judgement
 from .measure import Samples
 from .options import Options, option
 
@@ -233,16 +234,22 @@ def planned_experiments(
     return experiments
 
 
-def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:
-    """Which record to make next, in a sentence; those within SAME of the best are as good."""
+def misfit(what: str, reasons: Sequence[str]) -> list[Judgement]:
+    """Return that no machine of a kind fits a record, and a line for each reason."""
+    return [Judgement(what, is_so=False), *(Judgement("", note=reason) for reason in reasons)]
+
+
+def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> Judgement:
+    """Return which record to make next; those within SAME of the best are as good."""
     best = [x for x in advice if x.error <= (1 + SAME) * advice[0].error]
     error = max(x.error for x in best)
+    narrows = f"narrows the interval of {what}"
     if error >= now / (1 + SAME):
-        return f"No further record of these kinds would narrow the interval of {what} by much."
-    *rest, name = (x.name for x in best)
-    names = f"{', '.join(rest)} or {name}; each" if rest else f"{name}: that"
-    sentence = f"Next, record {names} would narrow the interval of {what} to {error:.2g} {unit}"
-    return f"{sentence.rstrip()}."
+        return Judgement(f"a further record of these kinds {narrows} by much", is_so=False)
+    names = " or ".join(x.name for x in best)
+    return Judgement(
+        f"next, record {names}, which {narrows} to", note=f"{error:.2g} {unit}".rstrip()
+    )
 
 
 def charts(fit: Identified, labels: Mapping[str, tuple[str, str]]) -> list[Chart]:

@@ -6,7 +6,7 @@ looks into it. Everything else works with a `Question`, all of whose attributes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -17,6 +17,7 @@ from cosim import SetupError
 from . import catalog
 from .answer import Findings, Show
 from .figure import ERROR_SCOPE, Figure
+from .judgement import Judgement
 from .options import Options, Run, declared, parse_options
 from .simple import SimpleForm
 
@@ -29,9 +30,9 @@ FLAVOURS = PYTHON, NATIVE = "python", "native"
 RESERVED_OPTIONS = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
 
 
-def _no_verdict(o: Any, figures: Mapping[str, Figure], data: Any) -> str:
-    """Say nothing, where a question has no verdict."""
-    return ""
+def _no_judgements(o: Any, figures: Mapping[str, Figure], data: Any) -> Sequence[Judgement]:
+    """Claim nothing, where a question judges nothing."""
+    return ()
 
 
 def _nothing_to_show(o: Any, figures: Mapping[str, Figure], data: Any) -> Show:
@@ -53,8 +54,8 @@ class Question:
         What can be chosen.
     solve : function of options and context
         Does the runs and returns `Findings`.
-    verdict : function of options, figures and data
-        The answer in words.
+    judgements : function of options, figures and data
+        What the answer claims, first what decides it.
     show : function of options, figures and data
         Charts and motions.
     live : Live, function of options, figures and data that returns one, or None
@@ -81,7 +82,7 @@ class Question:
     title: str
     options: type[Options]
     solve: Callable[[Any, Context], Findings]
-    verdict: Callable[[Any, Mapping[str, Figure], Any], str] = _no_verdict
+    judgements: Callable[[Any, Mapping[str, Figure], Any], Sequence[Judgement]] = _no_judgements
     show: Callable[[Any, Mapping[str, Figure], Any], Show] = _nothing_to_show
     live: Any = None
     parts: Mapping[str, str] = field(default_factory=dict)
@@ -158,7 +159,7 @@ def read(module: ModuleType, locator: str = "") -> Question:
         title=title,
         options=options,
         solve=solve,
-        verdict=content.get("verdict", _no_verdict),
+        judgements=content.get("judgements", _no_judgements),
         show=content.get("show", _nothing_to_show),
         live=content.get("LIVE"),
         parts=parts,

@@ -19,7 +19,8 @@ from . import catalog, export, live
 from .answer import Answer, Findings, Parameter, Show, parameters
 from .catalog import QuestionError, attribute_errors
 from .context import IN_PROCESS, Context, captured_warnings
-from .figure import Figure, checked, drop_undetermined
+from .figure import Figure, checked
+from .judgement import lines
 from .options import Options, check_fixed_starts, declared
 from .question import FLAVOURS, PYTHON, Project, Question, read
 from .runs.codec import Records
@@ -116,9 +117,7 @@ def answer(
         attribute_errors(question.module),
         found(question, o, fmus, runner, out) as findings,
     ):
-        verdict = drop_undetermined(
-            question.verdict(o, findings.figures, findings.data), findings.figures
-        )
+        judgements = tuple(question.judgements(o, findings.figures, findings.data))
         system = findings.system or System({})
         values = parameters(system, question.fixed_starts) if system.parts else {}
         live_part = live.of(question.live, o, findings, modules, command)
@@ -134,7 +133,8 @@ def answer(
         **vars(findings) | {"provenance": {**provenance, "flavour": flavour}},
         scenario=question.name,
         question=question.title,
-        verdict=verdict,
+        verdict="\n".join(lines(judgements)),
+        judgements=judgements,
         options=option_values(o, findings.defaults),
         parameters=values,
         warnings=warnings(),

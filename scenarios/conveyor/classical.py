@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from workbench import Chart, Curve, Figure, Mark, Panel, Table
+from workbench import Chart, Curve, Figure, Judgement, Mark, Panel, Table
 from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
-from workbench.figure import listed
 from workbench.measure import Measured, crossing_times
 from workbench.roots import NoRootError, SecantSearch
 
@@ -309,36 +308,31 @@ def limits_of(
     return figures
 
 
-def sentence(comparison: Comparison) -> str:
-    """Say up to which speed both calculations hold."""
-    first = clause(comparison, "spring", "the classical calculation")
-    return f"{first[0].upper()}{first[1:]}; {clause(comparison, 'whole')}."
+def judgements(r: Comparison) -> list[Judgement]:
+    """Return up to which speed both calculations hold."""
+    return [holds(r, method) for method in WITH_INERTIA]
 
 
-def clause(r: Comparison, method: str, subject: str = "it") -> str:
-    """Say up to which speed a calculation is within the tolerance."""
+def holds(r: Comparison, method: str) -> Judgement:
+    """Return up to which speed a calculation is within the tolerance."""
+    what = f"classical calculation {LOAD_TEXTS[method]} as its load, within {r.tolerance:g} % up to"
     limits = {load: r.figures[f"limit_{method}_{load}"] for load in QUANTITIES}
-    subject = f"{LOAD_TEXTS[method]} as its load, {subject}"
-    inaccurate = [
-        f"the {QUANTITIES[load].name}" for load, end in limits.items() if end.reason == NOWHERE
-    ]
+    inaccurate = [QUANTITIES[load].name for load, end in limits.items() if end.reason == NOWHERE]
     if inaccurate:
-        return (
-            f"{subject} is off by more than {r.tolerance:g} % for {listed(inaccurate)} already at {r.slowest:g} "
-            "rad/s, the lowest speed of the sweep"
+        note = (
+            f"no speed of the sweep: it is off by more for the {' and the '.join(inaccurate)} already at "
+            f"{r.slowest:g} rad/s"
         )
+        return Judgement(what, note=note)
     for load, end in limits.items():
         top = r.figures[f"worst_{method}_{load}"]
-        holds = top.error is not None and abs(top.value) + top.error <= r.tolerance
-        if end.error is None and not holds:
-            return (
-                f"{subject} holds up to a speed that is not determined: {top.reason or end.reason}"
-            )
+        is_within = top.error is not None and abs(top.value) + top.error <= r.tolerance
+        if end.error is None and not is_within:
+            return Judgement(what, Figure.undetermined("rad/s", top.reason or end.reason))
     ends = [end for end in limits.values() if end.error is not None]
     if not ends:
-        return f"{subject} is within {r.tolerance:g} % at every speed of the sweep"
-    first = min(ends, key=lambda end: end.value)
-    return f"{subject} is within {r.tolerance:g} % up to {first.brief()}"
+        return Judgement(what, note="every speed of the sweep")
+    return Judgement(what, min(ends, key=lambda end: end.value))
 
 
 def curves(machine: Machine, load: str, nu: Any) -> list[Curve]:
@@ -368,17 +362,10 @@ def error_chart(r: Comparison, marks: Sequence[Mark]) -> Chart:
         ]
         text = LOAD_TEXTS[method].removeprefix("with ").removeprefix("the ")
         panels.append(Panel(f"error, {text}", "%", lines, levels))
-    return Chart(title_of(r), "operating speed [rad/s]", panels, marks, second=RPM)
-
-
-def title_of(r: Comparison) -> str:
-    """Return up to where the calculation with the spring alone holds, for the chart of errors."""
-    end = r.figures["limit_spring_torque"]
-    if end.error is not None:
-        return (
-            f"Neglecting inertia is acceptable for the torque ripple up to {end.value:.3g} rad/s "
-            f"({r.tolerance:g} %; inertia force {r.figures['share'].value:.2g} % of spring force)"
-        )
-    if end.reason == NOWHERE:
-        return f"The spring alone is off by more than {r.tolerance:g} % at the lowest speed of the sweep"
-    return "Errors of both classical calculations"
+    return Chart(
+        "Errors of both classical calculations",
+        "operating speed [rad/s]",
+        panels,
+        marks,
+        second=RPM,
+    )

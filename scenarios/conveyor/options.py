@@ -49,12 +49,10 @@ class RippleOptions(workbench.Options):
         return self.limit / 100 * self.rated
 
     @property
-    def limit_told(self) -> str:
-        """The limit of the torque ripple in words, with the rated torque that nobody has given."""
-        told = f"{self.ripple_limit:g} N.m"
-        if self.rated_torque is not None:
-            return told
-        return f"{told}, {self.limit:g} % of the default rated torque of {self.rated:g} N.m"
+    def limit_note(self) -> str:
+        """Where the limit of the torque ripple comes from, if nobody has given the rated torque."""
+        default = f"the limit is {self.limit:g} % of the default rated torque of {self.rated:g} N.m"
+        return default if self.rated_torque is None else ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from workbench import Figure
-from workbench.figure import listed
+from workbench import Figure, Judgement
 
 from .features import Feature, Kind
 from .rows import SpeedSweep
@@ -68,95 +66,38 @@ class RippleLimit:
             figures[f"{name}_{k // 2 + 1}" if k > 1 else name] = crossing.figure
         return figures
 
-    def sentences(self, left_out: Sequence[str] = ()) -> list[str]:
-        """Say which speeds to avoid, what the sweep leaves out, and at how many speeds nothing is known.
-
-        Parameters
-        ----------
-        left_out : sequence of str
-            What a reader asks for and the sweep does not have, such as the resonance. A ripple below its limit
-            everywhere else is then no answer, and is not told.
-        """
-        if self.crossings:
-            lines = [self.about_crossings()]
-        else:
-            lines = self.about_rows(is_complete=not left_out)
-        return [*lines, *self.about_left_out(left_out), *self.about_unknown()]
-
-    def about_unknown(self) -> list[str]:
-        """Say at how many speeds there is no answer, for each reason, but for those at which the motor stalls."""
-        total, lost = len(self.sweep.speeds), len(self.sweep.unsteady)
+    def judgements(self) -> list[Judgement]:
+        """Return which speeds to avoid, and at how many speeds of the sweep the ripple is above its limit."""
         answers = [above_limit(self.limit, row) for row in self.sweep.rows]
-        open_rows = [
-            row
-            for row, answer in zip(self.sweep.rows, answers)
-            if answer == UNDETERMINED and not math.isnan(row["tau2"])
-        ]
-        unknown = sum(math.isnan(row["tau2_error"]) for row in open_rows)
         counts = {
-            f"No steady orbit is found at {lost}": lost,
-            f"The error of the torque ripple is not known at {unknown}": unknown,
-            f"The limit lies within the error at {len(open_rows) - unknown}": len(open_rows)
-            - unknown,
+            "above its limit": answers.count("yes"),
+            "below": answers.count("no"),
+            "not determined": answers.count(UNDETERMINED),
         }
-        return [f"{text} of the {total} speeds." for text, count in counts.items() if count]
+        rows = ", ".join(f"{text} at {count}" for text, count in counts.items() if count)
+        total = f"{len(answers)} speed{'s' * (len(answers) > 1)} of the sweep"
+        return [*self.avoided(), Judgement("torque ripple", note=f"{rows} of {total}")]
 
-    def about_left_out(self, left_out: Sequence[str]) -> list[str]:
-        """Say what the sweep does not have, in at most one sentence."""
-        first, last = self.sweep.line.first, self.sweep.line.last
-        extent = f"The sweep from {first:g} to {last:g} rad/s"
-        if len(self.sweep.speeds) == 1:
-            extent = f"The sweep, which has the only speed {first:g} rad/s,"
-        return [f"{extent} leaves out {listed(left_out)}."] if left_out else []
-
-    def about_crossings(self) -> str:
-        """Say which speeds to avoid, with the digits that hold."""
-        ends = (crossing.figure for crossing in self.crossings)
-        reasons = [figure.reason for figure in ends if figure.error is None]
-        if not reasons:
-            return f"Avoid speeds {self.avoided()}, where the torque ripple is above the limit."
-        steps = f"With {self.sweep.runner.steps_per_rev} steps per revolution"
-        where = f"{steps} the torque ripple is above the limit {self.avoided()}"
-        return f"{where}. How far that is from the truth is not determined: {reasons[0]}."
-
-    def about_rows(self, *, is_complete: bool) -> list[str]:
-        """Say whether the ripple is above its limit where it is known, in at most one sentence.
-
-        From one speed, and from a sweep that is not complete, no all-clear follows.
-        """
-        total = len(self.sweep.speeds)
-        steady = sum(not math.isnan(row["tau2"]) for row in self.sweep.rows)
-        answers = [above_limit(self.limit, row) for row in self.sweep.rows]
-        above, decided = answers.count("yes"), len(answers) - answers.count(UNDETERMINED)
-        if not decided or (not above and decided == total and not (is_complete and total > 1)):
-            return []
-        if 0 < above < decided:
-            return [f"The torque ripple is above the limit at {above} of {total} speeds."]
-        at = f"each of the {decided} of {total} speeds at which it is determined"
-        if total == 1:
-            at = f"{self.sweep.speeds[0]:g} rad/s, the only speed of the sweep"
-        elif decided == total:
-            at = "every speed of the sweep"
-        elif decided == 1:
-            at = f"the only one of {total} speeds at which it is determined"
-        elif decided == steady:
-            at = f"each of the {steady} of {total} speeds that have a steady orbit"
-        return [f"The torque ripple {'is above' if above else 'stays below'} the limit at {at}."]
-
-    def avoided(self) -> str:
-        """The stretches between crossings in words, with the digits that hold; beyond the sweep nothing is known."""
-        parts, last = [], len(self.crossings) - 1
-        for k, crossing in enumerate(self.crossings):
-            about = f"about {float(f'{crossing.feature.near:.2g}'):g} rad/s"
-            where = about if crossing.figure.error is None else crossing.figure.brief()
-            if crossing.is_upward:
-                parts.append(f"from {where}")
-                if k == last:
-                    parts.append(f"to the end of the sweep, {self.sweep.line.last:g} rad/s")
-            else:
-                begin = f"from the start of the sweep, {self.sweep.line.first:g} rad/s, "
-                parts.append(f"{begin if k == 0 else ''}to {where}{' and' if k < last else ''}")
-        return " ".join(parts)
+    def avoided(self) -> list[Judgement]:
+        """Return the stretches between crossings with the digits that hold; beyond the sweep nothing is known."""
+        ends: list[tuple[str, str]] = [
+            (crossing.figure.brief(), "")
+            if crossing.figure.error is not None
+            else (f"about {float(f'{crossing.feature.near:.2g}'):g} rad/s", crossing.figure.reason)
+            for crossing in self.crossings
+        ]
+        if ends and not self.crossings[0].is_upward:
+            ends.insert(0, (f"the start of the sweep, {self.sweep.line.first:g} rad/s,", ""))
+        if len(ends) % 2:
+            ends.append((f"the end of the sweep, {self.sweep.line.last:g} rad/s", ""))
+        notes = []
+        for (begin, why), (end, other) in zip(ends[::2], ends[1::2]):
+            reason = why or other
+            unsure = (
+                f"; how far that is from the truth is not determined: {reason}" if reason else ""
+            )
+            notes.append(f"{begin} to {end}{unsure}")
+        return [Judgement("avoid speeds", note=note) for note in notes]
 
 
 def above_limit(limit: float, row: Mapping[str, float]) -> str:

@@ -17,10 +17,9 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result, SetupError, System
-from workbench import Chart, Context, Curve, Figure, Panel, Table
+from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
-from workbench.figure import SHARE_DIGITS, concise
 from workbench.measure import Peak, Samples, largest
 
 from . import machine as iron
@@ -95,15 +94,17 @@ class Transfer:
             SHARES: Table.of_rows(self.shares, UNITS),
         }
 
-    def sentence(self, f: Mapping[str, Figure]) -> str:
-        """Say how the iron follows the cam, and which dimensions to make with care."""
-        first, second = ranked(self.shares, "H_1")[:2]
-        return (
-            f"A radian of the cam moves the iron by up to {f['h_1_max'].brief()}. The dimensions "
-            f"that change this most are {DIMENSIONS[first.dimension]} "
-            f"({concise(f['h_1_change'], SHARE_DIGITS)} for 1 % of it) and {DIMENSIONS[second.dimension]} "
-            f"({concise(f['h_1_next'], SHARE_DIGITS)})."
-        )
+    def judgements(self, f: Mapping[str, Figure]) -> list[Judgement]:
+        """Return how the iron follows the cam, and which dimensions to make with care."""
+        first, second = (DIMENSIONS[x.dimension] for x in ranked(self.shares, "H_1")[:2])
+        return [
+            Judgement("largest travel of the iron for a radian of the cam", f["h_1_max"]),
+            Judgement(
+                f"1 % of {first}, the dimension that changes it most, changes it by",
+                f["h_1_change"],
+            ),
+            Judgement(f"1 % of {second}, the next, by", f["h_1_next"]),
+        ]
 
     def charts(self) -> list[Chart]:
         """Return the functions over the cam angle, and which dimensions move the iron, the largest first."""

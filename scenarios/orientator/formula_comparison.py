@@ -14,10 +14,9 @@ import numpy as np
 
 from cosim import System
 from cosim.system import Value
-from workbench import Chart, Context, Curve, Figure, Panel, Table
+from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.motion import Motion
-from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise
 
 from . import machine as orientator
 from . import motion
@@ -73,29 +72,25 @@ class FormulaComparison:
     figures: Mapping[str, Figure]
     tables: Mapping[str, Table]
 
-    def sentences(self) -> list[str]:
-        """Say how fast the rotor may turn, how well the formula gives it, and what moves it most."""
-        f, lines = self.figures, []
-        lines.append(
-            f"With friction {self.friction:g} the rotor may turn at up to "
-            f"{concise(f['limit'], SENTENCE_DIGITS)}; the limit formula gives {f['formula'].brief()}"
-        )
-        located = self.tables[PLANE].frame["limit"].notna()
-        where = "all pairs of cup and friction"
-        if not located.all():
-            where = (
-                f"the {located.sum()} of {len(located)} pairs of cup and friction that have a limit"
-            )
-        lines.append(
-            f"For {where} it is within {concise(f['off'], SHARE_DIGITS)} of the simulated limit"
-        )
+    def judgements(self) -> list[Judgement]:
+        """Return how fast the rotor may turn, how well the formula gives it, and what moves it most."""
+        f, located = self.figures, self.tables[PLANE].frame["limit"].notna()
+        pairs = f"{located.sum()} of {len(located)} pairs of cup and friction that have a limit"
         name, most = strongest(f, LENGTHS)
-        lines.append(
-            f"{name} moves the limit most: 1 % more changes it by {concise(most, SHARE_DIGITS)}"
-            if name and most
-            else f"The dimension that moves the limit most is not determined among {', '.join(LENGTHS)}"
+        dimension = Judgement(
+            f"1 % more of {name}, the dimension that moves the limit most, changes it by", most
         )
-        return [f"{'. '.join(lines)}."]
+        if most is None:
+            dimension = Judgement(
+                "dimension that moves the limit most",
+                Figure.undetermined("%", f"no limit of {', '.join(LENGTHS)} was found"),
+            )
+        return [
+            Judgement(f"with friction {self.friction:g} the rotor may turn at up to", f["limit"]),
+            Judgement("by the limit formula", f["formula"]),
+            Judgement(f"largest error of the formula for {pairs}", f["off"]),
+            dimension,
+        ]
 
     def charts(self) -> list[Chart]:
         """Return the limits over friction, how far the formula is off, and what each dimension gains."""

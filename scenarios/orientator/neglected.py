@@ -16,11 +16,10 @@ import numpy as np
 from cosim import System
 from cosim.accuracy.limit import limit
 from cosim.system import Value
-from workbench import Chart, Context, Curve, Figure, Mark, Panel, Table
+from workbench import Chart, Context, Curve, Figure, Judgement, Mark, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.charts.motion import Motion
-from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, refusals
 from workbench.measure import ROUNDING, Measured
 
 from . import machine as orientator
@@ -92,32 +91,20 @@ class NeglectedComparison:
     figures: Mapping[str, Figure]
     tables: Mapping[str, Table]
 
-    def sentences(self) -> list[str]:
-        """Say what the effects cost in time, and how they move the limit."""
+    def judgements(self) -> list[Judgement]:
+        """Return what the effects cost in time, and how they move the limit."""
         f = self.figures
-        if f["orientation_time"].error is None:
-            return [" ".join(refusals({"the equations of the paper": f["orientation_time"]}))]
-        lines = [
-            f"At {self.speed:g} rpm and friction {self.friction:g} a product takes "
-            f"{f['orientation_time'].brief()} by the equations of the paper."
-        ]
-        total, paper, together = (f[x] for x in ("together_share", "limit_paper", "limit_together"))
-        if total.error is not None:
-            change = f"The neglected effects together change this by {concise(total, SHARE_DIGITS)}"
-            if paper.error is not None and together.error is not None:
-                ends = [concise(x, SENTENCE_DIGITS) for x in (paper, together)]
-                change += f", and the largest rotor speed from {ends[0]} to {ends[1]}"
-            lines.append(f"{change}.")
-        shares = {
+        at = f"at {self.speed:g} rpm and friction {self.friction:g}"
+        effects = {
             label: f[f"{name}_share"] for name, label in EFFECTS.items() if name != "together"
         }
-        determined = {label: x for label, x in shares.items() if x.error is not None}
-        if determined:
-            label, most = max(determined.items(), key=lambda item: abs(item[1].value))
-            lines.append(
-                f"{capital(label)} alone changes the time by {concise(most, SHARE_DIGITS)}."
-            )
-        return [" ".join(lines)]
+        return [
+            Judgement(f"a product takes by the equations of the paper {at}", f["orientation_time"]),
+            Judgement("the neglected effects together change this by", f["together_share"]),
+            *(Judgement(f"{label} alone changes it by", x) for label, x in effects.items()),
+            Judgement("largest rotor speed by the equations of the paper", f["limit_paper"]),
+            Judgement("largest rotor speed with the neglected effects", f["limit_together"]),
+        ]
 
     def charts(self) -> list[Chart]:
         """Return what each effect costs over the speed."""

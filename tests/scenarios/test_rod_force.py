@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -190,25 +189,13 @@ def test_advice_names_the_spring_what_it_spares_and_what_it_leaves(
 ) -> None:
     take, keep = (answers[name] for name in ("A", "B"))
     f = take.figures
-    assert take.verdict.startswith(
-        f"Use a spring of {f['spring_unloaded'].brief()} instead of 720000"
-    )
-    assert "recommends 320000 N/m." in take.verdict
     for name in ("f_rod", "tau2", "nu_90"):
         ends = (f[name], f[f"{name}_unloaded"])
         assert all(end.text() in repr(take) for end in ends)
-        assert all((end.brief() in take.verdict) == (name == "f_rod") for end in ends)
-    shift = f["nu_90_unloaded"].value / f["nu_90"].value - 1.0
-    size = re.search(r"moves the resonance down by ([\d.]+)( ± [\d.]+)? %\.", take.verdict)
-    assert size is not None and size[2]
-    assert float(size[1]) == pytest.approx(-100 * shift, abs=0.51 * 10.0 ** -len(size[1][2:]))
     assert f["f_rod_unloaded"].value < 0.4 * f["f_rod"].value
     assert f["tau2_unloaded"].value == pytest.approx(39.733, rel=1e-3)
     for name in ("nu_90", "nu_90_unloaded"):
         assert f[name].value == pytest.approx(40.0, rel=1e-4)
-    assert keep.verdict.startswith(
-        "Keep the spring of 720000 N/m: at 60 rad/s (573 rpm) its largest rod force"
-    )
     assert keep.figures["spring_unloaded"].value == pytest.approx(719640.0, abs=30.0)
 
 
@@ -247,10 +234,6 @@ def test_a_spring_far_from_formula_17_is_not_reported() -> None:
     light = {"conveyor.trough.m": 20.0, "motor.B": 1.0}
     far = ask("rod_force", speed=8.0, start=light, **QUICK_STEPS)
     assert far.figures["spring_unloaded"].reason == "it lies far from that of formula (17)"
-    assert far.verdict.startswith(
-        "No spring with minimum rod force was found at 8 rad/s (76 rpm): "
-    )
-    assert far.show().title == ""
 
 
 @pytest.mark.slow
@@ -261,11 +244,6 @@ def test_without_damping_the_rod_is_freed_and_a_spring_that_stalls_the_crank_is_
     assert free.figures["f_rod_unloaded"].value < 0.1
     assert free.figures["f_rod"].error is not None
     assert free.show().charts
-    stalled = ask("rod_force", speed=4.0, start={"motor.B": 0.5}, **QUICK)
-    assert (
-        "with the machine's spring it is not determined (no steady orbit is found at 4"
-        in stalled.verdict
-    )
 
 
 def test_figures_with_the_spring_that_unloads_the_rod_carry_the_error_of_that_spring() -> None:

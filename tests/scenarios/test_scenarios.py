@@ -22,7 +22,6 @@ from scenarios.iron.questions import iron_orders
 from tests.conftest import QUICK, ROOT, ask, plain
 from workbench import catalog, cli
 from workbench import study as studies
-from workbench.figure import SENTENCE_DIGITS, concise
 
 EXPECTED: dict[str, Any] = {
     "A": {
@@ -399,20 +398,15 @@ def test_iron_cycle_knows_torque_forces_and_limits() -> None:
     assert {x: answer.figures[x].value for x in wanted} == pytest.approx(wanted, rel=1e-5)
     at_10 = rows.iloc[40][["iron.phi", "iron.tau_cam", "iron.N"]].to_list()
     assert at_10 == pytest.approx([math.radians(10.0), 0.43224335899, 249.00775848], rel=1e-6)
-    assert answer.verdict.startswith("4.1888 rad/s (40 cycles/min) is safe: it is ")
-    assert "of 7.898 rad/s, where the follower lifts off" in answer.verdict
-    assert answer.verdict.endswith("between -7.409 N.m and 6.627 N.m, and the chain up to 93.07 N.")
     assert answer.figures["run_force_max"].value == pytest.approx(93.06866, abs=0.0048)
     fast = ask("iron_cycle", speed="55rpm", start=["iron.spring.side=-1"])
     assert fast.figures["follower_limit"].value == pytest.approx(5.15434, rel=1e-4)
-    assert "(55 cycles/min) exceeds the limit: the follower lifts off at" in fast.verdict
 
 
 def test_a_follower_that_its_rocker_lifts_at_rest_has_no_speed_that_is_safe() -> None:
     heavy = ask("iron_cycle", start={"iron.rocker.m": 40.0, "iron.rocker.gamma": -1.5})
     assert heavy.figures["follower_limit"].value == 0.0
     assert heavy.figures["share"].reason == "the first limit is 0"
-    assert "exceeds the limit: the follower lifts off at 0 rad/s" in heavy.verdict
     assert any("cam follower lifts off" in warning for warning in heavy.warnings)
 
 
@@ -450,12 +444,6 @@ def test_iron_orders_know_when_a_resonance_matters() -> None:
     )
     added = [answer.figures[f"added_{lag}"].value for lag in ("12ms", "80ms", "200ms")]
     assert [x > 10.0 for x in added] == [False, True, True]
-    beginning = "With a motor lag of 80 ms and 200 ms a torque order rises by more than 10 %"
-    assert answer.verdict.startswith(beginning)
-    slow = ask("iron_orders", speeds="2").verdict
-    assert slow.startswith(
-        "With a motor lag of 12 ms, 80 ms and 200 ms no torque order rises by more than 10 %"
-    )
 
 
 def test_what_the_lag_adds_lies_within_its_error_of_that_with_more_samples_of_a_turn(
@@ -476,8 +464,6 @@ def test_a_speed_without_steady_motion_is_warned_of() -> None:
     assert any("no steady motion at 0.3 rad/s with a lag of" in x for x in answer.warnings)
     rows = answer.tables["iron_orders.csv"].frame
     assert rows["torque"].isna().all() and rows["excitation"].notna().all()
-    none = "With 12 ms, 80 ms and 200 ms, there is no steady motion at any speed of the sweep. "
-    assert answer.verdict.startswith(none)
 
 
 def test_orientation_time_finds_the_limits() -> None:
@@ -492,11 +478,6 @@ def test_orientation_time_finds_the_limits() -> None:
     for mu, n in (("0_2", 100.23145), ("0_35", 77.75026), ("0_5", 62.12296)):
         limit = answer.figures[f"limit_mu_{mu}"]
         assert limit.value <= n <= limit.value + limit.error
-        text = concise(limit, SENTENCE_DIGITS)
-        assert f"{text} with friction {mu.replace('_', '.')}" in answer.verdict
-        assert abs(float(text.removesuffix(" rpm")) - n) < 0.1
-    assert answer.verdict.startswith("The orientator works up to ")
-    assert "Orienting a product takes at least 0.2388 s." in answer.verdict
     assert answer.figures["shortest_time"].text() == "0.238775 ± 0.000001 s"
     assert answer.figures["limit_mu_0_2"].meaning.endswith("beyond it: catcher back at stop")
     assert answer.warnings == []

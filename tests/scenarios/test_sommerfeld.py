@@ -126,7 +126,6 @@ def test_jumps_lie_where_theory_has_its_folds(answer: Any) -> None:
         assert stated["supply"].value == pytest.approx(v[fold], abs=3e-3)
         assert stated["before"].value == pytest.approx(w[fold], abs=side)
         assert 0.0 < stated["supply"].error < 1e-4
-        assert stated["supply"].brief() in answer.verdict
     rows = answer.tables["sommerfeld.csv"].frame
     rising, falling = (rows[rows["falling"] == k].set_index("supply")["speed"] for k in (0, 1))
     assert rising[28.0] < 51.0 < 1.1 * rising[28.0] < falling[21.0] < falling[28.0] < rising[29.0]
@@ -178,8 +177,6 @@ def test_jumps_are_folds_of_periodic_orbits(
 def test_a_motor_below_the_jump_is_called_caught() -> None:
     """At 28.5 V it turns a little faster than the resonance, and jumps only at 28.5515 V."""
     answer = ask("sommerfeld", supplies="26:28.5:6")
-    first = "Up to 28.5 V, the highest level, the motor stays caught; it then turns at 50.05 rad/s."
-    assert answer.verdict.startswith(f"{first} When raised slowly, the supply must reach 28.55 V ")
     assert len(answer.show().charts[0].marks) == 0
 
 
@@ -187,10 +184,6 @@ def test_a_motor_below_the_jump_is_called_caught() -> None:
 def test_a_mount_without_damping_gives_no_end() -> None:
     """The motor is held at the resonance, and the mount shakes ever more."""
     answer = ask("sommerfeld", supplies="16:20:5", start={"exciter.mount.d": 0.0})
-    assert answer.verdict.startswith("The mount has no damping, so that no steady motion")
-    assert "At 20 V the motor turns at 49." in answer.verdict
-    assert "is not steady after 200 s: the mount shakes by " in answer.verdict
-    assert "not caught" not in answer.verdict
     assert answer.figures["supply_up"].error is None
     assert any(" V the motion is not steady after 200 s" in x for x in answer.warnings)
 
@@ -218,13 +211,8 @@ def test_a_strong_motor_is_not_caught() -> None:
     """Its line falls more steeply than any load behind the peak, and every supply has one speed."""
     strong = {"motor.R": 0.1, "motor.L": 5e-4}
     answer = ask("sommerfeld", supplies="8:12:9", start=strong)
-    assert answer.verdict.startswith("The motor is not caught")
     assert answer.figures["supply_up"].reason == "the speed does not jump"
     assert answer.show().charts[0].marks == []
-    slow = ask("sommerfeld", supplies="5,8", start=strong).verdict
-    assert slow.startswith(
-        "The motor stays below the resonance at 50 rad/s up to 8 V, where it turns"
-    )
 
 
 @pytest.mark.slow
@@ -235,10 +223,6 @@ def test_coarse_levels_find_the_same_jumps_and_low_ones_none() -> None:
     assert rows[rows["supply"] == 28.0]["speed"].min() > 80.0
     for direction, supply in (("up", 28.55154), ("down", 20.05641)):
         assert coarse.figures[f"supply_{direction}"].value == pytest.approx(supply, abs=1e-5)
-    thrown = "In these levels the motor passes the resonance at 50 rad/s at 28 V. "
-    assert coarse.verdict.startswith(thrown)
-    low = ask("sommerfeld", supplies="15,18").verdict
-    assert low.startswith("Up to 18 V, the highest level, the motor does not pass the resonance")
     with pytest.raises(SetupError, match="must be two levels or more"):
         ask("sommerfeld", supplies="20")
     with pytest.raises(SetupError, match=r"motor.k = 0 V.s/rad gives no torque"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +18,6 @@ from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.orbits import STEP_MULTIPLES
 from scenarios.conveyor.parameter_plane import coupling_error
-from scenarios.conveyor.questions import rod_force
 from scenarios.conveyor.rod_waveform import ORDER, largest_force_of
 from scenarios.conveyor.second_order import settling
 from tests.conftest import LONG, QUICK, ask, plain
@@ -34,71 +32,34 @@ SPEEDS = "34:46:7"
 
 
 def answers(answer: Answer) -> tuple[str, str]:
-    """Both answers of the verdict of `resonance`: on resonance, ripple above its limit."""
-    stalls, *lines = answer.verdict.splitlines()
-    resonance, limit, *_ = lines if stalls.startswith("The motor stalls") else (stalls, *lines)
-    starts = ("On resonance: ", "Torque ripple above its limit: ")
-    for line, start in zip((resonance, limit), starts):
-        assert line.startswith(start)
-    return tuple(  # type: ignore[return-value]
-        line.removeprefix(start).split(".")[0].split(",")[0]
-        for line, start in zip((resonance, limit), starts)
-    )
+    """Two answers of `resonance`: on resonance, torque ripple below its limit."""
+    ripple, resonance = answer.judgements[:2]
+    assert ripple.what.startswith("torque ripple below") and resonance.what == "on resonance"
+    return str(resonance.answer), str(ripple.answer)
 
 
 @pytest.mark.parametrize(
     ("options", "wanted"),
     [
-        ({}, ("yes", "yes")),
-        ({"limit": 150.0}, ("yes", "no")),
-        ({"limit": 1000.0}, ("yes", "no")),
-        ({"speed": 45.0}, ("no", "yes")),
-        ({"speed": 60.0, "limit": 5.0}, ("no", "yes")),
-        ({"set": "B"}, ("no", "no")),
+        ({}, ("yes", "no")),
+        ({"limit": 150.0}, ("yes", "yes")),
+        ({"limit": 1000.0}, ("yes", "yes")),
+        ({"speed": 45.0}, ("no", "no")),
+        ({"speed": 60.0, "limit": 5.0}, ("no", "no")),
+        ({"set": "B"}, ("no", "yes")),
     ],
 )
 def test_resonance_and_limit_are_two_answers(
     options: dict[str, Any], wanted: tuple[str, str]
 ) -> None:
-    """The title of the picture gives the same."""
     speeds = "20:40:5" if options.get("set") == "B" else SPEEDS
     answer = ask("resonance", speeds=speeds, steps_per_rev=128, **options)
     assert answers(answer) == wanted
-    first, second = answer.show().charts[0].title.split(". ")
-    assert (first.split(": ")[1], second.split(": ")[1]) == wanted
     figure, speed = answer.figures["nu_90_away"], answer.facts["operating_speed"]
     assert figure.value == answer.figures["nu_90"].value - speed
     assert figure.error == answer.figures["nu_90"].error
     assert figure.error is not None and abs(figure.value) > figure.error
-    size = re.search(
-        r"(?:([\d.]+)(?: ± [\d.]+)? rad/s \()?([\d.]+)(?: ± [\d.]+)? %\)? (above|below) the op",
-        answer.verdict,
-    )
-    assert size is not None
-    assert size[3] == ("above" if figure.value > 0.0 else "below")
-    share = 100.0 * abs(figure.value) / speed
-    assert abs(float(size[2]) - share) <= 0.51 * unit_of_last_digit(size[2])
-    if size[1]:
-        assert abs(float(size[1]) - abs(figure.value)) <= 0.51 * unit_of_last_digit(size[1])
-    assert bool(size[1]) == (abs(figure.value) > 0.01)
     assert not answer.refused
-
-
-def unit_of_last_digit(text: str) -> float:
-    """That of a number without an exponent."""
-    return 10.0 ** -len(text.partition(".")[2])
-
-
-def test_the_operating_speed_may_be_the_resonance_within_its_error() -> None:
-    """Then no side is named; beside it the side is."""
-    resonance = ask("resonance", speeds=SPEEDS, steps_per_rev=128).figures["nu_90"].value
-    for speed, phrase in (
-        (resonance, "within its error of"),
-        (resonance - 0.02, "%) above the op"),
-    ):
-        answer = ask("resonance", speeds=SPEEDS, steps_per_rev=128, speed=speed)
-        assert phrase in answer.verdict and answers(answer)[0] == "yes"
-        assert ("which is the operating speed" in answer.verdict) == (speed == resonance)
 
 
 def half_power(first: float, last: float, lag: float) -> float:
@@ -128,19 +89,13 @@ def test_no_claim_of_a_sweep_goes_beyond_the_speeds_that_have_an_orbit() -> None
     steady = int(long.table["tau2"].notna().sum())
     assert 1 < steady < 5
     assert (long.table["tau2"].dropna() > 50.0).all()
-    assert f"above the limit at each of the {steady} of 5 speeds that have a steady" in long.verdict
-    assert long.verdict.startswith("The motor stalls at 40 rad/s: ")
-    assert f"No steady orbit is found at {4 - steady} of the 5 speeds." in long.verdict
     slow = ask("resonance", speeds="30,40,50,60", start={"motor.T": 1e9})
     assert slow.table["tau2"].notna().sum() == 1
-    assert "below the limit at the only one of 4 speeds at which it is determined" in slow.verdict
     reasons = ("the motor stalls at 40 rad/s", "no steady orbit is found at 40 rad/s")
     for answer, expected in zip((long, slow), reasons):
-        assert "every speed" not in answer.verdict
         assert answer.refused and answers(answer)[1] == "not determined"
         reason = answer.figures["tau2_operating"].reason
         assert reason == expected
-        assert answer.show().charts[0].title.endswith(f"not determined ({reason})")
         assert not answer.show().charts[0].spans
 
 
@@ -162,13 +117,8 @@ def test_each_speed_of_a_sweep_is_counted_once() -> None:
         start=WEAK,
     )
     table, chart = answer.table, answer.show().charts[0]
-    counts = [int(x) for x in re.findall(r"(\d+) of (?:the )?7 speeds", answer.verdict)]
-    stalled = re.match(r"The motor stalls at (.*?) rad/s: ", answer.verdict)
-    assert stalled is not None and stalled[1] == "6.199 and 9.381"
-    assert 2 + sum(counts) == 7
     unknown = int((table["tau2"].notna() & table["tau2_error"].isna()).sum())
     assert unknown == 1
-    assert f"The error of the torque ripple is not known at {unknown} of the 7 sp" in answer.verdict
     drawn = {curve.name: np.isfinite(curve.y).sum() for curve in chart.panels[0].curves}
     assert drawn["co-simulation"] == table["tau2_error"].notna().sum()
     assert drawn["co-simulation, error not known"] == unknown
@@ -192,25 +142,12 @@ def test_a_resonance_among_speeds_without_an_orbit_is_not_said_to_be_outside_the
     assert 4.998 < answer.figures["nu_res"].value < 6.334
     reason = answer.figures["nu_90"].reason
     assert reason.startswith("the motor stalls at 4.998 and 6.333 rad/s, and the other speeds")
-    assert "does not contain it" not in answer.verdict
 
 
 def test_a_drive_that_stalls_everywhere_is_told_so_first() -> None:
     answer = ask("resonance", speeds="6:9:3", speed=7.0, steps_per_rev=256, start=WEAK)
-    assert answer.verdict.startswith(
-        "The motor stalls at every speed of the sweep and at the operating speed of 7 "
-    )
-    assert "steady orbit" not in answer.verdict
     assert answer.figures["nu_90"].reason == "the motor stalls at every speed of the sweep"
     assert answer.refused
-
-
-def test_a_rated_torque_that_nobody_gave_is_named() -> None:
-    """The limit is a share of it."""
-    default = ask("resonance", speeds="36:44:3", steps_per_rev=128).verdict
-    assert "the limit is 50 N.m, 50 % of the default rated torque of 100 N.m." in default
-    given = ask("resonance", speeds="36:44:3", steps_per_rev=128, rated_torque=100.0).verdict
-    assert "the limit is 50 N.m." in given
 
 
 def test_rows_without_an_error_answer_nothing() -> None:
@@ -218,9 +155,8 @@ def test_rows_without_an_error_answer_nothing() -> None:
     answer = ask("resonance", speeds="36:44:5", steps_per_rev=128, algorithm="jacobi")
     assert answer.table["tau2"].max() > 150.0
     assert answers(answer) == ("not determined", "not determined")
-    assert "every speed" not in answer.verdict and "Avoid" not in answer.verdict
     chart = answer.show().charts[0]
-    assert not chart.spans and chart.title.count("not determined") == 2
+    assert not chart.spans
 
 
 def test_an_overdamped_drive_has_no_resonance() -> None:
@@ -229,9 +165,8 @@ def test_an_overdamped_drive_has_no_resonance() -> None:
         answer = ask("resonance", speeds="150:500:5", speed=283.0, start={"motor.T": lag})
         zeta = answer.figures["zeta"].value
         assert (zeta > 0.5**0.5) == wanted and zeta == pytest.approx(0.5**0.5, rel=1e-2)
-        assert ("The drive has no resonance" in answer.verdict) == wanted
-        assert ("that is no resonance" in answer.verdict) == wanted
-        assert answers(answer)[0] == ("no" if wanted else "yes")
+        assert answers(answer)[0] == "no"
+        assert answer.judgements[2].what.startswith("90 degree lag") == wanted
         assert answer.figures["nu_res"].meaning.startswith("90 deg lag" if wanted else "resonance")
         assert answer.figures["nu_90"].error is not None
 
@@ -241,7 +176,7 @@ def test_a_load_of_exactly_nothing_is_answered() -> None:
     start = {"conveyor.trough.d": 0.0}
     answer = ask("resonance", speeds="30:60:7", speed=60.0, start=start)
     assert answer.figures["tau2_operating"].value == 0.0
-    assert answers(answer) == ("not determined", "no")
+    assert answers(answer) == ("no", "yes")
     assert "the load ripple is almost zero at 60 rad/s" in answer.figures["lag_operating"].reason
     assert answer.figures["nu_90"].value == pytest.approx(40.0, rel=1e-3)
 
@@ -250,7 +185,6 @@ def test_a_limit_within_the_error_of_the_ripple_decides_nothing() -> None:
     ripple = ask("resonance", speeds=SPEEDS, steps_per_rev=128).figures["tau2_operating"].value
     answer = ask("resonance", speeds=SPEEDS, steps_per_rev=128, limit=ripple)
     assert answers(answer)[1] == "not determined"
-    assert "because the limit lies within the error" in answer.verdict
 
 
 def test_a_refused_answer_has_a_separate_exit_status(
@@ -304,8 +238,6 @@ def test_where_the_power_goes_is_reported_with_its_signs() -> None:
     figures = ask("mean_values", speeds="30,44").figures
     supply, motor, trough = (figures[f"{name}_more"] for name in ("supply", "motor", "trough"))
     assert trough.value < 0.0 < supply.value < motor.value
-    text = ask("mean_values", speeds="30,44").verdict
-    assert f"With the ripple, the supply gives {supply.brief()} more." in text
 
 
 @pytest.mark.parametrize(("lag", "overshoots"), [(1e-3, True), (2e-4, False)])
@@ -318,7 +250,6 @@ def test_a_mean_speed_overshoots_as_its_damping_says(lag: float, overshoots: boo
     theory = 100 * math.exp(math.pi * rate.real / abs(rate.imag)) if overshoots else 0.0
     assert figure.error is not None and figure.error < 0.1
     assert figure.value == pytest.approx(theory, abs=0.2)
-    assert ("settles without overshoot" in answer.verdict) != overshoots
 
 
 def test_a_mean_speed_that_still_rises_has_not_overshot() -> None:
@@ -330,10 +261,7 @@ def test_a_mean_speed_that_still_rises_has_not_overshot() -> None:
     answer = ask("mean_values", speeds="8.747", speed=5.831, start=start)
     mean = answer.tables["drift.csv"].frame["mean"].to_numpy()
     assert mean.argmax() == len(mean) - 1 and mean[-1] > 5.831
-    overshoot = answer.figures["overshoot"].brief()
-    assert f"has gone beyond its new value by {overshoot} of the step by the end" in answer.verdict
-    assert "settles with" not in answer.verdict
-    assert re.search(r"at 0\.\d+ s, still rising; up to then the settling formula", answer.verdict)
+    assert "it still rises at the end of the run" in answer.verdict
 
 
 def test_a_crank_that_stalls_has_no_overshoot() -> None:
@@ -341,24 +269,6 @@ def test_a_crank_that_stalls_has_no_overshoot() -> None:
     start = {"motor.B": 14.0, "motor.T": 0.13, "conveyor.rotor.J": 0.1, "conveyor.spring.c": 2e6}
     answer = ask("mean_values", speeds="10", speed=11.0, start=start, steps_per_rev=256)
     assert answer.refused and answer.figures["overshoot"].error is None
-    assert "overshoot of" not in answer.verdict
-    assert "is not determined" in answer.show().charts[0].title
-
-
-def test_how_far_a_spring_moves_the_resonance_is_computed() -> None:
-    """A motor at its slope's edge: the sentence gives what the figures are, whatever they are."""
-    present, recommended = Figure(40.0, "rad/s", 0.001), Figure(44.0, "rad/s", 0.001)
-    data: Any = SimpleNamespace(plane=SimpleNamespace(machine=SETS["A"]))
-    text = rod_force.shifted(data, present, recommended)
-    assert text == "The other spring moves the resonance up by 10.0 %."
-    assert "down by 9.09 %" in rod_force.shifted(data, recommended, present)
-    assert rod_force.shifted(data, present, present).startswith(
-        "The resonance stays at 40.00 rad/s"
-    )
-    data.plane.machine = replace(SETS["A"], T=1e-4)
-    assert "moves the 90 degree lag, which is no resonance, up" in rod_force.shifted(
-        data, present, recommended
-    )
 
 
 def test_the_largest_deviation_carries_the_coupling_error_of_its_point() -> None:
@@ -377,11 +287,7 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_point() -> None
 def test_a_motor_that_cannot_reach_a_high_resonance_does_not_stall() -> None:
     """A drive at 60 rad/s turns, though that is below a tenth of its 90 degree lag at 1000 rad/s."""
     answer = ask("run_up", set="A", start={"motor.T": 1e-4}, stop=0.3)
-    assert "stalls" not in answer.verdict
-    assert answer.verdict.startswith(
-        "The linear motor does not stay above the 90 degree lag at 1000 rad/s by formula (22), which is no "
-        "resonance with this damping, within 0.3 s."
-    )
+    assert "more time does not help" in answer.judgements[0].note
 
 
 def test_a_motor_that_is_set_below_its_resonance_needs_no_more_time() -> None:
@@ -391,14 +297,10 @@ def test_a_motor_that_is_set_below_its_resonance_needs_no_more_time() -> None:
         "conveyor.spring.c": 64290.0, "conveyor.trough.d": 2912.0, "motor.B": 0.5847, "motor.T": 0.01124,
         "motor.kloss.tau_b": 8.54,
     }  # fmt: skip
-    told = (
-        "It is set for a mean speed of 41.06 rad/s, below",
-        "Its synchronous speed is 41 rad/s, below",
-    )
-    for w_s, expected in ((41.0, (True, True)), (71.83, (True, False))):
+    for w_s, expected in ((41.0, [True, True]), (71.83, [True, False])):
         options = {"start": start | {"motor.kloss.w_s": w_s}}
-        verdict = ask("run_up", speed=41.06, stop=1.0, step=5e-4, **options).verdict
-        assert tuple(text in verdict for text in told) == expected
+        linear, kloss, *_ = ask("run_up", speed=42.1, stop=0.5, **options).judgements
+        assert ["more time does not help" in x.note for x in (linear, kloss)] == expected
 
 
 def test_an_induction_motor_is_not_compared_with_itself() -> None:
@@ -406,7 +308,7 @@ def test_an_induction_motor_is_not_compared_with_itself() -> None:
     answer = ask("induction_motor", slips="0.2,0.3", resistances="2000,8000")
     least = answer.figures["least_slip"]
     assert least.value < 0.2  # that of the data sheet
-    assert "breakdown slip of" not in answer.verdict and "trough resistance of" in answer.verdict
+    assert not any("breakdown slip" in x.what for x in answer.judgements)
 
 
 def test_a_crank_that_swings_across_its_resonance_has_not_passed_it() -> None:
@@ -419,4 +321,3 @@ def test_a_crank_that_swings_across_its_resonance_has_not_passed_it() -> None:
     w = answer.tables["linear.csv"].frame["conveyor.w"].to_numpy()
     assert w[-1] > answer.figures["nu_res"].value
     assert answer.figures["linear_passing"].error is None
-    assert "The linear motor does not stay above the resonance" in answer.verdict

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Figure, Mark, Run, Show, option
+from workbench import Chart, Figure, Judgement, Mark, Run, Show, option
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import (
@@ -263,60 +263,48 @@ def mean_square(load: Mapping[str, float]) -> float:
     return float((travel**2).mean())
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
+def judgements(o: Options, f: Mapping[str, Figure], r: Result) -> list[Judgement]:
     """How the load reaches its speed, what is left at the end, and what that takes."""
-    most = f"The shaft carries up to {f['tau_max'].brief()}"
-    return f"{reaching(o, f)} {remaining(o, f)} {most}, and the motor draws up to {f['i_max'].brief()}."
-
-
-def reaching(o: Options, f: Mapping[str, Figure]) -> str:
-    """When the load is near its speed, and how far its mean over a turn goes beyond."""
-    set_speed, until = f"{NEAR:.0%} of its set speed of {o.speed:g} rad/s", f"{o.stop:g} s"
-    fast, mean = f["w_max"], f["mean_max"]
-    first = f"The load reaches {set_speed} after {f['near_time'].brief()}."
-    if f["near_time"].error is None:
-        within = f"within the {until} of observation"
-        first = (
-            f"The load does not reach {set_speed} {within}; its largest speed is {fast.brief()}."
-        )
-        if fast.value > NEAR * o.speed:
-            first = (
-                f"The largest speed of the load is {fast.brief()}; the time at which it first reaches "
-                f"{set_speed} is {f['near_time'].brief()}."
-            )
-        return first
-    if mean.error is None:
-        return f"{first} Up to {until}, its largest speed is {fast.brief()}."
-    beyond = f"Up to {until}, its mean over a turn is at most {mean.brief()}."
-    if f["mean_max_time"].reason.startswith(STILL_RISES):
-        beyond = f"Its mean over a turn has reached {mean.brief()} by the end of the run at {until}, still rising."
-    elif f["mean_max_time"].error is not None and mean.value - mean.error > o.speed:
-        beyond = (
-            f"Its mean over a turn overshoots to {mean.brief()} at {f['mean_max_time'].brief()}."
-        )
-    return f"{first} {beyond}"
-
-
-def remaining(o: Options, f: Mapping[str, Figure]) -> str:
-    """The mean and the ripple at the end, and the natural frequency that the ripple is near to."""
-    if f["ripple"].error is None:
-        return f"A steady ripple is not stated: {f['ripple'].reason}."
-    mean = f"At {o.stop:g} s the load turns steadily at {f['mean'].brief()}"
-    if f["ripple_frequency"].error is None:
-        return f"{mean}, without a ripple."
+    near, fast, mean, ripple = (f[name] for name in ("near_time", "w_max", "mean_max", "ripple"))
+    is_too_slow = near.error is None and fast.value + (fast.error or 0.0) < NEAR * o.speed
+    still_rises = f["mean_max_time"].reason.startswith(STILL_RISES)
     low, high = AMPLIFIED
-    ripple, frequency = f["ripple"].text(), f["ripple_frequency"]
-    near = [
-        f"{f[name].brief()} {who}"
-        for name, who in (
-            ("free_frequency", "of gearbox and load"),
-            ("held_frequency", "of the load"),
-        )
-        if low < frequency.value / f[name].value < high
+    swings = {"free": "gearbox and load", "held": "the load with the gearbox held"}
+    return [
+        Judgement(
+            f"the load reaches {NEAR:.0%} of its set speed of {o.speed:g} rad/s",
+            near,
+            most=o.stop,
+            is_so=False if is_too_slow else None,
+            yes=f"The load reaches {NEAR:.0%} of its set speed of {o.speed:g} rad/s",
+            no=f"The load does not reach {NEAR:.0%} of its set speed of {o.speed:g} rad/s",
+            note=f"its largest speed up to {o.stop:g} s is {fast.brief()}"
+            if near.error is None
+            else "",
+        ),
+        Judgement(
+            "the mean speed over a turn stays below its set speed",
+            mean,
+            most=(1.0 + LEAST_OVERSHOOT) * o.speed,
+            note=f"it still rises at {o.stop:g} s"
+            if still_rises and mean.error is not None
+            else "",
+        ),
+        Judgement("mean speed in the last turn", f["mean"]),
+        Judgement("ripple of the speed in the last turn", ripple),
+        *(
+            Judgement(
+                f"that ripple is near the natural frequency of {swings[key]}",
+                f["ripple_frequency"],
+                low * f[f"{key}_frequency"].value,
+                high * f[f"{key}_frequency"].value,
+            )
+            for key in swings
+            if ripple.error is not None
+        ),
+        Judgement("largest torque in the shaft", f["tau_max"]),
+        Judgement("largest current of the motor", f["i_max"]),
     ]
-    close = f", near the natural frequency of {' and '.join(near)}" if near else ""
-    order = f"order {f['ripple_order'].value:g} of the crank, {frequency.brief()}{close}"
-    return f"{mean} with a ripple of {ripple} ({order})."
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:

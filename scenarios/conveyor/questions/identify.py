@@ -19,10 +19,23 @@ import cosim
 from cosim import Advice, Identified, SetupError
 from cosim.system import Value
 from cosim.units import multiples
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, fitting, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Mark,
+    Panel,
+    Show,
+    fitting,
+    option,
+)
 from workbench.charts import model as colors
 from workbench.charts.model import SecondUnit, Span
 from workbench.fitting import RecordOptions
+from workbench.judgement import Verdict
 from workbench.measure import harmonics
 
 from ..first_order import SETS, Machine
@@ -152,55 +165,38 @@ def facts(o: Options, drive_data: IdentifiedDrive) -> dict[str, Any]:
     return settings | fitting.facts(drive_data.fit, drive_data.advice, FROM_DRAWINGS)
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> str:
-    """Where the resonance is, whether the ripple is above its limit, what to change, what to record next."""
+def judgements(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> list[Judgement]:
+    """Whether the ripple is above its limit, where the resonance is, what to change, what to record next."""
     if r.fit.misfit:
-        return "\n".join(["No drive of this kind fits this record:", *r.fit.misfit])
-    lines = [about_speed(o, f, r.operating), *about_limit(o, f, r.operating)]
-    now = f["nu_res"].error or math.inf
-    lines.append(fitting.next_record(r.advice, now, "the resonance", "rad/s"))
-    return "\n".join(lines)
-
-
-def about_speed(o: Options, f: Mapping[str, Figure], nu: float) -> str:
-    """Say where the operating speed [rad/s] lies beside the resonance, and the torque ripple there."""
-    gap, ripple = f["away"], f["tau2"]
-    side = "above" if gap.value > 0 else "below"
-    where = (
-        f"{gap._replace(value=abs(gap.value)).text()} {side} the resonance at {f['nu_res'].text()}"
+        return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
+    at = f"{r.operating:.4g} rad/s ({r.operating * 30 / math.pi:.4g} rpm)"
+    gap, ends = f["away"], [f[name] for name in ("avoid_from", "avoid_to")]
+    side = f"{gap._replace(value=abs(gap.value)).brief()} {'below' if gap.value > 0 else 'above'} the operating speed"
+    ripple = Judgement(
+        f"torque ripple below its limit at {at}",
+        f["tau2"],
+        most=o.ripple_limit,
+        yes=f"{at} is safe for torque",
+        no=f"Avoid {at} for its torque",
+        note=o.limit_note,
     )
-    if ripple.error is None:
-        speed = f"The operating speed of {nu:.4g} rad/s lies {where}."
-        return f"{speed} The torque ripple there is not determined: {ripple.reason}."
-    at = f"At the operating speed of {nu:.4g} rad/s, {where}, the torque ripple is {ripple.text()}"
-    return f"{at}; the limit is {o.limit_told}."
-
-
-def about_limit(o: Options, f: Mapping[str, Figure], nu: float) -> list[str]:
-    """Say what brings the ripple at the operating speed [rad/s] to its limit, or which speeds to avoid."""
-    ends = [f[name] for name in ("avoid_from", "avoid_to")]
-    if f["tau2"].value > o.ripple_limit:
-        near = sorted((e for e in ends if e.error is not None), key=lambda e: abs(e.value - nu))
-        changes = [f"a speed of {end.text()}" for end in near[:1]]
-        for name, key in CHANGED.items():
-            if f[f"clear_{key}"].error is not None:
-                changes.append(moving_clear(name, f[f"change_{key}"], f[f"clear_{key}"]))
-        if not changes:
-            return ["No change gets it clear."]
-        return [f"It falls to the limit, and no further, with {' or '.join(changes)}."]
-    if all(end.error is not None for end in ends):
-        return [f"Avoid speeds from {ends[0].text()} to {ends[1].text()}."]
-    return []
-
-
-def moving_clear(name: str, change: Figure, clear: Figure) -> str:
-    """A change of a parameter in words; the value it leads to if the change is not determined."""
-    if change.error is None:
-        return f"{name} = {clear.text()}"
-    if abs(change.value) <= change.error:
-        return f"{name} within {change.text()} of its value"
-    turned = "raised" if change.value > 0.0 else "lowered"
-    return f"{name} {turned} by {change._replace(value=abs(change.value)).text()}"
+    return [
+        ripple,
+        Judgement("resonance", f["nu_res"], note=side if gap.error is not None else ""),
+        *(
+            [Judgement("avoid speeds", note=f"{ends[0].brief()} to {ends[1].brief()}")]
+            if all(end.error is not None for end in ends)
+            else []
+        ),
+        *(
+            Judgement(
+                f"at the limit, and no further, with a change of {name} by", f[f"change_{key}"]
+            )
+            for name, key in CHANGED.items()
+            if ripple.answer is not Verdict.YES and f[f"change_{key}"].error is not None
+        ),
+        fitting.next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
+    ]
 
 
 def show(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> Show:

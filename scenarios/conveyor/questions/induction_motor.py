@@ -17,9 +17,20 @@ from scipy.optimize import brentq
 import workbench
 from cosim import SetupError
 from cosim.system import Value
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Mark,
+    Panel,
+    Show,
+    Table,
+    option,
+)
 from workbench.charts.model import LIFT, THEORY
-from workbench.figure import SHARE_DIGITS, concise
 
 from .. import motion
 from ..features import LAG, NoFeatureError, ResponseLine, locate
@@ -287,50 +298,32 @@ def fluxed(motor: Motor, where: str) -> Figure:
     return Figure(nu, "rad/s", 0.0, meaning)
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: MotorData) -> str:
+def judgements(o: Options, f: Mapping[str, Figure], r: MotorData) -> list[Judgement]:
     """Where the resonance is, how far the data sheet's formula is off, and what moves it."""
-    text = {name: figure.brief() for name, figure in f.items()}
     name = "resonance"
     if f["zeta"].value > LARGEST_PEAKED_ZETA:
-        name = f"90 degree lag, which is no resonance with a damping ratio of {text['zeta']},"
-    lines = []
-    if f["nu_kloss"].error is None:
-        lines.append(
-            f"The {name} with the full characteristic is not determined: {f['nu_kloss'].reason}."
-        )
-    else:
-        lines.append(
-            f"The {name} is at {text['nu_kloss']} with the full characteristic; the resonance formula (22) is "
-            f"{deviation_text(f['nu_res'], f['nu_kloss'])}."
-        )
+        name = f"90 degree lag, which is no resonance with a damping ratio of {f['zeta'].brief()},"
     cases = {
-        "heavy_kloss": f"with a trough resistance of {text['most_resistance']}",
-        "small_kloss": f"with a breakdown slip of {text['least_slip']}",
+        "heavy_kloss": f"with a trough resistance of {f['most_resistance'].brief()}",
+        "small_kloss": f"with a breakdown slip of {f['least_slip'].brief()}",
     }
-    own = {
+    of_sheet = {
         "heavy_kloss": f["most_resistance"].value == r.motor.machine.d,
         "small_kloss": f["least_slip"].value == float(r.motor.start["motor.kloss.s_b"]),
     }
-    cases = {x: case for x, case in cases.items() if not own[x]}
-    speeds = [f"at {text[x]} {case}" for x, case in cases.items() if f[x].error is not None]
-    if speeds:
-        lines.append(f"It is {' and '.join(speeds)}.")
-    reasons = dict.fromkeys(f[x].reason for x in cases if f[x].error is None)
-    if reasons:
-        lines.append(
-            f"That of another load or breakdown slip is not determined: {'; '.join(reasons)}."
-        )
-    return "\n".join(lines)
+    return [
+        Judgement(f"{name} with the full characteristic", f["nu_kloss"]),
+        Judgement("resonance formula (22) above it", above(f["nu_res"], f["nu_kloss"])),
+        *(Judgement(f"{name} {text}", f[key]) for key, text in cases.items() if not of_sheet[key]),
+    ]
 
 
-def deviation_text(theory: Figure, truth: Figure) -> str:
-    """How far a value is from another, in words, "0.7 % too high"."""
-    share = theory.value / truth.value - 1.0
-    error = (truth.error or 0.0) / truth.value
-    if abs(share) <= error:
-        return "right within the error"
-    size = concise(Figure(100.0 * abs(share), "%", 100.0 * error), SHARE_DIGITS)
-    return f"{size} too {'high' if share > 0.0 else 'low'}"
+def above(theory: Figure, truth: Figure) -> Figure:
+    """Return how far a value is above another [%]."""
+    if truth.error is None:
+        return Figure.undetermined("%", truth.reason)
+    ratio = theory.value / truth.value
+    return Figure(100.0 * (ratio - 1.0), "%", 100.0 * ratio * truth.error / truth.value)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: MotorData) -> Show:

@@ -27,10 +27,10 @@ import numpy as np
 
 from cosim import SetupError
 from cosim.system import Value
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Judgement, Mark, Panel, Show, option
 from workbench.charts import model as colors
 from workbench.charts.model import Span
-from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise
+from workbench.figure import listed
 from workbench.live import Live
 from workbench.options import check_fixed_starts
 
@@ -60,7 +60,7 @@ from ..machine import PARTS as DRIVE
 from ..options import RippleOptions, by_set, speeds_of
 from ..orbits import OrbitRunner
 from ..papers import cited
-from ..ripple_limit import UNDETERMINED, LimitCrossing, RippleLimit, above_limit
+from ..ripple_limit import LimitCrossing, RippleLimit
 from ..rows import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, sweep_speeds
 
 PARTS = DRIVE
@@ -248,63 +248,92 @@ def distance(lag: Figure, speed: float) -> Figure:
     return Figure(lag.value - speed, "rad/s", lag.error, meaning)
 
 
-def on_resonance(f: Mapping[str, Figure]) -> str:
-    """Whether the operating speed is on the resonance: yes, no, or not determined."""
-    if f["zeta"].value > LARGEST_PEAKED_ZETA:
-        return "no"
-    lag, (first, last) = f["lag_operating"], BAND
-    if lag.error is None:
-        return UNDETERMINED
-    low, high = lag.value - lag.error, lag.value + lag.error
-    if first <= low and high <= last:
-        return "yes"
-    return "no" if high < first or low > last else UNDETERMINED
-
-
-def verdict(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
-    """The answer in plain words: on the resonance, above the limit; speeds to avoid, or how far classical
-    theory holds.
-    """
+def judgements(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
+    """Whether the operating speed is safe for torque, whether it is on the resonance, and which speeds are not."""
+    at = f"{r.speed:.4g} rad/s ({r.speed * 30 / math.pi:.4g} rpm)"
     left = left_out(f, r)
-    last = r.limit.sentences(left)
-    if r.classical:
-        last = [classical.sentence(r.classical), *r.limit.about_left_out(left)]
-    answers = [about_resonance(f, r), about_limit(o, f, r)]
-    return "\n".join([*about_stalls(r), *answers, *last, *about_supply(o, f, r)])
+    has_peak = f["zeta"].value <= LARGEST_PEAKED_ZETA
+    damping = Judgement("damping ratio", f["zeta"], most=LARGEST_PEAKED_ZETA)
+    return [
+        Judgement(
+            f"torque ripple below its limit at {at}",
+            f["tau2_operating"],
+            most=o.ripple_limit,
+            yes=f"{at} is safe for torque",
+            no=f"Avoid {at} for its torque",
+            note=o.limit_note,
+        ),
+        Judgement(
+            "on resonance",
+            also=[
+                Judgement("lag", f["lag_operating"], *BAND),
+                Judgement("ripple over that of the load", amplification(f, r), least=1.0),
+                *[damping] * (not has_peak),
+            ],
+        ),
+        Judgement(
+            "resonance" if has_peak else "90 degree lag, which is no resonance with this damping",
+            f["nu_90"],
+            note=side(f["nu_90_away"]),
+        ),
+        *([] if r.classical else r.limit.judgements()),
+        *(classical.judgements(r.classical) if r.classical else []),
+        *([Judgement("the sweep leaves out", note=listed(left))] if left else []),
+        *stalls(r),
+        *supply(o, f, r),
+    ]
 
 
-def about_stalls(r: ResonanceData) -> list[str]:
-    """Say at which speeds the motor stalls, since nothing else is to be known there."""
+def amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure:
+    """Return the torque ripple at the operating speed over that of its load, there or of a slow turn.
+
+    The larger of both loads counts: where spring and inertia of the trough nearly cancel, a ripple may be many
+    times that of the load and yet small.
+    """
+    ripple, (machine, nu) = f["tau2_operating"], r.line.at(r.speed)
+    load = max(abs(machine.load_ripple(nu)), abs(machine.load_ripple(0.0)))
+    if ripple.error is None or not load:
+        return Figure.undetermined("1", ripple.reason or "the load has no ripple")
+    return Figure(ripple.value / load, "1", ripple.error / load)
+
+
+def side(gap: Figure) -> str:
+    """Return on which side of the operating speed the resonance is, and how far."""
+    if gap.error is None:
+        return ""
+    if abs(gap.value) <= gap.error:
+        return "that is the operating speed, within its error"
+    return f"{gap._replace(value=abs(gap.value)).brief()} {'above' if gap.value > 0.0 else 'below'} the operating speed"
+
+
+def stalls(r: ResonanceData) -> list[Judgement]:
+    """Return at which speeds the motor stalls, since nothing else is to be known there."""
     stalled, where = r.sweep.stalled, []
     if stalled:
         where.append(r.sweep.named(stalled))
     if r.operating.stalled and r.speed not in stalled:
-        where.append(operating_speed(r))
-    if not where:
-        return []
-    return [
-        f"The motor stalls at {' and at '.join(where)}: started near its steady motion, the crank does not complete "
-        "a turn."
-    ]
+        where.append(f"the operating speed of {r.speed:g} rad/s")
+    note = f"{' and at '.join(where)}: started near its steady motion, the crank does not complete a turn"
+    return [Judgement("the motor stalls at", note=note)] if where else []
 
 
-def about_supply(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
-    """Say how an induction motor is fed, since no motor has the synchronous speed of another supply."""
+def supply(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
+    """Return how an induction motor is fed, since no motor has the synchronous speed of another supply."""
     if not induction(o.start):
         return []
     at, given, slip = slip_speeds(r.line.at(r.speed)[0], o.start, r.speed)
     slip_text = f"its slip speed at breakdown stays {slip:.4g} rad/s"
     if o.supply == MAINS:
-        return [
-            f"On the mains, whose synchronous speed is {given:.4g} rad/s, the drive runs at {f['w_operating'].brief()}. "
-            f"Other speeds of the sweep are those of another frequency of the mains; {slip_text}."
-        ]
+        note = f"other speeds of the sweep are those of another frequency of the mains; {slip_text}"
+        what = f"speed on the mains, whose synchronous speed is {given:.4g} rad/s"
+        return [Judgement(what, f["w_operating"], note=note)]
     told = "given" if "motor.kloss.w_s" in o.start else "of the FMU"
-    return [
-        f"The supply is set for each speed, as an inverter does: at the operating speed the synchronous speed is "
-        f"{at:.4g} rad/s in place of the {given:.4g} rad/s {told}, and {slip_text}. "
-        f"With --supply mains it stays, and the speed follows."
-    ]
+    note = (
+        f"in place of the {given:.4g} rad/s {told}, as an inverter sets it for each speed; {slip_text}; with "
+        "--supply mains it stays, and the speed follows"
+    )
+    synchronous = Figure(at, "rad/s", 0.0)
+    return [Judgement("synchronous speed at the operating speed", synchronous, note=note)]
 
 
 def left_out(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
@@ -319,102 +348,9 @@ def left_out(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
     return left
 
 
-def about_resonance(f: Mapping[str, Figure], r: ResonanceData) -> str:
-    """Say whether the operating speed is on the resonance, and how far it is from it."""
-    lag, resonance, answer = f["lag_operating"], f["nu_90"], on_resonance(f)
-    has_no_peak = f["zeta"].value > LARGEST_PEAKED_ZETA
-    sentences = [f"On resonance: {answer}"]
-    if has_no_peak:
-        sentences.append(
-            f"The drive has no resonance: by formula its damping ratio is {f['zeta'].brief()}, and above "
-            f"{LARGEST_PEAKED_ZETA:.4f} the ratio of torque to load has no peak over the speed"
-        )
-    elif lag.error is None:
-        sentences[0] += f", because {lag.reason}"
-    if resonance.error is None:
-        sentences += unlocated(f, r)
-    elif has_no_peak:
-        where = f"at {resonance.brief()}, {side(f, r)}"
-        sentences.append(
-            f"The torque ripple lags its load by 90 degrees {where}; that is no resonance"
-        )
-    else:
-        sentences.append(f"The resonance is at {resonance.brief()}, {side(f, r)}{in_band(f)}")
-    return f"{'. '.join(sentences)}."
-
-
-def in_band(f: Mapping[str, Figure]) -> str:
-    """Say whether the operating speed is in the half-power band, if its lag is determined."""
-    gap = f["nu_90_away"]
-    if f["lag_operating"].error is None or abs(gap.value) <= (gap.error or 0.0):
-        return ""
-    positions = {"yes": "within", "no": "outside"}
-    return f", which is {positions.get(on_resonance(f), 'inside or outside')} its half-power band"
-
-
-def unlocated(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
-    """Say what is known where the speed of the 90 degree lag is not."""
-    lag, sentences = f["lag_operating"], []
-    if lag.error is not None and f["zeta"].value <= LARGEST_PEAKED_ZETA:
-        positions = {"yes": "within", "no": "outside"}
-        position = positions.get(on_resonance(f), "and that may be inside or outside")
-        band = f"{position} the half-power band of {BAND[0]:g} to {BAND[1]:g} degrees"
-        behind = f"the torque ripple lags its load by {lag.brief('degrees')}, {band}"
-        sentences.append(f"At {operating_speed(r)} {behind}")
-    lag_speed = "The speed at which the torque ripple lags by 90 degrees"
-    sentences.append(f"{lag_speed} is not determined: {f['nu_90'].reason}")
-    return sentences
-
-
-def operating_speed(r: ResonanceData) -> str:
-    """The operating speed in words."""
-    return f"the operating speed of {r.speed:g} rad/s ({r.speed * 30 / math.pi:.0f} rpm)"
-
-
-def side(f: Mapping[str, Figure], r: ResonanceData) -> str:
-    """How far the resonance is from the operating speed, in words, with the digits that are certain.
-
-    Within its error it is the operating speed. Else it is told in rad/s and percent; in percent alone if both
-    speeds read the same, in rad/s alone if it is more than 100 %.
-    """
-    gap, resonance = f["nu_90_away"], f["nu_90"]
-    error = gap.error or 0.0
-    if abs(gap.value) <= error:
-        return f"which is {operating_speed(r)} within its error of {error:.1g} {gap.unit}"
-    size = abs(gap.value)
-    share = concise(Figure(100.0 * size / r.speed, "%", 100.0 * error / r.speed), SHARE_DIGITS)
-    where = f"{'above' if gap.value > 0.0 else 'below'} {operating_speed(r)}"
-    if f"{resonance.value:.{SENTENCE_DIGITS}g}" == f"{r.speed:.{SENTENCE_DIGITS}g}":
-        return f"{share} {where}"
-    distant = concise(Figure(size, gap.unit, error), SENTENCE_DIGITS)
-    return f"{distant} {where}" if size > r.speed else f"{distant} ({share}) {where}"
-
-
-def about_limit(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
-    """Say whether the torque ripple at the operating speed is above its limit."""
-    ripple, answer = f["tau2_operating"], above_limit(o.ripple_limit, r.operating.rows[0])
-    sentence = f"Torque ripple above its limit: {answer}"
-    if ripple.error is None:
-        return f"{sentence}, because {ripple.reason}."
-    if answer == UNDETERMINED:
-        sentence += ", because the limit lies within the error"
-    at = f"At the operating speed it is {ripple.brief()}"
-    return f"{sentence}. {at}; the limit is {o.limit_told}."
-
-
-def headline(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> str:
-    """Both answers in one line, for the picture: those of the verdict, with the reason of a refusal."""
-    ripple, lag = f["tau2_operating"], f["lag_operating"]
-    title = f"On resonance at {r.speed:g} rad/s: {on_resonance(f)}"
-    if lag.error is None and on_resonance(f) == UNDETERMINED and lag.reason != ripple.reason:
-        title += f" ({lag.reason})"
-    title += f". Torque ripple above {o.ripple_limit:g} N.m: {above_limit(o.ripple_limit, r.operating.rows[0])}"
-    return title if ripple.error is not None else f"{title} ({ripple.reason})"
-
-
 def show(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Show:
     """The sweep against theory, and one revolution at the operating speed."""
-    chart = ripple(o, f, r, headline(o, f, r))
+    chart = ripple(o, f, r)
     charts = [chart]
     if r.classical:
         nu = np.linspace(r.line.first, r.line.last, CURVE_POINTS)
@@ -429,7 +365,7 @@ def show(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Show:
     )
 
 
-def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData, title: str) -> Chart:
+def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
     """Ripple of torque and speed and the lag over the speed, theory as lines."""
     nu = np.linspace(r.line.first, r.line.last, CURVE_POINTS)
     machine, _ = r.line.at(f["nu_res"].value)
@@ -465,7 +401,7 @@ def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData, title: str) ->
     located = {MARKS[name]: x for name, x in f.items() if name in MARKS and math.isfinite(x.value)}
     ends = [Mark(x, f"{x:g} deg, half power") for x in BAND]
     return Chart(
-        title,
+        "Ripple and lag over the speed",
         "operating speed [rad/s]",
         [
             panel("torque ripple", tau2, "tau2", abs(torque), colors.TORQUE,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from cosim import SetupError
 from cosim.result import partial
-from workbench import Context, Figure, Findings, Show, Table, option
+from workbench import Context, Figure, Findings, Judgement, Show, Table, option
 from workbench.files import stream
 from workbench.options import check_fixed_starts
 
@@ -311,48 +311,43 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
     }
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
-    """The answer in plain words."""
-    above = f"above {o.ripple_limit:g} N.m"
-    built = "With all parts within tolerance,"
+def judgements(o: Options, f: Mapping[str, Figure], r: Map) -> list[Judgement]:
+    """Which part of the map stays clear, with the machine as it is and with all parts within tolerance."""
+    above = f"a torque ripple above {o.ripple_limit:g} N.m"
+    built = f"with all parts within tolerance, clear of it {NEARLY_ALL}"
     if r.within is None:
         ripple = r.points["ripple"].dropna()
-        where = "the map"
-        if len(ripple) < len(r.points):
-            where = (
-                f"the {len(ripple)} of {len(r.points)} points of the map that have a steady orbit"
-            )
-        return (
-            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {np.mean(ripple > o.ripple_limit):.0%} of "
-            f"{where}. {built} {r.sure()} of the map stays clear {NEARLY_ALL}."
-        )
-    name, meaning = r.plane.y.name, r.plane.y.along.label.partition("\n")[0]
-    nominal, nearly_all = (
-        r.clear("ripple_in_range", o.ripple_limit),
-        r.clear("probability_in_range", SURE),
-    )
-    span = f"The operating range from {r.within[0]:g} to {r.within[1]:g} rad/s"
-    first = f"{span} stays clear of a torque ripple {above} with {name} of {nominal}."
-    if not nominal:
-        first = f"{span} does not stay clear of a torque ripple {above} with any {name} of the map."
-    second = f"it stays clear {NEARLY_ALL} with {name} of {nearly_all}."
-    if not nearly_all:
-        second = f"no {name} of the map keeps it clear {NEARLY_ALL}."
-    return f"{first} {built} {second} ({name}: {meaning[:1].lower()}{meaning[1:]}.)"
+        clear = Figure(100.0 * float(np.mean(ripple <= o.ripple_limit)), "%", 0.0)
+        points = f"of {len(ripple)} points with a steady orbit, out of {len(r.points)}"
+        answers = [
+            Judgement(
+                f"at {r.plane.speed:g} rad/s the map is clear of {above} in", clear, note=points
+            ),
+            Judgement(built, note=f"{r.sure()} of the map"),
+        ]
+    else:
+        name = r.plane.y.name
+        span = f"{r.within[0]:g} to {r.within[1]:g} rad/s"
+        nominal = r.clear("ripple_in_range", o.ripple_limit)
+        nearly_all = r.clear("probability_in_range", SURE)
+        answers = [
+            Judgement(
+                f"{span} is clear of {above}",
+                is_so=bool(nominal),
+                yes=f"{span} is clear of {above} with {name} of {nominal}",
+                no=f"{span} is clear of {above} with no {name} of the map",
+            ),
+            Judgement(
+                built,
+                is_so=bool(nearly_all),
+                note=f"with {name} of {nearly_all or 'no value on the map'}",
+            ),
+        ]
+    return answers
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     """Both maps, the rows, and one revolution where the torque swings most."""
     worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
-    title = (
-        f"At {r.plane.speed:g} rad/s {r.sure()} of the map stays clear of a torque ripple above "
-        f"{o.ripple_limit:g} N.m {NEARLY_ALL}"
-    )
-    if r.within is not None:
-        values = r.clear("probability_in_range", SURE)
-        title = (
-            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple above {o.ripple_limit:g} N.m "
-            f"{NEARLY_ALL} with {r.plane.y.name} of {values or 'no value on the map'}"
-        )
     turn = motion.revolution(r.runner.task(*r.plane.at(*worst)))
-    return Show([*maps(r, o.ripple_limit), *chart_of_rows(r, o.ripple_limit)], *turn, title)
+    return Show([*maps(r, o.ripple_limit), *chart_of_rows(r, o.ripple_limit)], *turn)

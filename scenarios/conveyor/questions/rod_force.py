@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.accuracy.limit import limit
-from workbench import Context, Figure, Findings, Show, option
+from workbench import Context, Figure, Findings, Judgement, Show, option
 from workbench.answer import parameters
 from workbench.charts.model import Direction, Picture
-from workbench.figure import SHARE_DIGITS, concise, percent
 
 from .. import motion
 from ..features import LAG, TORQUE_PEAK, ResponseLine, locate
@@ -268,60 +267,46 @@ def deviation(
     return Figure(100 * top, "%", 100 * error)
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: RodForceData) -> str:
+def judgements(o: Options, f: Mapping[str, Figure], r: RodForceData) -> list[Judgement]:
     """The advice, what formula (17) says, and the effect on the resonance."""
-    at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.0f} rpm)"
+    at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.4g} rpm)"
     present, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
-    formula_text = f"The rod-force formula (17), which takes the speed as constant, recommends {formula.brief()}."
+    by_formula = Judgement(
+        "spring by the rod-force formula (17), which takes the speed as constant", formula
+    )
     if spring.error is None:
-        why = f"No spring with minimum rod force was found {at}: {spring.reason}."
-        return f"{why}\nWith {present.brief()} the largest rod force is {f['f_rod'].brief()}.\n{formula_text}"
-    force, lag = ([f[f"{key}{name}"] for name in SPRINGS] for key in ("f_rod", "nu_90"))
-    if any(figure.error is None for figure in force):
-        advice = (
-            f"Use a spring of {spring.brief()} instead of {present.brief()} {at}. With it the largest rod force is "
-            f"{force[1].brief()}; with the machine's spring it is {force[0].brief()}."
-        )
-    elif force[0].value <= WELL * force[1].value:
-        advice = (
-            f"Keep the spring of {present.brief()}: {at} its largest rod force is {force[0].brief()}, and no "
-            f"spring gives less than {force[1].brief()}."
-        )
-    else:
-        advice = (
-            f"Use a spring of {spring.brief()} instead of {present.brief()}: {at} it lowers the largest rod force "
-            f"from {force[0].brief()} to {force[1].brief()}."
-        )
-    lines = [advice, formula_text]
-    if all(figure.error is not None for figure in (*force, *lag)):
-        lines.append(shifted(r, *lag))
-    return "\n".join(lines)
-
-
-def shifted(r: RodForceData, present: Figure, other: Figure) -> str:
-    """How far the spring that unloads the rod moves the resonance, whose places are determined."""
-    shift, error = other.value - present.value, (present.error or 0.0) + (other.error or 0.0)
-    name = (
+        return [
+            Judgement(f"spring with the least rod force {at}", spring),
+            Judgement(
+                f"largest rod force with the machine's spring of {present.brief()}", f["f_rod"]
+            ),
+            by_formula,
+        ]
+    least = f["f_rod_unloaded"]
+    error = None if least.error is None else WELL * least.error
+    resonance = (
         "resonance"
         if r.plane.machine.zeta <= LARGEST_PEAKED_ZETA
         else "90 degree lag, which is no resonance,"
     )
-    if abs(shift) <= error:
-        return (
-            f"The {name} stays at {present.brief()}: the other spring moves it by at most "
-            f"{percent((abs(shift) + error) / present.value)}."
-        )
-    word = "up" if shift > 0.0 else "down"
-    size = concise(
-        Figure(100.0 * abs(shift) / present.value, "%", 100.0 * error / present.value), SHARE_DIGITS
-    )
-    return f"The other spring moves the {name} {word} by {size}."
+    return [
+        Judgement(
+            f"the spring of {present.brief()} gives nearly the least rod force {at}",
+            f["f_rod"],
+            most=least._replace(value=WELL * least.value, error=error),
+            yes=f"Keep the spring of {present.brief()} {at}",
+            no=f"Use a spring of {spring.brief()} instead of {present.brief()} {at}",
+            note=f"with {spring.brief()} it is {least.brief()}, the least",
+        ),
+        by_formula,
+        Judgement(f"{resonance} with the machine's spring", f["nu_90"]),
+        Judgement(f"{resonance} with the other spring", f["nu_90_unloaded"]),
+    ]
 
 
 def show(o: Options, f: Mapping[str, Figure], r: RodForceData) -> Show:
     """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
     best, nu = list(r.machines.values())[-1], r.plane.speed
-    title = f"At {nu:g} rad/s the peak of the rod force is smallest with a spring of {1e-3 * best.c:.4g} kN/m"
     pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, o.ripple_limit)]
     turn = motion.revolution(r.runner.task(best, nu))
-    return Show(pictures, *turn, title if len(r.machines) > 1 else "")
+    return Show(pictures, *turn)

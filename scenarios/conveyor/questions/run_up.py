@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Curve, Figure, Mark, Panel, Run, Show, option
+from workbench import Chart, Curve, Figure, Judgement, Mark, Panel, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
 from workbench.measure import (
@@ -161,45 +161,53 @@ def stalls(r: Result) -> bool:
     return bool(mean < ROCKING * speeds.max() or speeds.max() < STANDING * w.max())
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
+def judgements(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> list[Judgement]:
     """Whether each motor passes the resonance, and how large its torque gets."""
-    name = f"resonance at {f['nu_res'].brief()} by formula (22)"
+    name = f"the resonance at {f['nu_res'].brief()} by formula (22)"
     if f["zeta"].value > LARGEST_PEAKED_ZETA:
-        name = f"90 degree lag at {f['nu_res'].brief()} by formula (22), which is no resonance with this damping,"
-    lines = []
-    for motor, word in LABELS.items():
-        torque = f[f"{motor}_tau_max"]
-        most = f" Its torque reaches {torque.brief()}." if torque.error is not None else ""
-        lines.append(
-            f"The {word} {passes(o, f[f'{motor}_passing'], r[motor], name)}.{too_slow(o, f, motor)}{most}"
+        name = (
+            f"the 90 degree lag at {f['nu_res'].brief()}, which is no resonance with this damping,"
         )
-    return "\n".join(lines)
+    answers = []
+    for motor, word in LABELS.items():
+        passing, why = f[f"{motor}_passing"], failure(o, f, r[motor], motor)
+        answers.append(
+            Judgement(
+                f"the {word} passes {name} within {o.stop:g} s",
+                passing,
+                most=o.stop,
+                is_so=False if why else None,
+                yes=f"The {word} passes {name}",
+                no=f"The {word} does not pass {name} within {o.stop:g} s",
+                note=why,
+            )
+        )
+    torques = [
+        Judgement(f"largest torque of the {word}", f[f"{motor}_tau_max"])
+        for motor, word in LABELS.items()
+    ]
+    return [*answers, *torques]
 
 
-def too_slow(o: Options, f: Mapping[str, Figure], motor: str) -> str:
-    """Say that more time does not help a motor whose supply is set for a speed below the resonance."""
-    machine, passing = machine_of(o), f[f"{motor}_passing"]
+def failure(o: Options, f: Mapping[str, Figure], r: Result, motor: str) -> str:
+    """Return why a motor does not pass the resonance; "" if it does, or if that is not certain."""
+    passing, machine = f[f"{motor}_passing"], machine_of(o)
+    if passing.error is not None:
+        return ""
+    if stalls(r):
+        return "it stalls: at the end the crank stands still or only rocks"
+    if r["conveyor.phi"][-1] - r["conveyor.phi"][0] < TURN:
+        return "it does not complete a turn"
+    if passing.reason != BELOW:
+        return ""
     speed = float(o.start.get("motor.A", machine.A(o.speed))) / machine.slope
-    what = "It is set for a mean speed"
+    what = "it is set for a mean speed of"
     if motor == "kloss":
         speed = float(o.start.get("motor.kloss.w_s", KLOSS["motor.kloss.w_s"]))
-        what = "Its synchronous speed is"
-    if passing.reason != BELOW or speed >= machine.nu_res:
-        return ""
-    return f" {what} {'of ' * (motor == 'linear')}{speed:.4g} rad/s, below that: more time does not help."
-
-
-def passes(o: Options, passing: Figure, r: Result, name: str) -> str:
-    """Say how a motor comes to what has that name, the resonance."""
-    if passing.error is not None:
-        return f"has passed the {name} after {passing.brief()}"
-    if stalls(r):
-        return "stalls: at the end the crank stands still or only rocks"
-    if r["conveyor.phi"][-1] - r["conveyor.phi"][0] < TURN:
-        return f"does not complete a turn within {o.stop:g} s"
-    if passing.reason == BELOW:
-        return f"does not stay above the {name} within {o.stop:g} s"
-    return f"reaches the {name}; the time when it has passed it is {passing.text()}"
+        what = "its synchronous speed is"
+    if speed >= machine.nu_res:
+        return BELOW
+    return f"{what} {speed:.4g} rad/s, below that: more time does not help"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:

@@ -18,7 +18,19 @@ import workbench
 from cosim import Result, SetupError, System
 from cosim.accuracy.limit import limit
 from cosim.system import connect
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Mark,
+    Panel,
+    Show,
+    Table,
+    option,
+)
 from workbench.answer import parameters
 from workbench.charts.model import Arrow
 from workbench.figure import listed
@@ -211,31 +223,43 @@ def sweep(task: tuple[Sequence[float], Case]) -> list[Level]:
     return levels
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> str:
-    """Where the motor is caught in these levels, what it takes to pass, and the way back."""
-    observed = r[0]
-    top, high = observed.raised[-1], f"up to {o.supplies[-1]:g} V"
-    if constants(observed.case.system)[6] == 0.0:
-        return undamped(f, observed)
+def judgements(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> list[Judgement]:
+    """Whether the motor passes the resonance in these levels, what it takes, and the way back."""
+    observed, up, down = r[0], f["supply_up"], f["supply_down"]
+    top = observed.raised[-1]
+    where = f"it turns at {top.speed:.4g} rad/s at {top.supply:g} V, the highest level"
+    if not top.is_steady:
+        where += f", and is not steady after {MAX_HOLDS * observed.case.hold:g} s"
+    resonance = f"the resonance of the mount at {f['nu_res'].brief()}"
+    passes = f"the motor passes {resonance} when its supply is raised slowly to {top.supply:g} V"
+    yes = f"The motor passes {resonance}"
+    no = f"{top.supply:g} V do not take the motor past {resonance}"
+    if constants(observed.case.system)[6] == 0.0 or (
+        not observed.theory.folds and (up.reason != no_jump(observed) or two_speeds(observed))
+    ):
+        return [Judgement(passes, up, most=top.supply, note=where)]
     if not observed.theory.folds:
-        if f["supply_up"].reason != no_jump(observed) or two_speeds(observed):
-            return f"The voltage of the jump is {f['supply_up'].text()}."
-        if top.speed < observed.theory.resonance:
-            return (
-                f"The motor stays below the resonance at {f['nu_res'].brief()} {high}, where it turns at "
-                f"{top.speed:.4g} rad/s. Its speed does not jump."
-            )
-        return f"The motor is not caught: {high} its speed does not jump."
-    texts = {name: figure.brief() for name, figure in f.items()}
-    raising = (
-        f"When raised slowly, the supply must reach {texts['supply_up']} to pass the resonance; the speed then "
-        f"jumps from {texts['before_up']} to {texts['after_up']}."
-    )
-    back = f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}."
-    return " ".join([*caught(o, f, observed), raising, back, *from_rest(f, observed)])
+        is_above = top.speed >= observed.theory.resonance
+        note = f"its speed does not jump; {where}"
+        return [Judgement(passes, is_so=is_above, note=note, yes=yes, no=no)]
+    edge, least = f["before_up"], up.value - (up.error or 0.0)
+    early = [
+        x.supply for x in observed.raised if x.speed > edge.value + STEADY and x.supply < least
+    ]
+    if early:  # thrown over by the steps between levels
+        where = f"it does at {early[0]:g} V, before {up.brief()}, which a slow rise takes"
+    return [
+        Judgement(
+            passes, up, most=top.supply, is_so=True if early else None, note=where, yes=yes, no=no
+        ),
+        Judgement("speed before that jump", f["before_up"]),
+        Judgement("speed after that jump", f["after_up"]),
+        Judgement("supply that keeps it above the resonance when lowered again", down),
+        *from_rest(f, observed),
+    ]
 
 
-def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[str]:
+def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[Judgement]:
     """What a supply does that is switched on at once: a slow rise needs more, since it is steady at each voltage."""
     up, before = f["supply_up"], f["before_up"]
     if up.error is None or before.error is None:
@@ -244,44 +268,10 @@ def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[str]:
     run = observed.case.run(supply, {})
     last = run["time"] >= LAST * run["time"][-1]
     mean = float(run["exciter.w"][last].mean())
-    does = "passes the resonance" if mean > 1.1 * before.value else "does not pass the resonance"
-    return [
-        f"From rest, with {supply:.4g} V switched on at once ({STARTS[0]:.0%} of that), it {does} and turns at "
-        f"{mean:.4g} rad/s after {run['time'][-1]:g} s."
-    ]
-
-
-def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]:
-    """What the levels show where they end before the jump, or jump before it."""
-    up, down, resonance = f["supply_up"], f["supply_down"], f["nu_res"].brief()
-    if up.error is None:
-        return []
-    edge, least, top = f["before_up"].value, up.value - up.error, observed.raised[-1]
-    passing = [x.supply for x in observed.raised if x.speed > edge + STEADY and x.supply < least]
-    if passing:
-        return [
-            f"In these levels the motor passes the resonance at {resonance} at {passing[0]:g} V."
-        ]
-    if top.supply >= least:
-        return []
-    is_caught = down.error is not None and top.supply > down.value
-    does = "stays caught" if is_caught else f"does not pass the resonance at {resonance}"
-    return [
-        f"Up to {top.supply:g} V, the highest level, the motor {does}; it then turns at {top.speed:.4g} rad/s."
-    ]
-
-
-def undamped(f: Mapping[str, Figure], observed: Observed) -> str:
-    """What the levels show of a mount without damping."""
-    top, resonance = observed.raised[-1], f["nu_res"].brief()
-    first = f"The mount has no damping, so that no steady motion at its resonance at {resonance} exists."
-    where = f"At {top.supply:g} V the motor turns at {top.speed:.4g} rad/s"
-    if top.is_steady:
-        return f"{first} {where}. A voltage of a jump is not determined."
-    return (
-        f"{first} {where} and is not steady after {MAX_HOLDS * observed.case.hold:g} s: the mount shakes by "
-        f"{1e3 * top.shake:.3g} mm. A voltage of a jump is not determined."
-    )
+    passes = mean > 1.1 * before.value
+    what = f"{supply:.4g} V, {STARTS[0]:.0%} of that, pass it when switched on at once from rest"
+    note = f"it turns at {mean:.4g} rad/s after {run['time'][-1]:g} s"
+    return [Judgement(what, is_so=passes, note=note)]
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:

@@ -15,9 +15,22 @@ import numpy as np
 import cosim
 import workbench
 from cosim import Result, System
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Mark,
+    Panel,
+    Show,
+    Table,
+    option,
+)
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE, result_panel
+from workbench.judgement import Verdict
 from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import ROUNDING, largest, with_rows
 
@@ -156,24 +169,24 @@ def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
     return Figure(peak, "N", peak * share, meaning)
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
-    """Where the follower lifts off, and what it does at the speed."""
-    limit = f"The follower leaves the cam at speeds above {f['follower_limit'].brief()}."
-    return f"{limit} At {o.speed:.5g} rad/s ({f['cycles'].brief('cycles/min')}) {flying_text(f)}."
-
-
-def flying_text(f: Mapping[str, Figure]) -> str:
-    """Say what the follower does at the speed."""
-    if f["flight"].error is None:
-        return f["flight"].reason
-    if not f["flight"].value:
-        return "it stays on the cam"
-    flight = f"it is off the cam for {f['flight'].brief()} of each turn"
-    if not f["landings"].value:
-        return f"{flight} and does not land"
-    times = "once" if f["landings"].value == 1.0 else f"{f['landings'].brief()} times"
-    speed, force = f["speed"].brief(), f["force"].brief()
-    return f"{flight} and lands {times}, with an impact speed of up to {speed} and a force of up to {force}"
+def judgements(o: Options, f: Mapping[str, Figure], r: object) -> list[Judgement]:
+    """Whether the follower stays on its cam at the speed, and what it does if not."""
+    at = f"{o.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
+    stays = Judgement(
+        f"the follower stays on the cam at {at}",
+        Figure(o.speed, "rad/s", 0.0),
+        most=f["follower_limit"],
+        yes=f"The follower stays on the cam at {at}",
+        no=f"The follower leaves the cam at {at}",
+    )
+    if stays.answer is Verdict.YES:
+        return [stays]
+    landing = (
+        ("landings", "speed", "force")
+        if f["landings"].error is None or f["landings"].value
+        else ("landings",)
+    )
+    return [stays, *(Judgement(f[name].meaning, f[name]) for name in ("flight", *landing))]
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Show:

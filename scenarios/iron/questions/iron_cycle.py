@@ -18,8 +18,9 @@ import numpy as np
 
 import workbench
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Mark, Run, Show, Table, option
+from workbench import Chart, Context, Figure, Judgement, Mark, Run, Show, Table, option
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, result_panel
+from workbench.judgement import Verdict
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import integral, largest, smallest
 
@@ -127,22 +128,36 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     return all_figures
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
+def judgements(o: Options, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
     """Whether the speed is safe, what the drive carries, and which dimensions matter."""
-    texts, (limit, event) = {name: figure.brief() for name, figure in f.items()}, iron.first(f)
-    answer = f"exceeds the limit: {event} at {limit.brief()}"
-    if o.speed < limit.value:
-        answer = f"is safe: it is {texts['share']} of {limit.brief()}, where {event}"
-    lines = [
-        f"{o.speed:.5g} rad/s ({f['cycles'].brief('cycles/min')}) {answer}. The cam shaft carries between "
-        f"{texts['tau_cam_min']} and {texts['tau_cam_max']}, and the chain up to {texts['run_force_max']}."
+    limit, event = iron.first(f)
+    at = f"{o.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
+    safe = Judgement(
+        f"{at} is below the speed where {event}",
+        Figure(o.speed, "rad/s", 0.0),
+        most=limit,
+        yes=f"{at} is safe",
+        no=f"Avoid {at}",
+        note=f"above that {event}",
+    )
+    carried = {
+        "smallest torque of the cam shaft": f["tau_cam_min"],
+        "largest torque of the cam shaft": f["tau_cam_max"],
+        "largest pull of the chain": f["run_force_max"],
+    }
+    if safe.answer is Verdict.NO:
+        why = f"{event} at this speed, and the figures are those of a drive that is held together"
+        carried = {what: Figure.undetermined(x.unit, why) for what, x in carried.items()}
+    return [
+        safe,
+        *(Judgement(what, figure) for what, figure in carried.items()),
+        *(r[1].transfer.judgements(f) if r[1].transfer else []),
     ]
-    return "\n".join([*lines, *([r[1].transfer.sentence(f)] if r[1].transfer else [])])
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
-    (result, turns), (limit, event) = r, iron.first(f)
+    result, turns = r
     phi = np.degrees(result["iron.phi"])
     panel = partial(result_panel, result=result, x=phi)
     zero = [Mark(0.0, "0: contact or chain lets go")]
@@ -152,8 +167,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     ]
     panels[0] = panels[0]._replace(includes=(0.0,), levels=zero)
     spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
-    now, pace = (f"{x:.1f} cycles/min" for x in (f["cycles"].value, iron.PER_MINUTE * limit.value))
-    title = f"One turn of the cam at {now}; {event} at {pace}"
+    title = f"One turn of the cam at {f['cycles'].brief('cycles/min')}"
     moving = motion.motion("One turn of the cam", result, turns.system, result["time"][-1], 4.0)
     chart = Chart(title, "cam angle [deg]", panels, spans=spans)
     return Show([chart, *(turns.transfer.charts() if turns.transfer else [])], [moving])

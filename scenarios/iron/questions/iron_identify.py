@@ -18,7 +18,18 @@ import numpy as np
 import cosim
 from cosim import Advice, Identified, SetupError, System
 from cosim.system import Value
-from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Panel,
+    Show,
+    fitting,
+    option,
+)
 from workbench.charts.model import SPEED as BLUE
 from workbench.charts.model import TORQUE as RED
 from workbench.fitting import RecordOptions, figure_of
@@ -200,19 +211,24 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     return cosim.advise(fit, experiments, follows(fit)["mu"])
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> str:
-    """The answer in plain words."""
+def judgements(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> list[Judgement]:
+    """What was found, how far the record is from the lift-off, and what to record next."""
     if r.fit.misfit:
-        return "\n".join(["No drive of this kind fits this record:", *r.fit.misfit])
-    lines = [
-        f"The guide friction is {f['mu'].text()} of the pull of the chain, the iron has a mass of "
-        f"{f['iron_iron_m'].text()}, and its spring has a stiffness of {f['iron_spring_c'].text()}.",
-        f"The follower lifts off at {f['follower_limit'].text()}, "
-        f"{f['away']._replace(value=abs(f['away'].value)).text()} "
-        f"{'above' if f['away'].value > 0 else 'below'} the speed of the record.",
+        return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
+    mean = pace(r.fit)
+    return [
+        Judgement(
+            "the follower stays on the cam at the speed of the record",
+            Figure(mean, "rad/s", 0.0),
+            most=f["follower_limit"],
+            yes=f"The cam may turn at the {mean:.4g} rad/s of the record",
+            no=f"Avoid the {mean:.4g} rad/s of the record: the follower lifts off",
+        ),
+        Judgement("guide friction over the pull of the chain", f["mu"]),
+        Judgement("mass of the iron", f["iron_iron_m"]),
+        Judgement("stiffness of its spring", f["iron_spring_c"]),
+        fitting.next_record(r.advice, f["mu"].error or math.inf, "the friction", ""),
     ]
-    now = f["mu"].error or math.inf
-    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
 
 def show(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> Show:

@@ -19,11 +19,24 @@ import cosim
 import workbench
 from cosim import System, largest
 from cosim.accuracy.limit import limit
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Mark,
+    Panel,
+    Show,
+    Table,
+    option,
+)
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.context import captured_warnings
-from workbench.figure import SHARE_DIGITS, concise, listed, refusals
+from workbench.figure import listed
+from workbench.judgement import Verdict
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
 
@@ -48,6 +61,7 @@ IMPORTANT = 10.0
 SMALL = 0.1
 ALGORITHM = "strang"
 FORCES = [force for force, _, _ in iron.LETS_GO.values()]
+NO_ORDER = "the lag adds to no order"
 LET_GO = "the results are not valid until all is loaded again"
 UNITS = {
     "T": "s", "nu": "rad/s", "order": "1", "torque": "N.m", "torque_phase": "deg",
@@ -224,7 +238,7 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
     for lag in LAGS:
         T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
         torque_figures = orders[orders["T"] == T]["added"].notna().any()
-        why = "the lag adds to no order" if torque_figures else "there is no steady motion"
+        why = NO_ORDER if torque_figures else "there is no steady motion"
         w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
         of_lag = {
             "w_n": Figure(w_n, "rad/s", w_n * spread, "frequency of a lag of 90 deg, by formula"),
@@ -259,30 +273,26 @@ def figure_of(runs: Any, order: float, by_rows: float, unit: str, meaning: str) 
     return Figure(float(of_runs.value), unit, float(of_runs.error) + by_rows, meaning)
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
-    """For which motors a resonance matters, and what the lag of each adds."""
-    adds = {f"{lag} ms": f[f"added_{lag}ms"] for lag in LAGS}
-    most = [
-        f"{concise(share, SHARE_DIGITS)} with {lag}"
-        for lag, share in adds.items()
-        if share.error is not None
-    ]
-    lift = f"The follower lifts off at {f['follower_limit'].brief()}."
-    highest = [f"The lag adds at most {listed(most)}."] if most else []
-    return " ".join([*importance(adds), *highest, *refusals(adds), lift])
-
-
-def importance(adds: Mapping[str, Figure]) -> list[str]:
-    """Say for which lags an order rises by more than IMPORTANT, where that holds within the error."""
-    stated = {lag: share for lag, share in adds.items() if share.error is not None}
-    matter = [lag for lag, x in stated.items() if x.value - (x.error or 0.0) > IMPORTANT]
-    below = [lag for lag, x in stated.items() if x.value + (x.error or 0.0) <= IMPORTANT]
-    rise = f"rises by more than {IMPORTANT:g} % of the largest torque"
-    if matter:
-        return [f"With a motor lag of {listed(matter)} a torque order {rise}."]
-    if below and len(below) == len(stated):
-        return [f"With a motor lag of {listed(below)} no torque order {rise}."]
-    return []
+def judgements(o: Options, f: Mapping[str, Figure], r: object) -> list[Judgement]:
+    """For which motors a resonance matters, and what the lag of each adds; those that it matters for first."""
+    answers = []
+    for lag in LAGS:
+        added = f[f"added_{lag}ms"]
+        adds_nothing = added.reason.startswith(NO_ORDER)
+        answers.append(
+            Judgement(
+                f"a motor lag of {lag} ms adds little to every order, over the largest torque",
+                added,
+                most=IMPORTANT,
+                is_so=True if adds_nothing else None,
+                yes=f"No resonance matters; a motor lag of {lag} ms adds",
+                no=f"Mind the resonance: a motor lag of {lag} ms adds to an order, over the largest torque,",
+                note=added.reason if adds_nothing else "",
+            )
+        )
+    first = (Verdict.NO, Verdict.OPEN, Verdict.YES)
+    answers.sort(key=lambda x: first.index(x.answer or Verdict.OPEN))
+    return [*answers, Judgement("the follower lifts off at", f["follower_limit"])]
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
@@ -315,15 +325,13 @@ def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:
 
 def torque(lag: int, f: Mapping[str, Figure], orders: Frame) -> Chart:
     """The torque of each order over the speed, where it meets w_n, and where the follower lifts."""
-    mine, adds = orders[orders["T"] == lag / 1e3], f[f"added_{lag}ms"]
+    mine = orders[orders["T"] == lag / 1e3]
     curves, marks = [], [Mark(f["follower_limit"].value, "follower lifts off")]
     for k, color in enumerate(SERIES, 1):
         nu, height = mine[mine["order"] == k][["nu", "torque"]].to_numpy().T
         curves.append(Curve(f"order {k}", nu, height, color, "linked"))
         marks.append(Mark(f[f"w_n_{lag}ms"].value / k, f"w_n / {k}"))
-    title = f"What a motor lag of {lag} ms adds to the orders is not determined: {adds.reason}"
-    if adds.error is not None:
-        title = f"A motor lag of {lag} ms adds at most {adds.value:.1f} % of the largest torque to an order"
+    title = f"Torque of the orders with a motor lag of {lag} ms"
     inside = [mark for mark in marks if nu[0] <= mark.at <= nu[-1]]
     panel = Panel("amplitude", "N.m", curves, includes=(0.0,))
     return Chart(title, "cam speed [rad/s]", [panel], inside)

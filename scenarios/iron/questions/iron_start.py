@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Run, Show, option
+from workbench import Chart, Context, Figure, Judgement, Run, Show, option
 from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
@@ -149,51 +149,47 @@ def stands(t: Samples, phi: Samples) -> bool:
     return bool(np.ptp(phi[last]) < STANDS * np.ptp(phi))
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
+def judgements(o: Options, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
     """How the cam starts, how it goes on, and the ledger."""
-    texts = {name: figure.brief() for name, figure in f.items()}
-    peak = f"The cam peaks at {texts['w_cam_max']} after {texts['w_cam_max_time']}"
+    turns, peak = f["turns"], f"after {f['w_cam_max_time'].brief()}"
     if still_rises(r[0]):
-        peak = f"At {o.stop:g} s, the end of the run, the cam still gets faster, at {texts['w_cam_max']}"
-    starts = f"{peak}; its mean speed in the second half is {texts['w_cam_mean']} ({f['cycles'].brief('cycles/min')})."
+        peak = f"at {o.stop:g} s, the end of the run; it still gets faster"
+    why = ""
     if stands(r[0]["time"], r[0]["iron.phi"]):
-        turned = (
-            f"the cam has made {texts['turns']} turns with a peak speed of {texts['w_cam_max']}"
-        )
-        starts = f"The motor stalls: {turned}, and does not turn any further."
-    elif abs(f["turns"].value) < 1.0:
-        starts = f"{incomplete(o, f)}. {peak}; its mean speed in the second half is {texts['w_cam_mean']}."
-        starts = creeping(o, f) if is_weak(f) else starts
-    if not stands(r[0]["time"], r[0]["iron.phi"]) and f["w_cam_mean"].value < 0.0:
-        starts = (
-            f"The cam turns backwards, at {texts['w_cam_mean']} in the second half; up to {o.stop:g} s it "
-            f"makes {texts['turns']} turns."
-        )
-    return (
-        f"{starts} Of {texts['energy_in']} from the motor, friction takes {texts['energy_friction']}, "
-        f"and {texts['energy_stored']} is stored at the end."
+        why = f"the motor stalls after {turns.brief()} turns"
+    elif f["w_cam_mean"].value < 0.0:
+        why = f"the cam turns backwards, {turns.brief()} turns up to {o.stop:g} s"
+    weak = Judgement(
+        "the motor turns the cam slowly through a whole turn, by its torque at the start",
+        f["tau_cam_rest"],
+        least=f["tau_cam_max"],
     )
-
-
-def incomplete(o: Options, f: Mapping[str, Figure]) -> str:
-    """Say how far a cam comes that does not complete a turn, without the end of the sentence."""
-    return (
-        f"Within {o.stop:g} s the cam does not complete a turn: it makes {f['turns'].brief()} turns"
-    )
-
-
-def creeping(o: Options, f: Mapping[str, Figure]) -> str:
-    """Say how far the cam comes of a motor that is too weak for a slow turn."""
-    return (
-        f"{incomplete(o, f)}. The motor gives {f['tau_cam_rest'].brief()} at the cam at the start, and a slow turn takes up to "
-        f"{f['tau_cam_max'].brief()}: it cannot turn the cam slowly through a whole turn."
-    )
-
-
-def is_weak(f: Mapping[str, Figure]) -> bool:
-    """Whether the motor gives less at the start than a slow turn takes at most."""
-    most = f["tau_cam_max"]
-    return 0.0 < f["tau_cam_rest"].value < most.value - (most.error or 0.0)
+    has_cycles = turns.value >= 1.0 and f["cycles"].error is not None
+    return [
+        Judgement(
+            f"the cam completes a turn within {o.stop:g} s",
+            turns,
+            least=1.0,
+            is_so=False if why else None,
+            yes="The motor starts the drive",
+            no=f"The cam does not complete a turn within {o.stop:g} s"
+            if abs(turns.value) < 1.0
+            else "The motor does not keep the drive turning forwards",
+            note=why,
+        ),
+        *([weak] if f["tau_cam_rest"].value > 0.0 else []),
+        Judgement("largest speed of the cam", f["w_cam_max"], note=peak),
+        Judgement(
+            "mean speed of the cam in the second half",
+            f["w_cam_mean"],
+            note=f["cycles"].brief("cycles/min") if has_cycles else "",
+        ),
+        Judgement(
+            "work of the motor",
+            f["energy_in"],
+            note=f"friction takes {f['energy_friction'].brief()}, and {f['energy_stored'].brief()} is stored at the end",
+        ),
+    ]
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:

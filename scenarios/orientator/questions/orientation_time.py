@@ -19,10 +19,22 @@ from typing import Any, NamedTuple, Protocol
 import workbench
 from cosim import SetupError, System
 from cosim.system import connect
-from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Mark,
+    Panel,
+    Show,
+    Table,
+    option,
+)
 from workbench.charts.model import SERIES
 from workbench.charts.motion import Motion
-from workbench.figure import SENTENCE_DIGITS, concise, listed, percent, refusals
+from workbench.figure import percent
 from workbench.measure import ROUNDING, Measured
 from workbench.options import check_fixed_starts
 
@@ -92,8 +104,8 @@ class Comparison(Protocol):
     def tables(self) -> Mapping[str, Table]:
         """Its tables by file."""
 
-    def sentences(self) -> list[str]:
-        """Return its verdict."""
+    def judgements(self) -> list[Judgement]:
+        """Return what it claims."""
 
     def charts(self) -> list[Chart]:
         """Return its charts."""
@@ -223,26 +235,31 @@ def key(name: str, mu: float) -> str:
     return f"{name}_mu_{mu:g}".replace(".", "_")
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: OrientationData) -> str:
+def judgements(o: Options, f: Mapping[str, Figure], r: OrientationData) -> list[Judgement]:
     """How fast the rotor may turn, how long orienting takes, and from where on friction matters."""
     if r.comparison:
-        return "\n".join(r.comparison.sentences())
-    limits = {f"friction {mu:g}": f[key("limit", mu)] for mu in r.series}
-    works = [
-        f"{concise(x, SENTENCE_DIGITS)} with {who}"
-        for who, x in limits.items()
-        if x.error is not None
+        return r.comparison.judgements()
+    what = "friction changes the orientation time by less than " + percent(SPREAD - 1.0)
+    return [
+        *(
+            Judgement(f"with friction {mu:g} the rotor may turn at up to", f[key("limit", mu)])
+            for mu in r.series
+        ),
+        *(
+            [Judgement("orienting a product takes at least", f["shortest_time"])]
+            if "shortest_time" in f
+            else []
+        ),
+        *(
+            [
+                Judgement(
+                    f"{what} at the speeds of the sweep below", note=f"{f['fan'].value:.4g} rpm"
+                )
+            ]
+            if "fan" in f
+            else []
+        ),
     ]
-    lines = [f"The orientator works up to {listed(works)}."] if works else []
-    lines += refusals(limits)
-    if "shortest_time" in f:
-        lines.append(f"Orienting a product takes at least {f['shortest_time'].brief()}.")
-    if "fan" in f:
-        lines.append(
-            f"At the speeds of the sweep below {f['fan'].value:.4g} rpm friction changes the orientation time by "
-            f"less than {percent(SPREAD - 1.0)}."
-        )
-    return " ".join(lines)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: OrientationData) -> Show:
@@ -258,8 +275,6 @@ def show(o: Options, f: Mapping[str, Figure], r: OrientationData) -> Show:
         if jam is not None and not r.comparison:
             motions.append(pair(r.machine, mu, n[-1], jam.n))
     title = "The orientation time over the speed of the rotor"
-    if marks:
-        title = "The orientation time, up to the speed at which products jam"
     panel = Panel("orientation time", "s", curves, includes=(0.0,))
     chart = Chart(title, "rotor speed [rpm]", [panel], [] if r.comparison else marks)
     charts = [chart] if curves else []

@@ -13,9 +13,8 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from cosim.accuracy.judge import SOME_RUNS
-from workbench import Chart, Context, Figure, Mark, Run, Show, option
+from workbench import Chart, Context, Figure, Judgement, Mark, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
-from workbench.figure import listed
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Samples, measured
 
@@ -156,21 +155,29 @@ def ending(r: Result) -> str:
     return f"the product is {still}{orientator.STAGES[stage]}"
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
-    """What becomes of the product, and how long each stage takes."""
-    after = f" after {f['orientation_time'].brief()}" if f["oriented"].value else ""
-    stages = [f"{f[f't_{x}'].brief()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
-    stage_text = (
-        f"Its stages take {listed(stages)}" if stages else "None of its stages came to an end"
-    )
-    wall = f["wall_least"]
-    pulls = ""
-    if wall.error is not None and wall.value + wall.error < 0.0:
-        pulls = (
-            f" The reaction of the wall falls to {wall.brief()}: the wall would have to pull, and a "
-            "real cup leaves it there."
-        )
-    return f"{ending(r[0]).capitalize()}{after}. {stage_text}.{pulls}"
+def judgements(o: Options, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
+    """What becomes of the product, how long each stage takes, and whether its wall only pushes."""
+    oriented = bool(f["oriented"].value)
+    return [
+        Judgement(
+            "the product is oriented",
+            f["orientation_time"],
+            is_so=oriented,
+            yes="The product is oriented",
+            no="The product is not oriented",
+            note=f"after {f['orientation_time'].brief()}" if oriented else ending(r[0]),
+        ),
+        Judgement(
+            "the wall only pushes; a real cup leaves one that would have to pull",
+            f["wall_least"],
+            least=0.0,
+        ),
+        *(
+            Judgement(f"duration of the stage {x}", f[f"t_{x}"])
+            for x in STAGES
+            if f[f"t_{x}"].error is not None
+        ),
+    ]
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
@@ -184,7 +191,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
     chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)
     moving = motion.motion("One product", {"": until_end}, last, stages)
-    return Show([chart], [moving], title=verdict(o, f, r).partition(". ")[0])
+    return Show([chart], [moving])
 
 
 def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:

@@ -16,7 +16,7 @@ import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
 from cosim.units import multiples
-from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting
+from workbench import Chart, Context, Curve, Figure, Findings, Judgement, Panel, Show, fitting
 from workbench.charts.model import SERIES
 from workbench.fitting import RecordOptions
 from workbench.measure import Samples
@@ -190,21 +190,22 @@ def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
     return cosim.advise(fit, experiments, lambda v: v[FRICTION])
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> str:
-    """The answer in plain words."""
+def judgements(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> list[Judgement]:
+    """The friction, the largest rotor speed, and what to record next."""
     if r.fit.misfit:
-        return "\n".join(["No friction explains these stage times:", *misfits(r)])
-    mu, limit = f[fitting.figure_name(FRICTION)], f["limit"]
-    lines = [f"The friction between cup and wall is {mu.text()}."]
-    if limit.error is None:
-        lines.append(f"The largest rotor speed is {limit.text()}.")
-    else:
-        lines.append(
-            f"With it the rotor may turn at up to {limit.text()}, {f['away'].text()} above the fastest "
-            "product of the record."
-        )
-    now = mu.error or math.inf
-    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
+        return fitting.misfit("a friction explains these stage times", misfits(r))
+    mu, fast = f[fitting.figure_name(FRICTION)], max(r.speeds)
+    return [
+        Judgement(
+            "the fastest product of the record is below the largest rotor speed",
+            Figure(fast, "rpm", 0.0),
+            most=f["limit"],
+            yes=f"The rotor may turn at up to {f['limit'].brief()}; the fastest product of the record has",
+            no=f"The rotor may turn at up to {f['limit'].brief()} only; the fastest product of the record has",
+        ),
+        Judgement("friction between cup and wall", mu),
+        fitting.next_record(r.advice, mu.error or math.inf, "the friction", ""),
+    ]
 
 
 def misfits(r: IdentifiedOrientator) -> list[str]:

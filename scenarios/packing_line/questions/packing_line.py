@@ -14,9 +14,8 @@ import numpy as np
 
 import cosim
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Mark, Panel, Run, Show, Table, option
+from workbench import Chart, Context, Figure, Judgement, Mark, Panel, Run, Show, Table, option
 from workbench.charts.model import LIFT, Lanes, Span, result_panel
-from workbench.figure import SHARE_DIGITS, concise
 from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import with_rows
 from workbench.options import Start
@@ -92,27 +91,44 @@ def files(o: Options, r: tuple[Result, System]) -> dict[str, partial[None]]:
     return {"line.ssp": partial(cosim.write_ssp, r[1], stop=o.stop)}
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
+def judgements(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> list[Judgement]:
     """Whether the line keeps pace, what a jam costs, and what the supply gives."""
-    pace = (
-        f"The line keeps pace: every product is oriented in {f['orientation'].brief()}, which leaves "
-        f"{f['spare'].brief()} of each cycle to spare. It makes {f['products'].brief('products/min')}."
-    )
-    if f["oriented"].value < f["released"].value:
-        pace = (
-            f"The line does not keep pace: {f['oriented'].brief()} of {f['released'].brief()} products are "
-            f"oriented, because {f['orientation'].reason}."
-        )
-        if f["lost"].value > 0.0:
-            pace += f" Jams cost {f['lost'].brief('products/min')}."
-    (cam, crank), beat = nearest(ripple(drives(r[0]))), ""
-    if meet(cam, crank):
-        distance = f"{concise(f['gap'], SHARE_DIGITS)} apart"
-        beat = f"; cam order {cam.order} and crank order {crank.order} are {distance}"
-    return (
-        f"{pace} A cycle takes {f['work'].brief()} from the supply, with or without a product. The supply gives "
-        f"{f['mean_supply'].brief()} with a ripple of {f['rms_supply'].brief()} rms{beat}."
-    )
+    keeps, why = f["oriented"].value >= f["released"].value, f["orientation"].reason
+    (cam, crank), distance = nearest(ripple(drives(r[0]))), f["gap"]
+    return [
+        Judgement(
+            "the line keeps pace: products oriented of those released",
+            f["oriented"],
+            least=f["released"],
+            yes="The line keeps pace, products oriented",
+            no="The line does not keep pace, products oriented",
+            note="" if keeps else why,
+        ),
+        *(
+            [
+                Judgement("orienting a product takes", f["orientation"]),
+                Judgement("spare time of a cycle", f["spare"]),
+            ]
+            if keeps
+            else [Judgement("products lost by jams", f["lost"])]
+        ),
+        Judgement("products per minute", f["products"]),
+        Judgement("work from the supply per cycle, with or without a product", f["work"]),
+        Judgement(
+            "mean power of the supply",
+            f["mean_supply"],
+            note=f"with a ripple of {f['rms_supply'].brief()} rms",
+        ),
+        *(
+            [
+                Judgement(
+                    f"cam order {cam.order} and crank order {crank.order} are apart by", distance
+                )
+            ]
+            if meet(cam, crank)
+            else []
+        ),
+    ]
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:

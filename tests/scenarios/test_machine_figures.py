@@ -43,8 +43,6 @@ def test_a_motor_that_turns_the_cam_backwards_does_not_stall() -> None:
     answer = ask("iron_start", motor_A=-4.0, step=2e-3)
     mean = answer.figures["w_cam_mean"]
     assert mean.value < -4.0
-    assert f"The cam turns backwards, at {mean.brief()} in the second half" in answer.verdict
-    assert "stalls" not in answer.verdict
 
 
 @pytest.mark.parametrize(
@@ -62,14 +60,12 @@ def test_the_least_reaction_of_the_wall_holds_against_finer_steps(
     near = np.abs(np.diff(force[max(least - 2, 0) : least + 2])).min()
     assert figure.error is not None and figure.error < 0.02
     assert abs(figure.value - force[least]) <= figure.error + near
-    assert ("the wall would have to pull" in answer.verdict) == (force[least] < -1e-3)
 
 
 def test_an_impulse_of_a_landing_that_never_was_is_refused() -> None:
     """A product held in the chute lands on nothing; one that stops the catcher, not on the hook."""
     held = ask("orientator_cycle", speed="110rpm").figures
     stopped = ask("orientator_cycle", speed=10.7, friction=0.3, start={"orientator.chute.H": 0.025})
-    assert stopped.verdict.startswith("The product jams: catcher stopped")
     for name in ("corner_impulse", "wall_impulse", "hook_impulse"):
         assert held[name].error is None
     assert stopped.figures["corner_impulse"].value > 0.0
@@ -89,17 +85,6 @@ def test_the_least_reaction_of_the_wall_is_determined_with_long_steps(
     assert coarse.error is not None and fine.error is not None, coarse.reason
     assert abs(coarse.value - fine.value) <= coarse.error + fine.error
     assert coarse.error < 0.02
-
-
-@pytest.mark.parametrize(("motor", "stop"), [(4.0, 0.01), (2.0, 0.02), (4.0, 0.06)])
-def test_the_end_of_a_start_is_no_peak(motor: float, stop: float) -> None:
-    answer = ask("iron_start", motor_A=motor, stop=stop, step=1e-4)
-    w = answer.tables["iron_start.csv"].frame["iron.w_cam"].to_numpy()
-    rises = w.argmax() == len(w) - 1
-    assert ("peaks at" in answer.verdict) != rises
-    assert (
-        f"At {stop:g} s, the end of the run, the cam still gets faster" in answer.verdict
-    ) == rises
 
 
 def test_a_run_up_that_passes_its_resonance_by_a_hundred_errors_has_a_time() -> None:

@@ -1,0 +1,208 @@
+"""Judgements: each turns on a machine for which it must, and says what its figures and bounds say."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.conveyor.questions import resonance, rod_force
+from scenarios.conveyor.rows import LARGEST_PEAKED_ZETA, OPERATING
+from tests.conftest import LONG, QUICK, ask, plain
+from workbench.answer import Answer
+from workbench.export import content
+from workbench.figure import Figure
+from workbench.judgement import Judgement, Verdict, lines
+from workbench.options import declared
+
+YES, NO, OPEN = Verdict
+
+SWEEP: dict[str, Any] = {"speeds": "34:46:7", "steps_per_rev": 128}
+#: A feeder with 320 kg on 900 kN/m and a soft motor of 5.5 kW, damped so strongly that nothing is amplified.
+FEEDER = {
+    "conveyor.trough.m": 320.0, "conveyor.crank.r": 0.008, "conveyor.spring.c": 9e5, "motor.T": 0.0147,
+    "motor.characteristic": "kloss", "motor.kloss.tau_b": 350.0, "motor.kloss.w_s": 45.81, "motor.kloss.s_b": 0.2165,
+}  # fmt: skip
+LIFTED = {"iron.rocker.m": 40.0, "iron.rocker.gamma": -1.5}
+JAMMED = {"speed": "62.5rpm", "friction": 0.5}
+RECORD = QUICK["identify"]
+
+#: Question, the beginning of a judgement, and for each answer options with which it must be given.
+TURNS: list[tuple[str, str, dict[Verdict, dict[str, Any]]]] = [
+    ("resonance", "torque ripple below", {YES: SWEEP | {"limit": 150.0}, NO: SWEEP,
+                                          OPEN: SWEEP | {"algorithm": "jacobi"}}),
+    ("resonance", "on resonance", {YES: SWEEP, NO: SWEEP | {"speed": 45.0}, OPEN: SWEEP | {"algorithm": "jacobi"}}),
+    ("resonance", "on resonance", {YES: SWEEP, NO: {"speeds": "40:60:9", "speed": "420rpm", "start": FEEDER}}),
+    ("run_up", "the linear motor passes", {YES: {"stop": 0.3}, NO: {"stop": 0.3, "speed": 20.0}}),
+    ("run_up", "the induction motor passes", {YES: {}, NO: {"start": {"motor.kloss.tau_b": 1.0}}}),
+    ("mean_values", "the mean speed stays within", {
+        YES: {"speeds": "40", "speed": 40.0, "start": {"motor.T": 2e-4}, "steps_per_rev": 1024},
+        NO: {"speeds": "40", "speed": 40.0, "start": {"motor.T": 1e-3}, "steps_per_rev": 1024}}),
+    ("iron_cycle", "", {YES: {"speed": 7.0, "samples": 180}, NO: {"speed": 9.0, "samples": 180}}),
+    ("iron_cycle", "", {YES: {"samples": 180}, NO: {"samples": 180, "start": LIFTED}}),
+    ("iron_start", "the cam completes", {YES: {"stop": 1.5}, NO: {"motor_A": -4.0, "step": 2e-3}}),
+    ("iron_start", "the motor turns the cam slowly", {YES: {"motor_A": 0.35, "stop": 0.1}, NO: {"motor_A": 0.05}}),
+    ("iron_bounce", "", {YES: {"speeds": "70rpm", "speed": "70rpm", "samples": 360},
+                         NO: {"speeds": "70rpm", "speed": "80rpm", "samples": 360}}),
+    ("iron_orders", "a motor lag of 80 ms", {YES: {"speeds": "2"}, NO: {"speeds": "5"},
+                                             OPEN: {"speeds": "0.3", "start": {"motor.B": 1e-4}}}),
+    ("orientator_cycle", "the product is oriented", {YES: {}, NO: JAMMED}),
+    ("orientator_cycle", "the wall only pushes", {YES: JAMMED, NO: {}}),
+    ("packing_line", "the line keeps pace", {YES: QUICK["packing_line"], NO: QUICK["packing_line"] | {"gear": 2.2}}),
+    ("speed_step", "the load reaches", {YES: {"stop": 0.2}, NO: {"stop": 0.2, "speed": 200.0}}),
+    ("speed_step", "the mean speed over a turn", {YES: {}, NO: {"start": {"controller.T_i": 0.05}},
+                                                 OPEN: {"stop": 0.2}}),
+    ("resonance_map", "", {YES: QUICK["resonance_map"] | {"limit": 500.0}, NO: QUICK["resonance_map"] | {"limit": 1.0}}),
+    ("rod_force", "the spring of", {YES: QUICK["rod_force"] | {"set": "B"}, NO: QUICK["rod_force"]}),
+    ("sommerfeld", "the motor passes", {YES: QUICK["sommerfeld"], NO: {"supplies": "15,18", "hold": 2.0}}),
+    ("identify", "torque ripple below", {YES: RECORD | {"rated_torque": 1000.0}, NO: RECORD | {"rated_torque": 8.0}}),
+    ("iron_identify", "the follower stays", {YES: QUICK["iron_identify"]}),
+    ("orientator_identify", "the fastest product", {YES: QUICK["orientator_identify"]}),
+]  # fmt: skip
+#: Questions whose answers take many seconds of processor time.
+SLOW = {*LONG, "resonance_map", "rod_force", "iron_orders", "orientator_identify"}
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "options", "wanted"),
+    [
+        pytest.param(name, begin, options, answer, marks=[pytest.mark.slow] if name in SLOW else [])
+        for name, begin, cases in TURNS
+        for answer, options in cases.items()
+    ],
+)
+def test_a_judgement_turns_where_the_machine_does(
+    name: str, begin: str, options: dict[str, Any], wanted: Verdict
+) -> None:
+    answer = ask(name, **options)
+    judgement = next(x for x in answer.judgements if x.what.startswith(begin) and x.answer)
+    assert judgement.answer is wanted, judgement.text()
+    holds(answer)
+
+
+@pytest.mark.parametrize("name", [x for x in QUICK if x not in LONG])
+def test_an_answer_says_what_its_judgements_say(name: str) -> None:
+    assert plain(name).judgements
+    holds(plain(name))
+
+
+def holds(answer: Answer) -> None:
+    """An answer has a line for each judgement, which its figures bear out, in JSON as well."""
+    assert answer.verdict.splitlines() == lines(answer.judgements)
+    record = json.loads(json.dumps(content(answer)["judgements"]))
+    assert [x["answer"] for x in record] == [x.answer and str(x.answer) for x in answer.judgements]
+    for judgement, text in zip(answer.judgements, answer.verdict.splitlines()):
+        assert text[:1] == text[:1].upper() and len(text) < 400
+        for each in (judgement, *judgement.also):
+            expected = decided(each)
+            if judgement.is_so is None and not judgement.also and expected:
+                assert each.answer == expected, text
+            if each.figure and each.figure.error is None and each.answer is OPEN:
+                assert each.reason == each.figure.reason
+
+
+def decided(x: Judgement) -> str:
+    """What figure and bounds say, whose errors are added."""
+    bounds = [b if isinstance(b, Figure) else Figure(b, "1", 0.0) for b in (x.least, x.most)]
+    if x.figure is None or all(math.isinf(b.value) for b in bounds):
+        return ""
+    if x.figure.error is None or any(b.error is None for b in bounds):
+        return "not determined"
+    low, high = (b.value for b in bounds)
+    wide = [x.figure.error + (b.error or 0.0) for b in bounds]
+    if x.figure.value + wide[0] < low or x.figure.value - wide[1] > high:
+        return "no"
+    return "yes" if low + wide[0] <= x.figure.value <= high - wide[1] else "not determined"
+
+
+def test_a_judgement_is_that_of_its_numbers() -> None:
+    """Drawn figures on either side of drawn bounds, each with an error or not determined."""
+    rng, outcomes = np.random.default_rng(1), set()
+    for _ in range(1000):
+        figure, least, most = (
+            Figure(rng.normal(k), "N", rng.uniform(0.0, 0.5))
+            if rng.random() < 0.9
+            else Figure.undetermined("N", "it sticks")
+            for k in (0.0, -0.5, 1.0)
+        )
+        ends: dict[str, Any] = {"least": least, "most": most}
+        if rng.random() < 0.3:
+            ends.pop(rng.choice(["least", "most"]))
+        judgement = Judgement("a force", figure, **ends)
+        assert judgement.answer == decided_with_reasons(judgement)
+        outcomes.add(judgement.answer)
+        assert judgement.text().startswith(f"A force: {judgement.answer}")
+    assert outcomes == {YES, NO, OPEN}
+
+
+def decided_with_reasons(x: Judgement) -> str:
+    """What figure and those bounds say that are determined: one that is passed decides alone."""
+    least, most = (b if isinstance(b, Figure) else Figure(b, "1", 0.0) for b in (x.least, x.most))
+    for name, bound in (("least", least), ("most", most)):
+        only = Judgement(x.what, x.figure, **{name: bound})
+        if bound.error is not None and decided(only) == "no":
+            return "no"
+    return decided(x)
+
+
+def test_all_that_must_hold_holds_together() -> None:
+    value = Figure(2.0, "1", 0.1)
+    yes, no = Judgement("a", value, most=3.0), Judgement("b", value, most=1.0)
+    unsure = Judgement("c", value, most=2.05)
+    refused = Judgement("d", Figure.undetermined("1", "it sticks"), most=1.0)
+    for parts, wanted in (
+        ((yes, yes), YES), ((yes, unsure), OPEN), ((unsure, no), NO), ((refused, no), NO), ((yes, refused), OPEN),
+    ):  # fmt: skip
+        assert Judgement("all", also=parts).answer is wanted
+    assert Judgement("all", also=(yes, refused)).reason == "it sticks"
+    assert Judgement("all", also=(unsure, no)).text() == "All: no, b 2.00 ± 0.10 of 1 (200 %)"
+
+
+def test_the_first_line_says_what_to_do_with_figure_bound_and_margin() -> None:
+    ripple = Judgement(
+        "torque ripple below its limit",
+        Figure(16.171, "N.m", 1e-4),
+        most=62.5,
+        yes="420 rpm is safe for torque",
+        no="Avoid 420 rpm for its torque",
+    )
+    speed = Judgement("resonance", Figure(49.02, "rad/s", 1e-4), note="5.02 rad/s above")
+    assert lines([ripple, speed]) == [
+        "420 rpm is safe for torque: 16.17 of 62.5 N.m (26 %)",
+        "Resonance: 49.02 rad/s; 5.02 rad/s above",
+    ]
+    assert ripple.text() == "Torque ripple below its limit: yes, 16.17 of 62.5 N.m (26 %)"
+
+
+def test_the_picture_has_the_first_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from workbench import export
+
+    titles: list[str] = []
+    monkeypatch.setattr(
+        export, "draw", lambda pictures, title, path: titles.append(title) or path.touch()
+    )
+    export.draw_answer(plain("iron_cycle"), tmp_path / "a.png")
+    assert titles == [plain("iron_cycle").verdict.splitlines()[0]]
+
+
+def test_forces_beyond_the_lift_off_are_not_stated() -> None:
+    carried = [
+        x
+        for x in ask("iron_cycle", speed=9.0, samples=180).judgements
+        if "pull of the chain" in x.what
+    ]
+    assert carried and all(x.figure and x.figure.error is None for x in carried)
+
+
+def test_help_texts_have_the_defaults_that_the_questions_use() -> None:
+    for page in (resonance, rod_force):
+        meaning = declared(page.Options)["speed"].meaning
+        for name, speed in OPERATING.items():
+            assert f"{speed:g} in set {name}" in meaning
+    meaning = declared(resonance.Options)["speed"].meaning
+    assert all(f"{x:g}" in meaning for x in resonance.BAND)
+    assert math.isclose(LARGEST_PEAKED_ZETA**2, 0.5)

@@ -1,0 +1,165 @@
+"""What an answer claims: figures and their bounds, which are judged and put into words here alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from .figure import Figure
+
+
+class Verdict(StrEnum):
+    """Whether a claim holds."""
+
+    YES = "yes"
+    NO = "no"
+    OPEN = "not determined"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A claim about a figure, or the figure alone where nothing bounds it.
+
+    Attributes
+    ----------
+    what : str
+        The claim, such as "torque ripple below its limit", or what the figure is.
+    figure : Figure, optional
+        What decides it.
+    least, most : float or Figure
+        What the figure must not be below or above, in its unit.
+    also : sequence of Judgement
+        What else must hold.
+    is_so : bool, optional
+        The answer where no number decides; `note` then says why.
+    yes, no : str
+        What to do if it holds, and if it does not; said in the first line of an answer.
+    note : str
+        What else there is to say.
+    """
+
+    what: str
+    figure: Figure | None = None
+    least: Figure | float = -math.inf
+    most: Figure | float = math.inf
+    also: Sequence[Judgement] = ()
+    is_so: bool | None = None
+    yes: str = ""
+    no: str = ""
+    note: str = ""
+
+    @property
+    def answer(self) -> Verdict | None:
+        """Whether the claim holds; None for a figure without bounds."""
+        if self.is_so is not None:
+            return Verdict.YES if self.is_so else Verdict.NO
+        answers = [x for x in (self._of_figure(), *(x.answer for x in self.also)) if x]
+        return next((x for x in (Verdict.NO, Verdict.OPEN, Verdict.YES) if x in answers), None)
+
+    def _of_figure(self) -> Verdict | None:
+        bounds = [(bounded(x, self.figure), s) for x, s in ((self.least, 1.0), (self.most, -1.0))]
+        bounds = [(bound, sign) for bound, sign in bounds if not math.isinf(bound.value)]
+        if self.figure is None or not bounds:
+            return None
+        room = [
+            (sign * (self.figure.value - bound.value), (self.figure.error or 0.0) + bound.error)
+            for bound, sign in bounds
+            if self.figure.error is not None and bound.error is not None
+        ]
+        if any(distance + error < 0.0 for distance, error in room):
+            return Verdict.NO
+        is_sure = len(room) == len(bounds) and all(d - error >= 0.0 for d, error in room)
+        return Verdict.YES if is_sure else Verdict.OPEN
+
+    @property
+    def reason(self) -> str:
+        """Why the answer is not determined."""
+        for x in (self.figure, self.least, self.most):
+            if isinstance(x, Figure) and x.error is None:
+                return x.reason
+        if self._of_figure() is Verdict.OPEN:
+            return "the bound lies within the error"
+        return next((x.reason for x in self.also if x.answer is Verdict.OPEN), "")
+
+    def evidence(self) -> str:
+        """Return the figure, its bounds and how much of them it takes, "16.2 of 62.5 N.m (26 %)"."""
+        answer = self.answer
+        decisive = [x for x in self.also if x.answer is answer]
+        own = self.measured() if self.is_so is None and self._of_figure() is answer else ""
+        if answer is Verdict.OPEN:
+            own = f"because {self.reason}"
+            decisive = []
+        return ", ".join([*[own] * bool(own), *(f"{x.what} {x.measured()}" for x in decisive)])
+
+    def measured(self) -> str:
+        """Return the figure and its bounds."""
+        if self.figure is None:
+            return ""
+        least, most = bounded(self.least, self.figure), bounded(self.most, self.figure)
+        text, bare = self.figure.brief(), self.figure._replace(unit="1")
+        if (math.isinf(least.value) and math.isinf(most.value)) or self.figure.error is None:
+            return text
+        if math.isinf(most.value):
+            return f"{text} (at least {least._replace(unit='1').brief()})"
+        if not math.isinf(least.value):
+            return (
+                f"{text} ({least._replace(unit='1').brief()} to {most._replace(unit='1').brief()})"
+            )
+        if most.value <= 0.0 or self.figure.value < 0.0:
+            return f"{text} (at most {most._replace(unit='1').brief()})"
+        return f"{bare.brief()} of {most.brief()} ({share_text(self.figure.value / most.value)})"
+
+    def text(self) -> str:
+        """Return the judgement in a line, "Torque ripple below its limit: yes, 16.2 of 62.5 N.m (26 %)"."""
+        said = ", ".join(x for x in (self.answer and str(self.answer), self.evidence()) if x)
+        return capital(
+            ": ".join(x for x in (self.what, "; ".join(x for x in (said, self.note) if x)) if x)
+        )
+
+    def headline(self) -> str:
+        """Return the judgement as the first line of an answer: what to do, and the figure that says so."""
+        do = {Verdict.YES: self.yes, Verdict.NO: self.no}.get(self.answer or Verdict.OPEN, "")
+        said = "; ".join(x for x in (self.evidence(), self.note) if x)
+        return capital(": ".join(x for x in (do, said) if x)) if do else self.text()
+
+    def json(self) -> dict[str, Any]:
+        """The judgement for JSON."""
+        ends = {"least": self.least, "most": self.most}
+        values = {
+            name: None if math.isinf(x.value) or math.isnan(x.value) else x.value
+            for name, x in ((name, bounded(x, self.figure)) for name, x in ends.items())
+        }
+        figure = self.figure.json() if self.figure else {}
+        record: dict[str, Any] = {"claim": self.what, "answer": self.answer and str(self.answer)}
+        record |= {name: figure.get(name) for name in ("value", "unit", "error")} | values
+        return record | {
+            "reason": self.reason if self.answer is Verdict.OPEN else "",
+            "also": [x.json() for x in self.also],
+            "text": self.text(),
+        }
+
+
+def share_text(share: float) -> str:
+    """Write a share of a bound in percent, to two digits or whole percents."""
+    percent = 100.0 * share
+    return f"{percent:.2g} %" if len(f"{percent:.0f}") == 1 else f"{percent:.0f} %"
+
+
+def bounded(bound: Figure | float, figure: Figure | None) -> Figure:
+    """Return a bound as a figure."""
+    return (
+        bound if isinstance(bound, Figure) else Figure(bound, figure.unit if figure else "1", 0.0)
+    )
+
+
+def capital(text: str) -> str:
+    """Return a text that begins with a capital."""
+    return text[:1].upper() + text[1:]
+
+
+def lines(judgements: Sequence[Judgement]) -> list[str]:
+    """Return an answer in words: what to do by the first judgement, and a line for each further one."""
+    return [*(x.headline() for x in judgements[:1]), *(x.text() for x in judgements[1:])]
