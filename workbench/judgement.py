@@ -39,6 +39,8 @@ class Judgement:
         What to do if it holds, and if it does not; said in the first line of an answer.
     note : str
         What else there is to say.
+    is_wanted : bool
+        Whether one wants the claim to hold; of "on resonance" one does not.
     """
 
     what: str
@@ -50,6 +52,14 @@ class Judgement:
     yes: str = ""
     no: str = ""
     note: str = ""
+    is_wanted: bool = True
+
+    @property
+    def good(self) -> bool | None:
+        """Whether the answer is what one wants; None where nothing is decided."""
+        return {Verdict.YES: self.is_wanted, Verdict.NO: not self.is_wanted}.get(
+            self.answer or Verdict.OPEN
+        )
 
     @property
     def answer(self) -> Verdict | None:

@@ -298,6 +298,7 @@ def judgements(o: Options, f: Mapping[str, Figure], r: Result) -> list[Judgement
                 f["ripple_frequency"],
                 low * f[f"{key}_frequency"].value,
                 high * f[f"{key}_frequency"].value,
+                is_wanted=False,
             )
             for key in swings
             if ripple.error is not None

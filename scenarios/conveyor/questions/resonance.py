@@ -265,6 +265,7 @@ def judgements(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[Ju
         ),
         Judgement(
             "on resonance",
+            is_wanted=False,
             also=[
                 Judgement("lag", f["lag_operating"], *BAND),
                 Judgement("ripple over that of the load", amplification(f, r), least=1.0),
