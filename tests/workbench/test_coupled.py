@@ -17,7 +17,6 @@ from cosim.series import TIME, Column
 from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
-from workbench.figure import drop_undetermined
 
 
 def test_the_largest_value_and_its_time_lie_between_the_rows() -> None:
@@ -211,30 +210,6 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_a_refusal() -> N
     assert judged(lambda _: refused, results) == refused
     last = iter([*(ends(r) for r in (results[0], *results[:2])), refused])
     assert judged(lambda _: next(last), results)["x"].error is None
-
-
-@pytest.mark.parametrize(
-    ("sentence", "left"),
-    [
-        ("It takes {t}. The force rises to {f}.\nMore.", "It takes 2.00 ± 0.10 s.\nMore.\nNothing more can be determined: it stuck."),
-        ("The force is not determined (it stuck).", "The force is not determined (it stuck)."),
-        ("Pull and push are {f}. It has {f}, {f}.", "Pull and push are not determined (it stuck)."),
-        ("Of {f} it has {t}.", "Nothing can be determined: it stuck."),
-        ("With it: {t}; without: {f}.", "With it: 2.00 ± 0.10 s; without: not determined (it stuck)."),
-        ("It is {f} of {t}.", "Nothing can be determined: it stuck."),
-        ("It is {f}; it is {t}.", "It is not determined (it stuck); it is 2.00 ± 0.10 s."),
-        ("It is {t}. Of {f}, {g}.", "It is 2.00 ± 0.10 s.\nNothing more can be determined, for the reasons given with the figures."),
-        ("Take 0.5 m. A. B", "Take 0.5 m. A. B"),
-    ],
-)  # fmt: skip
-def test_no_sentence_has_a_hole(sentence: str, left: str) -> None:
-    """Where a refused figure stands in another place than after "is" or "are"."""
-    figures = {"t": Figure(2.0, "s", 0.1)}
-    figures |= {
-        x: Figure.undetermined("N", why) for x, why in {"f": "it stuck", "g": "it broke"}.items()
-    }
-    text = sentence.format(**{name: figure.text() for name, figure in figures.items()})
-    assert drop_undetermined(text, figures) == left
 
 
 def test_figures_of_outputs_of_order_1_have_the_errors_of_order_1() -> None:

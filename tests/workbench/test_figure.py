@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from workbench.export import finite
-from workbench.figure import Figure, checked, concise
+from workbench.figure import Figure, checked
 
 
 @pytest.mark.parametrize(
@@ -47,18 +47,3 @@ def test_a_figure_whose_error_has_no_bound_is_undetermined_and_json_has_no_infin
 
 def test_a_refused_figure_says_why_in_a_sentence() -> None:
     assert Figure.undetermined("N", "it jams").brief() == "not determined (it jams)"
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "sentence"),
-    [
-        (0.00552, 0.00016, "0.006 %"),
-        (11.1062, 0.003, "11.1 %"),
-        (0.0090, 0.0063, "0.0090 ± 0.0063 %"),
-        (0.6438, 0.0008, "0.64 %"),
-    ],
-)
-def test_a_difference_has_the_digits_that_are_certain(
-    value: float, error: float, sentence: str
-) -> None:
-    assert concise(Figure(value, "%", error), 3) == sentence

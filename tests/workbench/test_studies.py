@@ -521,8 +521,8 @@ def colored():
     return COLOR
 
 
-def verdict(o, figures, data):
-    return "It is large."
+def judgements(o, figures, data):
+    return [Judgement("size", figures["size"])]
 ''',
     "questions/other.py": '"""Another?"""\nanswer = 1\n',
     "machine.py": '"""A machine."""\n\n\ndef size():\n    """Its size."""\n    return 1.0  # m\n',
