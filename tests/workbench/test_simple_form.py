@@ -33,7 +33,7 @@ def test_two_systems_are_certified_and_compared() -> None:
     sooner = answer.figures["sooner"]
     assert 0.0 < (sooner.error or 0.0) < 1e-4
     assert sooner.value == pytest.approx(times["slow"] - times["quick"], abs=1e-5)
-    assert sooner.text() in answer.verdict
+    assert sooner.brief() in answer.verdict
 
 
 def test_a_processed_result_is_what_figures_and_tables_see() -> None:

@@ -551,7 +551,7 @@ EDITS = [
     ("questions/ask.py", "How large", "How long", False),
     ("questions/ask.py", "return COLOR", "return 'red'", False),
     ("questions/ask.py", "import motion", "import motion as motion", False),
-    ("questions/ask.py", "It is large.", "It is small.", False),
+    ("questions/ask.py", 'Judgement("size"', 'Judgement("width"', False),
     ("questions/ask.py", '("a", "b")', '("a", "c")', False),
     ("questions/ask.py", "frozen=True, ", "", True),
 ]
