@@ -13,6 +13,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -41,6 +42,7 @@ from workbench.charts import mpl, plotly
 from workbench.charts.axes import decades, x_axis
 from workbench.charts.elements import UNDETERMINED, Band, Bars, Line
 from workbench.charts.gif import gif
+from workbench.charts.labels import apart
 from workbench.charts.layout import layout_of
 from workbench.charts.model import (
     Arrow,
@@ -109,8 +111,8 @@ def curves(picture: Chart | Field) -> Values:
         (labels[trace["yaxis"]], trace["name"]): np.array(
             trace.get("customdata", trace["y"]), float
         )
-        for trace in plotted["data"]
-        if trace.get("hoverinfo") != "skip" or trace.get("showlegend")
+        for trace in sorted(plotted["data"], key=lambda trace: trace.get("hoverinfo") != "skip")
+        if "name" in trace
     }
 
 
@@ -163,15 +165,24 @@ def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
     )
 
 
-def test_marks_spans_and_lanes_have_their_text_and_legends_only_what_is_outside() -> None:
+def test_marks_spans_and_lanes_have_their_text_and_curves_their_name_at_their_end() -> None:
     plotted = plotly.figure(sample_chart())
     wide, data = plotted["wide"], plotted["data"]
-    texts = {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
+    names = {note["name"]: note for note in wide["annotations"] if note.get("name")}
+    texts = {
+        x["text"]
+        for x in (*wide["annotations"], *data)
+        if x.get("text") and x not in names.values()
+    }
     assert texts == {"peak", "crossing", "avoid", "falling"}
-    legend = [trace["name"] for trace in data if trace.get("showlegend")]
-    assert "turning" in legend and "falling" not in legend and "force" not in legend
+    assert "turning" in names and "falling" not in names and "force" not in names
+    low, high = named(plotted)["torque [N.m]"]["range"]
+    assert names["theory"]["y"] == pytest.approx((np.sin(10.0) - low) / (high - low))
+    assert names["theory"]["yref"] == "y1 domain" and "- -" in names["theory"]["text"]
     shapes = {(s["yref"], s["x0"], s["x1"]) for s in wide["shapes"]}
     rows = [f"y{k} domain" for k in range(1, 6)]
+    assert {s["y1"] for s in wide["shapes"] if s["x0"] != s["x1"] or s["yref"] != rows[0]} == {1.0}
+    assert all(s["y1"] > 1.0 for s in wide["shapes"] if s["x0"] == s["x1"] and s["yref"] == rows[0])
     assert shapes == {(y, *x) for y in rows for x in ((2.0, 4.0), (3.0, 3.0), (3.1, 3.1))}
 
 
@@ -196,41 +207,73 @@ def test_the_image_draws_the_elements_of_the_layout() -> None:
         bands = [x for x in row.elements if isinstance(x, Band)]
         assert len(axis.collections) == len(bands)
         assert len(axis.patches) == len(widths) + len(layout.spans)
-        legend = axis.get_legend().get_texts() if axis.get_legend() else []
-        assert sorted(text.get_text() for text in legend) == sorted(row.legend)
-    texts = {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
-    assert texts == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
+        written = {text.get_text() for text in axis.texts}
+        assert {name.text for name in placed.names} | {
+            name.symbol for name in placed.names
+        } <= written
+        assert [name.name for name in placed.names] == [element.name for element in row.named]
+    places = {t.get_text(): (t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
+    wanted = {"avoid": (3.0, 1), "peak": (3.0, 0), "crossing": (3.1, 0)}
+    assert {text: places[text] for text in wanted} == wanted
     assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
 
 
 @pytest.mark.parametrize("screen", LETTERS_BY_SCREEN)
-def test_labels_above_a_picture_neither_meet_nor_pile_up(screen: Screen) -> None:
-    """A key replaces what would take more lines; its letters name the marks from left to right."""
+def test_no_text_above_a_picture_meets_another_or_the_line_of_a_mark(screen: Screen) -> None:
     close = [Mark(39.0 + k / 3, f"a mark with a long text {k}") for k in range(5)]
     chart = Chart("", "", [Panel("", "", [Curve("", [20.0, 66.0], [0.0, 1.0], "red")])],
                   [*close, Mark(22.0, "far")], [Span(30.0, 45.0, "span")])  # fmt: skip
-    for has_key in (False, True):
-        layout = layout_of(chart, screen, has_key=has_key)
-        letters, taken = layout.letters, dict[int, list[tuple[float, float]]]()
-        shares = [(label, float(layout.x.share(label.at))) for label in layout.labels.at_values]
-        for label, at in [*shares, *((label, label.at) for label in layout.labels.key)]:
-            length = len(label.text) / letters
-            first = at - {"left": 0.0, "center": 0.5, "right": 1.0}[label.anchor] * length
-            assert first > -0.01 and first + length < 1.01
-            line = taken.setdefault(label.line, [])
-            assert all(first + length < a or b < first for a, b in line)
-            line.append((first, first + length))
-        assert layout.labels.lines == len(taken)
-        if has_key:
-            assert {label.line for label in layout.labels.at_values} <= {0, 1}
-            key = [label.text.split("  ") for label in layout.labels.key]
-            assert key == [list(x) for x in zip("abcdef", [m.text for m in sorted(chart.marks)])]
-            at_values = " ".join(label.text for label in layout.labels.at_values).split()
-            assert sorted(at_values) == ["a", "b", "c", "d", "e", "f", "span"]
-        else:
-            texts = sorted(label.text for label in layout.labels.at_values)
-            assert texts == sorted(m.text for m in (*chart.marks, *chart.spans))
-            assert layout.labels.lines == {"wide": 3, "paper": 3, "narrow": 6}[screen]
+    layout = layout_of(chart, screen)
+    letters, boxes = LETTERS_BY_SCREEN[screen], []
+    for label in layout.labels:
+        length = len(label.text) / letters
+        at = float(layout.x.share(label.at))
+        first = at - {"left": 0.0, "center": 0.5, "right": 1.0}[label.anchor] * length
+        assert first + length < 1.01
+        boxes.append((label, first, first + length))
+    for label, first, end in boxes:
+        assert not [
+            x
+            for x, a, b in boxes
+            if x is not label and x.line == label.line and a < end and first < b
+        ]
+        crossing = [x.text for x, _, _ in boxes if x.line > label.line and x.text != "span"
+                    and x.anchor != "center" and first < float(layout.x.share(x.at)) < end]  # fmt: skip
+        assert not crossing or label.anchor == "center"
+    assert sorted(x.text for x in layout.labels) == sorted(
+        m.text for m in (*chart.marks, *chart.spans)
+    )
+    assert 1 + max(x.line for x in layout.labels) <= {"wide": 4, "paper": 4, "narrow": 7}[screen]
+
+
+def test_names_stand_at_the_ends_of_their_curves_and_never_on_each_other() -> None:
+    """Those of curves that end at one place are moved apart, at the foot of a panel upwards."""
+    assert apart([0.2, 0.6], [0.1, 0.1]) == [0.2, 0.6]
+    assert apart([0.5, 0.5], [0.1, 0.1]) == pytest.approx([0.5, 0.6])
+    assert apart([1.0, 0.98, 0.5], [0.1, 0.1, 0.1]) == pytest.approx([0.95, 0.85, 0.5])
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        wanted, sizes = rng.random(6).tolist(), (0.16 * rng.random(6)).tolist()
+        places = apart(wanted, sizes)
+        order = sorted(range(6), key=lambda k: places[k])
+        for a, b in pairwise(order):
+            assert places[b] - places[a] > (sizes[a] + sizes[b]) / 2 - 1e-12
+        assert min(p - s / 2 for p, s in zip(places, sizes)) > -1e-12
+        assert max(p + s / 2 for p, s in zip(places, sizes)) < 1 + 1e-12
+
+
+def test_curves_of_a_panel_differ_without_their_colours() -> None:
+    """In the dash of their lines, the shape of their points, or the hatch of their bars."""
+    x, looks = [0.0, 1.0], ("line", "line", "line", "theory")
+    lines = [Curve(f"{k}", x, x, "red", look) for k, look in enumerate(looks)]
+    bars = [Curve(f"{k}", ["a", "b"], x, color, "bars") for k, color in enumerate(("blue", "gold"))]
+    for curves in (lines, bars):
+        (placed,) = layout_of(Chart("", "x", [Panel("y", "N", curves)])).rows
+        looks = {
+            (e.dash if isinstance(e, Line) else isinstance(e, Bars) and e.is_hatched)
+            for e in placed.row.elements
+        }
+        assert len(looks) == len(curves)
 
 
 def test_points_without_a_value_are_reported_and_jumps_are_broken_with_an_arrow() -> None:
@@ -242,8 +285,8 @@ def test_points_without_a_value_are_reported_and_jumps_are_broken_with_an_arrow(
     up, down, missing = placed.row.elements
     assert isinstance(up, Line) and isinstance(down, Line) and isinstance(missing, Line)
     assert_allclose(up.y, [1.0, 2.0, nan, 8.0, nan])
-    assert up.marker_px > down.marker_px == STYLE.marker_px and up.marker != down.marker
-    assert (missing.name, missing.x.tolist(), missing.is_in_legend) == (UNDETERMINED, [4.0], True)
+    assert up.marker_px == down.marker_px == STYLE.marker_px and up.marker != down.marker
+    assert (missing.name, missing.x.tolist(), missing.is_named) == (UNDETERMINED, [4.0], True)
     low, high = placed.row.y.ends
     assert low < missing.y[0] < low + 0.1 * (high - low) and high > 12.0
     (arrow,) = placed.row.arrows
@@ -256,7 +299,7 @@ def test_a_picture_of_nothing_but_undetermined_points_says_so() -> None:
     panel = Panel("ripple", "N.m", [Curve("run", [1.0, 2.0], [math.nan] * 2, "red", "points")])
     chart = Chart("Ripple", "speed", [panel])
     (placed,) = layout_of(chart).rows
-    assert placed.row.legend == ["run", UNDETERMINED]
+    assert [name.name for name in placed.names] == ["run", UNDETERMINED]
     assert UNDETERMINED in plotly.alt_text(chart)
     assert mpl.render([chart], "").subfigs[0].axes[0].lines[-1].get_marker() == "X"
 
@@ -531,11 +574,17 @@ def test_the_page_reports_errors_warnings_and_what_is_dangerous_as_text(sample: 
 
 
 COVERED = """[...document.querySelectorAll('.chart')].flatMap(chart => {
-    const boxes = name => [...chart.querySelectorAll(name)].map(x => x.getBoundingClientRect());
-    const [plots, legends] = [boxes('.nsewdrag'), boxes('.infolayer > g[class^=legend]')];
+    const plots = [...chart.querySelectorAll('.nsewdrag')].map(x => x.getBoundingClientRect());
     const rows = Object.keys(chart._fullLayout).filter(key => /^yaxis/.test(key)).length;
     if (plots.length !== rows) return ['no plots'];
-    return legends.filter(a => plots.some(b => a.top < b.bottom - 1 && b.top < a.bottom - 1));
+    const isPlane = chart.querySelector('.hm');
+    const names = [...chart.querySelectorAll('.annotation')].flatMap(note => {
+        const { name, text } = chart.layout.annotations[note.dataset.index];
+        return name ? [{ text, box: note.querySelector('.annotation-text').getBoundingClientRect() }] : [];
+    });
+    const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 2 && b.top < a.bottom - 2;
+    return names.filter(({ box }, k) => names.some((other, n) => n !== k && meet(box, other.box)) ||
+        box.right > innerWidth + 1 || !isPlane && plots.some(plot => meet(box, plot))).map(({ text }) => text);
 })"""
 PLOTTED = (
     "[...document.querySelectorAll('.chart')].map(c => c.querySelectorAll('.trace, .hm').length)"

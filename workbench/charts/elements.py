@@ -13,6 +13,7 @@ from .axes import Axis, color_axis, direction_axis, y_axis
 from .model import Curve, Field, Lanes, Panel, Samples
 from .style import (
     COLORS,
+    CURVE_DASHES,
     LETTERS_BY_SCREEN,
     LEVEL_DASHES,
     MARKERS,
@@ -27,8 +28,6 @@ from .style import (
 UNDETERMINED = "not determined"
 #: Points of a curve above which they are small, as nobody sees single ones; chosen.
 MANY_POINTS = 200
-#: Share of its points above which a curve is covered; chosen: a crossing of two curves covers nothing.
-MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Line:
     is_step: bool = False
     marker: Marker = "circle"
     marker_px: float = 0.0
-    is_in_legend: bool = True
+    is_named: bool = True
     hover: str | None = None
 
 
@@ -62,7 +61,7 @@ class Band:
     color: str
     opacity: float
     values: Samples | None = None
-    is_in_legend: bool = False
+    is_named: bool = False
     hover: str | None = None
 
 
@@ -79,7 +78,8 @@ class Bars:
     width: float
     opacity: float = 1.0
     text: str = ""
-    is_in_legend: bool = True
+    is_named: bool = True
+    is_hatched: bool = False
     hover: str | None = None
 
 
@@ -94,7 +94,7 @@ class Heat:
     values: Samples
     colors: tuple[str, ...]
     axis: Axis
-    is_in_legend: bool = False
+    is_named: bool = False
     hover: str | None = None
 
 
@@ -122,9 +122,9 @@ class Row:
     may_shrink: bool = True
 
     @property
-    def legend(self) -> list[str]:
-        """The names in its legend."""
-        return [element.name for element in self.elements if element.is_in_legend]
+    def named(self) -> list[Element]:
+        """The elements whose names stand in the picture."""
+        return [element for element in self.elements if element.is_named]
 
 
 def row_of(part: Panel | Lanes | Field, x: Axis, height_px: float) -> Row:
@@ -142,10 +142,10 @@ def panel_row(panel: Panel, x: Axis, height_px: float) -> Row:
     """Draw curves over their errors, areas on each other, bars beside each other, levels end to end."""
     bars = sum(curve.look == "bars" for curve in panel.curves)
     width = STYLE.bars_share / max(1, bars)
-    offsets = count(-STYLE.bars_share / 2, width)
+    offsets, dashes = count(-STYLE.bars_share / 2, width), cycle(CURVE_DASHES)
     base, elements, ranges = np.zeros(1), list[Element](), [np.zeros(min(1, bars))]
     hover = "{y}" if panel.flag else f"{{y:.5g}} {panel.unit}"
-    for curve, extra_px in zip(panel.curves, covered_px(panel.curves)):
+    for curve in panel.curves:
         if curve.look == "area":
             top = base + np.nan_to_num(np.asarray(curve.y, float))
             elements.append(_area(curve, base, top, panel.unit))
@@ -153,17 +153,19 @@ def panel_row(panel: Panel, x: Axis, height_px: float) -> Row:
             base = top
             continue
         if curve.look == "bars":
-            elements += _bars(curve, next(offsets), width, hover)
+            is_hatched = any(isinstance(element, Bars) for element in elements)
+            elements += _bars(curve, next(offsets), width, hover, is_hatched=is_hatched)
         else:
-            elements += _curve(curve, extra_px, hover)
+            dash: Dash = next(dashes) if curve.look in ("line", "step") else "solid"
+            elements += _curve(curve, dash, hover)
         ranges += [*curve.bounds]
     for level, dash in zip(panel.levels, cycle(LEVEL_DASHES)):
         at = np.full(2, level.at)
         elements.append(Line(level.text, np.array(x.ends), at, COLORS["grey"], dash=dash))
     y = y_axis(panel, [*ranges, *(np.array([each.start, each.end]) for each in panel.arrows)])
     elements += _undetermined(panel, y)
-    if sum(element.is_in_legend for element in elements) == 1:
-        elements = [replace(element, is_in_legend=False) for element in elements]
+    if sum(element.is_named for element in elements) == 1:
+        elements = [replace(element, is_named=False) for element in elements]
     arrows = (ArrowElement(a.x, a.start, a.end, color_of(a.color)) for a in panel.arrows)
     return Row(y, tuple(elements), height_px, tuple(arrows))
 
@@ -187,7 +189,7 @@ def lanes_row(lanes: Lanes, x: Axis) -> Row:
                 STYLE.area_opacity,
                 bar.text if fits else "",
                 not fits,
-                f"{length:.4g}",
+                hover=f"{length:.4g}",
             )
         )
     y = Axis("", (len(lanes.rows) - 0.5, -0.5), ticks=dict(enumerate(lanes.rows)))
@@ -202,10 +204,10 @@ def field_row(field: Field) -> Row:
         rim = Line(level.text, x, y, COLORS["black"], STYLE.rim_width_px)
         elements += [
             rim,
-            replace(rim, color=COLORS["white"], width_px=STYLE.line_width_px, is_in_legend=False),
+            replace(rim, color=COLORS["white"], width_px=STYLE.line_width_px, is_named=False),
         ]
     for curve in field.curves:
-        line, *_ = _curve(curve, 0.0, f"{{y:.5g}} {field.y.unit}")
+        line, *_ = _curve(curve, "solid", f"{{y:.5g}} {field.y.unit}")
         assert isinstance(line, Line)
         size = STYLE.plane_marker_px if line.marker_px else 0.0
         width = STYLE.plane_line_width_px if line.width_px else 0.0
@@ -215,7 +217,7 @@ def field_row(field: Field) -> Row:
                 color=COLORS["white"],
                 width_px=STYLE.rim_width_px if width else 0.0,
                 marker_px=size + STYLE.rim_marker_px if size else 0.0,
-                is_in_legend=False,
+                is_named=False,
                 hover=None,
             )
         )
@@ -234,39 +236,8 @@ def contour(field: Field, at: float, values: Samples | None) -> Samples:
     return np.empty((2, 0)) if line is None else np.asarray(line, float).T
 
 
-def covered_px(curves: Sequence[Curve]) -> list[float]:
-    """Return by how much the points of each curve are larger, so that those drawn later do not hide them."""
-    pointed = [curve.look in ("points", "linked") for curve in curves]
-    values = [np.asarray(c.y, float) for c, has_points in zip(curves, pointed) if has_points]
-    finite = np.concatenate([np.empty(0), *values])
-    finite = finite[np.isfinite(finite)]
-    height = float(np.ptp(finite)) if len(finite) else 0.0
-    extra = [0.0] * len(curves)
-    for k in reversed(range(len(curves))):
-        above = [
-            extra[later]
-            for later in range(k + 1, len(curves))
-            if pointed[k] and pointed[later] and _covers(curves[later], curves[k], height or 1.0)
-        ]
-        extra[k] = max(above, default=-STYLE.covered_marker_px) + STYLE.covered_marker_px
-    return extra
-
-
-def _covers(upper: Curve, lower: Curve, height: float) -> bool:
-    """Whether a curve lies on the larger part of the points of another."""
-    above, below = (
-        np.stack([curve.positions, np.asarray(curve.y, float)]) for curve in (upper, lower)
-    )
-    if max(above.shape[1], below.shape[1]) > MANY_POINTS or not min(above.shape[1], below.shape[1]):
-        return False
-    length = float(np.ptp(np.concatenate([above[0], below[0]]))) or 1.0
-    scale = np.array([length, height])[:, None, None] * STYLE.covered_share
-    is_close = (np.abs(above[:, :, None] - below[:, None, :]) < scale).all(axis=0)
-    return bool(is_close.any(axis=0).mean() > MOSTLY)
-
-
-def _curve(curve: Curve, extra_px: float, hover: str) -> list[Element]:
-    """Draw a line or points over their errors."""
+def _curve(curve: Curve, dash: Dash, hover: str) -> list[Element]:
+    """Draw a line or points over their errors; theory has a dash of its own."""
     x, y = curve.positions, np.asarray(curve.y, float)
     has_points = curve.look in ("points", "linked")
     size = STYLE.marker_px if len(x) <= MANY_POINTS else STYLE.many_markers_px
@@ -275,10 +246,10 @@ def _curve(curve: Curve, extra_px: float, hover: str) -> list[Element]:
     line = Line(
         curve.name, x, y, color_of(curve.color),
         0.0 if curve.look == "points" else STYLE.line_width_px,
-        "dash" if curve.look == "theory" else "solid",
+        "dash" if curve.look == "theory" else dash,
         curve.look == "step",
         MARKERS[curve.color],
-        size + extra_px if has_points else 0.0,
+        size if has_points else 0.0,
         hover=hover,
     )  # fmt: skip
     if has_points or curve.error is None:
@@ -306,16 +277,18 @@ def _area(curve: Curve, base: Samples, top: Samples, unit: str) -> Band:
         color,
         opacity,
         values,
-        is_in_legend=True,
+        is_named=True,
         hover=hover,
     )
 
 
-def _bars(curve: Curve, offset: float, width: float, hover: str) -> list[Element]:
+def _bars(
+    curve: Curve, offset: float, width: float, hover: str, *, is_hatched: bool
+) -> list[Element]:
     """Draw bars from 0, with their errors over them."""
     x, y = curve.positions, np.asarray(curve.y, float)
     color = color_of(curve.color)
-    bars = Bars(curve.name, x, 0 * y, y, color, offset, width, hover=hover)
+    bars = Bars(curve.name, x, 0 * y, y, color, offset, width, is_hatched=is_hatched, hover=hover)
     return [bars, *_errors(curve, x + offset + width / 2)]
 
 
@@ -326,7 +299,7 @@ def _errors(curve: Curve, x: Samples) -> list[Element]:
     y = np.stack([*curve.bounds, np.full(len(x), np.nan)], axis=1).ravel()
     color = color_of("black" if curve.look == "bars" else curve.color)
     width = STYLE.error_width_px
-    return [Line(curve.name, np.repeat(x, 3), y, color, width, is_in_legend=False)]
+    return [Line(curve.name, np.repeat(x, 3), y, color, width, is_named=False)]
 
 
 def _undetermined(panel: Panel, y: Axis) -> list[Element]:

@@ -1,21 +1,24 @@
-"""The texts of spans and marks above a picture, placed so that none covers another."""
+"""The texts of a picture: those of marks and spans above it, and the names of curves beside their ends."""
 
 from __future__ import annotations
 
 import math
-import string
+import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import count
 from typing import Literal
 
 import numpy as np
 
 from .axes import Axis
+from .elements import Band, Bars, Element, Heat, Line, Row
 from .model import Mark, Span
-from .style import STYLE
+from .style import STYLE, SYMBOLS
 
 Anchor = Literal["left", "center", "right"]
+#: The spaces between a number, its error and their unit.
+UNIT = r"(?<=\d) (?=[^\W\d]|%)|(?<=±) "
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Label:
     Attributes
     ----------
     at : float
-        Where it is on the x axis; a share of the axis in a key.
+        Where it is on the x axis.
     text : str
         What it says.
     line : int
@@ -41,25 +44,37 @@ class Label:
 
 
 @dataclass(frozen=True)
-class Labels:
-    """All texts above a picture: those at values of the x axis, and the key of the letters among them."""
+class Name:
+    """The name of an element beside its end.
 
-    at_values: tuple[Label, ...]
-    key: tuple[Label, ...] = ()
+    Attributes
+    ----------
+    name : str
+        The name of the element.
+    text : str
+        The same in lines.
+    symbol, color : str
+        What stands before it, which shows the line or the point, and its colour.
+    x, y : float
+        Where it is: the shares of the width and height of the row, of its left end and its middle.
+    """
 
-    @property
-    def lines(self) -> int:
-        """The lines that they need."""
-        return max((label.line + 1 for label in (*self.at_values, *self.key)), default=0)
+    name: str
+    text: str
+    symbol: str
+    color: str
+    x: float
+    y: float
 
 
-def labels_of(
-    spans: Sequence[Span], marks: Sequence[Mark], x: Axis, letters: int, *, has_key: bool = True
-) -> Labels:
-    """Return the texts above a picture.
+def labels_above(
+    spans: Sequence[Span], marks: Sequence[Mark], x: Axis, letters: float, beside: float = 0.0
+) -> tuple[Label, ...]:
+    """Return texts of spans above their middle, and of marks at the ends of their lines.
 
-    They stand at what they name while that takes few lines. Otherwise each mark gets a letter, and a key
-    says what the letters mean, in lines like those of a text.
+    The lines of marks lead up to their texts: a text is above those whose lines it would cross. Texts of the left half
+    stand to the left of their lines and those of the right half to the right, where there is room. A mark at nan, whose
+    place follows later, has a line of its own.
 
     Parameters
     ----------
@@ -68,70 +83,146 @@ def labels_of(
     x
         The x axis.
     letters
-        How many letters fit across the picture.
-    has_key
-        Whether there may be a key.
+        How many letters fit across the rows.
+    beside
+        How many more there are on their right.
     """
-    direct = Labels(placed_labels(spans, marks, x, letters))
-    if direct.lines <= STYLE.max_label_lines or not (marks and has_key):
-        return direct
+    left, right = -STYLE.left_px / STYLE.name_letter_px / letters, 1.0 + beside / letters
+    ends = left, right
+    placed = [
+        _placed(s.text, float(np.clip(x.share([s.first, s.last]), 0, 1).mean()), (), letters, ends)
+        for s in spans
+    ]
     ordered = sorted(marks)
-    names = dict(zip(string.ascii_lowercase, ordered))
-    labels = placed_labels(spans, merged(names, x, letters), x, letters, is_centered=True)
-    lines = Labels(labels).lines
-    texts = [f"{letter}  {mark.text}" for letter, mark in names.items()]
-    across = max(1, letters // (max(map(len, texts)) + STYLE.key_gap_letters))
-    rows = math.ceil(len(texts) / across)
-    key = (
-        Label(k % across / across, text, lines + rows - 1 - k // across, "left")
-        for k, text in enumerate(texts)
-    )
-    return Labels(labels, tuple(key))
-
-
-def merged(names: dict[str, Mark], x: Axis, letters: int) -> list[Mark]:
-    """Return marks with letters as texts; those whose letters would cover each other share one text."""
-    groups: list[tuple[list[float], list[str]]] = []
-    for letter, mark in names.items():
-        share = float(x.share(mark.at))
-        reach = (1 + STYLE.label_gap_letters) / letters
-        if groups and share - groups[-1][0][-1] < reach:
-            groups[-1][0].append(share)
-            groups[-1][1].append(letter)
-        else:
-            groups.append(([share], [letter]))
-    return [Mark(x.value(float(np.mean(shares))), " ".join(group)) for shares, group in groups]
-
-
-def placed_labels(
-    spans: Sequence[Span],
-    marks: Sequence[Mark],
-    x: Axis,
-    letters: int,
-    *,
-    is_centered: bool = False,
-) -> tuple[Label, ...]:
-    """Return texts of spans above their middle, and texts of marks beside their lines or above them."""
-    labels = []
-    taken: list[tuple[int, float, float]] = []
-    points = [Span(mark.at, mark.at, mark.text) for mark in marks]
-    points.sort(reverse=True)
-    for start, end, text, _ in [*points, *spans] if is_centered else [*spans, *points]:
-        length = min((len(text) + STYLE.label_gap_letters) / letters, 1.0)
-        at = float(np.clip(x.share([start, end]), 0, 1).mean())
-        sides: dict[Anchor, float] = {"left": at, "right": at - length}
-        if start != end or is_centered:
-            sides = {}
-        starts = {anchor: first for anchor, first in sides.items() if 0 <= first <= 1 - length}
-        if not starts:
-            at = max(min(at, 1 - length / 2), length / 2)
-            starts = {"center": at - length / 2}
-        line, anchor, first = next(
-            (line, anchor, first)
-            for line in count()
-            for anchor, first in starts.items()
-            if all(k != line or first >= end or first + length <= start for k, start, end in taken)
+    for k, mark in enumerate(ordered):
+        sides: tuple[Anchor, ...] = (
+            ("right", "left") if k < len(ordered) // 2 else ("left", "right")
         )
-        taken.append((line, first, first + length))
-        labels.append(Label(x.value(at), text, line, anchor))
+        placed.append(_placed(mark.text, float(x.share(mark.at)), sides, letters, ends))
+    labels, line, rest = [], 0, placed
+    while rest:
+        now: list[_Placed] = []
+        for each in rest:
+            lines = [x.at for x in rest if x not in now and x is not each and x.anchor != "center"]
+            meets = any(each.first < other.end and other.first < each.end for other in now)
+            crosses = any(each.first < at < each.end for at in lines)
+            if not (meets or crosses):
+                now.append(each)
+        now = now or rest[:1]
+        labels += [Label(x.value(each.at), each.text, line, each.anchor) for each in now]
+        rest, line = [each for each in rest if each not in now], line + 1
     return tuple(labels)
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """A text from one share of the axis to another; the line of a mark leads to its left or right end."""
+
+    text: str
+    at: float
+    first: float
+    end: float
+    anchor: Anchor
+
+
+def _placed(
+    text: str, at: float, sides: Sequence[Anchor], letters: float, ends: tuple[float, float]
+) -> _Placed:
+    """Return a text on the first side of its line where it fits between both ends, or else across it."""
+    left, right = ends
+    length = min((len(text) + STYLE.label_gap_letters) / letters, right - left)
+    if math.isnan(at):
+        at, length = 0.5, right - left
+    for anchor in sides:
+        first = at - length * (anchor == "right")
+        if left <= first <= right - length:
+            return _Placed(text, at, first, first + length, anchor)
+    middle = max(min(at, right - length / 2), left + length / 2)
+    return _Placed(text, middle, middle - length / 2, middle + length / 2, "center")
+
+
+def lines_of(row: Row, letters: int) -> list[list[str]]:
+    """Return the names of a row, each in lines of so many letters; a number stays with its unit."""
+    return [
+        textwrap.wrap(
+            re.sub(UNIT, "\N{NO-BREAK SPACE}", element.name),
+            letters,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        or [""]
+        for element in row.named
+    ]
+
+
+def width_px(lines: Sequence[str]) -> float:
+    """Return the width of a name with its symbol."""
+    return STYLE.symbol_px + STYLE.name_letter_px * max(map(len, lines))
+
+
+def names_of(row: Row, x: Axis, height_px: float, letters: int, *, is_plane: bool) -> list[Name]:
+    """Return the names of a row, each beside the end of its curve; those that would meet are moved apart.
+
+    They stand on the right of the row; over a plane, whose right side explains the colours, inside.
+
+    Parameters
+    ----------
+    row
+        What is drawn.
+    x
+        The x axis.
+    height_px
+        The height of the row.
+    letters
+        How many letters of a name stand in a line.
+    is_plane
+        Whether the row is a plane.
+    """
+    texts, ends = lines_of(row, letters), [end_of(element) for element in row.named]
+    wanted = [1.0 - float(row.y.share(y)) if np.isfinite(y) else 1.0 for _, y in ends]
+    sizes = [STYLE.name_line_px * len(lines) / height_px for lines in texts]
+    names = []
+    for element, lines, (end, _), y in zip(row.named, texts, ends, apart(wanted, sizes)):
+        inside = min(float(x.share(end)), 1.0 - width_px(lines) / STYLE.plane_width_px)
+        place = (inside if is_plane else 1.0), 1.0 - y
+        names.append(Name(element.name, "\n".join(lines), *symbol_of(element), *place))
+    return names
+
+
+def apart(wanted: Sequence[float], sizes: Sequence[float]) -> list[float]:
+    """Return places from 0 to 1 near the wanted ones, so far apart that no two of these sizes meet."""
+    order = sorted(range(len(wanted)), key=lambda k: wanted[k])
+    places, edge = dict[int, float](), 0.0
+    for k in order:
+        places[k] = max(wanted[k], edge + sizes[k] / 2)
+        edge = places[k] + sizes[k] / 2
+    edge = max(1.0, sum(sizes))
+    for k in reversed(order):
+        places[k] = min(places[k], edge - sizes[k] / 2)
+        edge = places[k] - sizes[k] / 2
+    return [places[k] for k in range(len(wanted))]
+
+
+def end_of(element: Element) -> tuple[float, float]:
+    """Return x and y of the last value of an element; that of an area or a bar is in its middle."""
+    match element:
+        case Line():
+            x, y = element.x, element.y
+        case Band() | Bars():
+            x, y = element.x, (element.low + element.high) / 2
+        case Heat():
+            return math.nan, math.nan
+    finite = np.flatnonzero(np.isfinite(y))
+    return (float(x[finite[-1]]), float(y[finite[-1]])) if len(finite) else (math.nan, math.nan)
+
+
+def symbol_of(element: Element) -> tuple[str, str]:
+    """Return what shows an element before its name, and its colour."""
+    match element:
+        case Line():
+            symbol = SYMBOLS[element.marker if element.marker_px else element.dash]
+            return symbol, element.color
+        case Band() | Bars():
+            return SYMBOLS["square"], element.color
+        case Heat():
+            return "", ""

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .axes import Axis, x_axis
 from .elements import Row, row_of
-from .labels import Labels, labels_of
+from .labels import Label, Name, labels_above, lines_of, names_of, width_px
 from .model import Chart, Field, Mark, Picture, SecondUnit, Span
-from .style import LETTERS_BY_SCREEN, STYLE, Screen
+from .style import LETTERS_BY_SCREEN, NAME_LETTERS, STYLE, Screen
 
 
 @dataclass(frozen=True)
 class PlacedRow:
-    """A row with where it and its legend are, in px from the top of the picture.
+    """A row with where it is, in px from the top of the picture.
 
     Attributes
     ----------
@@ -26,17 +26,17 @@ class PlacedRow:
         What is drawn.
     label : str
         The label of its y axis, broken into lines that fit beside it.
-    legend_px : float
-        The top of its legend.
     top_px, height_px : float
-        Its own top and height.
+        Its top and height.
+    names : sequence of Name
+        The names of its elements.
     """
 
     row: Row
     label: str
-    legend_px: float
     top_px: float
     height_px: float
+    names: Sequence[Name]
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class Layout:
     second : SecondUnit or None
         The unit of a second axis below it.
     rows : tuple of PlacedRow
-        Rows from top to bottom, each below its legend.
-    labels : Labels
+        Rows from top to bottom.
+    labels : tuple of Label
         The texts above the first row.
     spans : tuple of Span
         Spans through all rows.
@@ -61,27 +61,32 @@ class Layout:
         Lines through all rows.
     is_plane : bool
         Whether it is a plane, over which spans have only edges.
-    letters : int
-        How many letters fit across it.
     plot_px : float
         Its height down to the x axis.
+    names_px : float
+        The width that names take on the right of its rows.
     """
 
     title: str
     x: Axis
     second: SecondUnit | None
     rows: tuple[PlacedRow, ...]
-    labels: Labels
+    labels: tuple[Label, ...]
     spans: tuple[Span, ...]
     marks: tuple[Mark, ...]
     is_plane: bool
-    letters: int
     plot_px: float
+    names_px: float
 
     @property
     def height_px(self) -> float:
         """Its whole height."""
         return self.plot_px + STYLE.below_px
+
+    def leader(self, mark: Mark) -> float:
+        """Return how far above the first row the line of a mark leads to its text [px]."""
+        lines = [each.line for each in self.labels if each.text == mark.text]
+        return STYLE.text_line_px * (max(lines, default=0) + 0.8) if lines else 0.0
 
     def shares(self, placed: PlacedRow) -> tuple[float, float]:
         """Return foot and top of a row as shares of the height down to the x axis, from below."""
@@ -89,13 +94,7 @@ class Layout:
         return foot, 1 - placed.top_px / self.plot_px
 
 
-def layout_of(
-    picture: Picture,
-    screen: Screen = "wide",
-    max_height_px: float = math.inf,
-    *,
-    has_key: bool = True,
-) -> Layout:
+def layout_of(picture: Picture, screen: Screen = "wide", max_height_px: float = math.inf) -> Layout:
     """Return the layout of a picture.
 
     Parameters
@@ -106,32 +105,41 @@ def layout_of(
         Where it is drawn.
     max_height_px
         Its height at most, for which panels become lower, but not below a share of their height.
-    has_key
-        Whether labels that take many lines become letters with a key.
     """
     letters = LETTERS_BY_SCREEN[screen]
     x = with_short_ticks(x_axis(picture), letters)
     parts = [picture] if isinstance(picture, Field) else picture.panels
     panel_px = {1: STYLE.single_panel_px, 2: STYLE.double_panel_px}.get(len(parts), STYLE.panel_px)
     rows = [row_of(part, x, panel_px) for part in parts]
-    labels = labels_of(picture.spans, picture.marks, x, letters, has_key=has_key)
-    line = STYLE.text_line_px
-    above = [STYLE.gap_px + line * legend_lines(row.legend, letters) for row in rows]
-    above[0] += line * labels.lines
+    is_plane = isinstance(picture, Field)
+    names = [lines for row in rows for lines in lines_of(row, NAME_LETTERS[screen])]
+    names_px = 0.0 if is_plane else max(map(width_px, names), default=0.0)
+    beside = names_px / STYLE.name_letter_px
+    labels = labels_above(picture.spans, picture.marks, x, letters - beside, beside)
+    above = [STYLE.gap_px] * len(rows)
+    above[0] += STYLE.text_line_px * max((label.line + 1 for label in labels), default=0)
     second = picture.second if isinstance(picture, Chart) else None
     below = STYLE.second_axis_px if second else 0.0
     heights = shrunk(rows, max_height_px - sum(above) - below - STYLE.below_px)
+    placed, top = [], 0.0
+    for row, free, height in zip(rows, above, heights):
+        label = textwrap.fill(
+            row.y.label, max(1, int(height / STYLE.rotated_letter_px)), break_long_words=False
+        )
+        beside_row = names_of(row, x, height, NAME_LETTERS[screen], is_plane=is_plane)
+        placed.append(PlacedRow(row, label, top + free, height, beside_row))
+        top += free + height
     return Layout(
         picture.title,
         x,
         second,
-        tuple(placed_rows(rows, above, heights)),
+        tuple(placed),
         labels,
         tuple(picture.spans),
         tuple(picture.marks),
-        isinstance(picture, Field),
-        letters,
+        is_plane,
         sum(above) + sum(heights) + below,
+        names_px,
     )
 
 
@@ -144,18 +152,6 @@ def with_short_ticks(x: Axis, letters: int) -> Axis:
     return replace(x, ticks=texts)
 
 
-def placed_rows(
-    rows: Sequence[Row], above: Sequence[float], heights: Sequence[float]
-) -> Iterable[PlacedRow]:
-    """Return rows below each other, with the heights above and of each [px]."""
-    top = 0.0
-    for row, free, height in zip(rows, above, heights):
-        letters = max(1, int(height / STYLE.rotated_letter_px))
-        label = textwrap.fill(row.y.label, letters, break_long_words=False)
-        yield PlacedRow(row, label, top + STYLE.legend_gap_px, top + free, height)
-        top += free + height
-
-
 def shrunk(rows: Sequence[Row], max_height_px: float) -> list[float]:
     """Return the heights of rows [px], those that may shrink lower where all are higher together."""
     heights = np.array([row.height_px for row in rows])
@@ -165,14 +161,3 @@ def shrunk(rows: Sequence[Row], max_height_px: float) -> list[float]:
         share = max(STYLE.least_panel_share, 1.0 - over / heights[may_shrink].sum())
         heights = np.where(may_shrink, share * heights, heights)
     return [float(height) for height in heights]
-
-
-def legend_columns(names: Sequence[str], letters: int) -> int:
-    """Return how many of these names stand beside each other in a legend."""
-    longest = max(map(len, names), default=0)
-    return max(1, letters // (longest + STYLE.legend_symbol_letters))
-
-
-def legend_lines(names: Sequence[str], letters: int) -> int:
-    """Return the lines of a legend."""
-    return math.ceil(len(names) / legend_columns(names, letters))

@@ -47,7 +47,7 @@ class Curve(NamedTuple):
     Attributes
     ----------
     name : str
-        What the legend says.
+        What is written beside it.
     x : sequence of float or of str
         Where the curve is; texts are at 0, 1, 2 and so on.
     y : sequence of float
@@ -93,7 +93,7 @@ class Curve(NamedTuple):
 
 
 class NamedLook(NamedTuple):
-    """The name of a curve in the legend, its colour and its look."""
+    """The name of a curve beside it, its colour and its look."""
 
     name: str
     color: str
@@ -285,7 +285,7 @@ def result_panel(
     x
         The values of the x axis, one for each row that is drawn.
     curves
-        For each column what `NamedLook.of` reads: its name in the legend, its colour and perhaps its look, or
+        For each column what `NamedLook.of` reads: its name beside it, its colour and perhaps its look, or
         only a colour, and then its name is the quantity.
     unit
         The unit to draw in; by default that of the first column.

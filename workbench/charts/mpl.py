@@ -13,22 +13,19 @@ import numpy as np
 
 from .axes import Axis
 from .elements import ArrowElement, Band, Bars, Element, Heat, Line
-from .labels import Label
-from .layout import Layout, PlacedRow, layout_of, legend_columns
+from .labels import Label, Name
+from .layout import Layout, PlacedRow, layout_of
 from .model import Picture
 from .motion import Motion
 from .style import COLORS, PT_PER_INCH, PX_PER_INCH, STYLE, color_of
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.container import BarContainer
     from matplotlib.figure import Figure, SubFigure
 
 RC_PARAMETERS: dict[str, object] = {
     "figure.dpi": STYLE.image_dpi, "font.size": STYLE.image_text_pt, "axes.spines.top": False,
     "axes.spines.right": False, "axes.grid": True, "grid.alpha": STYLE.grid_opacity,
-    "legend.frameon": False, "legend.fontsize": STYLE.image_label_pt,
 }  # fmt: skip
 #: The dashes of matplotlib; a long dash is 8 times as long as the line is wide, and so is no dash of theory.
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 2))}
@@ -93,17 +90,15 @@ def _height_in(layout: Layout | None) -> float:
 
 
 def _picture(subfigure: SubFigure, layout: Layout) -> None:
-    """Rows below each other with spans through all of them, their legends, and labels on top."""
+    """Rows below each other with spans through all of them, and labels on top."""
     heights = [placed.height_px for placed in layout.rows]
     count = len(heights)
     grid = subfigure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for axes, placed in zip(grid, layout.rows):
         _row(axes, placed, layout)
     _axis(grid[-1], "x", layout.x, layout.x.label)
-    for label in layout.labels.at_values:
-        _label(grid[0], label, ("data", "axes fraction"))
-    for label in layout.labels.key:
-        _label(grid[0], label, ("axes fraction", "axes fraction"))
+    for label in layout.labels:
+        _label(grid[0], label)
     if layout.second:
         factor = layout.second.factor
         convert = (lambda x: x * factor, lambda x: x / factor)
@@ -114,13 +109,10 @@ def _picture(subfigure: SubFigure, layout: Layout) -> None:
 
 
 def _row(axes: Axes, placed: PlacedRow, layout: Layout) -> None:
-    """Draw the elements, arrows, spans, marks and legend of a row."""
+    """Draw the elements, arrows, spans, marks and names of a row."""
     row = placed.row
-    handles: list[Artist | BarContainer] = []
     for element in row.elements:
-        artist = _element(axes, element)
-        if element.is_in_legend:
-            handles.append(artist)
+        _element(axes, element)
     for arrow in row.arrows:
         _arrow(axes, arrow)
     _axis(axes, "y", row.y, placed.label)
@@ -132,39 +124,40 @@ def _row(axes: Axes, placed: PlacedRow, layout: Layout) -> None:
         face = (color, 0.0 if is_plane else STYLE.span_opacity)
         axes.axvspan(span.first, span.last, facecolor=face, edgecolor=color, linewidth=_pt(width))
     for mark in layout.marks:
+        top = layout.leader(mark) / placed.height_px if placed is layout.rows[0] else 0.0
         axes.axvline(
-            mark.at, color=COLORS["grey"], linewidth=_pt(STYLE.line_width_px), linestyle=":"
-        )
-    if handles:
-        _legend(axes, placed, handles, legend_columns(row.legend, layout.letters))
+            mark.at, ymax=1.0 + top, color=COLORS["grey"], linewidth=_pt(STYLE.mark_width_px),
+            linestyle=":", clip_on=False,
+        )  # fmt: skip
+    for name in placed.names:
+        _name(axes, name)
 
 
-def _legend(
-    axes: Axes, placed: PlacedRow, handles: Sequence[Artist | BarContainer], columns: int
-) -> None:
-    """Write the legend above a row, line by line as the layout counts."""
-    from matplotlib.transforms import ScaledTranslation
+def _name(axes: Axes, name: Name) -> None:
+    """Write the name of an element beside its end, behind its symbol."""
+    from matplotlib.patheffects import withStroke
 
-    up = (placed.top_px - placed.legend_px) / PX_PER_INCH
-    above = axes.transAxes + ScaledTranslation(0.0, up, axes.figure.dpi_scale_trans)
-    columns = min(columns, len(handles))
-    by_columns = [handle for k in range(columns) for handle in handles[k::columns]]
-    axes.legend(
-        handles=by_columns, loc="upper left", bbox_to_anchor=(0, 1), bbox_transform=above,
-        borderaxespad=0.0, ncols=columns,
-    )  # fmt: skip
+    halo = [withStroke(linewidth=_pt(STYLE.halo_px), foreground="white")]
+    gap = STYLE.label_shift_px
+    for text, color, right in (
+        (name.symbol, name.color, gap),
+        (name.text, "black", gap + STYLE.symbol_px),
+    ):
+        axes.annotate(
+            text, (name.x, name.y), (_pt(right), 0.0), color=color, va="center",
+            fontsize=STYLE.image_label_pt, xycoords="axes fraction", textcoords="offset points",
+            annotation_clip=False, path_effects=halo, linespacing=1.0,
+        )  # fmt: skip
 
 
-def _label(axes: Axes, label: Label, coordinates: tuple[str, str]) -> None:
+def _label(axes: Axes, label: Label) -> None:
     """Write a label above the first row."""
-    sideways = (
-        {"left": 1, "center": 0, "right": -1}[label.anchor] if coordinates[0] == "data" else 0
-    )
+    sideways = {"left": 1, "center": 0, "right": -1}[label.anchor]
     up = STYLE.label_shift_px + STYLE.text_line_px * label.line
     shift = _pt(STYLE.label_shift_px * sideways), _pt(up)
     axes.annotate(
         label.text, (label.at, 1.0), shift, ha=label.anchor, va="bottom",
-        fontsize=STYLE.image_label_pt, xycoords=coordinates, textcoords="offset points",
+        fontsize=STYLE.image_label_pt, xycoords=("data", "axes fraction"), textcoords="offset points",
         annotation_clip=False,
     )  # fmt: skip
 
@@ -186,50 +179,49 @@ def _pt(length_px: float) -> float:
     return PT_PER_PX * length_px
 
 
-def _element(axes: Axes, element: Element) -> Artist | BarContainer:
-    """Draw an element; return what the legend shows of it."""
+def _element(axes: Axes, element: Element) -> None:
+    """Draw an element."""
     match element:
         case Line():
-            return _line(axes, element)
+            _line(axes, element)
         case Band():
-            return _band(axes, element)
+            _band(axes, element)
         case Bars():
-            return _bars(axes, element)
+            _bars(axes, element)
         case Heat():
-            return _heat(axes, element)
+            _heat(axes, element)
 
 
-def _line(axes: Axes, line: Line) -> Artist:
+def _line(axes: Axes, line: Line) -> None:
     """Draw a line, points, or both."""
-    (artist,) = axes.plot(
+    axes.plot(
         line.x, line.y, color=line.color, label=line.name,
         linewidth=_pt(line.width_px), linestyle=DASHES[line.dash] if line.width_px else "none",
         drawstyle="steps-mid" if line.is_step else "default",
         marker=MARKERS[line.marker], markersize=_pt(line.marker_px),
     )  # fmt: skip
-    return artist
 
 
-def _band(axes: Axes, band: Band) -> Artist:
+def _band(axes: Axes, band: Band) -> None:
     """Fill what lies between two lines."""
-    return axes.fill_between(
+    axes.fill_between(
         band.x, band.low, band.high, color=(band.color, band.opacity), linewidth=0.0,
         label=band.name,
     )  # fmt: skip
 
 
-def _bars(axes: Axes, bars: Bars) -> BarContainer:
+def _bars(axes: Axes, bars: Bars) -> None:
     """Draw bars, with their text inside."""
     artist = axes.bar(
         bars.x + bars.offset, bars.high - bars.low, bars.width, bars.low, align="edge",
         color=(bars.color, bars.opacity), edgecolor="white", label=bars.name,
+        hatch="//" if bars.is_hatched else None,
     )  # fmt: skip
     texts = [bars.text] * len(bars.x)
     axes.bar_label(artist, texts, label_type="center", fontsize=STYLE.image_label_pt)
-    return artist
 
 
-def _heat(axes: Axes, heat: Heat) -> Artist:
+def _heat(axes: Axes, heat: Heat) -> None:
     """Draw a plane in colour, and the bar that explains the colours beside it."""
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -241,7 +233,6 @@ def _heat(axes: Axes, heat: Heat) -> Artist:
         ticks = np.array(list(heat.axis.ticks))
         levels = np.log10(ticks) if heat.axis.is_log else ticks
         bar.set_ticks(levels.tolist(), labels=list(heat.axis.ticks.values()))
-    return mesh
 
 
 def _arrow(axes: Axes, arrow: ArrowElement) -> None:

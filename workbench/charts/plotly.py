@@ -25,15 +25,14 @@ SHADES = 255
 BASE: PlotlyDict = {
     "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)", "hoversubplots": "axis",
     "font": {"family": "system-ui, sans-serif", "size": STYLE.axis_text_px},
-    "margin": {"l": STYLE.left_px, "r": STYLE.right_px, "t": 0, "b": STYLE.below_px},
 }  # fmt: skip
 #: The lines of the grid and those at 0.
 GRID: PlotlyDict = {
     "gridcolor": f"rgba(128,128,128,{STYLE.grid_opacity})",
     "zerolinecolor": f"rgba(128,128,128,{2 * STYLE.grid_opacity})",
 }
-#: What neither the legend nor the mouse shows.
-SILENT: PlotlyDict = {"hoverinfo": "skip", "showlegend": False}
+#: What the mouse does not show.
+SILENT: PlotlyDict = {"hoverinfo": "skip"}
 #: Where a label is from its line, by the end of it that is there.
 SIDES = {"left": 1, "center": 0, "right": -1}
 #: The symbols of plotly for shapes of points that have another name there.
@@ -66,8 +65,8 @@ def figure(picture: Picture, max_paper_px: float = math.inf) -> dict[str, Json]:
 
 
 def template(picture: Picture) -> dict[str, Json]:
-    """Return a picture without data and ranges, which a live page fills in; its marks have no key."""
-    layouts = {screen: layout_of(picture, screen, has_key=False) for screen in LETTERS_BY_SCREEN}
+    """Return a picture without data and ranges, which a live page fills in."""
+    layouts = {screen: layout_of(picture, screen) for screen in LETTERS_BY_SCREEN}
     empty: PlotlyDict = {"x": [], "y": []}
     by_screen = {
         str(screen): plotly_layout(layout, has_ranges=False) for screen, layout in layouts.items()
@@ -79,7 +78,7 @@ def template(picture: Picture) -> dict[str, Json]:
 def traces(layout: Layout) -> list[PlotlyDict]:
     """Return the traces of a layout, each on the axis of its row."""
     traces_of_rows = [
-        trace | {"yaxis": f"y{k}", "legend": f"legend{k + 1}"}
+        trace | {"yaxis": f"y{k}"}
         for k, placed in enumerate(layout.rows, 1)
         for element in placed.row.elements
         for trace in element_traces(element)
@@ -104,16 +103,14 @@ def plotly_layout(layout: Layout, *, has_ranges: bool = True) -> PlotlyDict:
     if layout.x.is_log or not layout.x.ticks:
         x["unifiedhovertitle"] = {"text": f"{layout.x.label} %{{x:.5g}}"}
     parts = BASE | {
-        "height": layout.height_px, "hovermode": "closest" if layout.is_plane else "x unified",
+        "height": layout.height_px, "showlegend": False,
+        "margin": {"l": STYLE.left_px, "r": STYLE.right_px + layout.names_px, "t": 0, "b": STYLE.below_px},
+        "hovermode": "closest" if layout.is_plane else "x unified",
         "xaxis": x,
-        "annotations": [*_labels(layout), *_arrows(layout)],
-        "shapes": list(_shapes(layout)),
+        "annotations": [*_labels(layout), *_names(layout), *_arrows(layout)],
+        "shapes": list(_shapes(layout)) if has_ranges else [],
     }  # fmt: skip
     for k, placed in enumerate(layout.rows, 1):
-        parts[f"legend{k + 1}"] = {
-            "orientation": "h", "x": 0, "yanchor": "top", "tracegroupgap": 0,
-            "y": 1 - placed.legend_px / layout.plot_px,
-        }  # fmt: skip
         has_grid = not placed.row.y.ticks
         axis_settings: PlotlyDict = {
             "showgrid": has_grid, "zeroline": has_grid, "anchor": "x", "domain": layout.shares(placed)
@@ -134,11 +131,11 @@ def plotly_layout(layout: Layout, *, has_ranges: bool = True) -> PlotlyDict:
 
 def alt_text(picture: Picture) -> str:
     """Return a picture in words, for those who do not see it."""
-    layout = layout_of(picture, has_key=False)
+    layout = layout_of(picture)
     parts = []
     for placed in layout.rows:
         for element in placed.row.elements:
-            if element.hover is None and not element.is_in_legend:
+            if element.hover is None and not element.is_named:
                 continue
             values = hover_values(element)
             if placed.row.y.label and np.isfinite(values).any():
@@ -146,7 +143,7 @@ def alt_text(picture: Picture) -> str:
                 parts.append(f"{element.name} {ends} ({placed.row.y.label})")
             else:
                 parts.append(element.name)
-    parts += [label.text for label in layout.labels.at_values]
+    parts += [label.text for label in layout.labels]
     return f"{picture.title}, over {layout.x.label}: {'; '.join(parts)}."
 
 
@@ -197,7 +194,7 @@ def _band(band: Band) -> list[PlotlyDict]:
     """Two lines without width, between which it is filled."""
     edges = []
     for y in (band.low, band.high):
-        line = Line(band.name, band.x, y, band.color, is_in_legend=False)
+        line = Line(band.name, band.x, y, band.color, is_named=False)
         edges.append(_line(line) | {"line": {"width": 0, "color": band.color}} | SILENT)
     upper = edges[1] | {"fill": "tonexty", "fillcolor": _faint(band.color, band.opacity)}
     if band.values is not None:
@@ -213,7 +210,7 @@ def _bars(bars: Bars) -> PlotlyDict:
     return {
         "type": "bar", **_named(bars), "x": numbers(bars.x), "y": numbers(bars.high - bars.low),
         "base": numbers(bars.low), "offset": bars.offset, "width": bars.width,
-        "marker": {"color": color}, "insidetextanchor": "middle", "textangle": 0, **text,
+        "marker": {"color": color, "pattern": {"shape": "/" if bars.is_hatched else ""}}, "insidetextanchor": "middle", "textangle": 0, **text,
     }  # fmt: skip
 
 
@@ -242,10 +239,8 @@ def _color_axis(heat: Heat, shares: Sequence[float]) -> PlotlyDict:
 
 
 def _named(element: Element) -> PlotlyDict:
-    """The name of an element in legend and hover."""
-    named: PlotlyDict = {
-        "name": element.name, "legendgroup": element.name, "showlegend": element.is_in_legend
-    }  # fmt: skip
+    """The name of an element and what the mouse tells of it."""
+    named: PlotlyDict = {"name": element.name}
     if element.hover is None:
         return named | {"hoverinfo": "skip"}
     text = element.hover.replace("{value", "{customdata").replace("{", "%{")
@@ -267,15 +262,28 @@ def _axis(axis: Axis, label: str, *, has_range: bool) -> PlotlyDict:
 
 def _labels(layout: Layout) -> Iterable[PlotlyDict]:
     """The texts above the first row."""
-    positions = [(label, "x") for label in layout.labels.at_values]
-    for label, xref in [*positions, *((label, "x domain") for label in layout.labels.key)]:
-        at = math.log10(label.at) if layout.x.is_log and xref == "x" else label.at
+    for label in layout.labels:
         yield {
             "text": label.text, "showarrow": False, "font": {"size": STYLE.label_text_px},
-            "yref": "y domain", "y": 1, "xref": xref, "x": at, "xanchor": label.anchor,
+            "yref": "y domain", "y": 1, "xref": "x",
+            "x": math.log10(label.at) if layout.x.is_log else label.at, "xanchor": label.anchor,
             "yanchor": "bottom", "yshift": STYLE.text_line_px * label.line,
-            "xshift": STYLE.label_shift_px * SIDES[label.anchor] if xref == "x" else 0,
+            "xshift": STYLE.label_shift_px * SIDES[label.anchor],
         }  # fmt: skip
+
+
+def _names(layout: Layout) -> Iterable[PlotlyDict]:
+    """The names of elements beside their ends; a click on one hides what it names."""
+    for k, placed in enumerate(layout.rows, 1):
+        for name in placed.names:
+            symbol = f'<span style="color:{name.color}">{name.symbol}</span>'
+            yield {
+                "text": f"{symbol} {name.text}".replace("\n", "<br>"), "name": name.name,
+                "showarrow": False, "align": "left", "captureevents": True,
+                "font": {"size": STYLE.label_text_px}, "xref": "x domain", "x": name.x,
+                "xanchor": "left", "xshift": STYLE.label_shift_px, "yref": f"y{k} domain",
+                "y": name.y, "yanchor": "middle",
+            }  # fmt: skip
 
 
 def _arrows(layout: Layout) -> Iterable[PlotlyDict]:
@@ -291,19 +299,20 @@ def _arrows(layout: Layout) -> Iterable[PlotlyDict]:
 
 
 def _shapes(layout: Layout) -> Iterable[PlotlyDict]:
-    """Spans and marks through all rows."""
+    """Spans and marks through all rows; the lines of marks lead up to their texts."""
     plane = layout.is_plane
     edge = STYLE.plane_span_edge_px if plane else STYLE.span_edge_px
     opacity = 0.0 if plane else STYLE.span_opacity
-    spans: list[tuple[float, float, str, PlotlyDict]] = [
-        (span.first, span.last, span.color, {"width": edge}) for span in layout.spans
+    spans: list[tuple[float, float, str, float, PlotlyDict]] = [
+        (span.first, span.last, span.color, 0.0, {"width": edge}) for span in layout.spans
     ]
-    line: PlotlyDict = {"dash": "dot", "width": STYLE.line_width_px}
-    spans += [(mark.at, mark.at, "grey", line) for mark in layout.marks]
-    for k in range(1, len(layout.rows) + 1):
-        for first, last, color, look in spans:
+    line: PlotlyDict = {"dash": "dot", "width": STYLE.mark_width_px}
+    spans += [(mark.at, mark.at, "grey", layout.leader(mark), line) for mark in layout.marks]
+    for k, placed in enumerate(layout.rows, 1):
+        for first, last, color, leader, look in spans:
+            top = 1 + (leader / placed.height_px if k == 1 else 0.0)
             yield {
-                "type": "rect", "yref": f"y{k} domain", "y0": 0, "y1": 1, "x0": first, "x1": last,
+                "type": "rect", "yref": f"y{k} domain", "y0": 0, "y1": top, "x0": first, "x1": last,
                 "fillcolor": _faint(color_of(color), opacity), "layer": "above" if plane else "below",
                 "line": {"color": color_of(color), **look},
             }  # fmt: skip

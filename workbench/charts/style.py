@@ -41,10 +41,22 @@ SCALES = MappingProxyType(
 )
 #: Lines of levels, in this order; "dash" is left to theory.
 LEVEL_DASHES: tuple[Dash, ...] = ("dot", "dashdot", "longdash")
+#: Curves of a panel, in this order, so that they differ without colours.
+CURVE_DASHES: tuple[Dash, ...] = ("solid", "longdash", "dashdot", "dot")
+#: What stands before the name of a line or a point.
+SYMBOLS: MappingProxyType[Dash | Marker, str] = MappingProxyType({
+    "solid": "\u2500\u2500", "dash": "- -", "dot": "\u00b7\u00b7\u00b7", "dashdot": "\u2500\u00b7", "longdash": "\u2500 \u2500",
+    "circle": "\u25cf", "square": "\u25a0", "diamond": "\u25c6", "triangle-up": "\u25b2",
+    "triangle-down": "\u25bc", "pentagon": "\u2b1f", "cross": "\u2715",
+})  # fmt: skip
 #: Letters of the text that fit beside each other above a panel; chosen by eye in chromium with 11 px letters on a
 #: phone of 390 px, a page of 960 px and paper of 680 px.
 LETTERS_BY_SCREEN: MappingProxyType[Screen, int] = MappingProxyType({
     "narrow": 44, "wide": 130, "paper": 100,
+})  # fmt: skip
+#: Letters in a line of a name beside its curve; chosen by eye in chromium: on a phone four fifths of the width are left.
+NAME_LETTERS: MappingProxyType[Screen, int] = MappingProxyType({
+    "narrow": 13, "wide": 20, "paper": 18,
 })  # fmt: skip
 
 
@@ -77,6 +89,10 @@ class Style:
     rim_width_px: float = 2.4 + 2 * 0.8
     #: width of the bar for an error; chosen: thinner than a curve
     error_width_px: float = 1.2
+    #: width of the line of a mark; chosen: it says less than a curve
+    mark_width_px: float = 1.2
+    #: width of the rim around letters that stand on lines; chosen
+    halo_px: float = 3.0
     #: width of the edge of a span; chosen: it is there but says less than a mark
     span_edge_px: float = 0.6
     #: width of the edge of a span over a plane, where its inside is left clear; chosen
@@ -89,11 +105,6 @@ class Style:
     plane_marker_px: float = 7.0
     #: what the rim of a point over a plane adds to its size; chosen
     rim_marker_px: float = 2.0
-    #: what a point that another curve covers is larger by, so that its rim is seen; chosen
-    covered_marker_px: float = 3.5
-    #: how near points of two curves cover each other, as a share of each axis; derived from marker_px over
-    #: a panel of 500 px
-    covered_share: float = 5.0 / 500
     #: size of the cross where something is not determined; chosen: larger than a point
     undetermined_marker_px: float = 7.0
     #: where that cross stands above the foot of its panel, as a share of its height; chosen
@@ -124,18 +135,16 @@ class Style:
     #: height of a bar in a lane, as a share of the lane; chosen: a gap separates lanes
     lane_bar_share: float = 0.84
 
-    #: height of a line of legend or label; derived from 11 px letters with a leading of 1.7
+    #: height of a line of labels; derived from 11 px letters with a leading of 1.7
     text_line_px: float = 11 * 1.7
-    #: free height above a legend; chosen: one line
+    #: free height above a panel; chosen: one line
     gap_px: float = 18.0
-    #: free height between a legend and what is above it; chosen
-    legend_gap_px: float = 6.0
-    #: lines of labels above a picture; more become letters with a key. Chosen: three lines read as a paragraph
-    max_label_lines: int = 2
-    #: letters that the line or point in a legend takes; chosen by eye in chromium, 40 px and 18 px beside it
-    legend_symbol_letters: int = 8
-    #: letters between the entries of a key; chosen
-    key_gap_letters: int = 3
+    #: height of a line of a name beside its curve; derived from 11 px letters with a leading of 1.25
+    name_line_px: float = 11 * 1.25
+    #: width of a letter of such a name; measured with 11 px letters in chromium
+    name_letter_px: float = 6.4
+    #: width of the symbol before it; chosen: two letters and a gap
+    symbol_px: float = 20.0
     #: free letters beside a label; chosen: labels do not touch
     label_gap_letters: int = 2
     #: how far a label is from its line and from the picture below it; chosen: half a letter
@@ -155,6 +164,8 @@ class Style:
     panel_px: float = 190.0
     #: height of a lane; chosen: a line of text with its edges
     lane_px: float = 30.0
+    #: width of a plane on a page; chosen: that of the narrowest screen without its axis and the bar of colours
+    plane_width_px: float = 240.0
     #: height of a plane; chosen: as wide as high on a small screen
     plane_px: float = 380.0
     #: panels on paper keep at least this share of their height; chosen: curves stay legible
@@ -192,7 +203,7 @@ class Style:
     image_text_pt: float = 9.0
     #: size of a picture's title in an image; chosen
     image_title_pt: float = 10.0
-    #: size of labels and legends in an image; chosen
+    #: size of labels and names in an image; chosen
     image_label_pt: float = 8.0
     #: resolution of an image; chosen: sharp when printed at half of its size
     image_dpi: int = 120

@@ -355,7 +355,7 @@ class Content:
             panels.append(
                 Panel(panel.quantity, self.unit(panel, chart.title), curves, levels, panel.includes)
             )
-        marks = [Mark(0.5, text) for text in chart.marks]
+        marks = [Mark(math.nan, text) for text in chart.marks]
         picture = template(Chart(chart.title, chart.label, panels, marks))
         return {
             "title": chart.title, "picture": picture,
