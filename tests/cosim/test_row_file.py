@@ -10,14 +10,13 @@ import pytest
 
 from cosim import Adaptive, run
 from cosim.engine import row_file
-from cosim.engine.row_file import StoredRows
+from cosim.engine.row_file import stored_column
 from tests.cosim.test_cosim import pair
 
 
 def stored(path: Path, width: int) -> Any:
     """All rows of a file, by its columns."""
-    rows = StoredRows(path, width)
-    return np.column_stack([rows.column(k) for k in range(width)])
+    return np.column_stack([stored_column(path, width, k) for k in range(width)])
 
 
 @pytest.mark.parametrize("record", [["motor.tau"], ["motor.tau", "conveyor.phi"]])
