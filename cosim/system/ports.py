@@ -155,6 +155,8 @@ def conversion_to(catalog: Catalog, port: Port, unit: str, purpose: str) -> tupl
     """
     if unit in ("", port.unit):
         return 1.0, 0.0
+    if not port.unit:
+        raise SetupError(f"{port} cannot {purpose} in {unit}: its FMU states no unit; leave it out")
     target = catalog.unit(port)
     try:
         for display in target.displayUnits:

@@ -59,6 +59,7 @@ def sweep_system(options: argparse.Namespace) -> int:
 
     with open_system(options) as file:
         cases = cases_of(options, file.network)
+        _require_effect(cases, file.network)
         figures = dict(figure_of(text, file.network) for text in options.figure)
         if not figures:
             raise SetupError(
@@ -125,6 +126,15 @@ def cases_of(options: argparse.Namespace, network: Network) -> Mapping[str, Sequ
         text = ", ".join(f"{name} has {n}" for name, n in lengths.items())
         raise SetupError(f"--together: as many values of each: {text}")
     return axes
+
+
+def _require_effect(cases: Mapping[str, Any], network: Network) -> None:
+    """Raise SetupError for start values of inputs that something drives: all runs would be the same."""
+    driven = {wire.target.name: f"by {wire.source}" for wire in network.wires}
+    driven |= {port.name: "over time" for port, _ in network.inputs}
+    for name in cases:
+        if name in driven:
+            raise SetupError(f"{name} is driven {driven[name]}: its start value changes no run")
 
 
 def _require_number(runs: int) -> None:
