@@ -314,7 +314,14 @@ def _errors_over_stated(seed: int, folder: Path) -> dict[str, float]:
 SLOW = [pytest.param(n, marks=pytest.mark.slow) for n in range(12, 60) if n not in (30, 44)]
 
 
-@pytest.mark.parametrize("seed", [*range(12), 30, 44, *SLOW])
+#: FMUs that compute outputs in their steps only, of which the last to a jump or the stop is the same in all three runs.
+IN_STEPS = [
+    pytest.param(n, marks=[pytest.mark.slow, pytest.mark.xfail(reason="shown in steps only")])
+    for n in (117, 120)
+]
+
+
+@pytest.mark.parametrize("seed", [*range(12), 30, 44, *SLOW, *IN_STEPS])
 def test_no_stated_error_of_a_system_with_jumps_is_off_by_more_than_twice(
     seed: int, tmp_path: Path
 ) -> None:

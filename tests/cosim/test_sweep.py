@@ -111,6 +111,10 @@ def test_cases_come_from_a_file_or_are_drawn(
         (["--sample", "1000000000", "--within", "motor.A=1..2"], "1000000000 runs are more"),
         (["--vary", "motor.A=a,b"], "motor.A [N.m] = 'a' must be"),
         (["--vary", "motor.T=1kg,2"], "motor.T [s] cannot be given in kg"),
+        (
+            ["--vary", "conveyor.tau=1,2"],
+            "conveyor.tau is driven by motor.tau [N.m]: its start value changes no",
+        ),
         (["--vary", "motor.T=-1,2"], "must be at least 0.0 s"),
         (["--vary", "motor.A=1,2", "--vary", "motor.A=3"], "motor.A is given twice"),
         (
