@@ -41,15 +41,6 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
     ------
     SetupError
         For a file that is not such an FMU, or not for this platform.
-
-    Parameters
-    ----------
-    fmu : path
-        The FMU.
-    step : float, optional
-        The communication step [s].
-    timeout : float
-        The longest time that a check may take [s].
     """
     path = Path(fmu).absolute()
     for name, number in (("step", step), ("timeout", timeout)):

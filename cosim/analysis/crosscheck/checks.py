@@ -24,6 +24,7 @@ from .behaviour import (
 from .dependencies import outputs, unknowns
 from .derivatives import derivatives
 from .memory import memory
+from .order import order
 from .states import bytes_, states
 from .stepping import discards, start_time, step_sizes, stop_time
 from .subject import CheckFailed, NotOffered, Subject
@@ -90,6 +91,8 @@ CHECKS = {check.name: check for check in (
     Check("directional derivatives", "2.1.9", "2.2.12.1", derivatives,
           "the FMU's derivative against the difference for two values of the known"),
     Check("discard", "4.2.3", "4.2.1", discards, "initialise; one step over the whole default experiment"),
+    Check("call order", "4.2.4", "4.2", order,
+          "make each call in each state that forbids it, in a process of its own; go on where it is taken"),
     Check("memory", "2.1.5", "2.2.1", memory, "10 000 steps, then 60 instances; watch the resident memory"),
 )}  # fmt: skip
 

@@ -87,6 +87,7 @@ FAULTS = {
     "derivative of another point": "directional derivatives",
     "does not tell its time": "discard",
     "tells a wrong time": "discard",
+    "crashes when called wrongly": "call order",
     "leaks": "memory",
     "leaks when freed": "memory",
 }

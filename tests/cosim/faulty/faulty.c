@@ -13,11 +13,18 @@
 
 enum { U, W, A, B, C, X0, Y, Z, COUNT, TIME, REALS };
 #define FAULT(name) (!strcmp(i->fault, name))
+/* Refuse a call in other phases than those from the first to the last. */
+#define ONLY(first, last)                                                                  \
+    do {                                                                                   \
+        int wrong = ((Instance *)p)->s.phase < (first) || ((Instance *)p)->s.phase > (last);   \
+        if (wrong && !strcmp(((Instance *)p)->fault, "crashes when called wrongly")) abort(); \
+        if (wrong && strcmp(((Instance *)p)->fault, "takes wrong calls")) return fmi2Error; \
+    } while (0)
 #define LONGEST 2.0
 
 typedef struct {
     double value[REALS], v, time, reached, clock, stop;
-    int n, initialising, ended, stops;
+    int n, initialising, phase, stops; /* phase: 0 instantiated, 1 initialising, 2 stepping, 3 terminated */
 } State;
 typedef struct {
     State s;
@@ -77,22 +84,27 @@ void fmi2FreeInstance(fmi2Component p) {
 fmi2Status fmi2SetupExperiment(fmi2Component p, fmi2Boolean has_tolerance, fmi2Real tolerance,
                                fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
     Instance *i = p;
+    ONLY(0, 0);
     i->s.time = start, i->s.stops = has_stop, i->s.stop = stop;
     i->s.clock = FAULT("ignores the start time") ? 0.0 : start;
     return fmi2OK;
 }
 fmi2Status fmi2EnterInitializationMode(fmi2Component p) {
-    ((Instance *)p)->s.initialising = 1;
+    ONLY(0, 0);
+    ((Instance *)p)->s.initialising = ((Instance *)p)->s.phase = 1;
     return fmi2OK;
 }
 fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
+    ONLY(1, 1);
     show(p);
-    ((Instance *)p)->s.initialising = 0;
+    ((Instance *)p)->s.initialising = 0, ((Instance *)p)->s.phase = 2;
     return fmi2OK;
 }
 fmi2Status fmi2Terminate(fmi2Component p) {
     Instance *i = p;
-    return FAULT("terminate refused") ? fmi2Error : fmi2OK;
+    ONLY(2, 2);
+    if (FAULT("terminate refused")) return fmi2Error;
+    return i->s.phase = 3, fmi2OK;
 }
 fmi2Status fmi2Reset(fmi2Component p) {
     Instance *i = p;
@@ -107,6 +119,7 @@ fmi2Status fmi2Reset(fmi2Component p) {
 
 fmi2Status fmi2GetReal(fmi2Component p, const fmi2ValueReference ref[], size_t n, fmi2Real value[]) {
     Instance *i = p;
+    ONLY(1, 3);
     if (i->s.initialising) show(i);
     i->s.value[TIME] = i->s.clock;
     for (size_t k = 0; k < n; k++) {
@@ -125,7 +138,11 @@ fmi2Status fmi2GetReal(fmi2Component p, const fmi2ValueReference ref[], size_t n
 }
 fmi2Status fmi2SetReal(fmi2Component p, const fmi2ValueReference ref[], size_t n,
                        const fmi2Real value[]) {
-    for (size_t k = 0; k < n; k++) ((Instance *)p)->s.value[ref[k]] = value[k];
+    ONLY(0, 2);
+    for (size_t k = 0; k < n; k++) {
+        if (ref[k] > W) ONLY(0, ref[k] < Y ? 1 : -1);
+        ((Instance *)p)->s.value[ref[k]] = value[k];
+    }
     return fmi2OK;
 }
 fmi2Status fmi2GetInteger(fmi2Component p, const fmi2ValueReference ref[], size_t n,
@@ -136,6 +153,7 @@ fmi2Status fmi2GetInteger(fmi2Component p, const fmi2ValueReference ref[], size_
 
 fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final) {
     Instance *i = p;
+    ONLY(2, 2);
     double size = h > LONGEST * (1 + 1e-9) ? LONGEST : h;
     if (FAULT("crashes") && i->s.n == 500) *(volatile int *)NULL = 0;
     if (FAULT("leaks")) leaked = memset(malloc(4096), 1, 4096);
@@ -190,6 +208,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component p, const fmi2ValueReferenc
                                         const fmi2ValueReference inputs[], size_t m,
                                         const fmi2Real seed[], fmi2Real result[]) {
     Instance *i = p;
+    ONLY(1, 3);
     double *r = i->s.value;
     for (size_t k = 0; k < n; k++) {
         result[k] = 0.0;
