@@ -23,9 +23,9 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import System, quiet
 from examples import measured_iron, measured_orientator
-from scenarios.__main__ import PROJECT
 from scenarios.iron import machine
 from scenarios.orientator.products import simulated_limit
+from scenarios.project import PROJECT
 from workbench.options import parse_options
 from workbench.question import Question
 from workbench.run import answer

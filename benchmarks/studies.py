@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT))
 
 from distributed import LocalCluster
 
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from workbench import study
 
 STUDY = """

@@ -1,4 +1,4 @@
-"""The errors: a system that cannot be run, or a failed call into an FMU."""
+"""The errors: a system that cannot be run, a failed call into an FMU, a run that did not come to its end."""
 
 from __future__ import annotations
 
@@ -39,6 +39,10 @@ class SimulationTerminated(FmuError):
 
     def __reduce__(self) -> tuple[type[FmuError], tuple[str, float]]:
         return type(self), (str(self), self.reached)
+
+
+class RunError(RuntimeError):
+    """A run did not come to its end."""
 
 
 def pluralize(number: int, noun: str) -> str:

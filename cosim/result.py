@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dense import DenseSolution
-from .errors import SetupError
+from .errors import RunError, SetupError
 from .report import RunReport
 from .series import NO_BREAKS, TIME, Column, Kind, Series, column_facts
 from .table_file import facts_path, read_file
@@ -202,7 +202,7 @@ class Result(Series):
         return figure
 
 
-class SimulationError(RuntimeError):
+class SimulationError(RunError):
     """A part failed during the run; `result` contains all rows up to then."""
 
     def __init__(self, message: str, result: Result) -> None:

@@ -13,8 +13,8 @@ from shutil import rmtree
 from typing import Any, NamedTuple
 
 from cosim import SetupError, versions
-from scenarios.__main__ import PROJECT
 from scenarios.fmu_files import CLONE as ROOT
+from scenarios.project import PROJECT
 from workbench.question import Question
 
 from .child import done

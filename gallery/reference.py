@@ -15,8 +15,8 @@ from importlib import import_module
 from unittest.mock import patch
 
 from cosim.cli.main import parser
-from scenarios.__main__ import PROJECT
 from scenarios.fmu_files import CLONE as ROOT
+from scenarios.project import PROJECT
 from workbench.cli import main
 
 PROGRAM = "scenarios"

@@ -43,7 +43,7 @@ def ask(
     **options
         The options of the question.
     """
-    from scenarios.__main__ import PROGRAM, PROJECT
+    from scenarios.project import PROGRAM, PROJECT
     from workbench.export import write
     from workbench.run import ask
     from workbench.runs.folder import reservation
@@ -85,7 +85,7 @@ def study(
     out : path, optional
         The folder for files.
     """
-    from scenarios.__main__ import PROJECT
+    from scenarios.project import PROJECT
     from workbench import study
 
     folder = None if out is None else Path(out)

@@ -3,18 +3,19 @@
 import sys
 from collections.abc import Sequence
 
-from workbench import cli
-from workbench.question import Project
 
-from . import fmu_files
-from .old_names import OLD_NAMES
+def main(arguments: Sequence[str] | None = None, program: str = "scenarios") -> int:
+    """Run a command line, by default that of the process; return its exit code.
 
-PROJECT = Project(fmu_files.PACKAGE, fmu_files.FOLDERS, fmu_files.problem, OLD_NAMES)
-PROGRAM = "scenarios"
+    Ctrl-C while modules are imported ends it as it does later.
+    """
+    try:
+        from workbench import cli
 
-
-def main(arguments: Sequence[str] | None = None, program: str = PROGRAM) -> int:
-    """Run a command line, by default that of the process; return its exit code."""
+        from .project import PROJECT
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
     return cli.main(sys.argv[1:] if arguments is None else arguments, PROJECT, program)
 
 

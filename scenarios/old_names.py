@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from workbench.question import OldName
+from workbench.project import OldName
 
 OLD_NAMES: Mapping[str, OldName] = {
     "classical": OldName("resonance", {"theory": "classical"}),

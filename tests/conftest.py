@@ -22,7 +22,7 @@ sys.dont_write_bytecode = False
 import pytest
 from pythonfmu import FmuBuilder
 
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from workbench.answer import Answer
 from workbench.question import read
 from workbench.run import ask as ask_question

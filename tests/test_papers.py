@@ -12,7 +12,7 @@ import pytest
 from fmpy.model_description import read_model_description
 
 from build_fmus import FORMULAS
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from tests.conftest import ROOT
 from workbench.catalog import names
 

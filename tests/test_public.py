@@ -18,7 +18,7 @@ PACKAGES = ("cosim", "fmukit", "scenarios", "workbench")
 def interface() -> Iterator[str]:
     """A line for each public thing."""
     from cosim.cli.main import registered_commands
-    from scenarios.__main__ import PROJECT
+    from scenarios.project import PROJECT
     from workbench import cli
     from workbench.catalog import names
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from html import escape
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cosim import Result, System
 from cosim.system import Value, connect, declared_start
@@ -31,37 +38,58 @@ class Parameter(NamedTuple):
     meaning: str
 
 
-class Table(NamedTuple):
-    """Rows of a CSV file and the units of its columns."""
+@dataclass(frozen=True)
+class Table:
+    """Rows of a CSV file: columns by name, each of shape (rows,), and their units."""
 
-    frame: pd.DataFrame
+    columns: Mapping[str, NDArray[Any]]
     units: Mapping[str, str]
 
     @classmethod
     def of(cls, result: Result) -> Table:
-        """All that a run recorded.
-
-        Parameters
-        ----------
-        result : Result
-            The rows of a run.
-        """
-        return cls(result.frame, result.units)
+        """All that a run recorded."""
+        return cls(dict(zip(result.names, result.data.T)), result.units)
 
     @classmethod
     def of_rows(cls, rows: Iterable[Sequence[Any]], units: Mapping[str, str]) -> Table:
-        """The table of rows, each with as many values as there are units.
+        """The table of rows, each with as many values as there are units; None is an empty cell."""
+        columns = list(zip(*rows, strict=True)) or [()] * len(units)
+        return cls({name: _column(values) for name, values in zip(units, columns)}, units)
 
-        Parameters
-        ----------
-        rows : iterable of sequences
-            The values, row by row.
-        units : mapping
-            The unit of each column, by its name.
-        """
+    @classmethod
+    def of_frame(cls, frame: pd.DataFrame, units: Mapping[str, str]) -> Table:
+        """The table of a frame of pandas."""
+        return cls({str(name): frame[name].to_numpy() for name in frame}, units)
+
+    @cached_property
+    def frame(self) -> pd.DataFrame:
+        """The rows as a frame of pandas."""
         import pandas as pd
 
-        return cls(pd.DataFrame(list(rows), columns=list(units)), units)
+        return pd.DataFrame(dict(self.columns))
+
+    def __len__(self) -> int:
+        return max(map(len, self.columns.values()), default=0)
+
+    def csv(self, every: int = 1) -> str:
+        """The file, of every k-th row on request: numbers to the last digit, nan and None as nothing."""
+        text = StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        cells = (map(_cell, values[::every].tolist()) for values in self.columns.values())
+        writer.writerows(zip(*cells))
+        return text.getvalue()
+
+
+def _column(values: Sequence[Any]) -> NDArray[Any]:
+    """Values as numbers where all are such or None, which is nan; else as they are."""
+    numbers = np.array([math.nan if value is None else value for value in values])
+    return numbers if numbers.dtype.kind in "biuf" else np.array(values, dtype=object)
+
+
+def _cell(value: Any) -> Any:
+    """A value in a file; the writer writes the shortest digits of a number that give it back."""
+    return "" if value is None or (isinstance(value, float) and math.isnan(value)) else value
 
 
 class Show(NamedTuple):

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from cosim import SetupError, SimulationError
+from cosim.errors import RunError, SetupError
 
 #: What the name of a module begins with that is a user's own file: no `import` of other code can mean it.
 FROM_FILE = "workbench.from_file."
@@ -135,7 +135,7 @@ def attribute_errors(page: ModuleType) -> Iterator[None]:
     """
     try:
         yield
-    except (SetupError, SimulationError, QuestionError, OSError):
+    except (SetupError, RunError, QuestionError, OSError):
         raise
     except SyntaxError as error:
         raise QuestionError(f"{error.filename}:{error.lineno}: {error.msg}") from error

@@ -7,6 +7,7 @@ import sys
 from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cosim import SetupError
 from cosim.cli.options import Parser, exit_code
@@ -14,12 +15,10 @@ from cosim.units import QUANTITY
 
 from . import catalog
 from .catalog import QuestionError, attribute_errors
-from .export import finish
-from .options import add_arguments, declared, unknown_option
-from .question import FLAVOURS, Project, Question
-from .run import ask
-from .runs.folder import reservation
-from .runs.worker import OK
+from .project import FLAVOURS, Project
+
+if TYPE_CHECKING:
+    from .question import Question
 
 #: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
 #: of this project.
@@ -70,7 +69,7 @@ def show_list(_argv: Sequence[str], project: Project, _program: str) -> int:
 
 
 def run(argv: Sequence[str], project: Project, program: str) -> int:
-    """Answer one question, write its files and print the verdict; REFUSED if it is not determined."""
+    """Answer one question, print the answer and write its files; REFUSED if it is not determined."""
     names = ", ".join(catalog.names(project.home))
     top = Parser(
         prog=f"{program} run",
@@ -80,6 +79,11 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     )
     top.add_argument("question", metavar="NAME|FILE.py")
     question = project.load(top.parse_args(argv[:1]).question)
+    from .export import finish  # with NumPy and FMPy, which a list of the questions does not need
+    from .options import add_arguments, declared
+    from .run import ask
+    from .runs.folder import reservation
+
     parser = Parser(
         prog=f"{program} run {argv[0]}",
         description=_description(question, project),
@@ -112,6 +116,8 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
 
 def misplaced(word: str, words: Sequence[str], flags: Sequence[str], who: str) -> SetupError:
     """The error for a word of a command line that belongs to no option: one that does not exist, or a lone unit."""
+    from .options import unknown_option
+
     if word.startswith("-"):
         return unknown_option(word.lstrip("-").partition("=")[0], flags, who)
     before = words[: words.index(word)]
@@ -131,7 +137,9 @@ def _description(question: Question, project: Project) -> str:
 
 def study(argv: Sequence[str], project: Project, program: str) -> int:
     """Run the study of a file and print its answer; 1 if no run succeeded."""
-    from . import study as studies  # pandas and what draws take their time
+    from . import study as studies  # with NumPy, SciPy and pandas
+    from .export import finish
+    from .runs.worker import OK
 
     parser = Parser(
         prog=f"{program} study",

@@ -67,21 +67,21 @@ def _write(answer: Answer, folder: Path, *, animate: bool) -> list[str]:
     folder.mkdir(parents=True, exist_ok=True)
     for name, table in answer.tables.items():
         with replacement(folder / name) as fresh:
-            table.frame.to_csv(fresh, index=False)
+            fresh.write_text(table.csv(), encoding="utf-8", newline="\n")
         partial(folder / name).unlink(missing_ok=True)
     with replacement(folder / f"{answer.scenario}.json") as fresh:
         write_json(fresh, finite(content(answer)))
     for name, save in answer.files.items():
         with replacement(folder / name) as fresh:
             save(fresh)
-    if find_spec("plotly"):
-        with replacement(folder / PAGE) as fresh:
-            report(answer, fresh)
     pictures = draw_answer(answer, folder / f"{answer.scenario}.png")
     for number, motion in enumerate(answer.show().motions if animate else (), 1):
         pictures.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
         with replacement(folder / pictures[-1]) as fresh:
             gif(fresh, motion)
+    if find_spec("plotly"):
+        with replacement(folder / PAGE) as fresh:
+            report(answer, fresh)
     data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
     return [*data, *pictures, *[PAGE] * bool(find_spec("plotly"))]
 
@@ -145,15 +145,15 @@ def _values(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def finish(answer: Answer, folder: Path, *, animate: bool = False) -> None:
-    """Write the files; print the verdict, the figures, the FMUs' warnings, and where the files are.
+    """Print the verdict, the figures and the FMUs' warnings; then write the files, and print where they are.
 
     An answer to other values that the folder has is replaced, which is said on stderr.
     """
     if text := replaced(answer, folder):
         print(text, file=sys.stderr)
-    names = write(answer, folder, animate=animate)
     if text := repr(answer):
-        print(text)
+        print(text, flush=True)
+    names = write(answer, folder, animate=animate)
     print(f"{', '.join(names)} written to {folder}")
     if PAGE not in names:
         print('no page was written: install it with pip install "drive-fmus[page]"')

@@ -190,7 +190,7 @@ def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> d
         frame = mine if frame is None else frame.merge(mine, on="time", how="outer")
     assert frame is not None
     after = Table.of_rows([(x.name, x.error) for x in advice], {"record": "", "error": unit})
-    return {f"{name}.csv": Table(frame, units), f"{name}_next.csv": after}
+    return {f"{name}.csv": Table.of_frame(frame, units), f"{name}_next.csv": after}
 
 
 def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from .context import IN_PROCESS, Context, captured_warnings
 from .figure import Figure, checked
 from .judgement import lines
 from .options import Options, check_fixed_starts, declared
-from .question import FLAVOURS, PYTHON, Project, Question, read
+from .project import FLAVOURS, PYTHON, Project
+from .question import Question, read
 from .runs.codec import Records
 from .runs.fingerprint import SOURCES, computation
 from .runs.folder import reservation

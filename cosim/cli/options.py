@@ -13,9 +13,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ..errors import SetupError
+from ..errors import RunError, SetupError
 from ..names import meant
-from ..result import SimulationError
 from ..signals import handle_stop_signals
 from ..units import QUANTITY, multiples
 
@@ -122,7 +121,7 @@ def exit_code(action: Callable[[], int]) -> int:
     except SetupError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    except SimulationError as error:
+    except RunError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:

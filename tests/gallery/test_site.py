@@ -24,7 +24,7 @@ from fmukit import real
 from gallery.__main__ import SIGN, build
 from gallery.answers import Answered
 from gallery.drawings import drawings
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from tests.conftest import QUICK, ROOT, ask
 from tests.pictures import differ
 from tests.test_docs import SITE_COMMAND

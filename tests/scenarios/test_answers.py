@@ -17,12 +17,12 @@ from fmpy.model_description import read_model_description
 
 import scenarios
 from cosim import SetupError, System
-from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import FIELDS, Machine
 from scenarios.iron import machine as iron
 from scenarios.iron.questions import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line
+from scenarios.project import PROJECT
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.catalog import load_module, names
 from workbench.cli import main

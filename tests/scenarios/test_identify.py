@@ -14,9 +14,9 @@ from scipy.optimize import brentq
 
 from cosim import SetupError
 from examples import measured_conveyor, measured_iron
-from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import identify
+from scenarios.project import PROJECT
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
 from workbench.catalog import names

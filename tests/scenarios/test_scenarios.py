@@ -16,10 +16,10 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import SETS, longest_step
 from scenarios.iron.questions import iron_orders
-from tests.conftest import QUICK, ROOT, ask, plain
+from scenarios.project import PROJECT
+from tests.conftest import QUICK, ROOT, ask, plain, restore_ctrl_c
 from workbench import catalog, cli
 from workbench import study as studies
 
@@ -343,17 +343,76 @@ def test_a_users_question_runs_and_is_studied_anywhere(tmp_path: Path) -> None:
     assert same["tenth"] == pytest.approx(figures["tenth"], rel=1e-9)
 
 
-def test_list_names_every_question_and_imports_none() -> None:
+def loaded(*words: str) -> tuple[str, set[str]]:
+    """What a command prints, and what a child has imported for it."""
     code = (
-        "import sys; from scenarios.__main__ import *; main(['list']);"
-        "light = {'scenarios.__main__', 'scenarios.fmu_files', 'scenarios.old_names'};"
-        "sys.exit(any(x.startswith('scenarios.') and x not in light for x in sys.modules))"
+        "import sys; from contextlib import suppress; from scenarios.__main__ import main\n"
+        "with suppress(SystemExit): main(sys.argv[1:])\n"
+        "print(*sys.modules, file=sys.stderr)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, check=False, capture_output=True, text=True
+        [sys.executable, "-c", code, *words], cwd=ROOT, check=True, capture_output=True, text=True
     )
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
+    return done.stdout, set(done.stderr.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("words", [["--help"], ["list"]])
+def test_what_asks_nothing_imports_neither_questions_nor_numpy(words: list[str]) -> None:
+    _, modules = loaded(*words)
+    light = {f"scenarios.{name}" for name in ("__main__", "fmu_files", "old_names", "project")}
+    assert {name for name in modules if name.startswith("scenarios.")} == light
+    assert not modules & {"numpy", "fmpy", "rich", "workbench.run"}
+
+
+AT_FIRST_WORD = """
+import sys
+from scenarios.__main__ import main
+from workbench import answer
+text = answer.Answer.__repr__
+def spoken(self):
+    print(*sys.modules, file=sys.stderr)
+    return text(self)
+answer.Answer.__repr__ = spoken
+main(sys.argv[1:])
+print(*sys.modules, file=sys.stderr)
+"""
+
+
+def test_an_answer_is_printed_before_anything_is_drawn(tmp_path: Path) -> None:
+    """matplotlib is imported behind it; pandas and scipy.stats never are."""
+    words = ["run", "resonance", "--speeds", "38:42:5", "--steps-per-rev", "128", "--out", tmp_path]
+    done = subprocess.run(
+        [sys.executable, "-c", AT_FIRST_WORD, *words],
+        cwd=ROOT, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    before, after = ({*line.split()} for line in done.stderr.splitlines()[-2:])
+    assert "matplotlib" not in before and "matplotlib" in after
+    assert not after & {"pandas", "scipy.stats"}
+
+
+@pytest.mark.parametrize("module", ["workbench.cli", "cosim.errors", "numpy", "scipy"])
+def test_ctrl_c_during_an_import_is_one_line(module: str, tmp_path: Path) -> None:
+    code = f"""
+import os, signal, sys
+class Pressed:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Pressed())
+sys.argv = ["scenarios", "run", "resonance", "--out", {str(tmp_path)!r}]
+import runpy
+runpy.run_module("scenarios", run_name="__main__")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT, check=False, capture_output=True, text=True, preexec_fn=restore_ctrl_c,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
+def test_list_names_every_question() -> None:
+    output, _ = loaded("list")
+    lines = output.splitlines()
     names = list(catalog.names(PROJECT.home))
     assert [line.split()[0] for line in lines] == [*names, *PROJECT.old_names]
     assert len(names) > 9

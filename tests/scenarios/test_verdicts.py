@@ -14,12 +14,12 @@ import pytest
 from scipy.optimize import brentq
 
 from cosim import SetupError, limit
-from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.orbits import STEP_MULTIPLES
 from scenarios.conveyor.parameter_plane import coupling_error
 from scenarios.conveyor.rod_waveform import ORDER, largest_force_of
 from scenarios.conveyor.second_order import settling
+from scenarios.project import PROJECT
 from tests.conftest import LONG, QUICK, ask, plain
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer

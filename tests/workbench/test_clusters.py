@@ -20,7 +20,7 @@ import pytest
 from distributed import Client, LocalCluster
 
 from cosim import SetupError, SimulationError
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
 from workbench.cli import main

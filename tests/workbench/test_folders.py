@@ -14,7 +14,7 @@ import pytest
 
 import scenarios
 from cosim import SetupError
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from tests.conftest import ROOT, until
 from workbench.answer import Answer, Show, Table
 from workbench.charts.model import Chart, Curve, Panel
@@ -44,7 +44,7 @@ def solve(o, context):
     if o.kind == "run":
         path = context.out / "rows.csv"
         run = cosim.run(System(context.fmus, [], {"motor.w": o.scale}), stop=ROWS * 1e-3, step=1e-3, csv=path)
-        table = Table(run.frame, run.units)
+        table = Table.of(run)
     else:
         tasks = [(o.scale, float(k)) for k in range(ROWS if o.kind == "kept" else 20)]
         numbers = map(scaled, tasks) if o.kind == "kept" else context.each(scaled, tasks, "rows")

@@ -20,10 +20,10 @@ import pytest
 
 import cosim
 from cosim.system import connect
-from scenarios.__main__ import PROJECT
 from scenarios.conveyor.live_ripple import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
 from scenarios.conveyor.orbits import simulate
 from scenarios.fmu_files import FMUS
+from scenarios.project import PROJECT
 from tests.conftest import ask
 from tests.workbench.browser import Browser
 from tests.workbench.firefox import Firefox, firefox

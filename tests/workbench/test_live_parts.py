@@ -19,12 +19,12 @@ import pytest
 
 import cosim
 from cosim import Result, SetupError, System
-from scenarios.__main__ import PROJECT
 from scenarios.conveyor import live_theory
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive, linearised
 from scenarios.fmu_files import FMUS
 from scenarios.iron.questions import iron_bounce
+from scenarios.project import PROJECT
 from tests.conftest import ROOT, ask, fmus_of
 from tests.workbench.javascript import Evaluate, evaluator
 from workbench import live

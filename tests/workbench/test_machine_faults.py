@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from cosim import SetupError, SimulationError
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from tests.conftest import ROOT, until
 from workbench import study
 from workbench.catalog import load_module

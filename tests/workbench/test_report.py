@@ -26,13 +26,13 @@ from numpy.testing import assert_allclose
 from PIL import Image
 
 from cosim.system import connect
-from scenarios.__main__ import PROJECT
 from scenarios.conveyor import motion as conveyor
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
 from scenarios.conveyor.questions import resonance
 from scenarios.conveyor.ripple_limit import RippleLimit
 from scenarios.iron import motion as iron_mechanism
+from scenarios.project import PROJECT
 from tests.conftest import SAMPLED, ask, fmus_of, plain
 from tests.workbench.browser import Browser, browser
 from workbench.answer import Answer, Parameter, Show, Table
@@ -505,7 +505,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
         verdict="Yes: 2.00 ± 0.01 N.\nNo.",
         figures=figures,
         parameters={},
-        tables={"sample.csv": Table(pd.DataFrame({"x": x, "y": y}), {"x": "s", "y": "N"})},
+        tables={"sample.csv": Table.of_frame(pd.DataFrame({"x": x, "y": y}), {"x": "s", "y": "N"})},
         provenance={
             "algorithm": "strang", "communication": "steps of 0.1 s", "wires": ["a.y -> b.u"],
             "parts": {"a": {"fmu": "A.fmu", "guid": "{12-34}"}, "b": {"fmu": "B.fmu", "guid": "{5}"}},
@@ -840,7 +840,7 @@ def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     x = np.random.default_rng(1).normal(size=4000)
-    table = Table(pd.DataFrame({"x": x}), {"x": "1"})
+    table = Table.of_frame(pd.DataFrame({"x": x}), {"x": "1"})
     limited, note = html.limited(table)
     assert note == "4000 rows"
     monkeypatch.setattr(html, "MAX_TABLE_LETTERS", len(limited) // 3)

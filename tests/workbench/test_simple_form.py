@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cosim import SetupError
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from tests.conftest import ROOT
 from workbench.answer import Answer
 from workbench.run import ask

@@ -27,13 +27,13 @@ from fmpy.model_description import read_model_description
 
 import scenarios
 from cosim import SetupError
-from scenarios.__main__ import PROJECT
+from scenarios.project import PROJECT
 from tests.conftest import ROOT, fmus_of, restore_ctrl_c, until
 from workbench import run, study
 from workbench.answer import Table
 from workbench.catalog import load_module
 from workbench.cli import main
-from workbench.question import NO_PROJECT
+from workbench.project import NO_PROJECT
 from workbench.runs import fingerprint
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
@@ -630,7 +630,9 @@ def test_a_yes_or_no_over_one_input_says_from_where_on(
 ) -> None:
     plan = study.load(write('scenario = "plane.py"\n[grid]\nx = [4.0, 3.0, 2.0, 1.0]\n'))
     frame = pd.DataFrame({"x": [4.0, 3.0, 2.0, 1.0], "high": values[::-1]})
-    assert _sentence(plan, Table(frame, {"x": "m", "high": "1"}), "high") == f"high: {text}"
+    assert (
+        _sentence(plan, Table.of_frame(frame, {"x": "m", "high": "1"}), "high") == f"high: {text}"
+    )
 
 
 def test_a_study_file_may_begin_with_a_byte_order_mark(write: Write) -> None:

@@ -176,9 +176,9 @@ def limited(table: Table, among: int = 1) -> tuple[str, str]:
 
     All tables of a page together stay below MAX_TABLE_LETTERS.
     """
-    rows, k = len(table.frame), 1
+    rows, k = len(table), 1
     while True:
-        packed = _packed(table.frame.iloc[::k].to_csv(index=False).encode())
+        packed = _packed(table.csv(k).encode())
         if len(packed) * among <= MAX_TABLE_LETTERS:
             part = f"one row in {k} of {rows}; the complete file is next to this page"
             return packed, f"{rows} rows" if k == 1 else part

@@ -33,6 +33,7 @@ PRESENTATION = (
     "*/motion.py",
     "*/overview.py",
     "*/papers.py",
+    "*/project.py",
 )
 #: Files that contain a question each, of which no question knows another.
 QUESTIONS = "*/questions/*"

@@ -21,7 +21,8 @@ from cosim import SetupError
 from cosim.units import QUANTITY
 
 from ..options import KINDS, Option, declared, quoted, unknown_option
-from ..question import NO_PROJECT, Project, Question
+from ..project import NO_PROJECT, Project
+from ..question import Question
 
 Value = float | int | str | bool
 Samples = NDArray[np.float64]

@@ -76,7 +76,7 @@ def conclude(
         files["table.parquet"] = partial(table.frame.to_parquet, index=False)
     tables = {"table.csv": table}
     if study.sampling is not None:
-        tables["sensitivity.csv"] = Table(indices, {})
+        tables["sensitivity.csv"] = Table.of_frame(indices, {})
     causes = {} if study.grid or indices.empty else _causes(indices)
     spreads = [_sentence(study, table, name) + causes.get(name, "") for name in figures[:SPOKEN]]
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
@@ -225,4 +225,4 @@ def frame(
     columns["status"] = [outcome.status for outcome in outcomes]
     columns["warnings"] = ["; ".join(row_of(outcome)["warnings"]) for outcome in outcomes]
     columns["message"] = [x.message or "; ".join(refusals(x)) for x in outcomes]
-    return Table(pd.DataFrame(columns), units), names
+    return Table.of_frame(pd.DataFrame(columns), units), names

@@ -374,9 +374,7 @@ def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
     lag = np.angle(machine.load_ripple(nu) / torque, deg=True) % 360.0
 
     def panel(quantity: str, unit: str, name: str, theory: Any, color: str, *levels: Mark) -> Panel:
-        at, y, errors = (
-            r.sweep.frame[column].to_numpy() for column in ("nu", name, f"{name}_error")
-        )
+        at, y, errors = (r.sweep.table.columns[column] for column in ("nu", name, f"{name}_error"))
         unsure = np.isfinite(y) & ~np.isfinite(errors)
         drawn = {"co-simulation": (~unsure, color)}
         drawn |= {"co-simulation, error not known": (unsure, colors.THEORY)}

@@ -137,8 +137,10 @@ def solve(o: Options, context: Context) -> Findings:
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={
-            TABLE: Table(points, plane.units | VALUES | {"probability": "1"}),
-            ROWS_TABLE: Table(map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES),
+            TABLE: Table.of_frame(points, plane.units | VALUES | {"probability": "1"}),
+            ROWS_TABLE: Table.of_frame(
+                map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES
+            ),
         },
         facts={
             "range": within,
