@@ -28,7 +28,10 @@ def registered_commands() -> list[Command]:
 
 def parser(program: str = "cosim") -> Parser:
     """Return the parser of the whole command line."""
-    top = Parser(prog=program, description="Couple co-simulation FMUs of FMI 2.0 and 3.0.")
+    top = Parser(
+        prog=program,
+        description="Couple FMUs of FMI 2.0 and 3.0, and judge what couplings compute.",
+    )
     top.add_argument("--version", action="version", version=f"cosim {__version__}")
     subparsers = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for command in registered_commands():

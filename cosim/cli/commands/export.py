@@ -41,8 +41,13 @@ def export_system(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add the format, the file and the step."""
-    parser.add_argument("--to", choices=FORMATS, required=True, help="format")
-    parser.path("--out", "file to write, or folder for osp", required=True)
+    parser.add_argument(
+        "--to",
+        choices=FORMATS,
+        required=True,
+        help="ssp, osp (a folder for libcosim), or container (one FMU)",
+    )
+    parser.path("--out", "file to write; a folder for osp", required=True)
     parser.time("--step", "communication step [s]")
 
 

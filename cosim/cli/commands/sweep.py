@@ -310,11 +310,11 @@ def add_options(parser: Parser) -> None:
     parser.several("--vary", text, metavar="NAME=VALUES")
     text = "vary several names row by row, not in all combinations"
     parser.add_argument("--together", action="store_true", help=text)
-    parser.path("--table", "cases: a .csv whose head names start values, a row for each run")
+    parser.path("--table", "cases: a .csv whose header names start values, one row per run")
     text = "draw this many cases from the space within --within"
     parser.add_argument("--sample", type=int, metavar="N", help=text)
     parser.several("--within", "bounds of a start value for --sample", metavar="NAME=a..b")
-    text = "where the pseudo-random numbers of --sample begin"
+    text = "seed of --sample"
     parser.add_argument("--seed", type=int, metavar="N", default=0, help=text)
     text = "figure of each run, as largest:motor.tau or mean:motor.tau@0.5..2"
     parser.several("--figure", text, metavar="KIND:COLUMN")
@@ -322,7 +322,7 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--certify", action="store_true", help=text)
     add_stepping_options(parser, records=False)
     parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units")
-    parser.path("--plot", "image file with every figure over every value that differs")
+    parser.path("--plot", "picture of each figure over each varied value")
     text = "runs at a time"
     parser.add_argument("--jobs", type=int, metavar="N", default=available_cores(), help=text)
     text = "longest wall-clock time of a step [s] (default: no limit)"
