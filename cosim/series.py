@@ -296,7 +296,7 @@ def _series(table: TableFile, label: str) -> Series:
     for k, (name, unit) in enumerate(table.headings):
         stated = kinds.get(name)
         if stated is not None and stated not in Kind._value2member_map_:
-            raise SetupError(f"{label}: {name} is {stated!r}, which is no kind of a column")
+            raise SetupError(f"{label}: {name} is {stated!r}, which is not a kind of column")
         if stated is not None or table.is_large:
             kind = Kind.CONTINUOUS if stated is None else Kind(stated)
         else:

@@ -78,7 +78,7 @@ def read_file(path: Path) -> TableFile:
     """The table of a .parquet, a .mat or a text file; raises SetupError with one reason."""
     if path.exists() and not path.is_file():
         raise SetupError(
-            f"{path} cannot be read as a table: it is no file, but a folder, a pipe or a device"
+            f"{path} cannot be read as a table: it is not a file but a folder, a pipe or a device"
         )
     facts = _facts_beside(path)
     try:
@@ -155,7 +155,7 @@ def number_of(cell: object) -> float:
 def _reason(error: Exception) -> str:
     """Why a file cannot be read, without what only programmers know."""
     if isinstance(error, UnicodeDecodeError):
-        return "it is no text in UTF-8"
+        return "it is not text in UTF-8"
     reason = (isinstance(error, OSError) and error.strerror) or str(error)
     return str(reason).strip().partition("\n")[0]
 
@@ -194,7 +194,7 @@ def read_cells(path: Path | str) -> tuple[list[str], list[list[str]]]:
     path = Path(path)
     if path.exists() and not path.is_file():
         raise SetupError(
-            f"{path} cannot be read as a table: it is no file, but a folder, a pipe or a device"
+            f"{path} cannot be read as a table: it is not a file but a folder, a pipe or a device"
         )
     try:
         with _opened(path) as file:
@@ -330,7 +330,7 @@ def _read_modelica(path: Path, facts: Mapping[str, Any]) -> TableFile:
     except MatReadError as error:
         raise ValueError(str(error)) from error
     if not {"name", "dataInfo", "data_2"} <= content.keys():
-        raise ValueError("it is no result of a Modelica tool")
+        raise ValueError("it is not a result of a Modelica tool")
     texts = {
         key: ["".join(map(str, letters)).replace("\0", " ").strip() for letters in content[key].T]
         for key in ("name", "description")

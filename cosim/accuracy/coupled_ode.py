@@ -101,7 +101,7 @@ class CoupledOde:
     def slopes(self, t: float, x: Array) -> Array:
         """The rates of the states; NaN where a part refuses them. Raises FmuError after the deadline."""
         if clock.monotonic() > self.deadline:
-            raise FmuError(f"no end within the timeout; the integrator is at t = {t!r} s")
+            raise FmuError(f"not finished within the timeout: the integrator is at t = {t!r} s")
         try:
             self.at(t, x)
             for part in self.parts:

@@ -97,7 +97,7 @@ class SystemFile:
         """Return how to run: by the options, else by the file, else as the FMUs prefer."""
         start, stop = self.times(options)
         if options.step is not None and options.adaptive is not None:
-            raise SetupError("--step and --adaptive exclude each other")
+            raise SetupError("--step and --adaptive cannot be used together")
         is_adaptive = options.adaptive is not None
         step = Adaptive(options.adaptive) if is_adaptive else self.step(options.step)
         if options.step is not None and start < stop < start + options.step / MAX_STEP_FRACTION:

@@ -214,7 +214,7 @@ def unreadable(declarations: Declarations) -> Iterator[str]:
     for element, owner, name, text in references:
         if plain(text) not in declarations.by_reference:
             why = most if declarations.version == "2.0" else "no variable has it"
-            yield f"{line(element)}: {name} {text} of {owner} is no variable: {why}"
+            yield f"{line(element)}: {name} {text} of {owner} is not a variable: {why}"
 
 
 def _numbers(declarations: Declarations) -> Iterator[tuple[Any, str, Reader]]:

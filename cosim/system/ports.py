@@ -189,7 +189,7 @@ def require_name(name: object) -> None:
     """Refuse what is neither a text nor a part and a variable; raises SetupError with what to write."""
     is_pair = isinstance(name, tuple) and [isinstance(piece, str) for piece in name] == [True, True]
     if not isinstance(name, str) and not is_pair:
-        raise SetupError(f"{name!r} is no name: write 'part.variable'")
+        raise SetupError(f"{name!r} is not a name: write 'part.variable'")
 
 
 def split_name(name: str) -> list[tuple[str, str]]:

@@ -285,7 +285,7 @@ def test_exports_are_files_of_their_kind(
         (["run", "DRIVE", "--set", "motor.T"], "must read NAME=VALUE"),
         (["run", "DRIVE", "--set", "motor.T=-1"], "motor.T [s] = -1 must be"),
         (["run", "DRIVE", "--step", "0"], "step = 0.0 s must be above 0"),
-        (["run", "DRIVE", "--step", "1", "--adaptive", "1"], "exclude each other"),
+        (["run", "DRIVE", "--step", "1", "--adaptive", "1"], "cannot be used together"),
         (["run", "DRIVE", "--stop", "soon"], "argument --stop: 'soon' is not a number"),
         (["run", "DRIVE", "--stop", "motor.T=1"], "start values are given with --set or --start"),
         (

@@ -97,10 +97,10 @@ UNREADABLE = {
     "item": (('name="high" value="5"', 'name="high" value="5.0"'), "value of high: '5.0' is not a whole number"),
     "unit": (("<TypeDefinitions>", '<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="1,5"/></Unit></UnitDefinitions><TypeDefinitions>'), "factor of m: '1,5' is not a number"),
     "power": (("<TypeDefinitions>", '<UnitDefinitions><Unit name="m"><BaseUnit m="1.0"/></Unit></UnitDefinitions><TypeDefinitions>'), "m of m: '1.0' is not a whole number"),
-    "index 0": (('<Unknown index="6" dependencies=""/>', '<Unknown index="0"/>'), "index 0 of Outputs is no variable: indices are 1 to"),
-    "index beyond": (('<Unknown index="6" dependencies=""/>', '<Unknown index="999"/>'), "index 999 of Outputs is no variable"),
-    "dependency beyond": (('<Unknown index="7" dependencies="1"/>', '<Unknown index="7" dependencies="1 999"/>'), "dependencies 999 of Outputs is no variable"),
-    "derivative of nothing": (("<Real/>", '<Real derivative="0"/>'), "derivative 0 of y is no variable"),
+    "index 0": (('<Unknown index="6" dependencies=""/>', '<Unknown index="0"/>'), "index 0 of Outputs is not a variable: indices are 1 to"),
+    "index beyond": (('<Unknown index="6" dependencies=""/>', '<Unknown index="999"/>'), "index 999 of Outputs is not a variable"),
+    "dependency beyond": (('<Unknown index="7" dependencies="1"/>', '<Unknown index="7" dependencies="1 999"/>'), "dependencies 999 of Outputs is not a variable"),
+    "derivative of nothing": (("<Real/>", '<Real derivative="0"/>'), "derivative 0 of y is not a variable"),
     "no guid": ((' guid="[^"]*"', ""), "there is no guid"),
 }  # fmt: skip
 
@@ -123,7 +123,7 @@ UNREADABLE_3 = {
     "Float32": (('(name="Float32_in".*?)start="0"', r'\1start="1e39"'), "'1e39' is too large for a 32-bit floating-point"),
     "array": (('(name="Float64_ins".*?)start="0"', r'\1start="0 1 x 3"'), "start of Float64_ins: 'x' is not a number"),
     "array of bytes": (('(name="UInt8_ins".*?)start="0"', r'\1start="0 1 256 3"'), "'256' is not an 8-bit unsigned integer"),
-    "unknown": (('<Output valueReference="1000"', '<Output valueReference="77"'), "valueReference 77 of Output is no variable"),
+    "unknown": (('<Output valueReference="1000"', '<Output valueReference="77"'), "valueReference 77 of Output is not a variable"),
     "no token": ((' instantiationToken="third"', ""), "there is no instantiationToken"),
 }  # fmt: skip
 

@@ -292,7 +292,7 @@ def test_a_nominal_value_of_0_is_taken_as_1(
 def test_an_oracle_that_takes_too_long_ends(native: Path) -> None:
     drive = System({"motor": native / "DriveMotor.fmu"})
     with pytest.raises(
-        SimulationError, match="no end within the timeout; the integrator is at t = "
+        SimulationError, match="not finished within the timeout: the integrator is at t = "
     ):
         oracle(drive, stop=1.0, timeout=1e-9)
     with pytest.raises(SetupError, match=r"timeout = 0\.0 s must be above 0"):

@@ -131,7 +131,7 @@ def test_cases_come_from_a_file_or_are_drawn(
         (["--vary", "motor.A=1,2", "--figure", "largest:motor.tau@2..3"], "must lie in the run"),
         (["--sample", "3"], "--within NAME=a..b"),
         (["--sample", "3", "--within", "motor.A=3..2"], "the first value must be below the second"),
-        (["--sample", "3", "--vary", "motor.A=1,2"], "--vary and --sample exclude each other"),
+        (["--sample", "3", "--vary", "motor.A=1,2"], "--vary and --sample cannot be used together"),
         (["--table", "missing.csv"], "missing.csv cannot be read as a table"),
         (["--vary", "motor.A=1,2", "--out", "x.txt"], "x.txt must end in .csv or .parquet"),
         (["--vary", "motor.A=1,2", "--jobs", "0"], "--jobs 0 must be at least 1"),

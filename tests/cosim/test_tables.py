@@ -109,7 +109,7 @@ def test_what_is_no_table_is_refused_in_one_line(case: str, tmp_path: Path) -> N
     [
         ('{"units": null}', "'units' must be texts by the names of columns"),
         ('{"units": {"x": ["m"]}}', "'units' must be texts by the names of columns"),
-        ('{"kinds": {"x": "foo"}}', "x is 'foo', which is no kind of a column"),
+        ('{"kinds": {"x": "foo"}}', "x is 'foo', which is not a kind of column"),
         ('{"breaks": [0, 1]}', "'breaks' must be a list of pairs"),
         ("[" * 100_000, "cannot be read: too many brackets"),
         ("{", "cannot be read"),

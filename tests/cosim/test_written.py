@@ -138,7 +138,7 @@ def test_a_table_is_a_file(
         tmp_path / f"{kind}.csv",
     ]
     arguments += ["--map", "A.u=u"] if option == "--input" else []
-    assert "it is no file, but a folder, a pipe or a device" in command_output(*arguments, code=2)
+    assert "it is not a file but a folder, a pipe or a device" in command_output(*arguments, code=2)
 
 
 @pytest.mark.parametrize("cell", ["1_0", "٣", "0x10", "1d3", "1e400"])

@@ -329,7 +329,9 @@ def reproduce(
 
     def require_time(progress: float) -> None:
         if clock.process_time() > deadline:
-            raise OutOfTimeError(f"no end within {seconds:g} s, only {progress:.0%} of the run")
+            raise OutOfTimeError(
+                f"not finished within {seconds:g} s, only {progress:.0%} of the run"
+            )
 
     spacing = request.output_step()
     step = settings.pop("step", spacing)

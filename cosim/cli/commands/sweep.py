@@ -100,7 +100,7 @@ def cases_of(options: argparse.Namespace, network: Network) -> Mapping[str, Sequ
     given = [name for name, value in ways.items() if value]
     if len(given) != 1:
         raise SetupError(
-            f"{' and '.join(given)} exclude each other" if given else
+            f"{' and '.join(given)} cannot be used together" if given else
             "say what differs from run to run: --vary NAME=from:to:n, --table FILE, or --sample N "
             "--within NAME=a..b"
         )  # fmt: skip
@@ -208,7 +208,7 @@ def _table(path: Path, network: Network) -> dict[str, list[Value]]:
                 value_of_text(network, network.port(name), f"{cell.strip()}{unit}")
             )
     if not rows:
-        raise SetupError(f"{path} has no row below its head")
+        raise SetupError(f"{path} has no row below its header")
     return columns
 
 

@@ -181,7 +181,9 @@ def _check_document(root: Element, path: Path) -> Iterator[Finding]:
         yield Finding(clause, Severity.ERROR, file, 1, f"the encoding is {encoding}, not UTF-8")
     space = root.tag.rpartition("}")[0][1:]
     if root.tag not in SCHEMAS:
-        text = f"{plain(root.tag)} in the namespace {space or 'none'} is no root of a file of SSP"
+        text = (
+            f"{plain(root.tag)} in the namespace {space or 'none'} is not the root of an SSP file"
+        )
         yield Finding(clause, Severity.ERROR, file, root.sourceline, text)
         return
     version = root.get("version")
