@@ -32,7 +32,7 @@ SYSTEMS: dict[str, tuple[dict[str, Any], str]] = {
     "the wrong way round": ({"wires": ["c.tau -> m.tau"]}, "c.tau [N.m] has causality input, not output; write m.tau -> c.tau"),
     "a name": ({"wires": ["m.tua -> c.tau"]}, "m has no variable 'tua', only w, tau,"),
     "no wires": ({"wires": None}, "wires must be a sequence of texts, as a list"),
-    "a start of a number": ({"start": {3: 1.0}}, "3 is no name: write 'part.variable'"),
+    "a start of a number": ({"start": {3: 1.0}}, "3 is not a name: write 'part.variable'"),
     "a near name": ({"start": {"m.Tau": 1.0}}, "; did you mean tau?"),
     "a part": ({"wires": ["mm.tau -> c.tau"]}, "there is no part 'mm', only m, c; did you mean m?"),
 }  # fmt: skip
@@ -77,8 +77,8 @@ SETTINGS: dict[str, tuple[dict[str, Any], str]] = {
     "substeps as a text": ({"substeps": {"m": "2"}}, "substeps of m = '2' must be a whole number"),
     "substeps of another": ({"substeps": {"n": 2}}, "substeps: there is no part 'n', only m"),
     "input order": ({"input_order": 1.5}, "input_order = 1.5 must be a whole number"),
-    "record of nothing": ({"record": [None]}, "None is no name: write 'part.variable'"),
-    "record of a number": ({"record": [3]}, "3 is no name: write 'part.variable'"),
+    "record of nothing": ({"record": [None]}, "None is not a name: write 'part.variable'"),
+    "record of a number": ({"record": [3]}, "3 is not a name: write 'part.variable'"),
     "algorithm": ({"algorithm": "Strang"}, "algorithm 'Strang' must be one of jacobi, gauss-seidel, strang, iterated; did you mean strang?"),
     "no algorithm": ({"algorithm": None}, "algorithm = None must be a name"),
 }  # fmt: skip

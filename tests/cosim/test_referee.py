@@ -699,7 +699,7 @@ def test_a_column_without_numbers_is_no_column_that_agrees(
     [
         ("none.csv", None, "No such file"),
         ("empty.csv", b"", "it is empty"),
-        ("binary.csv", bytes(range(256)), "no text in UTF-8"),
+        ("binary.csv", bytes(range(256)), "not text in UTF-8"),
         ("heading.csv", b"time,motor.tau\n", "needs two rows"),
         ("not.mat", b"nothing", "cannot be read"),
         ("untimed.csv", b"motor.tau,conveyor.w\n2,40\n1,41\n", "no column is called time"),
