@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from cosim import System
 from workbench import Run, Table, option
-from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider
 from workbench.measure import extended, integral, largest
 
 PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
@@ -35,6 +35,6 @@ def tables(o, f, r):
 
 LIVE = Live(
     sliders=(Slider("motor.B", 5.0, 90.0),),
-    charts=[LiveChart("Braking", "time [s]", [LivePanel("torque", {"motor.tau": "red"})])],
+    charts=[RunChart("Braking", "time [s]", [RunPanel("torque", {"motor.tau": "red"})])],
     numbers=[Number("brake", Reader("max", "-motor.tau"))],
 )

@@ -12,11 +12,11 @@ from workbench.charts import model as colors
 from workbench.live import (
     REVOLUTION,
     Live,
-    LiveChart,
-    LivePanel,
     LiveSweep,
     Number,
     Reader,
+    RunChart,
+    RunPanel,
     Slider,
     Steady,
 )
@@ -83,7 +83,7 @@ class LiveDrive:
                 Number("lag_operating", LAG),
                 *(live_theory.NUMBERS if is_linear else ()),
             ],
-            charts=[revolution_chart()],
+            charts=[motion.REVOLUTION_CHART],
             motion=motion.live_motion(
                 "The conveyor in this revolution", self.parameters(), 25.0, REVOLUTION
             ),
@@ -111,7 +111,7 @@ class LiveDrive:
                 Number("w2", SPEED, "rad/s", "speed ripple"),
                 PHASE,
             ],
-            chart=LiveChart(
+            chart=RunChart(
                 "Ripple over the operating speed",
                 "operating speed [rad/s]",
                 self.panels(),
@@ -119,7 +119,7 @@ class LiveDrive:
             ),
         )
 
-    def panels(self) -> list[LivePanel]:
+    def panels(self) -> list[RunPanel]:
         """Return ripple and lag over the speed, each beside first-order theory."""
         tau2, w2 = TORQUE_PEAK.unit, SPEED_PEAK.unit
         return [
@@ -145,30 +145,10 @@ class LiveDrive:
 
 def theory_panel(
     quantity: str, unit: str, run: str, theory: str, color: str, *, levels: Mapping[str, float]
-) -> LivePanel:
+) -> RunPanel:
     """Return a panel of what runs give beside a formula of first-order theory."""
     curves = {
         theory: ("first-order theory", colors.THEORY, "theory"),
         run: ("co-simulation", color, "linked"),
     }
-    return LivePanel(quantity, curves, unit, levels, (0.0,))
-
-
-def revolution_chart() -> LiveChart:
-    """Return the revolution at the operating speed."""
-    torques = {
-        "motor.tau": ("motor", colors.TORQUE),
-        "conveyor.tau_load": ("load", colors.THEORY),
-    }
-    panels = [
-        LivePanel("torque", torques),
-        LivePanel("speed", {"conveyor.w": colors.SPEED}),
-        LivePanel("rod force", {"conveyor.f_rod": colors.FORCE}, "kN"),
-    ]
-    return LiveChart(
-        "One revolution at the operating speed",
-        "crank angle [deg]",
-        panels,
-        "crank_angle * 180 / pi",
-        REVOLUTION,
-    )
+    return RunPanel(quantity, curves, unit, levels, (0.0,))

@@ -11,9 +11,16 @@ import numpy as np
 from workbench import Chart
 from workbench.charts import model as chart
 from workbench.charts import motion
-from workbench.charts.model import result_panel
 from workbench.charts.motion import Columns, Motion, Shape, line
-from workbench.live import Caption, Coordinate, LiveMotion
+from workbench.live import (
+    REVOLUTION,
+    Caption,
+    Coordinate,
+    LiveMotion,
+    RunChart,
+    RunPanel,
+    drawn,
+)
 from workbench.periodic import NoOrbitError
 
 from .orbits import OrbitTask, run_to_orbit
@@ -35,6 +42,25 @@ CAPTIONS = (
 NOTE = f"Relative to the rod, crank and stroke are drawn {ENLARGED:g} times too long."
 
 
+REVOLUTION_CHART = RunChart(
+    "One revolution at the operating speed",
+    "crank angle [deg]",
+    [
+        RunPanel(
+            "torque",
+            {
+                "motor.tau": ("motor", chart.TORQUE),
+                "conveyor.tau_load": ("load", chart.THEORY, "theory"),
+            },
+        ),
+        RunPanel("speed", {"conveyor.w": chart.SPEED}),
+        RunPanel("rod force", {"conveyor.f_rod": chart.FORCE}, "kN"),
+    ],
+    "crank_angle * 180 / pi",
+    REVOLUTION,
+)
+
+
 def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
     """The motion and the course of a revolution on the orbit of a task; none where there is no orbit."""
     try:
@@ -43,24 +69,8 @@ def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
         return [], []
     t, phi = result["time"], result["conveyor.phi"]
     first = float(np.interp(phi[-1] - 2 * math.pi, phi, t))
-    in_revolution = t >= first
-    since = 1e3 * (t[in_revolution] - first)
-    torque = {"motor.tau": ("motor", chart.TORQUE), "conveyor.tau_load": ("load", chart.THEORY)}
-    panels = [
-        result_panel("torque", result, since, torque, rows=in_revolution),
-        result_panel(
-            "speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=in_revolution
-        ),
-        result_panel(
-            "rod force",
-            result,
-            since,
-            {"conveyor.f_rod": ("rod", chart.FORCE)},
-            unit="kN",
-            rows=in_revolution,
-        ),
-    ]
-    waveforms = Chart(f"One revolution at {task.nu:g} rad/s", "time [ms]", panels)
+    waveforms = drawn(REVOLUTION_CHART, result, angle="conveyor.phi")
+    waveforms = waveforms._replace(title=f"One revolution at {task.nu:g} rad/s")
     title = f"Crank conveyor at {task.nu:g} rad/s"
     return [moving(title, {"": result}, first, float(t[-1]), 25.0)], [waveforms]
 

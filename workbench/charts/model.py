@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..figure import Figure
-
-if TYPE_CHECKING:
-    from cosim import Result
 
 Samples = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_] | NDArray[np.int64]
@@ -261,52 +258,3 @@ class Field(NamedTuple):
 
 
 Picture = Chart | Field
-
-
-def result_panel(
-    quantity: str,
-    result: Result,
-    x: Samples,
-    curves: Mapping[str, CurveLook],
-    *,
-    unit: str = "",
-    rows: Rows = slice(None),
-    includes: Sequence[float] = (),
-    levels: Sequence[Mark] = (),
-) -> Panel:
-    """Return a panel of columns of a result.
-
-    Parameters
-    ----------
-    quantity
-        What the panel shows.
-    result
-        The rows of a run.
-    x
-        The values of the x axis, one for each row that is drawn.
-    curves
-        For each column what `NamedLook.of` reads: its name beside it, its colour and perhaps its look, or
-        only a colour, and then its name is the quantity.
-    unit
-        The unit to draw in; by default that of the first column.
-    rows
-        The rows to draw; by default all.
-    includes, levels
-        Those of the panel.
-
-    Raises
-    ------
-    KeyError
-        For a column that does not exist or a unit that it does not convert to.
-    ValueError
-        For a look that does not exist.
-    """
-    units = {column: result.units[column] for column in curves}
-    unit = unit or next(iter(units.values()))
-    curves_in_unit = []
-    for column, look in curves.items():
-        factor = 1.0 if units[column] == unit else DISPLAY_FACTORS[units[column], unit]
-        named = NamedLook.of(look, quantity)
-        y = factor * result[column][rows]
-        curves_in_unit.append(Curve(named.name, x, y, named.color, named.look))
-    return Panel(quantity, unit, curves_in_unit, levels, includes)

@@ -12,18 +12,19 @@ from .declare import (
     Coordinate,
     Formulas,
     Live,
-    LiveChart,
     LiveMotion,
-    LivePanel,
     LiveRun,
     LiveSweep,
     Number,
     Reader,
+    RunChart,
+    RunPanel,
     Slider,
     Steady,
 )  # fmt: skip
+from .still import drawn
 
 __all__ = [
-    "REVOLUTION", "Caption", "Coordinate", "Formulas", "Live", "LiveChart", "LiveMotion", "LivePanel",
-    "LivePart", "LiveRun", "LiveSweep", "Number", "Reader", "Slider", "Steady", "of",
+    "REVOLUTION", "Caption", "Coordinate", "Formulas", "Live", "LiveMotion", "LivePart",
+    "LiveRun", "LiveSweep", "Number", "Reader", "RunChart", "RunPanel", "Slider", "Steady", "drawn", "of",
 ]  # fmt: skip

@@ -15,24 +15,24 @@ from cosim.engine.algorithms import find_algorithm
 from cosim.system import Network, Port, Value
 from cosim.system.graph import stepping_order
 
-from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, NamedLook, Panel
+from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, Panel
 from ..charts.plotly import template
 from ..charts.svg import letter_sizes
 from ..options import Options, declared
 from . import drawing
 from .declare import (
+    READERS,
     REVOLUTION,
     Live,
-    LiveChart,
     LiveMotion,
-    LivePanel,
     LiveRun,
     LiveSweep,
     Number,
     Reader,
+    RunChart,
+    RunPanel,
 )  # fmt: skip
 from .formula import Formula
-from .readers import READERS
 
 if TYPE_CHECKING:
     from ..answer import Findings
@@ -296,7 +296,7 @@ class Content:
             "run": names.index(reader.run) if reader.run else 0,
         }  # fmt: skip
 
-    def chart(self, chart: LiveChart, live: Live) -> dict[str, Any]:
+    def chart(self, chart: RunChart, live: Live) -> dict[str, Any]:
         """Return a chart of the run: what its traces are, and how plotly draws them."""
         where = f"chart {chart.title!r}"
         traces: list[dict[str, Any]] = []
@@ -320,14 +320,14 @@ class Content:
         self.record(text, where)
         return str(self.network.port(text).unit)
 
-    def unit(self, panel: LivePanel, where: str) -> str:
+    def unit(self, panel: RunPanel, where: str) -> str:
         """Return the unit of a panel."""
         unit = panel.unit or self.unit_of(next(iter(panel.curves)), where)
         if not unit:
             raise SetupError(f"LIVE: {where}: the panel {panel.quantity!r} needs a unit")
         return unit
 
-    def scale(self, text: str, panel: LivePanel, where: str) -> float:
+    def scale(self, text: str, panel: RunPanel, where: str) -> float:
         """Return the factor from the unit of a column to that of its panel."""
         unit, target = self.unit_of(text, where), self.unit(panel, where)
         if unit in ("", target):
@@ -339,18 +339,13 @@ class Content:
             )
         return DISPLAY_FACTORS[unit, target]
 
-    def picture(self, chart: LiveChart, runs: Sequence[LiveRun]) -> dict[str, Any]:
+    def picture(self, chart: RunChart, runs: Sequence[LiveRun]) -> dict[str, Any]:
         """Return plotly's traces and layouts without data, with the texts of marks."""
-        several, panels = len(runs) > 1, []
+        panels = []
         for panel in chart.panels:
-            curves: list[Curve] = []
-            for run in runs:
-                for look in panel.curves.values():
-                    named = NamedLook.of(look, panel.quantity)
-                    name = run.name if several else named.name
-                    color = run.color if several and run.color else named.color
-                    y = [float(len(curves)), len(curves) + 1.0]  # no curve covers another
-                    curves.append(Curve(name, [0.0, 1.0], y, color, named.look))
+            curves = [
+                Curve(x.name, [0.0, 1.0], [0.0, 1.0], x.color, x.look) for x in panel.looks(runs)
+            ]
             levels = [Mark(0.5, text) for text in panel.levels]
             panels.append(
                 Panel(panel.quantity, self.unit(panel, chart.title), curves, levels, panel.includes)

@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..charts.model import CurveLook
+from ..charts.model import CurveLook, NamedLook
 from ..charts.motion import Columns, Shape
 
 Text = str | float
 Formulas = Mapping[str, Text]
 #: the window of the last revolution of `Live.angle`
 REVOLUTION = "revolution"
+#: how a number may be read from a column, each a function of js/readers.js
+READERS = ("last", "change", "max", "min", "mean", "first_crossing", "amplitude", "phase")
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Reader:
     Attributes
     ----------
     kind : str
-        One of `readers.READERS`: last, change, max, min, mean, first_crossing, amplitude, phase.
+        One of `READERS`.
     column : str
         A formula of outputs, such as "abs(motor.tau)".
     window : str or float
@@ -95,15 +97,15 @@ class Number:
 
 
 @dataclass(frozen=True)
-class LivePanel:
-    """Curves on one axis.
+class RunPanel:
+    """Curves of columns on one axis, for the picture and the live page.
 
     Attributes
     ----------
     quantity : str
         What the axis shows.
     curves : mapping of str to str or tuple
-        By formula, "motor.tau", the color, or name, color and perhaps look, as `chart.recorded` has them.
+        By formula, "motor.tau", the color, or name, color and perhaps look, as `NamedLook.of` reads them.
     unit : str
         The unit of the axis, by default that of the first column. A column alone is converted to it.
     levels : mapping of str to str or float
@@ -118,16 +120,25 @@ class LivePanel:
     levels: Formulas = field(default_factory=dict)
     includes: Sequence[float] = ()
 
+    def looks(self, runs: Sequence[LiveRun]) -> list[NamedLook]:
+        """Return name, color and look of every curve of every run; several runs give their curves name and color."""
+        looks = [NamedLook.of(texts, self.quantity) for texts in self.curves.values()]
+        if len(runs) <= 1:
+            return looks
+        return [
+            look._replace(name=x.name, color=x.color or look.color) for x in runs for look in looks
+        ]
+
 
 @dataclass(frozen=True)
-class LiveChart:
-    """Panels over one axis.
+class RunChart:
+    """Panels over one axis, for the picture and the live page.
 
     Attributes
     ----------
     title, label : str
         Title of the chart and label of its x axis, "time [s]".
-    panels : sequence of LivePanel
+    panels : sequence of RunPanel
         From top to bottom.
     x : str
         The formula of the x axis.
@@ -139,7 +150,7 @@ class LiveChart:
 
     title: str
     label: str
-    panels: Sequence[LivePanel]
+    panels: Sequence[RunPanel]
     x: str = "time"
     window: Text = ""
     marks: Mapping[str, tuple[Text, str]] = field(default_factory=dict)
@@ -251,7 +262,7 @@ class LiveSweep:
         As in `Live`.
     numbers : sequence of Number
         What each run gives.
-    chart : LiveChart
+    chart : RunChart
         Curves over the swept value. Those with numbers are points of the sweep, others are drawn finely.
     """
 
@@ -259,7 +270,7 @@ class LiveSweep:
     values: Sequence[float]
     step: Text
     numbers: Sequence[Number]
-    chart: LiveChart
+    chart: RunChart
     steady: Steady | None = None
 
 
@@ -298,7 +309,7 @@ class Live:
     """
 
     sliders: Sequence[Slider]
-    charts: Sequence[LiveChart]
+    charts: Sequence[RunChart]
     numbers: Sequence[Number] = ()
     motion: LiveMotion | None = None
     values: Formulas = field(default_factory=dict)

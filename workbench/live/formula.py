@@ -17,22 +17,23 @@ from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim import SetupError
 from cosim.errors import pluralize
 
 
-def _mod(x: np.float64, y: np.float64) -> np.float64:
-    return np.float64(np.fmod(np.fmod(x, y) + y, y))
+def _mod(x: Any, y: Any) -> Any:
+    return np.fmod(np.fmod(x, y) + y, y)
 
 
-def _power(x: np.float64, y: np.float64) -> np.float64:
+def _power(x: Any, y: Any) -> Any:
     """JavaScript has no value for a 1 to an infinite power, or to nan; C has 1."""
-    return np.float64(math.nan) if abs(x) == 1.0 and not np.isfinite(y) else x**y
+    return np.where((np.abs(x) == 1.0) & ~np.isfinite(y), math.nan, x**y)
 
 
-def _where(condition: np.float64, yes: np.float64, no: np.float64) -> np.float64:
-    return no if condition == 0.0 or np.isnan(condition) else yes
+def _where(condition: Any, yes: Any, no: Any) -> Any:
+    return np.where((condition == 0.0) | np.isnan(condition), no, yes)
 
 
 def _of_all(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -105,11 +106,15 @@ class Formula:
 
     def __call__(self, values: Mapping[str, float]) -> float:
         """Compute the formula with values by name."""
+        return float(self.over(values))
+
+    def over(self, values: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Compute the formula with values and columns by name."""
         calls = {name: function.call for name, function in FUNCTIONS.items()}
         known = {"__builtins__": {}, "number": np.float64, "pow": _power, **calls}
         with np.errstate(all="ignore"):
             v = {name: np.float64(values[name]) for name in self.names}
-            return float(eval(self._code, known, {"v": v}))
+            return np.asarray(eval(self._code, known, {"v": v}), float)
 
 
 class _Ieee(ast.NodeTransformer):

@@ -7,7 +7,6 @@ elastic shaft with backlash connects gearbox and link.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,9 +14,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Figure, Judgement, Mark, Run, Show, option
-from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, result_panel
-from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench import Figure, Judgement, Run, Show, option
+from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
+from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import (
     Measured,
     Samples,
@@ -308,37 +307,32 @@ def judgements(o: Options, f: Mapping[str, Figure], r: Result) -> list[Judgement
     ]
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
-    """Speeds, torques and current over time, and both ends of the shaft in motion."""
-    panel = partial(result_panel, result=r, x=r["time"])
-    speeds = {"gear.w_b": ("gearbox", SPEED), "load.w": ("load", LIFT)}
-    torques = {"controller.tau": ("requested", THEORY, "theory"), "motor.tau": ("motor", TORQUE)}
-    wanted = [Mark(o.speed, "set speed")]
-    panels = [
-        panel("speed", curves=speeds, levels=wanted),
-        panel("torque in the shaft", curves={"shaft.tau_b": FORCE}),
-        panel("torque of the motor", curves=torques),
-        panel("current", curves={"motor.i": TORQUE}),
-    ]
-    chart = Chart(f"From rest to {o.speed:g} rad/s", "time [s]", panels)
-    return Show([chart], [moving(r)])
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
-    """The start from rest."""
-    panels = [
-        LivePanel(
+CHART = RunChart(
+    "From rest to the set speed",
+    "time [s]",
+    [
+        RunPanel(
             "speed",
             {"gear.w_b": ("gearbox", SPEED), "load.w": ("load", LIFT)},
             levels={"set speed": "speed"},
         ),
-        LivePanel("torque in the shaft", {"shaft.tau_b": FORCE}),
-        LivePanel(
+        RunPanel("torque in the shaft", {"shaft.tau_b": FORCE}),
+        RunPanel(
             "torque of the motor",
             {"controller.tau": ("requested", THEORY, "theory"), "motor.tau": ("motor", TORQUE)},
         ),
-        LivePanel("current", {"motor.i": TORQUE}),
-    ]
+        RunPanel("current", {"motor.i": TORQUE}),
+    ],
+)
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
+    """Speeds, torques and current over time, and both ends of the shaft in motion."""
+    return Show([drawn(CHART, r, o)], [moving(r)])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
+    """The start from rest."""
     return Live(
         sliders=(
             Slider("speed", 10.0, 40.0),
@@ -356,7 +350,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
             Number("tau_min", Reader("min", "shaft.tau_b")),
             Number("i_max", Reader("max", "motor.i")),
         ],
-        charts=[LiveChart("From rest to the set speed", "time [s]", panels)],
+        charts=[CHART],
         motion=live_motion(r),
     )
 

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Curve, Figure, Judgement, Mark, Panel, Run, Show, option
-from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
-from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
+from workbench import Chart, Curve, Figure, Judgement, Panel, Run, Show, option
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
+from workbench.live import Live, LiveRun, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import (
     Samples,
     clearance,
@@ -210,22 +210,27 @@ def failure(o: Options, f: Mapping[str, Figure], r: Result, motor: str) -> str:
     return f"{what} {speed:.4g} rad/s, below that: more time does not help"
 
 
+CHART = RunChart(
+    "Run-up from rest",
+    "time [s]",
+    [
+        RunPanel(
+            "crank speed", {"conveyor.w": SPEED}, levels={"resonance by formula": "figures.nu_res"}
+        ),
+        RunPanel("motor torque", {"motor.tau": TORQUE}),
+        RunPanel("rod force", {"conveyor.f_rod": FORCE}, "kN"),
+    ],
+)
+RUNS = [
+    LiveRun(*STYLES[motor], {"motor.characteristic": characteristic})
+    for motor, characteristic in MOTORS.items()
+]
+
+
 def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
     """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both
     conveyors in motion, one above the other.
     """
-    nu_res = f["nu_res"].value
-    level = Mark(nu_res, f"resonance {nu_res:.1f} rad/s")
-
-    def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
-        each = [
-            result_panel(
-                quantity, result, result["time"], {column: STYLES[motor]}, unit=unit, levels=levels
-            )
-            for motor, result in r.items()
-        ]
-        return each[0]._replace(curves=[curve for chart in each for curve in chart.curves])
-
     plane = []
     for motor, result in r.items():
         (name, color), w = STYLES[motor], result["conveyor.w"]
@@ -235,14 +240,9 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
             Curve("with its lag", w, result["motor.tau"], color),
         ]
         plane.append(Panel(f"torque, {name}", result.units["motor.tau"], curves))
-    panels = [
-        panel("crank speed", "conveyor.w", "", level),
-        panel("motor torque", "motor.tau"),
-        panel("rod force", "conveyor.f_rod", "kN"),
-    ]
     end = min(float(result["time"][-1]) for result in r.values())
     charts = [
-        Chart("Run-up from rest", "time [s]", panels),
+        drawn(CHART, [r[motor] for motor in MOTORS], o, f, runs=RUNS),
         Chart("Torque over speed", "crank speed [rad/s]", plane),
     ]
     return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
@@ -251,12 +251,6 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
 def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Live:
     """Both motors from rest."""
     p = r["linear"].provenance["parts"]["conveyor"]["parameters"]
-    level = {"resonance by formula": "nu_res"}
-    panels = [
-        LivePanel("crank speed", {"conveyor.w": SPEED}, levels=level),
-        LivePanel("motor torque", {"motor.tau": TORQUE}),
-        LivePanel("rod force", {"conveyor.f_rod": FORCE}, "kN"),
-    ]
     peaks = [
         Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=STYLES[motor][0]))
         for motor in MOTORS
@@ -280,12 +274,9 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> L
         ),
         values=live_theory.values({}),
         start={"motor.A": live_theory.START["motor.A"]},
-        runs=[
-            LiveRun(*STYLES[motor], {"motor.characteristic": characteristic})
-            for motor, characteristic in MOTORS.items()
-        ],
+        runs=RUNS,
         numbers=[Number("nu_res", "nu_res"), *peaks, *ends],
-        charts=[LiveChart("Run-up from rest", "time [s]", panels)],
+        charts=[CHART],
         motion=live_motion("Both conveyors from rest", p, 15.0),
     )
 

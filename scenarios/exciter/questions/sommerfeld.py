@@ -34,7 +34,7 @@ from workbench import (
 from workbench.answer import parameters
 from workbench.charts.model import Arrow
 from workbench.figure import listed
-from workbench.live import Live, LiveChart, LivePanel, LiveRun, LiveSweep, Number, Reader, Slider
+from workbench.live import Live, LiveRun, LiveSweep, Number, Reader, RunChart, RunPanel, Slider
 
 from .. import motion
 from ..orbits import ROUNDING, STEPS_PER_REV, Averaged, Jump, averaged, constants, jump, searches
@@ -361,12 +361,12 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> L
             ),
         ],
         charts=[
-            LiveChart(
+            RunChart(
                 "Two starts from rest",
                 "time [s]",
                 [
-                    LivePanel("speed", {"exciter.w": "red"}, levels=level),
-                    LivePanel("displacement", {"exciter.x": "red"}, "mm"),
+                    RunPanel("speed", {"exciter.w": "red"}, levels=level),
+                    RunPanel("displacement", {"exciter.x": "red"}, "mm"),
                 ],
             )
         ],
@@ -384,17 +384,17 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> L
                     "largest displacement",
                 ),
             ],
-            chart=LiveChart(
+            chart=RunChart(
                 "What a start from rest leads to",
                 "supply [V]",
                 [
-                    LivePanel(
+                    RunPanel(
                         "mean speed at the end",
                         {"figures.w_end": ("from rest", "red", "points")},
                         "rad/s",
                         level,
                     ),
-                    LivePanel(
+                    RunPanel(
                         "displacement at the end",
                         {"1e3 * figures.x_end": ("from rest", "red", "points")},
                         "mm",

@@ -29,9 +29,9 @@ from workbench import (
     option,
 )
 from workbench.answer import parameters
-from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE, result_panel
+from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
 from workbench.judgement import Verdict
-from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.live import REVOLUTION, Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import ROUNDING, largest, with_rows
 
 from .. import machine as iron
@@ -189,18 +189,27 @@ def judgements(o: Options, f: Mapping[str, Figure], r: object) -> list[Judgement
     return [stays, *(Judgement(f[name].meaning, f[name]) for name in ("flight", *landing))]
 
 
+CHART = RunChart(
+    "The last of three turns",
+    "cam angle [deg]",
+    [
+        RunPanel("gap of the rocker", {"iron.gap": FORCE}, "deg"),
+        RunPanel("force of the cam", {"iron.N": TORQUE}, includes=(0.0,)),
+        RunPanel("lift of the iron", {"iron.lift": LIFT}, "mm"),
+        RunPanel("velocity", {"iron.v": SPEED}),
+    ],
+    "crank_angle * 180 / pi",
+    REVOLUTION,
+)
+
+
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Show:
     """A turn with its landings, the sweep, and the mechanism in motion."""
     turn, system, table = r
     phi = np.degrees(turn["iron.phi"]) - 360.0 * (TURNS - 1)
     hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
-    at = partial(result_panel, result=turn, x=phi)
-    panels = [
-        at("gap of the rocker", curves={"iron.gap": FORCE}, unit="deg"),
-        at("force of the cam", curves={"iron.N": TORQUE}, includes=(0.0,)),
-        at("lift of the iron", curves={"iron.lift": LIFT}, unit="mm"),
-        at("velocity", curves={"iron.v": SPEED}),
-    ]
+    chart = drawn(CHART, turn, angle="iron.phi")
+    panels = list(chart.panels)
     if hit.any():
         blows = Curve("landing", phi[hit], turn["iron.S_landing"][hit], TORQUE, "points")
         panels.insert(2, Panel("impulse", "N.s", [blows], includes=(0.0,)))
@@ -214,7 +223,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -
     ]
     marks = [Mark(limit, "lifts off")] if pace[0] <= limit <= pace[-1] else []
     charts = [
-        Chart(title, "cam angle [deg]", panels, spans=spans),
+        chart._replace(title=title, panels=panels, spans=spans),
         Chart("Flight and landings over the speed", "speed of the cam [1/min]", over, marks),
     ]
     moving = motion.motion("The mechanism in this turn", turn, system, turn["time"][-1], 4.0)
@@ -224,12 +233,6 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -
 def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Live:
     """The last of three turns at the speed of the slider, as `flying` has them."""
     turn, system, _ = r
-    panels = [
-        LivePanel("gap of the rocker", {"iron.gap": FORCE}, "deg"),
-        LivePanel("force of the cam", {"iron.N": TORQUE}, includes=(0.0,)),
-        LivePanel("lift of the iron", {"iron.lift": LIFT}, "mm"),
-        LivePanel("velocity", {"iron.v": SPEED}),
-    ]
     impulse = "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))"
     return Live(
         sliders=(
@@ -259,15 +262,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Tabl
             Number("loss", Reader("change", "iron.E_landing", REVOLUTION)),
             Number("force", impulse),
         ],
-        charts=[
-            LiveChart(
-                "The last of three turns",
-                "cam angle [deg]",
-                panels,
-                "crank_angle * 180 / pi",
-                REVOLUTION,
-            )
-        ],
+        charts=[CHART],
         motion=motion.live_motion("The mechanism in this turn", turn, system, 4.0, REVOLUTION),
     )
 

@@ -10,7 +10,6 @@ A_1 eps + B_1 w^2 = M + C_1, and by how much each of them changes with each dime
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,10 +17,10 @@ import numpy as np
 
 import workbench
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Judgement, Mark, Run, Show, Table, option
-from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, result_panel
+from workbench import Context, Figure, Judgement, Run, Show, Table, option
+from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE
 from workbench.judgement import Verdict
-from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import integral, largest, smallest
 
 from .. import machine as iron
@@ -35,13 +34,18 @@ FORCES = {
     "iron.T_span": ("chain at the link", SPEED),
     "iron.T_iron": ("chain at the iron", LIFT),
 }
-PANELS: dict[str, Mapping[str, tuple[str, ...] | str]] = {
-    "forces": FORCES,
-    "torque of the cam": {"iron.tau_cam": TORQUE},
-    "lift": {"iron.lift": LIFT},
-    "velocity": {"iron.v": SPEED},
-    "acceleration": {"iron.a": FORCE},
-}
+CHART = RunChart(
+    "One turn of the cam",
+    "cam angle [deg]",
+    [
+        RunPanel("forces", FORCES, levels={"0: contact or chain lets go": 0.0}, includes=(0.0,)),
+        RunPanel("torque of the cam", {"iron.tau_cam": TORQUE}),
+        RunPanel("lift", {"iron.lift": LIFT}, "mm"),
+        RunPanel("velocity", {"iron.v": SPEED}),
+        RunPanel("acceleration", {"iron.a": FORCE}),
+    ],
+    x="iron.phi * 180 / pi",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,27 +162,15 @@ def judgements(o: Options, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
 def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
     result, turns = r
-    phi = np.degrees(result["iron.phi"])
-    panel = partial(result_panel, result=result, x=phi)
-    zero = [Mark(0.0, "0: contact or chain lets go")]
-    panels = [
-        panel(quantity, curves=curves, unit="mm" if quantity == "lift" else "")
-        for quantity, curves in PANELS.items()
-    ]
-    panels[0] = panels[0]._replace(includes=(0.0,), levels=zero)
     spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
     title = f"One turn of the cam at {f['cycles'].brief('cycles/min')}"
     moving = motion.motion("One turn of the cam", result, turns.system, result["time"][-1], 4.0)
-    chart = Chart(title, "cam angle [deg]", panels, spans=spans)
+    chart = drawn(CHART, result)._replace(title=title, spans=spans)
     return Show([chart, *(turns.transfer.charts() if turns.transfer else [])], [moving])
 
 
 def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
     """One turn at the speed of the slider, from the angle 0, as `drive.imposed` has it."""
-    panels = [
-        LivePanel(quantity, curves, "mm" if quantity == "lift" else "", includes=(0.0,))
-        for quantity, curves in PANELS.items()
-    ]
     return Live(
         sliders=(
             Slider("speed", 1.0, 12.0),
@@ -186,9 +178,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
             Slider("iron.spring.c", 0.0, 1200.0),
             Slider("iron.friction.K_up", 0.0, 0.3),
         ),
-        charts=[
-            LiveChart("One turn of the cam", "cam angle [deg]", panels, x="iron.phi * 180 / pi")
-        ],
+        charts=[CHART],
         motion=motion.live_motion("One turn of the cam", r[0], r[1].system, 4.0),
         start={"iron.w_cam": "speed"},
         stop="2 * pi / speed",

@@ -7,18 +7,17 @@ energy ledger (work in = stored + friction), with the energy that the coupling r
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Judgement, Run, Show, option
-from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, result_panel
-from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
-from workbench.measure import Measured, Samples, extended, integral, largest, measured
+from workbench import Context, Figure, Judgement, Run, Show, option
+from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE
+from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
+from workbench.measure import Measured, Samples, extended, integral, largest, measured, with_rows
 
 from .. import machine as iron
 from .. import motion
@@ -192,48 +191,46 @@ def judgements(o: Options, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
     ]
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
-    """The first moments, the whole start with its ledger, and the mechanism in motion."""
-    full = chart(r[0], "The start from the middle of the bottom dwell", slice(None))
-    first = chart(r[0], "The first moments", r[0]["time"] <= FIRST)
-    moving = motion.motion("The start", r[0], r[1].system, o.stop, 2.0)
-    return Show([first._replace(panels=first.panels[:3]), full], [moving])
-
-
-def chart(r: Result, title: str, rows: Any) -> Chart:
-    """Speed, torque, ledger and lift over time."""
-    panel = partial(result_panel, result=r, x=r["time"][rows], rows=rows)
-    energy = {
+TITLE, LABEL = "The start from the middle of the bottom dwell", "time [s]"
+START = [
+    RunPanel("cam speed", {"iron.w_cam": SPEED}),
+    RunPanel("motor torque", {"motor.tau": TORQUE}),
+]
+LIFTS = RunPanel("lift", {"iron.lift": LIFT}, "mm")
+LEDGER = RunPanel(
+    "energy",
+    {
         "E_friction": ("friction", "grey", "area"),
         "E_stored": ("stored", "sky", "area"),
         "E_in": ("from the motor", TORQUE),
-    }
-    panels = [
-        panel("cam speed", curves={"iron.w_cam": SPEED}),
-        panel("motor torque", curves={"motor.tau": TORQUE}),
-        panel("energy", curves=energy, includes=(0.0,)),
-        panel("lift", curves={"iron.lift": LIFT}, unit="mm"),
-        panel("made or lost by the coupling", curves={"E_missing": ("missing", THEORY)}, unit="mJ"),
+    },
+    includes=(0.0,),
+)
+MISSING = RunPanel("made or lost by the coupling", {"E_missing": ("missing", THEORY)}, "mJ")
+ENERGY = RunPanel(
+    "energy",
+    {
+        "iron.E_kin + iron.E_pot": ("kinetic and potential", POWER),
+        "iron.E_friction": ("friction", THEORY),
+    },
+    "J",
+)
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
+    """The first moments, the whole start with its ledger, and the mechanism in motion."""
+    result, turns = r
+    first = with_rows(result, result.data[result["time"] <= FIRST])
+    charts = [
+        drawn(RunChart("The first moments", LABEL, [*START, LEDGER]), first),
+        drawn(RunChart(TITLE, LABEL, [*START, LEDGER, LIFTS, MISSING]), result),
     ]
-    return Chart(title, "time [s]", panels)
+    return Show(charts, [motion.motion("The start", result, turns.system, o.stop, 2.0)])
 
 
 def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
     """The start."""
     half = "stop / 2"
-    panels = [
-        LivePanel("cam speed", {"iron.w_cam": SPEED}),
-        LivePanel("motor torque", {"motor.tau": TORQUE}),
-        LivePanel("lift", {"iron.lift": LIFT}, "mm"),
-        LivePanel(
-            "energy",
-            {
-                "iron.E_kin + iron.E_pot": ("kinetic and potential", POWER),
-                "iron.E_friction": ("friction", THEORY),
-            },
-            "J",
-        ),
-    ]
     return Live(
         sliders=(
             Slider("motor_A", 1.0, 8.0),
@@ -254,7 +251,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
             Number("energy_stored", Reader("change", "iron.E_kin + iron.E_pot")),
             Number("energy_friction", Reader("last", "iron.E_friction")),
         ],
-        charts=[LiveChart("The start from the middle of the bottom dwell", "time [s]", panels)],
+        charts=[RunChart(TITLE, LABEL, [*START, LIFTS, ENERGY])],
         motion=motion.live_motion("The start", r[0], r[1].system, 2.0),
     )
 

@@ -13,9 +13,9 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from cosim.accuracy.judge import SOME_RUNS
-from workbench import Chart, Context, Figure, Judgement, Mark, Run, Show, option
-from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
-from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench import Context, Figure, Judgement, Run, Show, option
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
+from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import Samples, measured
 
 from .. import machine as orientator
@@ -37,14 +37,29 @@ LEAST_ROWS = 4
 FEW_ROWS = f"a stage has fewer than {LEAST_ROWS} rows, even with much shorter steps"
 #: Most steps of a run for the reaction of the wall: a stage that is shorter than some of them is not resolved.
 MOST_STEPS = 100_000
-CURVES = {
-    "angle": {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
-    "speed": {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)},
-    "centre of mass": {"orientator.vyc": ("down", SPEED), "orientator.vxc": ("outwards", THEORY)},
-}
-
-
-WALL = {"orientator.N_K": ("wall", FORCE)}
+CHART = RunChart(
+    "Angles, speeds and the wall",
+    "time [ms]",
+    [
+        RunPanel(
+            "angle",
+            {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
+            "deg",
+        ),
+        RunPanel("speed", {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)}),
+        RunPanel(
+            "centre of mass",
+            {"orientator.vyc": ("down", SPEED), "orientator.vxc": ("outwards", THEORY)},
+        ),
+        RunPanel(
+            "reaction of the wall",
+            {"orientator.N_K": ("wall", FORCE)},
+            levels={"below 0 a real cup leaves the wall": 0.0},
+            includes=(0.0,),
+        ),
+    ],
+    "1e3 * time",
+)
 WALL_RECORD = (
     "orientator.N_K",
     "orientator.stage",
@@ -184,12 +199,8 @@ def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
     until_end = orientator.shortened(r[0])
     stages, last = orientator.stages(until_end), float(until_end["time"][-1])
-    panel = partial(result_panel, result=until_end, x=1e3 * until_end["time"])
-    zero = Mark(0.0, "below 0 a real cup leaves the wall")
-    panels = [panel(x, curves=CURVES[x], unit="deg" if x == "angle" else "") for x in CURVES]
-    panels.append(panel("reaction of the wall", curves=WALL, levels=[zero], includes=(0.0,)))
     spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
-    chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)
+    chart = drawn(CHART, until_end)._replace(spans=spans)
     moving = motion.motion("One product", {"": until_end}, last, stages)
     return Show([chart], [moving])
 
@@ -197,8 +208,6 @@ def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
 def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
     """One product, up to its end."""
     last = float(orientator.ORIENTED)
-    panels = [LivePanel(x, CURVES[x], "deg" if x == "angle" else "") for x in CURVES]
-    panels.append(LivePanel("reaction of the wall", WALL, includes=(0.0,)))
     ended = "figures.stage == " + repr(last)
     return Live(
         sliders=(
@@ -245,7 +254,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
                 for name, (column, _, _) in IMPULSES.items()
             ),
         ],
-        charts=[LiveChart("Angles, speeds and the wall", "time [ms]", panels, "1e3 * time")],
+        charts=[CHART],
         motion=motion.live_motion("One product", r[0], 20.0),
     )
 

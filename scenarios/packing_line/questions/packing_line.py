@@ -15,8 +15,8 @@ import numpy as np
 import cosim
 from cosim import Result, System
 from workbench import Chart, Context, Figure, Judgement, Mark, Panel, Run, Show, Table, option
-from workbench.charts.model import LIFT, Lanes, Span, result_panel
-from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.charts.model import LIFT, Lanes, Span
+from workbench.live import REVOLUTION, Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import with_rows
 from workbench.options import Start
 
@@ -131,6 +131,26 @@ def judgements(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) ->
     ]
 
 
+LIFTS = RunPanel("lift of the iron", {"iron.lift": ("iron", LIFT)}, "mm")
+COLUMNS = {
+    "supply": "iron_motor.P + conveyor_motor.P",
+    "iron": "iron_motor.P",
+    "conveyor": "conveyor_motor.P",
+}
+PRODUCTS = RunPanel(
+    "products",
+    {
+        "orientator.oriented": ("oriented", "green", "step"),
+        "orientator.jammed": ("jammed", "red", "step"),
+    },
+    "1",
+)
+POWER_PANELS = [
+    RunPanel(f"power, {name}", {column: (name, POWERS[name][2])}, "W", includes=(0.0,))
+    for name, column in COLUMNS.items()
+]
+
+
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     """The last whole cycle from release to release: cam, orientator, powers; and in motion."""
     window, line = r
@@ -141,15 +161,13 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     t, bars = result["time"], lanes(result, first, last)
     period = float(t[last])
     in_window = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
-    panel = partial(result_panel, result=result, x=t[in_window], rows=in_window)
-    lift = panel("lift of the iron", curves={"iron.lift": ("iron", LIFT)}, unit="mm")
+    cycle = drawn(RunChart("", "", [LIFTS, *POWER_PANELS]), with_rows(result, data[in_window]))
+    lift, *powers = cycle.panels
     pace = bars.pop("pace")
     panels: list[Panel | Lanes] = [lift, Lanes(bars)]
-    for name in ("supply", "iron", "conveyor"):
-        column, _, color = POWERS[name]
-        mean = [Mark.of("mean", f[f"mean_{name}"])]
-        curve = {column: (name, color)}
-        panels.append(panel(f"power, {name}", curves=curve, levels=mean, includes=(0.0,)))
+    for name, power in zip(COLUMNS, powers):
+        assert isinstance(power, Panel)
+        panels.append(power._replace(levels=[Mark.of("mean", f[f"mean_{name}"])]))
     quantities = ", ".join(bar.text for bar in pace)
     title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {quantities}"
     marks = [Mark(0.0, "release"), Mark(period, "next release")]
@@ -174,28 +192,9 @@ def lanes(r: Result, first: int, last: int) -> dict[str, list[Span]]:
 
 def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
     """The line over all of its time; its motors follow their speeds as `system` sets them."""
-    powers = {
-        "iron": "iron_motor.P",
-        "conveyor": "conveyor_motor.P",
-        "supply": "iron_motor.P + conveyor_motor.P",
-    }
     cycle = "2 * pi / iron_speed"
     measured_from = f"stop - {MEASURED} * {cycle}"
-    panels = [
-        LivePanel("lift of the iron", {"iron.lift": ("iron", LIFT)}, "mm"),
-        LivePanel(
-            "products",
-            {
-                "orientator.oriented": ("oriented", "green", "step"),
-                "orientator.jammed": ("jammed", "red", "step"),
-            },
-            "1",
-        ),
-        *(
-            LivePanel(f"power, {name}", {column: (name, POWERS[name][2])}, "W")
-            for name, column in powers.items()
-        ),
-    ]
+    panels = [LIFTS, PRODUCTS, *POWER_PANELS]
     crank = "conveyor.crank.r**2 / 2"
     return Live(
         sliders=(
@@ -243,7 +242,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> 
                 for name in HIGHEST
             ),
         ],
-        charts=[LiveChart("The last whole cycles", "time [s]", panels, window=measured_from)],
+        charts=[RunChart("The last whole cycles", "time [s]", panels, window=measured_from)],
         motion=motion.live_motion(*r, f"stop - {cycle}"),
     )
 

@@ -18,7 +18,10 @@ const apart = (wanted, sizes) => {
     places[k] = Math.max(wanted[k], edge + sizes[k] / 2);
     edge = places[k] + sizes[k] / 2;
   }
-  edge = Math.max(1, sizes.reduce((sum, size) => sum + size, 0));
+  edge = Math.max(
+    1,
+    sizes.reduce((sum, size) => sum + size, 0),
+  );
   for (const k of order.reverse()) {
     places[k] = Math.min(places[k], edge - sizes[k] / 2);
     edge = places[k] - sizes[k] / 2;
@@ -76,7 +79,9 @@ const charted = (place, { picture, includes, marks, title }) => {
   // Names move to the ends of their curves.
   const name = (layout, row, traces, [low, high], height) => {
     const notes = layout.annotations.filter((note) => note.name && note.yref === `${row} domain`);
-    const ends = notes.map((note) => traces.find((trace) => trace.name === note.name).y.findLast(Number.isFinite));
+    const ends = notes.map((note) =>
+      traces.find((trace) => trace.name === note.name).y.findLast(Number.isFinite),
+    );
     const wanted = ends.map((y = low) => (high - y) / (high - low));
     const sizes = notes.map(({ text }) => (NAME * text.split("<br>").length) / height);
     apart(wanted, sizes).forEach((share, k) => {

@@ -1,4 +1,4 @@
-// Readers of columns: numbers from rows { t, x, angle }, as workbench/live/readers.py has them.
+// Readers of columns: numbers from rows { t, x, angle }, which a test compares with cosim.metrics.
 const TURN = 2 * Math.PI;
 
 // The second derivative of y over x between rows k - 1 and k: the smaller of those at both rows, and 0

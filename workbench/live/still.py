@@ -1,0 +1,92 @@
+"""Charts of runs as they are declared, drawn from recorded rows: the picture of what the live page draws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from cosim import Result
+
+from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, Panel, Rows, Samples
+from ..figure import Figure
+from ..options import Options
+from .declare import REVOLUTION, LiveRun, RunChart
+from .formula import Formula
+
+TURN = 2 * math.pi
+#: Share of a turn within which a whole one is there, whatever its ends are rounded to.
+WHOLE = 1 - 1e-9
+
+
+def drawn(
+    chart: RunChart,
+    results: Result | Sequence[Result],
+    o: Options | None = None,
+    figures: Mapping[str, Figure] = MappingProxyType({}),
+    *,
+    runs: Sequence[LiveRun] = (LiveRun(),),
+    angle: str = "",
+) -> Chart:
+    """Return a chart of runs with the rows of these.
+
+    Parameters
+    ----------
+    chart
+        What is declared, for the picture and the live page alike.
+    results
+        A result, or one for each of the `runs`.
+    o, figures
+        Options and figures that formulas of levels name.
+    runs
+        Names and colours where there are several.
+    angle
+        The column of the crank angle [rad].
+
+    Raises
+    ------
+    KeyError
+        For a column that does not exist or a unit that it does not convert to.
+    ValueError
+        For a look that does not exist.
+    """
+    results = [results] if isinstance(results, Result) else results
+    values: dict[str, float] = {f"figures.{name}": x.value for name, x in figures.items()}
+    values |= {name: x for name, x in vars(o).items() if isinstance(x, int | float)} if o else {}
+    scopes = [_columns(result, chart, values, angle) for result in results]
+    panels = []
+    for panel in chart.panels:
+        units = results[0].units
+        unit = panel.unit or units[next(iter(panel.curves))]
+        looks, curves = iter(panel.looks(runs)), []
+        for scope in scopes:
+            x = Formula.read(chart.x).over(scope)
+            for text in panel.curves:
+                own = units.get(text, unit)
+                factor = 1.0 if own == unit else DISPLAY_FACTORS[own, unit]
+                y, look = factor * Formula.read(text).over(scope), next(looks)
+                curves.append(Curve(look.name, x, y, look.color, look.look))
+        levels = [Mark(Formula.read(at)(values), text) for text, at in panel.levels.items()]
+        panels.append(Panel(panel.quantity, unit, curves, levels, panel.includes))
+    return Chart(chart.title, chart.label, panels)
+
+
+def _columns(
+    result: Result, chart: RunChart, values: Mapping[str, float], angle: str
+) -> dict[str, Samples | float]:
+    """The columns that a chart needs, in its window, and the values that formulas may use."""
+    texts = [chart.x, *(text for panel in chart.panels for text in panel.curves)]
+    names = {"time"}.union(*(Formula.read(text).names for text in texts))
+    columns = {name: result[name] for name in names & set(result.names)}
+    rows: Rows = slice(None)
+    if angle:
+        phi = result[angle]
+        has_turn = phi[-1] - phi[0] >= WHOLE * TURN
+        columns["crank_angle"] = phi - (phi[-1] - TURN if has_turn else 0.0)
+        if has_turn and chart.window == REVOLUTION:
+            rows = columns["crank_angle"] >= -(1 - WHOLE) * TURN
+    if chart.window not in {"", REVOLUTION}:
+        rows = columns["time"] >= Formula.read(chart.window)(values)
+    return {**values, **{name: np.asarray(x, float)[rows] for name, x in columns.items()}}
