@@ -15,10 +15,11 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial import Chebyshev
+from numpy.polynomial import Chebyshev, chebyshev
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize.elementwise import find_minimum
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,10 @@ HEIGHT_ROUNDING = 2.2e-15
 #: Step of the differences that give the curvature of a height, over the half width. Derived: their error is of the
 #: order of its square, and rounding adds a billionth.
 CURVATURE_STEP = 1e-2
+#: Points between which a top is bracketed, an eighth of the distance of the nodes apart.
+TOP_GRID = 61
+#: The reason of a search whose residual or function has no value.
+NO_VALUE = "there is no value where the search wants one"
 
 
 class NoRootError(Exception):
@@ -210,6 +215,195 @@ class PeakSearch:
             for part in (missed, 1j * missed)
         ]
         return math.hypot(*changes)
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Roots, or the places of peaks, and their errors in the same unit; nan and a reason where there is none."""
+
+    x: Array
+    error: Array
+    reasons: NDArray[np.object_]
+
+
+def secant(residual: Callable[[Array], tuple[Array, Array]], x: Any, slope: Any) -> Roots:
+    """Return roots of dear residuals by the secant method, from first guesses and the slopes there, side by side.
+
+    The error of each is that of its last step. For that, the step is multiplied with the relative change of
+    the slope since the step before, which is of its size where the residual is curved; the noise over
+    the slope is added.
+
+    Parameters
+    ----------
+    residual : callable
+        Takes x, nan where no value is wanted, and returns the residuals there, nan where there is none, and by how
+        much they may be wrong.
+    x, slope : ndarray
+        First guesses, above 0, and the slopes of the residuals there.
+    """
+    x, slope = np.array(x, float), np.array(slope, float)
+    before, last = np.full_like(x, np.nan), np.full_like(x, np.nan)
+    found = Roots(np.full_like(x, np.nan), np.full_like(x, np.nan), np.full(x.shape, "", object))
+    is_open = np.isfinite(x)
+    for _ in range(MAX_ROUNDS):
+        if not is_open.any():
+            break
+        value, noise = residual(np.where(is_open, x, np.nan))
+        with np.errstate(all="ignore"):
+            chord = np.where(np.isnan(last), slope, (value - last) / (x - before))
+            bend = np.where(np.isnan(last), 1.0, np.minimum(1.0, np.abs(1.0 - slope / chord)))
+            step = -value / chord
+            error, unsure = np.abs(step) * bend, noise / np.abs(chord)
+            done = is_open & (error <= np.maximum(ROOT_TOLERANCE * x, unsure))
+        found.x[done], found.error[done] = (x + step)[done], (error + unsure)[done]
+        before, last, slope, x = x, value, chord, x + step
+        ends = {
+            NO_VALUE: np.isnan(value),
+            "the residual of the root search does not change": ~np.isfinite(step),
+            "the root search ran down to zero": ~done & (x <= 0.0),
+        }
+        is_open &= ~done
+        for reason, which in ends.items():
+            found.reasons[is_open & which] = reason
+            is_open &= ~which
+    found.reasons[is_open] = f"the root search did not converge in {MAX_ROUNDS} rounds"
+    return found
+
+
+def peaks(
+    function: Callable[[Array], tuple[NDArray[Any], Array]],
+    height: Callable[[Array, NDArray[Any], NDArray[np.intp]], Array],
+    center: Array,
+    half_width: Array,
+) -> tuple[Roots, Roots]:
+    """Return places and heights of the largest heights, each from one fit through Chebyshev nodes, side by side.
+
+    The polynomial misses about the next term a_n T_n of the series, n = PEAK_NODES, which vanishes at the
+    nodes. The height is wrong by |a_n| at most. With s = (x - center) / half_width, T_n has a slope
+    of up to n / sqrt(1 - s^2). That of the height's logarithm is wrong by as much, relative to the
+    function, and the place by this over its curvature. Noise adds to both, and the place is not
+    known more closely than rounding leaves the top flat (Brent, Algorithms for Minimization without
+    Derivatives, 1973, chapter 5).
+
+    Parameters
+    ----------
+    function : callable
+        Takes nodes, shape (PEAK_NODES, n), nan where no value is wanted; returns values of smooth functions there,
+        nan where there is none, and by what share the heights may be wrong, shape (n,).
+    height : callable
+        The heights at x for the values of the smooth functions there, of elements with these numbers.
+    center, half_width : ndarray, shape (n,)
+        Where the nodes lie, x > 0.
+    """
+    center, half = np.array(center, float), np.asarray(half_width, float)
+    n, which = len(center), np.arange(len(center))
+    places, heights = (
+        Roots(np.full(n, np.nan), np.full(n, np.nan), np.full(n, "", object)) for _ in range(2)
+    )
+    is_open = np.isfinite(center)
+    angles = (2 * np.arange(PEAK_NODES) + 1) * math.pi / (2 * PEAK_NODES)
+    to_series = 2.0 / PEAK_NODES * chebyshev.chebvander(-np.cos(angles), PEAK_NODES - 1).T
+    to_series[0] /= 2.0
+    for _ in range(MAX_ROUNDS):
+        if not is_open.any():
+            break
+        nodes = center - half * np.cos(angles)[:, None]
+        values, noise = function(np.where(is_open, nodes, np.nan))
+        lost = is_open & np.isnan(values).any(0)
+        places.reasons[lost] = NO_VALUE
+        is_open &= ~lost
+        k = which[is_open]
+        fits = _Fits(k, center[k], half[k], to_series @ values[:, k], height)
+        s = fits.tops()
+        inner = np.flatnonzero(np.abs(s) <= PEAK_INSIDE)
+        at = k[inner]
+        places.x[at], heights.x[at], places.error[at], heights.error[at] = fits.with_errors(
+            s[inner], inner, noise[at]
+        )
+        is_open[at] = False
+        center[k] += half[k] * s
+        low = is_open & (center <= half)
+        places.reasons[low] = "the peak search ran down to zero"
+        is_open &= ~low
+    places.reasons[is_open] = f"the peak search did not converge in {MAX_ROUNDS} rounds"
+    heights.reasons[:] = places.reasons
+    return places, heights
+
+
+class _Fits(NamedTuple):
+    """Chebyshev series, shape (terms, n), around centers; `numbers` are those of the elements for `height`."""
+
+    numbers: NDArray[np.intp]
+    center: Array
+    half: Array
+    series: NDArray[Any]
+    height: Callable[[Array, NDArray[Any], NDArray[np.intp]], Array]
+
+    def log_height(self, s: Array, j: NDArray[np.intp], more: Any = 0.0) -> Array:
+        """The logarithm of the heights of elements j at s, or with so much added to the smooth functions."""
+        smooth = chebyshev.chebval(s, self.series[:, j], tensor=False) + more
+        x = self.center[j] + self.half[j] * s
+        return np.asarray(np.log(self.height(x, smooth, self.numbers[j])))
+
+    def tops(self) -> Array:
+        """Where heights are largest, s between the lowest one above 0 and PEAK_REACH."""
+        which = np.arange(len(self.center))
+        lowest = np.maximum(-PEAK_REACH, (LOWEST_SHARE - 1.0) * self.center / self.half)
+        grid = lowest + (PEAK_REACH - lowest) * np.linspace(0.0, 1.0, TOP_GRID)[:, None]
+        at = np.array([self.log_height(s, which) for s in grid]).argmax(0)
+        tops = grid[at, which]
+        inner = which[(at > 0) & (at < TOP_GRID - 1)]
+        if len(inner):
+            low, middle, high = (grid[at[inner] + d, inner] for d in (-1, 0, 1))
+
+            def depth(s: Array, *numbers: Any) -> Array:
+                return -self.log_height(s, numbers[0].astype(np.intp))
+
+            tops[inner] = find_minimum(
+                depth,
+                (low, middle, high),
+                args=(inner.astype(float),),
+                tolerances={"xatol": PEAK_TOLERANCE, "xrtol": 0.0},
+            ).x
+        return np.asarray(tops)
+
+    def with_errors(
+        self, s: Array, j: NDArray[np.intp], noise: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Places and heights of elements j whose tops are at s, and their errors."""
+        missed = next_coefficients(self.series[:, j])
+        changes = [
+            (self.log_height(s, j, part) - self.log_height(s, j, -part)) / 2.0
+            for part in (missed, 1j * missed)
+        ]
+        share = np.hypot(*changes)
+        slope = PEAK_NODES * share / np.sqrt(1.0 - s**2) + NOISE_OF_SLOPE * noise
+        left, top, right = (self.log_height(s + d * CURVATURE_STEP, j) for d in (-1, 0, 1))
+        bend = np.abs(left - 2.0 * top + right) / CURVATURE_STEP**2
+        curvature = np.maximum(bend, HEIGHT_ROUNDING)
+        flat = np.sqrt(2.0 * HEIGHT_ROUNDING / curvature)
+        place_error = self.half[j] * (slope / curvature + flat)
+        height_error = np.exp(top) * (share + NOISE_OF_VALUE * noise)
+        return self.center[j] + self.half[j] * s, np.exp(top), place_error, height_error
+
+
+def next_coefficients(coefficients: NDArray[Any]) -> Array:
+    """Bound the size of the first coefficients that Chebyshev series of smooth functions leave out.
+
+    Those of an analytic function are below 2 M / rho^k (Trefethen, Approximation Theory and Approximation
+    Practice, 2013, theorem 8.1). The slowest fall between two known ones gives rho, at least 1. The last two each
+    give the coefficient that they fall to; the larger one counts, since one may be small by chance.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (terms, n)
+        Those of T_0, T_1, ...; the first, which is the mean, says nothing of the fall.
+    """
+    sizes = np.abs(coefficients[1:])
+    with np.errstate(all="ignore"):
+        fall = np.minimum(1.0, (sizes[1:] / sizes[:-1]).max(0))
+        bound = np.maximum(sizes[-2] * fall**2, sizes[-1] * fall)
+    return np.asarray(np.where(sizes.all(0), bound, sizes.max(0)))
 
 
 def next_coefficient(coefficients: Sequence[complex]) -> float:

@@ -188,7 +188,7 @@ def limit(
         grows = (sizes[0] >= root * sizes[1]) & (sizes[1] >= root * sizes[2])
         grows &= (d >= root * D) & (d > least)
         unordered = ~falls & ~grows & ~lacking
-        quiet = unordered & (spread <= BOTH_NOISES * np.nanmax(noises, axis=0))
+        quiet = unordered & (spread <= BOTH_NOISES * np.fmax.reduce(noises))
         narrow = unordered & (spread <= UNORDERED_SHARE * np.maximum(np.abs(fine), scale))
 
         error = np.where(quiet, spread, np.where(narrow, UNCONFIRMED_FACTOR * spread, error))

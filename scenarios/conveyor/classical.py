@@ -9,7 +9,7 @@ there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,10 +19,10 @@ from scipy.interpolate import CubicSpline
 from workbench import Chart, Curve, Figure, Judgement, Mark, Panel, Table
 from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
 from workbench.measure import Measured, crossing_times
-from workbench.roots import NoRootError, SecantSearch
+from workbench.roots import secant
 
 from .first_order import Machine, Samples, classical, rod_force
-from .rows import SPEEDS, Row, SpeedSweep, rows_of, sweep_speeds
+from .speed_sweep import SPEEDS, SpeedSweep, columns_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -110,9 +110,7 @@ class Comparison(NamedTuple):
         return self.table.frame
 
 
-def compare(
-    machine: Machine, sweep: SpeedSweep, tolerance: float, multiples: Sequence[int]
-) -> Comparison:
+def compare(machine: Machine, sweep: SpeedSweep, tolerance: float) -> Comparison:
     """Compare the calculation with a sweep, and find where an error leaves the tolerance [%].
 
     Where an error may leave it between two speeds and come back, orbits are added to the sweep.
@@ -121,15 +119,14 @@ def compare(
         more = {nu for case in CASES for nu in excursions(case, machine, sweep, tolerance)}
         if not more:
             break
-        speeds = sorted({*sweep.speeds, *more})
-        sweep = sweep_speeds(sweep.runner, sweep.line, speeds, multiples)
-    limits = limits_of(machine, sweep, tolerance, multiples)
+        sweep = sweep.with_more(sorted(more))
+    limits = limits_of(machine, sweep, tolerance)
     figures = {}
     for case in CASES:
         what = f"{QUANTITIES[case.load].name} {LOAD_TEXTS[case.method]}"
         meaning = f"speed up to which the {what} is accurate enough"
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
-        errors = [deviation(case, machine, row) for row in sweep.rows]
+        errors = [Measured(*x) for x in zip(*deviation(case, machine, sweep.columns))]
         figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
     figures["share"] = inertia_share(machine, limits[Case("spring", "torque")])
     return Comparison(figures, table_of(machine, sweep), machine, tolerance, sweep.speeds[0])
@@ -144,12 +141,14 @@ def inertia_share(machine: Machine, end: Figure) -> Figure:
     return Figure(value, "%", 2 * value * end.error / end.value, meaning)
 
 
-def deviation(case: Case, machine: Machine, row: Row) -> Measured:
-    """Return how far a calculation is above what was simulated, in %."""
+def deviation(
+    case: Case, machine: Machine, columns: Mapping[str, Samples]
+) -> tuple[Samples, Samples]:
+    """Return how far a calculation is above what was simulated, in %, and the error of that, at each speed."""
     column = QUANTITIES[case.load].column
-    true, error = row[column], row[f"{column}_error"]
-    ratio = case.amplitude(machine, row["nu"]) / true
-    return Measured(100 * (ratio - 1), 100 * ratio * error / true)
+    true, error = columns[column], columns[f"{column}_error"]
+    ratio = case.amplitude(machine, columns["nu"]) / true
+    return 100 * (ratio - 1), 100 * ratio * error / true
 
 
 def table_of(machine: Machine, sweep: SpeedSweep) -> Table:
@@ -159,12 +158,9 @@ def table_of(machine: Machine, sweep: SpeedSweep) -> Table:
         units |= dict.fromkeys((quantity.column, f"{quantity.column}_error"), quantity.unit)
     columns = list(units)
     units |= {f"{case.key}{x}": "%" for case in CASES for x in ("", "_error")}
-    rows = [
-        [row[column] for column in columns]
-        + [x for case in CASES for x in deviation(case, machine, row)]
-        for row in sweep.rows
-    ]
-    return Table.of_rows(rows, units)
+    values = [sweep.columns[column] for column in columns]
+    values += [x for case in CASES for x in deviation(case, machine, sweep.columns)]
+    return Table.of_rows(np.transpose(values).tolist(), units)
 
 
 def worst(errors: Sequence[Measured], meaning: str) -> Figure:
@@ -195,7 +191,7 @@ def error_curve(case: Case, machine: Machine, sweep: SpeedSweep) -> ErrorCurve:
     """
     nus = np.array(sweep.speeds)
     column = QUANTITIES[case.load].column
-    ratios = np.array([row[column] for row in sweep.rows]) / case.theory(machine, nus)
+    ratios = sweep.columns[column] / case.theory(machine, nus)
     parts = [np.linspace(a, b, CURVE_POINTS, endpoint=False) for a, b in pairwise(nus)]
     nu = np.concatenate([*parts, nus[-1:]])
     ratio = case.amplitude(machine, nu) / case.theory(machine, nu)
@@ -213,7 +209,7 @@ def excursions(
 
     They lie below the first speed of the sweep at which it has left it.
     """
-    errors = np.abs([deviation(case, machine, row).value for row in sweep.rows])
+    errors = np.abs(deviation(case, machine, sweep.columns)[0])
     if len(errors) <= 1 or np.isnan(errors).any():
         return
     curve = error_curve(case, machine, sweep)
@@ -242,7 +238,7 @@ def first_guess(
 ) -> LimitGuess | Figure:
     """Return where the sweep says that an error first leaves its tolerance, or the reason against one."""
     nus = np.array(sweep.speeds)
-    errors, unsure = np.array([deviation(case, machine, row) for row in sweep.rows]).T
+    errors, unsure = deviation(case, machine, sweep.columns)
     if np.isnan(errors).any() or len(nus) <= 1:
         reason = "the sweep has fewer than two speeds, or one without a steady orbit"
         return Figure.undetermined("rad/s", reason)
@@ -267,44 +263,32 @@ def first_guess(
     return LimitGuess(x, level, float(spline(x, 1)))
 
 
-def limits_of(
-    machine: Machine, sweep: SpeedSweep, tolerance: float, multiples: Sequence[int]
-) -> dict[Case, Figure]:
-    """Return the lowest speed of the sweep at which each error leaves its tolerance, on orbits there.
+def limits_of(machine: Machine, sweep: SpeedSweep, tolerance: float) -> dict[Case, Figure]:
+    """Return the lowest speed of the sweep at which each error leaves its tolerance, on orbits there."""
+    guesses = {case: first_guess(case, machine, sweep, tolerance) for case in CASES}
+    figures = {case: x for case, x in guesses.items() if isinstance(x, Figure)}
+    searched = {case: x for case, x in guesses.items() if isinstance(x, LimitGuess)}
+    x, level, slope = np.array(list(searched.values())).reshape(-1, 3).T
+    lost = np.zeros(len(x), bool)
 
-    The secant searches of all cases run side by side.
-    """
-    figures: dict[Case, Figure] = {}
-    searches: dict[Case, tuple[SecantSearch, float]] = {}
-    for case in CASES:
-        guess = first_guess(case, machine, sweep, tolerance)
-        if isinstance(guess, Figure):
-            figures[case] = guess
-        else:
-            searches[case] = SecantSearch(guess.x, guess.slope), guess.level
-    while searches:
-        machines = [(machine, search.x) for search, _ in searches.values()]
-        rows = list(rows_of(machines, sweep.runner, multiples))
-        for case, row in zip(list(searches), rows, strict=True):
-            search, level = searches[case]
-            error = deviation(case, machine, row)
-            if math.isnan(error.error):
-                figures[case] = Figure.undetermined("rad/s", UNKNOWN)
-            else:
-                try:
-                    root = search.update(error.value - level, error.error)
-                except NoRootError:
-                    figures[case] = Figure.undetermined("rad/s", TOO_COARSE)
-                else:
-                    inside = sweep.speeds[0] <= search.x <= sweep.speeds[-1]
-                    if root is None and inside:
-                        continue
-                    figures[case] = (
-                        Figure(root.x, "rad/s", root.error)
-                        if root is not None and inside
-                        else Figure.undetermined("rad/s", TOO_COARSE)
-                    )
-            del searches[case]
+    def residual(nu: Samples) -> tuple[Samples, Samples]:
+        inside = (sweep.speeds[0] <= nu) & (nu <= sweep.speeds[-1])
+        nu = np.where(inside, nu, np.nan)
+        orbits = sweep.drive.orbits(machine, sweep.drive.each(nu), "limits")
+        columns = columns_of(sweep.drive, machine, nu, orbits)
+        of_cases = [deviation(case, machine, columns) for case in searched]
+        value, error = np.array(of_cases)[np.arange(len(nu)), :, np.arange(len(nu))].T
+        lost[inside & np.isnan(error)] = True
+        return np.where(np.isnan(error), np.nan, value - level), error
+
+    roots = secant(residual, x, slope)
+    for k, case in enumerate(searched):
+        reason = UNKNOWN if lost[k] else TOO_COARSE
+        figures[case] = (
+            Figure(float(roots.x[k]), "rad/s", float(roots.error[k]))
+            if sweep.speeds[0] <= roots.x[k] <= sweep.speeds[-1]
+            else Figure.undetermined("rad/s", reason)
+        )
     return figures
 
 

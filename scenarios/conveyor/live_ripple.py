@@ -22,10 +22,10 @@ from workbench.live import (
 )
 
 from . import live_theory, motion
-from .features import SPEED_PEAK, TORQUE_PEAK, ResponseLine
+from .drive_orbits import Drive
 from .first_order import Machine
 from .machine import conveyor_drive, induction, start_values
-from .orbits import OrbitRunner
+from .response import QUANTITIES, Lines
 
 #: Steps per revolution of the live sweep, of which a ripple of order 2 needs a few dozen; a convention.
 SWEEP_STEPS = 256
@@ -51,15 +51,15 @@ class LiveDrive:
     its resonance, the operating speed [rad/s], and levels of the torque ripple by their names [N.m].
     """
 
-    runner: OrbitRunner
-    line: ResponseLine
+    drive: Drive
+    lines: Lines
     machine: Machine
     speed: float
     levels: Mapping[str, float]
 
     def live(self) -> Live:
         """Return the live part."""
-        start, is_linear = self.runner.start, not induction(self.runner.start)
+        start, is_linear = self.drive.start, not induction(self.drive.start)
         return Live(
             sliders=(
                 Slider("conveyor.spring.c", 2e5, 1.4e6),
@@ -87,13 +87,13 @@ class LiveDrive:
             motion=motion.live_motion(
                 "The conveyor in this revolution", self.parameters(), 25.0, REVOLUTION
             ),
-            sweep=self.sweep(is_linear=is_linear) if self.line.first < self.line.last else None,
+            sweep=self.sweep(is_linear=is_linear) if len(self.lines.x) > 1 else None,
         )
 
     def parameters(self) -> dict[str, float]:
         """Return the parameters of the conveyor."""
-        start = start_values(self.machine, self.runner.start, self.speed)
-        values = parameters(conveyor_drive(self.runner.context.fmus, start))
+        start = start_values(self.machine, self.drive.start, self.speed)
+        values = parameters(conveyor_drive(self.drive.context.fmus, start))
         return {name.removeprefix("conveyor."): x.value for name, x in values.items()}
 
     def sweep(self, *, is_linear: bool) -> LiveSweep:
@@ -103,7 +103,7 @@ class LiveDrive:
             marks["formula"] = ("nu_res", "rad/s")
         return LiveSweep(
             over="speed",
-            values=np.linspace(self.line.first, self.line.last, SWEEP_POINTS).tolist(),
+            values=np.linspace(self.lines.x[0], self.lines.x[-1], SWEEP_POINTS).tolist(),
             step=f"2 * pi / (speed * {SWEEP_STEPS})",
             steady=SWEEP_ORBIT,
             numbers=[
@@ -121,7 +121,7 @@ class LiveDrive:
 
     def panels(self) -> list[RunPanel]:
         """Return ripple and lag over the speed, each beside first-order theory."""
-        tau2, w2 = TORQUE_PEAK.unit, SPEED_PEAK.unit
+        (_, tau2), (_, w2) = QUANTITIES
         return [
             theory_panel(
                 "torque ripple",

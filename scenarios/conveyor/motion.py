@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import cosim
 from workbench import Chart
 from workbench.charts import model as chart
 from workbench.charts import motion
@@ -21,9 +22,10 @@ from workbench.live import (
     RunPanel,
     drawn,
 )
-from workbench.periodic import NoOrbitError
 
-from .orbits import OrbitTask, run_to_orbit
+from .drive_orbits import STATES, Drive
+from .first_order import Machine
+from .machine import conveyor_drive
 
 if TYPE_CHECKING:
     from cosim import Result
@@ -61,18 +63,24 @@ REVOLUTION_CHART = RunChart(
 )
 
 
-def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
-    """The motion and the course of a revolution on the orbit of a task; none where there is no orbit."""
-    try:
-        result = run_to_orbit(task, RECORD).result
-    except NoOrbitError:
+def revolution(drive: Drive, machine: Machine, nu: float) -> tuple[list[Motion], list[Chart]]:
+    """The motion and the course of a revolution of a machine on its orbit at a speed; none where there is no orbit."""
+    turns = drive.turns(machine, nu)
+    if turns.problems[0]:
         return [], []
-    t, phi = result["time"], result["conveyor.phi"]
-    first = float(np.interp(phi[-1] - 2 * math.pi, phi, t))
+    start = drive.near(machine, nu) | dict(zip(STATES, turns.states[0].tolist()))
+    step = float(turns.periods[0, 1]) / drive.steps_per_rev
+    result = cosim.run(
+        conveyor_drive(drive.context.fmus, start),
+        stop=(drive.steps_per_rev + 1) * step,
+        step=step,
+        algorithm=drive.algorithm,
+        record=RECORD,
+    )
     waveforms = drawn(REVOLUTION_CHART, result, angle="conveyor.phi")
-    waveforms = waveforms._replace(title=f"One revolution at {task.nu:g} rad/s")
-    title = f"Crank conveyor at {task.nu:g} rad/s"
-    return [moving(title, {"": result}, first, float(t[-1]), 25.0)], [waveforms]
+    waveforms = waveforms._replace(title=f"One revolution at {nu:g} rad/s")
+    title = f"Crank conveyor at {nu:g} rad/s"
+    return [moving(title, {"": result}, step, float(result["time"][-1]), 25.0)], [waveforms]
 
 
 def moving(

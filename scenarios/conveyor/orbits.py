@@ -25,6 +25,7 @@ from workbench import Context
 from workbench.measure import harmonics
 from workbench.periodic import TURN, NoOrbitError, Revolutions, periodic_orbit
 
+from .drive_orbits import Drive
 from .first_order import Machine, longest_step
 from .machine import WIRES, start_values
 
@@ -117,6 +118,11 @@ class OrbitRunner:
     steps_per_rev: int
     cache: dict[OperatingPoint, Orbit] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def drive(self) -> Drive:
+        """The same for orbits side by side."""
+        return Drive(self.context, self.start, self.algorithm, self.steps_per_rev)
 
     def task(self, machine: Machine, nu: float, step_multiple: int = 1) -> OrbitTask:
         """Return the run of a machine at its nominal mean speed [rad/s], by first-order theory on its orbit."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from workbench import Figure, Judgement
 
-from .features import Feature, Kind
-from .rows import SpeedSweep
+from .response import Sought
+from .speed_sweep import SpeedSweep
 
 UNDETERMINED = "not determined"
 
@@ -17,18 +17,18 @@ UNDETERMINED = "not determined"
 class LimitCrossing:
     """A speed at which the torque ripple passes its limit: as the sweep says, and as a figure."""
 
-    feature: Feature
+    feature: Sought
     figure: Figure
 
     @property
     def is_upward(self) -> bool:
         """Whether the ripple is above its limit beyond it."""
-        return self.feature.kind is Kind.RISE
+        return self.feature.sense < 0.0
 
     @property
     def speed(self) -> float:
         """The speed as far as it is known [rad/s]."""
-        return self.feature.near if self.figure.error is None else self.figure.value
+        return self.feature.x if self.figure.error is None else self.figure.value
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ class RippleLimit:
             else all(above_limit(self.limit, row) == "yes" for row in self.sweep.rows)
         )
         if starts_above:
-            ends.insert(0, self.sweep.line.first)
-        return list(zip(ends[::2], [*ends[1::2], self.sweep.line.last]))
+            ends.insert(0, self.sweep.speeds[0])
+        return list(zip(ends[::2], [*ends[1::2], self.sweep.speeds[-1]]))
 
     @property
     def is_certain(self) -> bool:
@@ -83,13 +83,13 @@ class RippleLimit:
         ends: list[tuple[str, str]] = [
             (crossing.figure.brief(), "")
             if crossing.figure.error is not None
-            else (f"about {float(f'{crossing.feature.near:.2g}'):g} rad/s", crossing.figure.reason)
+            else (f"about {float(f'{crossing.feature.x:.2g}'):g} rad/s", crossing.figure.reason)
             for crossing in self.crossings
         ]
         if ends and not self.crossings[0].is_upward:
-            ends.insert(0, (f"the start of the sweep, {self.sweep.line.first:g} rad/s,", ""))
+            ends.insert(0, (f"the start of the sweep, {self.sweep.speeds[0]:g} rad/s,", ""))
         if len(ends) % 2:
-            ends.append((f"the end of the sweep, {self.sweep.line.last:g} rad/s", ""))
+            ends.append((f"the end of the sweep, {self.sweep.speeds[-1]:g} rad/s", ""))
         notes = []
         for (begin, why), (end, other) in zip(ends[::2], ends[1::2]):
             reason = why or other

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import cosim
+from scenarios.conveyor import drive_orbits as conveyor
 from scenarios.conveyor import machine as drives
-from scenarios.conveyor import orbits
+from scenarios.conveyor.drive_orbits import Orbits
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.questions import resonance
 from tests.conftest import ask, fmus_of
@@ -29,10 +31,9 @@ from tests.scenarios.orbit_oracle import (
 from tests.scenarios.orbit_oracle import (
     features as exact_features,
 )
-from workbench import Context
+from workbench import Context, steady
 from workbench.figure import Figure
-from workbench.periodic import NoOrbitError as NoPeriodicOrbitError
-from workbench.periodic import at_angles, periodic_orbit, return_map
+from workbench.steady import STALLED, at_angles, return_maps
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 FMUS = fmus_of(resonance)
@@ -164,46 +165,46 @@ def test_the_verdict_reports_how_far_the_resonance_is_from_the_speed(
     assert abs(share) == pytest.approx(0.5, abs=2e-3)
 
 
-def drive_case(nu: float, **start: Any) -> orbits.OrbitTask:
+def orbits_of(nu: Any, steps_per_rev: int = 512, multiples: int = 1, **start: float) -> Orbits:
+    """Orbits of set A at speeds, shape (multiples, speeds); names have two underscores for a dot."""
     changes = {name.replace("__", "."): value for name, value in start.items()}
-    return orbits.OrbitRunner(Context(FMUS), changes, "strang", 512).task(SETS["A"], nu)
+    drive = conveyor.Drive(Context(FMUS), changes, "strang", steps_per_rev, multiples)
+    return drive.orbits(SETS["A"], drive.each(np.atleast_1d(nu)), "test")
 
 
-def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_reported() -> None:
-    for nu in (24.0, 40.0, 57.0):
-        point = orbits.simulate(drive_case(nu))
-        exact = orbit(Drive(), nu)
-        assert_allclose(point.torque, exact.tau2, rtol=1e-3)
-        assert_allclose(point.speed, exact.w2, rtol=1e-3)
-        assert point.torque_error < 1e-7 * abs(point.torque)
+def test_orbits_are_those_of_an_independent_solver_and_what_is_left_is_reported() -> None:
+    """With the phase of each; several speeds and step sizes side by side."""
+    speeds = np.array([24.0, 40.0, 57.0])
+    found = orbits_of(speeds, 512, 3)
+    exact = [orbit(Drive(), nu) for nu in speeds]
+    assert_allclose(found.torque[0], [x.tau2 for x in exact], rtol=1e-3)
+    assert_allclose(found.speed[0], [x.w2 for x in exact], rtol=1e-3)
+    assert (found.torque_error < 1e-7 * abs(found.torque)).all()
+    for k, error in enumerate(abs(found.torque - [x.tau2 for x in exact])):
+        assert_allclose(error, 4.0**k * abs(found.torque[0] - [x.tau2 for x in exact]), rtol=0.1)
 
 
-def test_runs_are_over_before_their_orbits_are_reported_and_none_is_built_twice() -> None:
-    calls = []
-
-    class Watched(Context):
-        def each(self, function: Any, cases: Any, title: str, *, probes: bool = False) -> Any:
-            yield from super().each(function, cases, title, probes=probes)
-            calls.append((title, len(cases)))
-
-    runner = orbits.OrbitRunner(Watched(FMUS), {}, "strang", 64)
-    slow, fast = (orbits.OperatingPoint(SETS["A"], nu) for nu in (30.0, 50.0))
-    first = next(runner.orbits([slow, slow], "first"))
-    assert calls == [("first", 1)]
-    assert list(runner.orbits([fast, slow], "second"))[1] is first
-    assert calls[1:] == [("second", 1)]
-    assert runner.counts == {"first": 1, "second": 1}
+def test_what_is_not_wanted_is_not_run_and_members_do_not_mix() -> None:
+    drive = conveyor.Drive(Context(FMUS), {}, "strang", 64)
+    nu = np.array([[30.0, np.nan], [np.nan, 50.0]])
+    both = drive.orbits(replace(SETS["A"], T=np.array([0.05, 0.06])), nu, "some")
+    assert drive.counts == {"some": 2}
+    assert np.isnan(both.torque[[0, 1], [1, 0]]).all()
+    for (k, j), T in {(0, 0): 0.05, (1, 1): 0.06}.items():
+        one = np.full((2, 1), np.nan)
+        one[k] = nu[k, j]
+        alone = drive.orbits(replace(SETS["A"], T=T), one, "alone")
+        assert alone.torque[k, 0] == both.torque[k, j]
 
 
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
-    turns = orbits.run_to_orbit(drive_case(60.0), orbits.RECORD)
     rates = abs(orbit(Drive(), 60.0).multipliers)
-    assert turns.contraction == pytest.approx(rates.max(), rel=1e-3)
+    assert orbits_of(60.0).contraction[0, 0] == pytest.approx(rates.max(), rel=1e-3)
 
 
 def test_a_motor_that_stalls_has_no_orbit() -> None:
-    stalled = orbits.simulate(drive_case(5.0, motor__B=1.0, motor__A=5.0))
-    assert stalled.problem and math.isnan(stalled.mean)
+    stalled = orbits_of(5.0, motor__B=1.0, motor__A=5.0)
+    assert stalled.problem[0, 0] == STALLED and np.isnan(stalled.mean)
     answer = ask("resonance", speeds="3,4,5", start=["motor.B=1"], speed=3.0)
     assert all(answer.figures[name].error is None for name in FIGURES)
     zeta = answer.figures["zeta"].value
@@ -213,54 +214,61 @@ def test_a_motor_that_stalls_has_no_orbit() -> None:
     ]
 
 
-@pytest.mark.parametrize("nu", [28.0, 30.0, 32.0, 40.0, 60.0])
-def test_few_steps_per_revolution_settle_in_few_runs(
-    nu: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_few_steps_per_revolution_settle_in_few_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the coarsest of the runs with 128, 64 and 32 steps; the sections lie between their rows."""
-    runs, run = [], cosim.run
+    monkeypatch.setattr(steady, "MAX_RUNS", 4)
+    found = orbits_of([28.0, 30.0, 32.0, 40.0, 60.0], 128, 3)
+    assert not found.problem.any()
+    fine, middle, coarse = found.torque
+    assert_allclose(abs(coarse - middle) / abs(middle - fine), 4.0, rtol=0.25)  # of order 2
 
-    def counted(*arguments: Any, **settings: Any) -> cosim.Result:
-        runs.append(settings["step"])
-        return run(*arguments, **settings)
 
-    monkeypatch.setattr(cosim, "run", counted)
-    runner = orbits.OrbitRunner(Context(FMUS), {}, "strang", 128)
-    fine, middle, coarse = (
-        orbits.simulate(runner.task(SETS["A"], nu, multiple)) for multiple in (1, 2, 4)
-    )
-    assert (fine.problem, middle.problem, coarse.problem) == ("", "", "")
-    assert len(runs) <= 3 * 4
-    ratio = abs(coarse.torque - middle.torque) / abs(middle.torque - fine.torque)
-    assert ratio == pytest.approx(4.0, rel=0.25), "the coupling is of order 2"
+def test_a_start_from_which_the_crank_stalls_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A first Newton step that leads far too low, as a return map far from linear may."""
+    wrong = []
+
+    def too_far(differences: Any) -> Any:
+        jacobian, contraction = return_maps(differences)
+        wrong.append(len(wrong))
+        return jacobian - (len(wrong) == 1) * np.array([[1e4, 0.0], [0.0, 0.0]]), contraction
+
+    monkeypatch.setattr(steady, "return_maps", too_far)
+    found = orbits_of(40.0)
+    assert len(wrong) > 1 and not found.problem.any()
+    assert_allclose(found.torque[0, 0], orbit(Drive(), 40.0).tau2, rtol=1e-3)
 
 
 def test_an_orbit_that_deviations_leave_is_refused() -> None:
     """A rotor on a torque that grows with its speed: the steady speed is there and not held."""
+    line = {"motor.A": 45.0 - 60.0, "motor.B": 0.0, "conveyor.trough.d": 0.0}
+    turns = steady.steady_turns(
+        cosim.System(FMUS, drives.WIRES, line),
+        {"conveyor.w": np.array([40.0]), "motor.tau": np.array([0.0])},
+        ("conveyor.w", "motor.tau"),
+        "conveyor.phi",
+        np.array([40.0]),
+        steps_per_rev=128,
+        record=(),
+    )
+    assert turns.problems[0] and np.isnan(turns.values).all() and np.isnan(turns.periods).all()
 
-    def system(start: Any) -> cosim.System:
-        line = {"motor.A": 45.0 - 60.0, "motor.B": 0.0, "conveyor.trough.d": 0.0}
-        return cosim.System(FMUS, drives.WIRES, line | dict(start))
 
-    with pytest.raises(NoPeriodicOrbitError):
-        periodic_orbit(
-            system, {"conveyor.w": 40.0, "motor.tau": 0.0}, "conveyor.phi", 40.0, 128, record=()
-        )
-
-
-def test_return_map_of_a_linear_sequence_is_its_matrix() -> None:
-    matrix = np.array([[0.5, 0.3], [-0.4, 0.6]])
-    deviations = [np.linalg.matrix_power(matrix, k) @ [1.0, 0.2] for k in range(4)]
-    map_ = return_map(np.array(deviations) + np.array([3.0, -1.0]))
-    assert_allclose(map_.jacobian, matrix, rtol=1e-10)
-    assert map_.contraction == pytest.approx(abs(np.linalg.eigvals(matrix)).max())
+def test_return_maps_of_linear_sequences_are_their_matrices() -> None:
+    matrices = np.array([[[0.5, 0.3], [-0.4, 0.6]], [[0.1, 0.7], [0.2, -0.3]]])
+    deviations = np.array(
+        [[np.linalg.matrix_power(m, k) @ [1.0, 0.2] for k in range(4)] for m in matrices]
+    )
+    jacobian, contraction = return_maps(np.diff(deviations + np.array([3.0, -1.0]), axis=1))
+    assert_allclose(jacobian, matrices, rtol=1e-10)
+    assert_allclose(contraction, abs(np.linalg.eigvals(matrices)).max(axis=1))
 
 
 def test_values_between_rows_lie_on_the_polynomial_through_them() -> None:
-    phi = np.cumsum(np.linspace(0.1, 0.2, 60))
-    wanted = np.array([phi[0], 1.2345, phi[30], phi[-1] - 0.01])
-    values = np.stack([phi**7, np.ones(60), 3.0 * phi])
-    assert_allclose(at_angles(phi, values, wanted), [wanted**7, np.ones(4), 3 * wanted], rtol=1e-9)
+    phi = np.cumsum([np.linspace(0.1, 0.2, 60), np.linspace(0.2, 0.1, 60)], axis=1)
+    wanted = np.array([[x[0], 1.2345, x[30], x[-1] - 0.01] for x in phi])
+    values = np.stack([phi**7, np.ones_like(phi), 3.0 * phi], axis=2)
+    expected = np.stack([wanted**7, np.ones_like(wanted), 3.0 * wanted], axis=2)
+    assert_allclose(at_angles(phi, values, wanted), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def test_resonance_and_limit_are_two_answers(
     options: dict[str, Any], wanted: tuple[str, str]
 ) -> None:
     speeds = "20:40:5" if options.get("set") == "B" else SPEEDS
-    answer = ask("resonance", speeds=speeds, steps_per_rev=128, **options)
+    answer = ask("resonance", speeds=speeds, steps_per_rev=512, **options)
     assert answers(answer) == wanted
     figure, speed = answer.figures["nu_90_away"], answer.facts["operating_speed"]
     assert figure.value == answer.figures["nu_90"].value - speed
@@ -79,7 +79,7 @@ def test_on_resonance_ends_at_the_half_power_points_of_exact_orbits(
     """At 45 and 135 degrees: yes on the inner side, no on the outer side."""
     end = half_power(near - 2.0, near + 2.0, lag)
     for shift, wanted in ((inside, "yes"), (-inside, "no")):
-        answer = ask("resonance", speeds=SPEEDS, speed=end + shift, steps_per_rev=256)
+        answer = ask("resonance", speeds=SPEEDS, speed=end + shift, steps_per_rev=512)
         assert answers(answer)[0] == wanted
 
 

@@ -10,6 +10,7 @@ import shlex
 import shutil
 from argparse import ArgumentParser
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,6 @@ import pytest
 import cosim
 from cosim.system import connect
 from scenarios.conveyor.live_ripple import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
-from scenarios.conveyor.orbits import simulate
 from scenarios.fmu_files import FMUS
 from scenarios.project import PROJECT
 from tests.conftest import ask
@@ -219,12 +219,12 @@ def test_the_sweep_runs_through_the_rows_of_the_answer(page_browser: Browser, fo
     )
     data, speeds = answer.data, traces[0][0]
     assert len(speeds) == SWEEP_POINTS and speeds == sorted(speeds)
-    multiple = data.sweep.runner.steps_per_rev // SWEEP_STEPS
-    some = speeds[::TRIED_POINTS]
-    orbits = [simulate(data.sweep.runner.task(*data.line.at(nu), multiple)) for nu in some]
-    loads = [data.line.at(nu)[0].load_ripple(nu) for nu in some]
-    lags = [float(np.angle(load / x.torque, deg=True)) % 360 for load, x in zip(loads, orbits)]
-    expected = [[abs(x.torque) for x in orbits], [abs(x.speed) for x in orbits], lags]
+    some = np.array(speeds[::TRIED_POINTS])
+    machine, nu = data.sweep.lines.at(some, 0)
+    drive = replace(data.sweep.drive, steps_per_rev=SWEEP_STEPS)
+    orbits = drive.orbits(machine, nu[None], "live")[0]
+    lags = np.angle(machine.load_ripple(nu) / orbits.torque, deg=True) % 360.0
+    expected = [abs(orbits.torque), abs(orbits.speed), lags]
     for (x, y), values in zip(traces, expected, strict=True):
         assert x == pytest.approx(speeds)
         assert y[::TRIED_POINTS] == pytest.approx(values, rel=10 * SWEEP_ORBIT.tolerance)

@@ -334,8 +334,8 @@ def show(o: Options, f: Mapping[str, Figure], r: MotorData) -> Show:
         dependence("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
         over_speed(f, r),
     ]
-    case = r.motor.runner(kloss=True).task(r.motor.tangent, r.motor.nu_res)
-    return Show(charts, *motion.revolution(case))
+    drive = r.motor.runner(kloss=True).drive
+    return Show(charts, *motion.revolution(drive, r.motor.tangent, r.motor.nu_res))
 
 
 def dependence(column: str, name: str, x: str, rows: Any) -> Chart:

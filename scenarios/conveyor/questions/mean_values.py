@@ -241,7 +241,14 @@ def judgements(o: Options, f: Mapping[str, Figure], r: MeanData) -> list[Judgeme
 def show(o: Options, f: Mapping[str, Figure], r: MeanData) -> Show:
     """Means over the speed beside theory, the drift of the mean, one revolution."""
     charts = [over_speed(f, r), step_response(f, r)]
-    return Show(charts, *motion.revolution(r.runner.task(r.machine, r.operating)))
+    return Show(
+        charts,
+        *motion.revolution(
+            r.runner.drive,
+            r.machine,
+            r.operating,
+        ),
+    )
 
 
 def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:

@@ -35,15 +35,7 @@ from workbench.live import Live
 from workbench.options import check_fixed_starts
 
 from .. import classical, motion
-from ..features import (
-    LAG,
-    PHASE_UNDEFINED,
-    SPEED_PEAK,
-    TORQUE_PEAK,
-    VANISHING,
-    ResponseLine,
-    locate,
-)
+from ..drive_orbits import Drive
 from ..first_order import SETS, Machine
 from ..live_ripple import LiveDrive
 from ..machine import (
@@ -58,10 +50,10 @@ from ..machine import (
 )
 from ..machine import PARTS as DRIVE
 from ..options import RippleOptions, by_set, speeds_of
-from ..orbits import OrbitRunner
 from ..papers import cited
+from ..response import PHASE_UNDEFINED, QUANTITIES, SPEED, TORQUE, VANISHING, Lines, locate
 from ..ripple_limit import LimitCrossing, RippleLimit
-from ..rows import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, sweep_speeds
+from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure
 
 PARTS = DRIVE
 SOURCES = cited(22, 26)
@@ -118,16 +110,13 @@ class ResonanceData:
     classical: classical.Comparison | None = None
 
     @property
-    def line(self) -> ResponseLine:
-        """The machine at each speed."""
-        return self.sweep.line
-
-    @property
     def machine(self) -> Machine:
         """The machine at the resonance that the one in the middle of the sweep has by formula (22)."""
-        middle, _ = self.line.at(self.sweep.speeds[len(self.sweep.speeds) // 2])
-        machine, _ = self.line.at(middle.nu_res)
-        return machine
+        return self.at(self.at(self.sweep.speeds[len(self.sweep.speeds) // 2]).nu_res)
+
+    def at(self, nu: float) -> Machine:
+        """The machine at a speed [rad/s]."""
+        return self.sweep.lines.at(nu, 0)[0]
 
 
 def solve(o: Options, context: Context) -> Findings:
@@ -146,29 +135,29 @@ def solve(o: Options, context: Context) -> Findings:
     sweeps = classical.SWEEPS if o.theory == CLASSICAL else SPEEDS
     base = followed(context.fmus, SETS[o.set], o.start)
     speeds, speed = o.speeds or speeds_of(sweeps[o.set]), operating_speed_of(o, base)
-    line = ResponseLine(lambda nu: (linearised(base, o.start, nu), nu), speeds[0], speeds[-1])
-    runner = OrbitRunner(context, o.start, o.algorithm, o.steps_per_rev)
-    all_speeds = sorted({*speeds, speed})
-    # All orbits are run here, side by side; the two sweeps below take them from what the runner keeps.
-    for nu in all_speeds:
-        runner.check(*line.at(nu))
-    multiples = runner.step_multiples(*line.at(all_speeds[0]))
-    warn_unsteady(sweep_speeds(runner, line, all_speeds, multiples))
-    sweep = sweep_speeds(runner, line, speeds, multiples)
-    operating = sweep_speeds(runner, line, [speed], multiples)
+    every = sorted({*speeds, speed})
+    lines = Lines(lambda nu, _: (linearised(base, o.start, nu), nu), np.array(every))
+    drive = Drive(context, o.start, o.algorithm, o.steps_per_rev)
+    for nu in every:
+        drive.check(*lines.at(nu, 0))
+    drive = drive.checked(*lines.at(every[0], 0))
+    swept = SpeedSweep.of(drive, lines, every)
+    for nu, why in swept.problems().items():
+        logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {why}")
+    sweep, operating = swept.at(speeds), swept.at([speed])
 
-    steady = sweep.steady
-    passed = line.limits_passed(o.ripple_limit, steady) if len(steady) > 1 else []
-    sought = [(line, feature, steady) for feature in (LAG, TORQUE_PEAK, SPEED_PEAK, *passed)]
+    response = sweep.response
+    passed = response.passed(o.ripple_limit)
+    sought = [response.lag(), response.peak(TORQUE), response.peak(SPEED), *passed]
     (lag, _), (torque, tau2), (omega, w2), *ends = (
         (sweep.explained(x), sweep.explained(y))
-        for x, y in locate(sought, multiples, "rad/s", runner)
+        for x, y in locate(drive, sweep.lines, sought).figures(sought, "rad/s")
     )
     crossings = [LimitCrossing(feature, end) for feature, (end, _) in zip(passed, ends)]
     data = ResonanceData(sweep, speed, operating, RippleLimit(o.ripple_limit, sweep, crossings))
     tables = {TABLE: sweep.table}
     if o.theory == CLASSICAL:
-        compared = classical.compare(base, sweep, o.tolerance, multiples)
+        compared = classical.compare(base, sweep, o.tolerance)
         data = replace(data, classical=compared)
         tables = {classical.TABLE: compared.table, **tables}
     figures = {
@@ -181,11 +170,11 @@ def solve(o: Options, context: Context) -> Findings:
     return Findings(
         figures,
         data,
-        conveyor_drive(context.fmus, start_values(line.at(speed)[0], o.start, speed) | supplied(o)),
+        conveyor_drive(context.fmus, start_values(data.at(speed), o.start, speed) | supplied(o)),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables=tables,
-        facts={"operating_speed": speed, "rated_torque": o.rated, "orbits": dict(runner.counts)},
+        facts={"operating_speed": speed, "rated_torque": o.rated, "orbits": dict(drive.counts)},
         defaults={"speed": speed, "rated_torque": o.rated, "speeds": speeds},
     )
 
@@ -210,13 +199,6 @@ def supplied(o: Options) -> dict[str, Value]:
     }
 
 
-def warn_unsteady(sweep: SpeedSweep) -> None:
-    """Warn of each speed at which an orbit is not steady."""
-    for nu, orbits in zip(sweep.speeds, sweep.orbits):
-        if problem := next((orbit.problem for orbit in orbits if orbit.problem), ""):
-            logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {problem}")
-
-
 def formula_figures(machine: Machine) -> dict[str, Figure]:
     """Return the figures of formulas."""
     name = "resonance" if machine.zeta <= LARGEST_PEAKED_ZETA else "90 deg lag"
@@ -231,7 +213,7 @@ def operating_figures(r: ResonanceData) -> dict[str, Figure]:
     (row,), why = r.operating.rows, r.operating.no_orbit()
     meaning = "lag of the torque ripple behind its load at the operating speed"
     lag = row_figure(row, "lag", meaning, why)
-    machine, nu = r.line.at(r.speed)
+    machine, nu = r.at(r.speed), r.speed
     parts = machine.r**2 / 2 * (machine.c + machine.m * nu**2 + machine.d * nu)
     if not math.isnan(row["lag"]) and abs(machine.load_ripple(nu)) < VANISHING * parts:
         lag = Figure.undetermined("deg", PHASE_UNDEFINED.format(f"at {r.speed:g} rad/s"), meaning)
@@ -291,7 +273,7 @@ def amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure:
     The larger of both loads counts: where spring and inertia of the trough nearly cancel, a ripple may be many
     times that of the load and yet small.
     """
-    ripple, (machine, nu) = f["tau2_operating"], r.line.at(r.speed)
+    ripple, machine, nu = f["tau2_operating"], r.at(r.speed), r.speed
     load = max(abs(machine.load_ripple(nu)), abs(machine.load_ripple(0.0)))
     if ripple.error is None or not load:
         return Figure.undetermined("1", ripple.reason or "the load has no ripple")
@@ -322,7 +304,7 @@ def supply(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgem
     """Return how an induction motor is fed, since no motor has the synchronous speed of another supply."""
     if not induction(o.start):
         return []
-    at, given, slip = slip_speeds(r.line.at(r.speed)[0], o.start, r.speed)
+    at, given, slip = slip_speeds(r.at(r.speed), o.start, r.speed)
     slip_text = f"its slip speed at breakdown stays {slip:.4g} rad/s"
     if o.supply == MAINS:
         note = f"other speeds of the sweep are those of another frequency of the mains; {slip_text}"
@@ -339,7 +321,7 @@ def supply(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgem
 
 def left_out(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
     """What the reader asks for and the sweep does not have: the operating speed, the resonance."""
-    first, last = r.line.first, r.line.last
+    first, last = r.sweep.speeds[0], r.sweep.speeds[-1]
     left = []
     if not first <= r.speed <= last:
         left.append(f"the operating speed of {r.speed:g} rad/s")
@@ -354,7 +336,7 @@ def show(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Show:
     chart = ripple(o, f, r)
     charts = [chart]
     if r.classical:
-        nu = np.linspace(r.line.first, r.line.last, CURVE_POINTS)
+        nu = np.linspace(r.sweep.speeds[0], r.sweep.speeds[-1], CURVE_POINTS)
         force = classical.force_panel(r.classical, nu)
         charts = [
             chart._replace(panels=[*chart.panels, force]),
@@ -362,19 +344,19 @@ def show(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Show:
         ]
     return Show(
         charts,
-        *motion.revolution(r.sweep.runner.task(*r.line.at(r.speed))),
+        *motion.revolution(r.sweep.drive, r.at(r.speed), r.speed),
     )
 
 
 def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
     """Ripple of torque and speed and the lag over the speed, theory as lines."""
-    nu = np.linspace(r.line.first, r.line.last, CURVE_POINTS)
-    machine, _ = r.line.at(f["nu_res"].value)
+    nu = np.linspace(r.sweep.speeds[0], r.sweep.speeds[-1], CURVE_POINTS)
+    machine = r.at(f["nu_res"].value)
     torque, omega = machine.torque_ripple(nu), machine.speed_ripple(nu)
     lag = np.angle(machine.load_ripple(nu) / torque, deg=True) % 360.0
 
     def panel(quantity: str, unit: str, name: str, theory: Any, color: str, *levels: Mark) -> Panel:
-        at, y, errors = (r.sweep.table.columns[column] for column in ("nu", name, f"{name}_error"))
+        at, y, errors = (r.sweep.columns[column] for column in ("nu", name, f"{name}_error"))
         unsure = np.isfinite(y) & ~np.isfinite(errors)
         drawn = {"co-simulation": (~unsure, color)}
         drawn |= {"co-simulation, error not known": (unsure, colors.THEORY)}
@@ -396,7 +378,7 @@ def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
             includes=(0.0, *(180.0,) * (unit == "deg")),
         )
 
-    tau2, w2 = TORQUE_PEAK.unit, SPEED_PEAK.unit
+    (_, tau2), (_, w2) = QUANTITIES
     located = {MARKS[name]: x for name, x in f.items() if name in MARKS and math.isfinite(x.value)}
     ends = [Mark(x, f"{x:g} deg, half power") for x in BAND]
     return Chart(
@@ -424,7 +406,7 @@ def levels_of(o: Options) -> dict[str, float]:
 
 def live_part(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Live:
     """The orbit at the speed of the slider, and the ripple over the speeds of the sweep."""
-    return LiveDrive(r.sweep.runner, r.line, r.machine, r.speed, levels_of(o)).live()
+    return LiveDrive(r.sweep.drive, r.sweep.lines, r.machine, r.speed, levels_of(o)).live()
 
 
 LIVE = live_part

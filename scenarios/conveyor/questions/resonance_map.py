@@ -351,5 +351,5 @@ def judgements(o: Options, f: Mapping[str, Figure], r: Map) -> list[Judgement]:
 def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     """Both maps, the rows, and one revolution where the torque swings most."""
     worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
-    turn = motion.revolution(r.runner.task(*r.plane.at(*worst)))
+    turn = motion.revolution(r.runner.drive, *r.plane.at(*worst))
     return Show([*maps(r, o.ripple_limit), *chart_of_rows(r, o.ripple_limit)], *turn)

@@ -308,5 +308,5 @@ def show(o: Options, f: Mapping[str, Figure], r: RodForceData) -> Show:
     """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
     best, nu = list(r.machines.values())[-1], r.plane.speed
     pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, o.ripple_limit)]
-    turn = motion.revolution(r.runner.task(best, nu))
+    turn = motion.revolution(r.runner.drive, best, nu)
     return Show(pictures, *turn)

@@ -1,0 +1,315 @@
+"""Steady orbits of the coupled drive: machines at mean speeds, run until their motion repeats.
+
+At a speed nu the motor's line is set for the mean speed nu, motor and conveyor are coupled until their
+orbit is steady, and the ripple of order 2 is read off the last revolution. Arrays have the step size as their
+first axis: row 0 is that of the communication step h, rows 1 and 2 those of 2 h and 4 h, which give the errors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim.accuracy.limit import Limit, Reason, limit
+from cosim.system import Value
+from workbench import Context, Figure
+from workbench.steady import ANGLES, TURN, Turns, steady_turns
+
+from .first_order import Machine, longest_step
+from .machine import conveyor_drive, start_values
+
+Array = NDArray[np.float64]
+ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
+STATES, FORCE = ("conveyor.w", "motor.tau"), "conveyor.f_rod"
+#: Communication steps of a run over the shortest one. Three runs give value, error and observed order.
+STEP_MULTIPLES = (1, 2, 4)
+#: Fewest steps per revolution: rows for orders up to 6, so that order 2 is not aliased by the next ones.
+FEWEST_STEPS = 18
+#: Sectors of a revolution, of each of which the largest rod forces are kept; a convention, finer than the peaks
+#: of the orders 1 to 7 are apart.
+SECTORS = 16
+#: Even angles between which the largest force of a sector is interpolated by a parabola; sixteen for each of ANGLES.
+FINE = 16 * ANGLES
+#: Convergence order of the rod force, which follows the torque of half a step before at once.
+FORCE_ORDER = 1.0
+UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated"
+NO_COUPLING_ERROR = "the coupling error is not known; take more steps per revolution"
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """Steady orbits, in arrays of one shape; nan where there is none.
+
+    Attributes
+    ----------
+    torque, speed
+        Complex amplitudes of order 2 over the crank angle of motor torque [N.m] and crank speed [rad/s].
+    mean
+        Mean speed over time [rad/s].
+    torque_error, speed_error
+        Settling errors of the amplitudes.
+    waveform
+        Rod force at ANGLES even crank angles, a last axis more [N].
+    contraction
+        Share of a deviation from the orbit that a revolution leaves.
+    problem
+        Why there is no orbit, "" where there is one.
+    """
+
+    torque: NDArray[np.complex128]
+    speed: NDArray[np.complex128]
+    mean: Array
+    torque_error: Array
+    speed_error: Array
+    waveform: Array
+    contraction: Array
+    problem: NDArray[np.object_]
+
+    @classmethod
+    def of(cls, turns: Turns) -> Orbits:
+        """Return what the last revolutions say."""
+        torque, speed = (turns.amplitudes(name, 2) for name in ("motor.tau", "conveyor.w"))
+        return cls(
+            torque[:, 1],
+            speed[:, 1],
+            TURN / turns.periods[:, 1],
+            turns.settling_error(torque),
+            turns.settling_error(speed),
+            turns.of(FORCE)[:, 1],
+            turns.contraction,
+            np.array(turns.problems, object),
+        )
+
+    def __getitem__(self, index: Any) -> Orbits:
+        return Orbits(*(getattr(self, x.name)[index] for x in fields(self)))
+
+    def beside(self, other: Orbits) -> Orbits:
+        """Return these orbits and others, along their second axis."""
+        pairs = ((getattr(self, x.name), getattr(other, x.name)) for x in fields(self))
+        return Orbits(*(np.concatenate(pair, axis=1) for pair in pairs))
+
+    def spread(self, run: NDArray[np.bool_]) -> Orbits:
+        """Return these orbits, shape (n,), where n elements of `run` are true, and nothing elsewhere."""
+        arrays = []
+        for x in fields(self):
+            part = getattr(self, x.name)
+            blank = "" if x.name == "problem" else np.nan
+            arrays.append(np.full(run.shape + part.shape[1:], blank, part.dtype))
+            arrays[-1][run] = part
+        return Orbits(*arrays)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How machines are run: on what, with which further start values, algorithm and steps, with how many of
+    STEP_MULTIPLES; and the number of orbits by what they were run for.
+    """
+
+    context: Context
+    start: Mapping[str, Value]
+    algorithm: str
+    steps_per_rev: int
+    multiples: int = len(STEP_MULTIPLES)
+    counts: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def order(self) -> float:
+        """The order with which errors fall."""
+        return CONVERGENCE_ORDERS[self.algorithm]
+
+    def near(self, machine: Machine, nu: Any) -> dict[str, Any]:
+        """Return start values of machines, by first-order theory on their orbits of mean speeds [rad/s]."""
+        states: dict[str, Any] = {
+            "conveyor.phi": 0.0,
+            "conveyor.w": nu + machine.speed_ripple(nu).imag,
+            "motor.tau": machine.load_slope * nu + machine.torque_ripple(nu).imag,
+        }
+        return start_values(machine, self.start, nu) | states
+
+    def turns(
+        self,
+        machine: Machine,
+        nu: Any,
+        record: Sequence[str] = (FORCE,),
+        *,
+        steps_per_rev: Any = None,
+    ) -> Turns:
+        """Return the last revolutions of machines at mean speeds [rad/s], arrays of shape (n,), or one of both."""
+        starts = self.near(machine, np.asarray(nu, float))
+        arrays = {name: x for name, x in starts.items() if np.ndim(x)}
+        n = max((len(x) for x in arrays.values()), default=1)
+        speed = np.broadcast_to(np.asarray(nu, float), n)
+        cases = {name: np.broadcast_to(starts[name], n) for name in (*STATES, *arrays)}
+        shared = {name: x for name, x in starts.items() if name not in cases}
+        return steady_turns(
+            conveyor_drive(self.context.fmus, shared), cases, STATES, "conveyor.phi", speed,
+            steps_per_rev=self.steps_per_rev if steps_per_rev is None else steps_per_rev,
+            record=record, algorithm=self.algorithm,
+        )  # fmt: skip
+
+    def steps(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
+        """Return the steps per revolution of arrays whose first axis are the step multiples."""
+        steps = self.steps_per_rev // np.array(STEP_MULTIPLES[: shape[0]])
+        return np.broadcast_to(steps.reshape(-1, *(1,) * (len(shape) - 1)), shape)
+
+    def orbits(self, machine: Machine, nu: Array, title: str) -> Orbits:
+        """Return the steady orbits of machines, whose fields are arrays or not, at mean speeds [rad/s].
+
+        Parameters
+        ----------
+        machine : Machine
+            Its fields are numbers, or arrays that go with `nu`.
+        nu : ndarray, shape (k, ...)
+            Row j is run with the j-th of STEP_MULTIPLES; what is nan is not run.
+        title : str
+            What they are counted as.
+        """
+        run = np.isfinite(nu)
+        self.counts[title] += int(run.sum())
+        of_each: dict[str, Any] = {
+            name: np.broadcast_to(x, nu.shape)[run] if np.ndim(x) else x
+            for name, x in vars(machine).items()
+        }
+        turns = self.turns(Machine(**of_each), nu[run], steps_per_rev=self.steps(nu.shape)[run])
+        return Orbits.of(turns).spread(run)
+
+    def check(self, machine: Machine, nu: float, multiple: int = 1) -> None:
+        """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
+        setting, most = f"{self.steps_per_rev} steps per revolution", STEP_MULTIPLES[-1]
+        longest = longest_step(machine, self.algorithm)
+        fewest = multiple * TURN / (nu * longest)
+        why = f", because runs with {multiple} times fewer give the errors" if multiple > 1 else ""
+        if self.steps_per_rev // multiple < FEWEST_STEPS:
+            raise SetupError(f"{setting} must be at least {multiple * FEWEST_STEPS}{why}")
+        if self.steps_per_rev <= fewest:
+            slowest = nu * fewest / self.steps_per_rev
+            raise SetupError(
+                f"{setting} are unstable with {self.algorithm} at {nu:g} rad/s: the step must stay below "
+                f"{longest / multiple:.3g} s, and a revolution takes {TURN / nu:.4g} s{why}. Take "
+                f"{most * math.ceil((math.floor(fewest) + 1) / most)} or more steps per revolution, or a speed above "
+                f"{slowest:.3g} rad/s"
+            )
+        if self.steps_per_rev % most:
+            raise SetupError(
+                f"{setting} must be a multiple of {most}: steps that are exactly 2 and {most} times longer give the "
+                f"errors. Take {most * math.ceil(self.steps_per_rev / most)}"
+            )
+
+    def checked(self, machine: Machine, nu: float) -> Drive:
+        """Return how to run with 1, 2 and 4 times the step; with 1 alone where 4 times is not stable at nu."""
+        try:
+            self.check(machine, nu, STEP_MULTIPLES[-1])
+        except SetupError:
+            return replace(self, multiples=1)
+        return self
+
+    def each(self, x: Any) -> Array:
+        """Return x once for each step multiple, shape (multiples, ...)."""
+        return np.repeat(np.asarray(x, float)[None], self.multiples, axis=0)
+
+
+def at_zero_step(values: Array, order: float, noise: Array | float = 0.0) -> Limit:
+    """Return where values of shape (k, ...) go, whose rows are those of the first k of STEP_MULTIPLES."""
+    missing = ((0, len(STEP_MULTIPLES) - len(values)), *((0, 0),) * (values.ndim - 1))
+    runs = np.pad(values, missing, constant_values=np.nan)
+    noises = np.pad(np.broadcast_to(noise, values.shape), missing, constant_values=np.nan)
+    return limit(runs, order, noise=noises)
+
+
+def with_error(values: Any, order: float, noise: Array | float = 0.0) -> tuple[Any, Array]:
+    """Return where values go, real or complex, and the errors of that, nan where they are not known."""
+    parts = [values.real, values.imag] if np.iscomplexobj(values) else [values]
+    limits = [at_zero_step(part, order, noise) for part in parts]
+    errors = [np.where(x.is_stated, x.extrapolated_error, np.nan) for x in limits]
+    value = limits[0].extrapolated + (1j * limits[1].extrapolated if len(limits) > 1 else 0.0)
+    return value, np.hypot.reduce(errors)
+
+
+def sector_peaks(waveform: Array) -> Array:
+    """Return the largest value of every sector of a turn, then the largest of the other sense.
+
+    Which of two nearly equal peaks is the larger may change with the step; each by itself converges. Between FINE
+    points of the Fourier series a parabola is laid; its error is that of the fourth derivative, over FINE^4.
+
+    Parameters
+    ----------
+    waveform : ndarray, shape (..., angles)
+        Values at even angles.
+
+    Returns
+    -------
+    ndarray, shape (..., 2 * SECTORS)
+    """
+    fine = np.fft.irfft(np.fft.rfft(waveform), FINE) * (FINE / waveform.shape[-1])
+    before, after = np.roll(fine, 1, -1), np.roll(fine, -1, -1)
+    bend, rise = before - 2.0 * fine + after, after - before
+    is_turn = np.abs(rise) < np.abs(2.0 * bend)
+    lift = np.where(is_turn, -(rise**2) / (8.0 * np.where(is_turn, bend, 1.0)), 0.0)
+    both = []
+    for sense in (1.0, -1.0):
+        top = np.where(sense * bend < 0.0, sense * (fine + lift), sense * fine)
+        sectors = top.reshape(*waveform.shape[:-1], SECTORS, -1)
+        both.append(np.maximum(sectors.max(-1), np.roll(sectors[..., 0], -1, -1)))
+    return np.concatenate(both, -1)
+
+
+def force_peaks(waveform: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return the rod forces of all sectors at a step of zero, up to where each may reach, and whether that is known.
+
+    Parameters
+    ----------
+    waveform : ndarray, shape (k, ..., ANGLES)
+        Of the first k of STEP_MULTIPLES.
+    """
+    peaks = sector_peaks(waveform)
+    rows = np.abs(sector_peaks(waveform[..., ::2]) - peaks) / 4.0
+    of_all = at_zero_step(peaks, FORCE_ORDER)
+    reach = of_all.extrapolated + of_all.extrapolated_error + 2.0 * rows[0]
+    return of_all.extrapolated, np.where(np.isfinite(reach), reach, np.inf), of_all.is_stated
+
+
+def largest_force(waveform: Array) -> tuple[Array, Array]:
+    """Return the largest rod force of each orbit, and its error [N], shape (...).
+
+    The error reaches as far as that of any other peak does; it is nan where one is not known that may
+    be the largest.
+    """
+    return _largest(*force_peaks(waveform))
+
+
+def largest_of_all(waveform: Array) -> tuple[float, float]:
+    """Return the largest rod force of all orbits, and its error, as `largest_force` does."""
+    value, reach, is_known = force_peaks(waveform)
+    value, error = _largest(value.ravel(), reach.ravel(), is_known.ravel())
+    return float(value), float(error)
+
+
+def _largest(value: Array, reach: Array, is_known: NDArray[np.bool_]) -> tuple[Array, Array]:
+    best = value.max(-1)
+    error = reach.max(-1) - best
+    doubtful = (~is_known & ~(reach < best[..., None])).any(-1)
+    return best, np.where(doubtful, np.nan, error)
+
+
+def figure_of(found: Limit, k: Any, unit: str, meaning: str, why: str = "") -> Figure:
+    """Return the limit of element k as a figure; `why` says why there is no value."""
+    one = Limit(*(np.asarray(x)[k] for x in vars(found).values()))
+    if why or not one.is_stated:
+        lost = UNSTABLE if one.reason == Reason.MISSING else one.sentence()
+        return Figure.undetermined(unit, why or lost, meaning)
+    return Figure(float(one.extrapolated), unit, float(one.extrapolated_error), meaning)
+
+
+def orbit_figure(value: float, error: float, unit: str, meaning: str, why: str) -> Figure:
+    """Return a figure of an orbit, refused where the error is not known; `why` says why there is no orbit."""
+    if math.isnan(error):
+        reason = why if math.isnan(value) else NO_COUPLING_ERROR
+        return Figure.undetermined(unit, reason, meaning)
+    return Figure(float(value), unit, float(error), meaning)

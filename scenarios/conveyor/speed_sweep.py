@@ -1,0 +1,206 @@
+"""A table over the speed: what orbits of each speed say, beside first-order theory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workbench import Figure, Table
+from workbench.figure import listed
+from workbench.steady import STALLED
+
+from .drive_orbits import Drive, Orbits, largest_force, largest_of_all, orbit_figure, with_error
+from .first_order import Machine
+from .response import AT_EDGE, NEED_TWO_SPEEDS, NOT_IN_RANGE, Lines, Response
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Array = NDArray[np.float64]
+Row = Mapping[str, float]
+#: The speeds over which the resonance of a set is swept by default, denser around it [rad/s].
+SPEEDS = {
+    "A": "20,24,28,30,32,33,34,35,36,36.5,37,37.5,38,38.5,39,39.5,40,40.5,41,41.5,42,43,44,45,46,"
+    "48,50,54,57,60,66",
+    "B": "6,8,10,12,14,16,17,18,19,20,21,22,23,24,25,26,27,28,29,30,31,32,33,34,36,38,40,43,46,50,"
+    "55,60,66",
+}
+#: Operating speeds of the sets [rad/s].
+OPERATING = {"A": 40.0, "B": 60.0}
+#: Damping ratio above which torque over load, 1 / (1 - x^2 + 2 i zeta x), has no peak at any x > 0.
+LARGEST_PEAKED_ZETA = math.sqrt(0.5)
+#: Relative error of the mean speed of an orbit, which settling leaves.
+MEAN_SPEED_ERROR = 2e-9
+#: Most speeds that a sentence names one by one; a convention.
+MOST_NAMED = 3
+UNITS = {
+    "nu": "rad/s", "w2": "rad/s", "w2_error": "rad/s", "w2_phase": "deg", "tau2": "N.m",
+    "tau2_error": "N.m", "tau2_phase": "deg", "w2_theory": "rad/s", "w2_phase_theory": "deg",
+    "tau2_theory": "N.m", "tau2_phase_theory": "deg", "lag": "deg", "lag_error": "deg",
+    "w_mean": "rad/s", "w_mean_error": "rad/s", "f_rod_peak": "N", "f_rod_peak_error": "N",
+}  # fmt: skip
+
+
+def columns_of(drive: Drive, machine: Machine, nu: Array, orbits: Orbits) -> dict[str, Array]:
+    """Return what orbits of shape (multiples, n) say of machines at speeds, beside theory, in UNITS, shape (n,) each.
+
+    It is nan where there is no orbit, and for errors that are not known.
+    """
+    columns = {"nu": nu}
+    theory: dict[str, Array] = {}
+    for name, amplitudes, left, expected in (
+        ("w2", orbits.speed, orbits.speed_error, machine.speed_ripple(nu)),
+        ("tau2", orbits.torque, orbits.torque_error, machine.torque_ripple(nu)),
+    ):
+        value, error = with_error(amplitudes, drive.order, left)
+        phase = np.angle(value, deg=True)
+        columns |= {name: np.abs(value), f"{name}_error": error, f"{name}_phase": phase}
+        phase = np.angle(expected, deg=True)
+        theory |= {f"{name}_theory": np.abs(expected), f"{name}_phase_theory": phase}
+    lag = np.angle(machine.load_ripple(nu), deg=True) - columns["tau2_phase"]
+    with np.errstate(all="ignore"):
+        lag_error = np.degrees(columns["tau2_error"] / columns["tau2"])
+    mean, mean_error = with_error(orbits.mean, drive.order, MEAN_SPEED_ERROR * orbits.mean)
+    force, force_error = largest_force(orbits.waveform)
+    return columns | theory | {
+        "lag": lag % 360.0,
+        "lag_error": np.where(np.isfinite(lag_error), lag_error, np.nan),
+        "w_mean": mean,
+        "w_mean_error": mean_error,
+        "f_rod_peak": force,
+        "f_rod_peak_error": force_error,
+    }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SpeedSweep:
+    """Orbits of a drive at the speeds of a sweep, with all step multiples.
+
+    Attributes
+    ----------
+    drive : Drive
+        How they were run.
+    lines : Lines
+        The machine at each speed, on the only line.
+    speeds : tuple of float
+        Nominal mean speeds [rad/s].
+    orbits : Orbits
+        Shape (multiples, speeds).
+    """
+
+    drive: Drive
+    lines: Lines
+    speeds: tuple[float, ...]
+    orbits: Orbits
+
+    @classmethod
+    def of(cls, drive: Drive, lines: Lines, speeds: Sequence[float]) -> SpeedSweep:
+        """Run the orbits of speeds."""
+        machine, nu = lines.at(drive.each(speeds), 0)
+        return cls(drive, lines, tuple(speeds), drive.orbits(machine, nu, "sweep"))
+
+    def with_more(self, speeds: Sequence[float]) -> SpeedSweep:
+        """Return the sweep with orbits at more speeds."""
+        more = SpeedSweep.of(self.drive, Lines(self.lines.at, np.array(speeds)), speeds)
+        order = np.argsort([*self.speeds, *more.speeds]).tolist()
+        every = tuple([*self.speeds, *more.speeds][k] for k in order)
+        orbits = self.orbits.beside(more.orbits)[:, order]
+        return SpeedSweep(self.drive, Lines(self.lines.at, np.array(every)), every, orbits)
+
+    def at(self, speeds: Sequence[float]) -> SpeedSweep:
+        """Return the sweep over some of its speeds."""
+        some = [self.speeds.index(nu) for nu in speeds]
+        lines = Lines(self.lines.at, np.array(speeds, float))
+        return SpeedSweep(self.drive, lines, tuple(speeds), self.orbits[:, some])
+
+    @property
+    def response(self) -> Response:
+        """Load over response, by the orbits with the shortest step."""
+        return Response(self.lines, 0, self.orbits[0])
+
+    @cached_property
+    def columns(self) -> dict[str, Array]:
+        """What the orbits say, by the names of UNITS, shape (speeds,) each."""
+        machine, nu = self.lines.at(np.array(self.speeds), 0)
+        return columns_of(self.drive, machine, nu, self.orbits)
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """The same, speed by speed."""
+        return [dict(zip(UNITS, row)) for row in zip(*(x.tolist() for x in self.columns.values()))]
+
+    @cached_property
+    def table(self) -> Table:
+        """The rows as a table."""
+        return Table.of_rows([list(row.values()) for row in self.rows], UNITS)
+
+    @property
+    def frame(self) -> DataFrame:
+        """The rows as a frame whose columns are those of UNITS."""
+        return self.table.frame
+
+    @property
+    def stalled(self) -> list[float]:
+        """The speeds at which the motor does not take the crank through a turn, with the shortest step."""
+        return [nu for nu, why in zip(self.speeds, self.orbits.problem[0]) if why == STALLED]
+
+    @property
+    def unsteady(self) -> list[float]:
+        """The other speeds without a steady orbit."""
+        lost = [nu for nu, x in zip(self.speeds, self.columns["tau2"].tolist()) if math.isnan(x)]
+        return [nu for nu in lost if nu not in self.stalled]
+
+    def problems(self) -> dict[float, str]:
+        """Return why orbits are missing, with any of the steps, by speed."""
+        of_each = zip(self.speeds, self.orbits.problem.T.tolist())
+        found = {nu: next(filter(None, reasons), "") for nu, reasons in of_each}
+        return {nu: why for nu, why in found.items() if why}
+
+    def named(self, speeds: Sequence[float]) -> str:
+        """Return speeds of the sweep in words, by their number where they are many."""
+        if len(speeds) == len(self.speeds) > 1:
+            return "every speed of the sweep"
+        if len(speeds) > MOST_NAMED:
+            return f"{len(speeds)} of the {len(self.speeds)} speeds"
+        return f"{listed([f'{nu:.4g}' for nu in speeds])} rad/s"
+
+    def no_orbit(self, speeds: Sequence[float] | None = None) -> str:
+        """Return why those of the speeds that have no steady orbit, by default all, have none; "" without any."""
+        reasons = {"the motor stalls": self.stalled, "no steady orbit is found": self.unsteady}
+        return listed([
+            f"{reason} at {self.named(those)}"
+            for reason, lost in reasons.items()
+            if (those := [nu for nu in lost if speeds is None or nu in speeds])
+        ])  # fmt: skip
+
+    def explained(self, figure: Figure) -> Figure:
+        """Return a feature of the response, refused for the orbits that the sweep lacks where it is for these."""
+        why = self.no_orbit()
+        ends = self.no_orbit((self.speeds[0], self.speeds[-1]))
+        if figure.error is not None or not why:
+            return figure
+        if figure.reason == NEED_TWO_SPEEDS:
+            is_some = np.isfinite(self.columns["tau2"]).any()
+            return figure._replace(reason=why + f", and {NEED_TWO_SPEEDS}" * bool(is_some))
+        if figure.reason == NOT_IN_RANGE or (figure.reason == AT_EDGE and ends):
+            return figure._replace(reason=f"{why}, and the other speeds do not show it")
+        return figure
+
+    def force_figure(self) -> Figure:
+        """Return the largest rod force of the sweep."""
+        value, error = largest_of_all(self.orbits.waveform)
+        why = self.no_orbit(list(self.problems())[:1])
+        return orbit_figure(value, error, "N", "largest rod force of the sweep", why)
+
+
+def row_figure(row: Row, column: str, meaning: str, why: str = "") -> Figure:
+    """Return a column of a row that has an error beside it, as a figure; `why` says why there is no orbit."""
+    value, error, nu = (row[name] for name in (column, f"{column}_error", "nu"))
+    why = why or f"no steady orbit is found at {nu:g} rad/s"
+    return orbit_figure(value, error, UNITS[column], meaning, why)

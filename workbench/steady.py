@@ -1,0 +1,354 @@
+"""Steady motions of machines that turn: Newton's method on the return maps of many of them at once, or a refusal.
+
+A revolution maps the states at one crank angle to the states a revolution later. The fixed point of this
+return map P is the orbit. The few revolutions of one run give the Jacobian J of P on the deviations that
+they have: each difference of two sections is J times the one before. With it, Newton's method for
+P(s) - s = 0 steps from the last section by (I - J)^-1 (P(s) - s); for as many differences as states this
+is minimal polynomial extrapolation (Cabay and Jackson, SIAM J. Numer. Anal. 13, 1976). What the last
+revolution still changes, divided by what a revolution leaves of it, is the settling error. The first axis of every
+array is that of the members, each of which has its own machine, speed, step and pace.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim import System
+from cosim.engine.settings import RunSettings
+from cosim.ensemble import Ensemble
+from cosim.prepared import How, Prepared
+
+Array = NDArray[np.float64]
+TURN = 2.0 * math.pi
+#: Rows of the polynomial through which values are read between rows. Amid 2 n even rows, 2 pi / N apart, the
+#: share of the order k that it misses is ((2 n)! / (4^n n!))^2 / (2 n)! (2 pi k / N)^(2 n) at most: with 16 rows and
+#: N = 32 it is 1e-12 of the order 2 that rocks a drive, with 8 rows 6e-7, at which the search for an orbit stalls.
+STENCIL = 16
+#: Even angles of a revolution at which values are kept; as many as the orders up to 31 need.
+ANGLES = 64
+#: Relative settling error of an orbit that is accepted at once. It is a convention, a thousandth of the
+#: smallest coupling errors that the questions state.
+SETTLED = 3e-9
+#: Relative settling error that is accepted where rounding and the FMUs' own solvers let it fall no further.
+NOISE_FLOOR = 1e-6
+#: Ratio of two changes in sequence above which the orbit has stopped approaching; a Newton step that still
+#: works lowers the change by far more.
+STALLED_RATIO = 0.3
+#: Relative change per revolution above which the Jacobian is taken anew; below it, rounding would tell it.
+JACOBIAN_UPDATE = 1e-6
+#: Singular values, over the largest, below which the Jacobian along a direction is not known. It is a
+#: convention: differences that are 200 times smaller than the others show the curvature of P, not its slope.
+RANK_TOLERANCE = 5e-3
+#: Runs before an orbit is given up. Newton's method takes three or four of them.
+MAX_RUNS = 16
+#: Steps of a run over those of its revolutions at the expected speed, since a ripple makes them longer.
+RUN_MARGIN = 1.02
+#: Mean speed over the expected one below which the crank counts as stalled.
+SLOWEST_PACE = 0.05
+#: Smallest share of the last change that is stated as settling error; a contraction that seems to be
+#: faster is not known to be so.
+MIN_SETTLING_SHARE = 0.1
+#: Deviations over the mean speed that give a state its scale where its own value is close to zero.
+MIN_STATE_SCALE = 1e-3
+#: Why there is no orbit of a crank that turns back before its first revolutions are complete.
+STALLED = "the crank does not complete a turn"
+UNSTABLE = "the orbit is not stable: deviations from it grow"
+
+
+@dataclass(frozen=True)
+class Turns:
+    """The last two revolutions of n members on their orbits; nan where there is none.
+
+    Attributes
+    ----------
+    columns
+        The names of what is kept.
+    values
+        These at ANGLES even crank angles of the revolution before the last and of the last, shape
+        (n, 2, ANGLES, columns).
+    periods
+        How long these two take, shape (n, 2) [s].
+    contraction
+        Share of a deviation from the orbit that a revolution leaves: the largest size of the return map's
+        eigenvalues (Floquet multipliers) that the runs show, shape (n,).
+    states
+        The states at the end of the last, in their order, shape (n, states).
+    problems
+        Why there is no orbit, "" where there is one.
+    """
+
+    columns: Sequence[str]
+    values: Array
+    periods: Array
+    contraction: Array
+    states: Array
+    problems: list[str]
+
+    def of(self, column: str) -> Array:
+        """Return the values of a column, shape (n, 2, ANGLES)."""
+        return np.asarray(self.values[..., self.columns.index(column)])
+
+    def amplitudes(self, column: str, order: int) -> NDArray[np.complex128]:
+        """Return complex amplitudes of an order of the crank angle, X = Im(X_hat exp(i k phi)), shape (n, 2).
+
+        They are those of the sums over even angles, which are exact for the orders below ANGLES / 2.
+        """
+        wave = np.exp(-2j * math.pi * order / ANGLES * np.arange(ANGLES))
+        return np.asarray(2j / ANGLES * (self.of(column) @ wave))
+
+    def settling_error(self, of_both: Any) -> Any:
+        """Return what settling leaves open of quantities of both revolutions, shape (n, 2), a value of shape (n,).
+
+        The changes of the revolutions to come are a geometric series with the contraction as its ratio.
+        """
+        share = np.maximum(self.contraction / (1.0 - self.contraction), MIN_SETTLING_SHARE)
+        return np.abs(of_both[:, 1] - of_both[:, 0]) * share
+
+
+class _Search:
+    """The state of Newton's method of every member; sections are over the scale of each state."""
+
+    def __init__(self, begin: Array, speed: Array, columns: Sequence[str]) -> None:
+        n, states = begin.shape
+        self.at, self.turned = begin.copy(), np.full_like(begin, np.nan)
+        self.scale = np.maximum(np.abs(begin), MIN_STATE_SCALE * speed[:, None])
+        self.pace, self.change = np.ones(n), np.full(n, np.inf)
+        self.jacobian = np.full((n, states, states), np.nan)
+        self.is_open = np.ones(n, bool)
+        self.turns = Turns(
+            columns,
+            np.full((n, 2, ANGLES, len(columns)), np.nan),
+            np.full((n, 2), np.nan),
+            np.full(n, np.nan),
+            np.full_like(begin, np.nan),
+            [""] * n,
+        )
+
+    def refuse(self, members: NDArray[Any], why: Sequence[str]) -> None:
+        """Give members up."""
+        self.is_open[members] = False
+        for member, text in zip(members.tolist(), why):
+            self.turns.problems[member] = text
+
+    def take(self, m: NDArray[Any], phi: Array, data: Array, states: int, turns: int) -> None:
+        """Take runs of members m that turn on: angles (rows,), and time, states, columns (rows, k) of each."""
+        ends = TURN * np.arange(turns + 1)
+        at_ends = at_angles(
+            phi, data[..., : 1 + states], np.broadcast_to(ends, (len(m), turns + 1))
+        )
+        times, sections = at_ends[..., 0], at_ends[..., 1:] / self.scale[m][:, None]
+        sections[:, 0] = self.at[m] / self.scale[m]
+        differences = np.diff(sections, axis=1)
+        previous, self.change[m] = self.change[m], np.abs(differences[:, -1]).max(-1)
+        is_new = np.isnan(self.turns.contraction[m])
+        is_new |= np.abs(differences).max((1, 2)) > JACOBIAN_UPDATE
+        jacobian, contraction = return_maps(differences[is_new])
+        self.jacobian[m[is_new]], self.turns.contraction[m[is_new]] = jacobian, contraction
+
+        left, change = self.turns.contraction[m], self.change[m]
+        error = change * np.maximum(left / np.maximum(1.0 - left, 1e-12), 1.0)
+        settled = (error < SETTLED) | ((error < NOISE_FLOOR) & (change > STALLED_RATIO * previous))
+        grows = settled & (left >= 1.0)
+        self.refuse(m[grows], [UNSTABLE] * len(m))
+        done = np.flatnonzero(settled & ~grows)
+        if len(done):
+            angles = TURN / ANGLES * np.arange(2 * ANGLES) + TURN * (turns - 2)
+            wanted = np.broadcast_to(angles, (len(done), 2 * ANGLES))
+            values = at_angles(phi[done], data[done][..., 1:], wanted)
+            found = self.turns
+            found.values[m[done]] = values.reshape(len(done), 2, ANGLES, -1)
+            found.periods[m[done]] = np.diff(times[done], axis=1)[:, -2:]
+            found.states[m[done]] = sections[done, -1] * self.scale[m[done]]
+            self.is_open[m[done]] = False
+        matrix = np.eye(states) - self.jacobian[m]
+        step = np.linalg.pinv(matrix, rcond=1e-12) @ differences[:, -1, :, None]
+        self.turned[m] = sections[:, -1] * self.scale[m]
+        self.at[m] = self.turned[m] + (self.jacobian[m] @ step)[..., 0] * self.scale[m]
+
+
+def steady_turns(
+    system: System,
+    cases: Mapping[str, Array],
+    states: Sequence[str],
+    angle: str,
+    speed: Array,
+    *,
+    steps_per_rev: Any,
+    record: Sequence[str],
+    algorithm: str = "strang",
+    jobs: int = 1,
+) -> Turns:
+    """Return the last two of several revolutions on the steady orbits near start values.
+
+    A start from which the crank stalls is taken back halfway to where it turned.
+
+    Parameters
+    ----------
+    system : System
+        The machine, with the start values that all members share.
+    cases : mapping
+        The start values in which they differ, shape (n,) each; among them the states, near the orbit.
+    states : sequence of str
+        The states of a return map.
+    angle : str
+        Output that grows by 2 pi in a revolution, from 0 at the start.
+    speed : ndarray, shape (n,)
+        About its mean rate [rad/s]; with `steps_per_rev` it gives the communication step.
+    steps_per_rev : int or ndarray, shape (n,)
+        Communication steps per revolution.
+    record : sequence of str
+        What is kept besides the states.
+    algorithm : str
+        Coupling algorithm.
+    jobs : int
+        Threads that do the runs.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After Ctrl-C.
+    """
+    columns = list(dict.fromkeys([*states, *record]))
+    speed, turns = np.asarray(speed, float), len(states) + 1
+    begin = np.stack([np.asarray(cases[name], float) for name in states], axis=1)
+    search = _Search(begin, speed, columns)
+    if not len(speed):
+        return search.turns
+    step = TURN / (speed * steps_per_rev)
+    log = logging.getLogger("cosim")
+    common = {**system.start, **{name: np.asarray(x)[0].item() for name, x in cases.items()}}
+    system = System(**{**vars(system), "start": common})
+    settings = RunSettings(
+        float(step[0]) * 2, float(step[0]), algorithm=algorithm, record=[angle, *columns]
+    )
+    with Prepared.open(system, settings) as prepared:
+        for _ in range(MAX_RUNS):
+            m = np.flatnonzero(search.is_open)
+            if not len(m):
+                break
+            values = {name: np.asarray(x)[m] for name, x in cases.items()}
+            values |= dict(zip(states, search.at[m].T))
+            count = (
+                np.ceil(
+                    turns
+                    * np.broadcast_to(steps_per_rev, speed.shape)[m]
+                    * RUN_MARGIN
+                    / search.pace[m]
+                )
+                + STENCIL
+            )
+            how = How(jobs, steps=step[m].tolist(), stops=(count * step[m]).tolist())
+            returned = 0
+            for block in prepared.blocks(values, how):
+                returned += len(block)
+                for text in block.warnings:
+                    log.warning(text)
+                _read(search, m[block.members], block, speed, turns)
+            if returned < len(m):
+                raise KeyboardInterrupt
+    m = np.flatnonzero(search.is_open)
+    steps = np.broadcast_to(steps_per_rev, speed.shape)
+    search.refuse(
+        m,
+        [
+            f"no steady state after {MAX_RUNS * turns} revolutions of {steps[k]} steps (relative change "
+            f"{search.change[k]:.1g} per revolution); more steps per revolution may settle it"
+            for k in m
+        ],
+    )
+    search.turns.contraction[[bool(x) for x in search.turns.problems]] = np.nan
+    return search.turns
+
+
+def _read(search: _Search, m: NDArray[Any], block: Ensemble, speed: Array, turns: int) -> None:
+    """Take the runs of members m: those that fail, stall or are too slow one by one, the others together."""
+    wanted = TURN * turns
+    failed = np.array([bool(reason) for reason in block.reasons])
+    search.refuse(m[failed], [reason for reason in block.reasons if reason])
+    t, phi = block.rows[:, :, 0], block.rows[:, :, 1]
+    end = np.maximum(block.counts - 1, 0)
+    rises = ((np.diff(phi, axis=1) > 0.0) | (np.arange(phi.shape[1] - 1) >= end[:, None])).all(1)
+    stalled = ~failed & ~rises
+    is_first = np.isnan(search.turned[m, 0])
+    search.refuse(m[stalled & is_first], [STALLED] * len(m))
+    back = m[stalled & ~is_first]
+    search.at[back] = (search.at[back] + search.turned[back]) / 2.0
+    k = np.arange(len(m))
+    short = ~failed & rises & (phi[k, np.maximum(end - STENCIL // 2, 0)] < wanted)
+    search.pace[m[short]] *= phi[k, end][short] / wanted / RUN_MARGIN
+    slow = short & (search.pace[m] < SLOWEST_PACE)
+    search.refuse(
+        m[slow],
+        [
+            f"the crank turns at {phi[j, end[j]] / t[j, end[j]]:.3g} rad/s instead of {speed[m[j]]:g} rad/s"
+            for j in np.flatnonzero(slow)
+        ],
+    )
+    good = ~failed & rises & ~short
+    if good.any():
+        data = np.delete(block.rows[good], 1, axis=2)
+        states = search.at.shape[1]
+        search.take(m[good], phi[good], data, states, turns)
+
+
+def return_maps(differences: Array) -> tuple[Array, Array]:
+    """Return the linear maps that take each difference between sections to the next, and their contractions.
+
+    A map is 0 along directions in which it is not known.
+
+    Parameters
+    ----------
+    differences : ndarray, shape (n, revolutions, states)
+        Differences of states at one crank angle of revolutions in sequence.
+
+    Returns
+    -------
+    jacobian : ndarray, shape (n, states, states)
+    contraction : ndarray, shape (n,)
+        The largest size of its eigenvalues.
+    """
+    size = np.maximum(np.abs(differences).max(axis=1, keepdims=True), 1e-300)
+    scaled = differences / size
+    fit = np.linalg.pinv(scaled[:, :-1], rcond=RANK_TOLERANCE) @ scaled[:, 1:]
+    fit = np.swapaxes(fit, 1, 2)
+    contraction = np.abs(np.linalg.eigvals(fit)).max(axis=-1)
+    return fit * np.swapaxes(size, 1, 2) / size, contraction
+
+
+def at_angles(phi: Array, values: Array, wanted: NDArray[Any]) -> Array:
+    """Return values at wanted angles, on the polynomials through the STENCIL rows around each.
+
+    They meet smooth rows best in their middle, where no oscillation at the ends (Runge's) reaches; Berrut and
+    Trefethen, SIAM Review 46 (2004), section 5.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (n, rows)
+        Angles of the rows, rising [rad].
+    values : ndarray, shape (n, rows, columns)
+        Values of the rows.
+    wanted : ndarray, shape (n, angles)
+        Angles [rad].
+
+    Returns
+    -------
+    ndarray, shape (n, angles, columns)
+    """
+    n, rows = phi.shape
+    first = np.array([np.searchsorted(x, y) for x, y in zip(phi, wanted)]) - STENCIL // 2
+    around = np.clip(first, 0, rows - STENCIL)[..., None] + np.arange(STENCIL)
+    member = np.arange(n)[:, None, None]
+    p = phi[member, around]
+    distance = wanted[..., None] - p
+    below = np.cumprod(np.concatenate([np.ones_like(p[..., :1]), distance[..., :-1]], -1), -1)
+    above = np.cumprod(np.concatenate([np.ones_like(p[..., :1]), distance[..., :0:-1]], -1), -1)
+    spacing = p[..., :, None] - p[..., None, :] + np.eye(STENCIL)
+    lagrange = below * above[..., ::-1] / spacing.prod(-1)
+    return np.asarray(np.einsum("nak,nakc->nac", lagrange, values[member, around]))
