@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from .engine.control import Adaptive
 from .engine.energy import NEGLIGIBLE, NOTICEABLE, bond_warnings
-from .engine.members import EXACT, LEFT, Block, Members, NeedsPythonError, Place, Span
+from .engine.member_layout import EXACT, NeedsPythonError
+from .engine.members import LEFT, Block, Members, Place, Span
 from .engine.process_state import ProcessState
 from .engine.settings import RunSettings
 from .ensemble import Array, Case, Cases, Ensemble, Numbers

@@ -20,16 +20,13 @@ from .compiler import MEMBERS, OPTIONS, SOURCE, compile_loop, file_name
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource
+from .structures import DOUBLE, INT, LONG, PLACE, structures
 
-INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
-ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3, CELLS, CELLS]
-MEMBER_ARGUMENTS: Any = [*[CELLS] * 3, LONG, LONG, CELLS, CELLS, LONG, *[CELLS] * 3]
+ARGUMENTS: Any = [PLACE, PLACE, INT, INT, PLACE, INT, *[DOUBLE] * 2, *[LONG] * 3, PLACE, PLACE]
+MEMBER_ARGUMENTS: Any = [*[PLACE] * 3, LONG, LONG, PLACE, PLACE, LONG, *[PLACE] * 3]
 
 
-class Column(ctypes.Structure):
-    """struct column of loop.c."""
-
-    _fields_ = [("cell", ctypes.c_void_p), ("type", ctypes.c_int)]
+Column = structures(SOURCE.read_text())["column"]
 
 
 def library() -> Any:

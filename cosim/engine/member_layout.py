@@ -1,0 +1,272 @@
+"""How a system is laid out for members.c: what its parts begin with, keep and listen to, and how long members run."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from ..fmu.buffers import address
+from ..fmu.operations import Layout
+from ..system import Network, Port, Value
+from ..system.description import Variable
+from .changes import continuous_profiles
+from .compiler import MEMBERS
+from .initialise import START_ROUNDING, is_set_again, keeps, start_values
+from .loop import Column, Loop
+from .part import Part
+from .settings import RunSettings
+from .sources import InputSource
+from .structures import DOUBLE, INT, LONG, PLACE, structures
+
+#: The whole numbers that a double holds exactly.
+EXACT = 2**53
+#: Means of inputs over time that are kept for all members. Chosen: 80 MB of them.
+MOST_MEANS = 10**7
+STRUCTURES = structures(MEMBERS.read_text(), column=Column)
+InstanceLayout, SpanLayout, Setting, Memory, Listener, Promise, Side, EnsembleLayout = (
+    STRUCTURES[name]
+    for name in ("instance", "span", "setting", "memory", "listener", "promise", "side", "ensemble")
+)
+
+
+class NeedsPythonError(Exception):
+    """The members of this system take the way through Python, with the reason."""
+
+
+class SystemLayout:
+    """A system whose parts are wired and initialised, as members.c reads it.
+
+    Members differ in the values of `names`; the start values of the network must have these. `warned`
+    takes the step after which an operation of the `loop` has returned a warning last. Raises NeedsPythonError where a member needs Python.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        settings: RunSettings,
+        parts: Mapping[str, Part],
+        loop: Loop,
+        names: Sequence[str],
+    ) -> None:
+        """The `parts` are in their stepping order, and `loop` has their steps."""
+        self._parts, self._settings, self._loop = parts, settings, loop
+        self._keep: list[Any] = []
+        self._index = {name: k for k, name in enumerate(names)}
+        self._shared: list[float] = []
+        self.ensemble = EnsembleLayout(
+            program=ctypes.addressof(loop.layouts),
+            columns=ctypes.addressof(loop.columns),
+            length=len(loop.layouts),
+            row_begin=loop.row_begin,
+            width=len(loop.columns),
+            n_values=len(names),
+            start=settings.start,
+            share_kept=START_ROUNDING,
+        )
+        self._known: dict[tuple[float, float, float | None], Any] = {}
+        self._feeds = [
+            k for k, timed in enumerate(loop.operations) if isinstance(timed.operation, InputSource)
+        ]
+        self._array("feeds", INT, self._feeds, counted=True)
+        self.warned = (LONG * max(1, len(loop.layouts)))()
+        self.ensemble.warned = ctypes.addressof(self.warned)
+        self._lay_out_instances(network)
+        self._lay_out_starts(network)
+        self._lay_out_promises(network)
+        self._lay_out_coupling(network)
+        self._array("shared", DOUBLE, self._shared)
+
+    def span(self, h: float, stop: float, output_step: float | None) -> Any:
+        """Steps of h [s] to the stop, with rows so far apart [s]; raises NeedsPythonError."""
+        key = h, stop, output_step
+        if key not in self._known:
+            settings = replace(self._settings, step=h, stop=stop, output_step=output_step)
+            every, count = settings.every(), settings.number()
+            if every is None:
+                raise NeedsPythonError("rows lie between steps")
+            means = self._means(count, h, stop) if self._feeds else None
+            self._known[key] = SpanLayout(h, stop, count, every, means)
+        return self._known[key]
+
+    def _means(self, count: int, h: float, stop: float) -> int:
+        """Where the means of the inputs over time in each of the steps stand."""
+        start, last = self._settings.start, count - 1
+        feeds = [self._loop.operations[k] for k in self._feeds]
+        if len(feeds) * count > MOST_MEANS:
+            raise NeedsPythonError("the means of inputs over time do not fit into memory")
+        t_last = start + last * h
+        h_last = h if t_last + h == stop else stop - t_last
+        addresses = []
+        for feed, at, size in feeds:
+            assert isinstance(feed, InputSource)
+            times = [start + n * h + at * h for n in range(last)]
+            means = [feed.profile.mean(t, size * h) for t in times]
+            means.append(feed.profile.mean(t_last + at * h_last, size * h_last))
+            addresses.append(self._kept((DOUBLE * count)(*means)))
+        return self._kept((PLACE * len(addresses))(*addresses))
+
+    def _kept(self, array: Any) -> int:
+        """Where an array stands, which lives as long as this."""
+        self._keep.append(array)
+        return ctypes.addressof(array)
+
+    def _array(self, field: str, kind: Any, items: Sequence[Any], *, counted: bool = False) -> None:
+        """Set a field of the layout to an array, and if it is `counted` another one to its length."""
+        setattr(self.ensemble, field, self._kept((kind * max(1, len(items)))(*items)))
+        if counted:
+            setattr(self.ensemble, f"n_{field}", len(items))
+
+    def _number(self, port: Port, value: Value) -> int:
+        """The number of a start value."""
+        if isinstance(value, str):
+            raise NeedsPythonError(f"{port} is a {port.type}")
+        if abs(value) > EXACT and port.type != "Real":
+            raise NeedsPythonError(f"{port} = {value!r} is no double")
+        if port.name in self._index:
+            return self._index[port.name]
+        self._shared.append(float(value))
+        return len(self._index) + len(self._shared) - 1
+
+    def _lay_out_instances(self, network: Network) -> None:
+        """How instances are reset and initialised, in the order of the system."""
+        layouts = []
+        for name in network.system.parts:
+            session = self._parts[name].instance.session
+            tolerance = self._settings.tolerance
+            if tolerance is None:
+                tolerance = session.description.defaultExperiment.tolerance
+            has_stop = self._settings.stop_time_defined or session.is_told_stop
+            clocks = [v for v in session.description.modelVariables if v.type == "Clock"]
+            if any(v.causality == "input" for v in clocks):
+                raise NeedsPythonError(f"{name} has clocks")
+            is_fmi3 = session.description.fmiVersion == "3.0"
+            names = {"reset": "Reset", "initialise": "EnterInitializationMode"}
+            names |= {"leave": "ExitInitializationMode"}
+            if not is_fmi3:
+                names["set_up"] = "SetupExperiment"
+            elif session.interface.hasEventMode:
+                names |= {"update": "UpdateDiscreteStates", "enter_steps": "EnterStepMode"}
+            functions = {k: ctypes.cast(session.function(v), PLACE).value for k, v in names.items()}
+            layouts.append(
+                InstanceLayout(
+                    version=3 if is_fmi3 else 2,
+                    has_tolerance=tolerance is not None,
+                    tolerance=tolerance or 0.0,
+                    has_stop=has_stop,
+                    component=session.component.value,
+                    due=self._parts[name].instance.due_address(),
+                    **functions,
+                )
+            )
+        self._array("instances", InstanceLayout, layouts, counted=True)
+
+    def _lay_out_starts(self, network: Network) -> None:
+        """The start values that are set before an instance is initialised, and again while it is."""
+        starts = start_values(network, self._settings.start).values()
+        by_part = [s for name in network.system.parts for s in starts if s[0].part == name]
+        again = [(port, value) for port, value in starts if is_set_again(port)]
+        for field, settings, some in (
+            ("starts", "settings", by_part),
+            ("again", "settings_again", again),
+        ):
+            pairs = [pair for port, value in some for pair in self._start(port, value)]
+            self._array(field, Layout, [layout for layout, _ in pairs], counted=True)
+            self._array(settings, Setting, [setting for _, setting in pairs])
+
+    def _start(self, port: Port, value: Value) -> Iterator[tuple[Layout, Any]]:
+        """What sets a start value: of an element of an array, after the others have been read."""
+        access = self._parts[port.part].instance.access
+        [block] = access.blocks("Set", [port.variable])
+        layout = block.exchange_layout()
+        if layout is None:
+            raise NeedsPythonError(f"{port} is not set by one call in C")
+        self._keep.append(block)
+        if len(block.cells) > 1:
+            [present] = access.blocks("Get", [port.variable])
+            reading = present.exchange_layout()
+            assert reading is not None
+            self._keep.append(present)
+            reading.cells = layout.cells
+            yield reading, Setting(number=-1)
+        index, kind = block.variables.index(port.variable), block.cells._type_
+        cell = address(block.cells, index)
+        yield layout, Setting(cell=cell, type=ord(kind._type_), number=self._number(port, value))
+
+    def _lay_out_promises(self, network: Network) -> None:
+        """The start values that instances are to keep."""
+        by_part: dict[str, dict[str, tuple[Port, Value]]] = {}
+        for port, value in start_values(network, self._settings.start).values():
+            if port.variable.causality != "input" and keeps(port):
+                by_part.setdefault(port.part, {})[port.variable.name] = (port, value)
+        reads, promises = [], []
+        for name, ports in by_part.items():
+            variables: list[Variable] = [port.variable for port, _ in ports.values()]
+            for block in self._parts[name].instance.access.blocks("Get", variables):
+                reads.append(self._layout(block))
+                for slot, variable in zip(block.slots().values(), block.variables):
+                    if variable.name in ports:
+                        port, value = ports[variable.name]
+                        column = Column(slot.address, ord(slot.kind._type_))
+                        number = self._number(port, value)
+                        promises.append(Promise(column, number, port.type == "Real"))
+        self._array("kept", Layout, reads, counted=True)
+        self._array("promises", Promise, promises, counted=True)
+
+    def _layout(self, operation: Any) -> Layout:
+        """An operation in C; raises NeedsPythonError if it needs Python."""
+        exchange = getattr(operation, "exchange_layout", operation.layout)
+        layout: Layout | None = exchange()
+        if layout is None:
+            raise NeedsPythonError("a value is moved by Python")
+        self._keep.append(operation)
+        return layout
+
+    def _lay_out_coupling(self, network: Network) -> None:
+        """How the inputs begin and settle, and the sides of bonds."""
+        moving = [port for port, _ in continuous_profiles(network)]
+        for port, _ in network.inputs:
+            if port not in moving:
+                raise NeedsPythonError(f"{port} changes between steps")
+        initial, entered, listeners, outputs, cells = [], [], [], [], 0
+        most = 1
+        for part in self._parts.values():
+            inputs = []
+            for block, begin in zip(part.inputs, part.initial_inputs):
+                copy = self._kept(ctypes.create_string_buffer(begin, max(1, len(begin))))
+                where = ctypes.addressof(block.cells)
+                inputs.append(Memory(where, copy, len(begin), block.real))
+                if block.entered is not None:
+                    entered.append(
+                        Memory(ctypes.addressof(block.entered), where, len(begin), block.real)
+                    )
+                cells += len(block.cells)
+            initial += inputs
+            for feed in part.feeds:
+                value = DOUBLE(float(feed.profile.at(self._settings.start)))
+                initial.append(Memory(ctypes.addressof(feed.cell), self._kept(value), 8, 1))
+            most = max(most, sum(memory.size for memory in inputs))
+            reads = [self._layout(block) for block in part.outputs]
+            outputs += reads
+            links = [self._layout(link) for link in part.links]
+            exchanges = [*map(self._layout, part.inputs), *reads]
+            listeners.append(
+                Listener(
+                    self._kept((Layout * max(1, len(links)))(*links)),
+                    self._kept((Layout * max(1, len(exchanges)))(*exchanges)),
+                    self._kept((Memory * max(1, len(inputs)))(*inputs)),
+                    len(links),
+                    len(exchanges),
+                    len(inputs),
+                )
+            )
+        self._array("initial", Memory, initial, counted=True)
+        self._array("entered", Memory, entered, counted=True)
+        self._array("listeners", Listener, listeners, counted=True)
+        self._array("outputs", Layout, outputs, counted=True)
+        self.ensemble.scratch = self._kept(ctypes.create_string_buffer(most))
+        self.ensemble.most_exchanges = 2 + cells
+        self.bond_sides = [side for part in self._parts.values() for side in part.bond_sides]
+        sides = [Side(address(side.totals), side.output.address) for side in self.bond_sides]
+        self._array("sides", Side, sides, counted=True)
