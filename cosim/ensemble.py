@@ -23,10 +23,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
-#: What `Prepared.map` takes: values by the name of a start value, one for each member, or a frame of pandas.
-CasesLike = "Cases | Mapping[str, Sequence[Any] | NDArray[Any]] | pd.DataFrame"
-#: Members of a warning that are named before the others are only counted. A convention: a line holds them.
-MOST_NAMED = 5
 
 
 @dataclass(frozen=True)
@@ -218,17 +214,6 @@ class Ensemble:
             self, members=self.members[:n], rows=self.rows[:n], counts=self.counts[:n],
             reasons=self.reasons[:n], energy={k: e[:n] for k, e in self.energy.items()},
         )  # fmt: skip
-
-    def warning_lines(self) -> list[str]:
-        """The warnings, each with its members."""
-        return [f"{self._named(members)}: {text}" for text, members in self.warnings.items()]
-
-    def _named(self, members: Sequence[int]) -> str:
-        if len(members) == self.cases.members:
-            return "every run"
-        names = ", ".join(str(k) for k in members[:MOST_NAMED])
-        more = len(members) - MOST_NAMED
-        return f"run {names}" + (f" and {more} more" if more > 0 else "")
 
 
 def _balance(energy: Array) -> BondEnergy:

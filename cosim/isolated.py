@@ -42,36 +42,15 @@ def run_isolated(
     timeout: float = math.inf,
     **settings: Any,
 ) -> Result:
-    """Do what `run` does with these settings, but in a child process; the rows are streamed to `csv`.
+    """Do what `run` does with its `settings`, but in a child process; the rows are streamed to `csv`.
 
     Ctrl-C ends the child, a second one kills it, and so does SIGTERM or SIGHUP after a while; the rows
     are kept in each case. If this process dies, so does the child. As always with child processes, a
     script needs `if __name__ == "__main__"`.
 
-    Parameters
-    ----------
-    system : System
-        What is run.
-    csv : path
-        The file that takes the rows.
-    progress : callable, optional
-        Called with the fraction of the run that is done.
-    timeout : float
-        The longest time that a step may take [s].
-    **settings
-        Those of `run`.
-
-    Raises
-    ------
-    SetupError
-        What `run` raises, and if the process ends before the first step.
-    SimulationError
-        What `run` raises, and with the rows that reached the file if an FMU ends the process, or takes longer than
-        `timeout` [s] for a step or than GRACE to close.
-    Interrupted
-        With the rows that reached the file, if the run was interrupted after the first step.
-    KeyboardInterrupt
-        If Ctrl-C ended the process before the first step.
+    Raises what `run` does; SimulationError, with the rows that reached the file, also if an FMU ends the process or takes
+    longer than `timeout` [s] for a step or than GRACE to close; and before the first step SetupError if the process
+    ends, KeyboardInterrupt after Ctrl-C.
     """
     if not timeout > 0.0:
         raise SetupError(f"timeout = {timeout!r} s must be above 0")

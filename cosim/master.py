@@ -30,60 +30,47 @@ def run(
     progress: Callable[[float], None] | None = None,
     all_rows: Path | None = None,
 ) -> Result:
-    """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive steps.
+    """Run a system from `start` to `stop`.
 
-    `order` is the order in which Gauss-Seidel and Strang step the parts. By default each part steps
-    after those that drive it, or as declared where that is impossible. With `input_order` above 0,
-    Real inputs follow polynomials of that order within a step. `substeps` gives the number of
-    sub-steps that a part takes within a communication step. `tolerance` is passed to the FMUs; by
-    default it is the one that the default experiment of each FMU states, or that of the adaptive steps.
-    With `stop_time_defined`, the FMUs are told the stop time before the start; some then compute all of
-    the run in their first step, so that by default only an FMU that does not initialise without it is
-    told it.
-
-    There is a row at every communication point, or at every `output_step` [s] and at changes of a
-    recorded discrete variable. Where an input jumps or a parameter changes at a communication point, two
-    rows have that time: the one before and the one after. `record` lists the columns (default: all outputs). With `csv`, the
-    rows are streamed to this file, which no other run may write at the same time. `progress` is
-    called with the fraction of the run that is done. `all_rows` is a file that takes the rows of all
-    communication points, also those that `output_step` leaves out, as plain doubles.
-
-    Warnings of the FMUs are in the result. They are also logged under "cosim" as they occur, unless
-    `quiet` suppresses them. A run that an FMU ends itself is complete: `provenance` gives the time
-    `reached` [s] and the `reason`.
+    There is a row at every communication point, or at every `output_step` and at changes of a recorded discrete
+    variable; where an input jumps or a parameter changes, one before and one after. Warnings of the FMUs are in the
+    result. They are also logged under "cosim" as they occur, unless `quiet` suppresses them. A run that an FMU ends
+    itself is complete: `provenance` gives the time `reached` [s] and the `reason`.
 
     Parameters
     ----------
     system : System
         What is run: parts, wires, start values and inputs over time.
-    stop : float
-        When the run ends [s].
-    start : float
-        When it begins [s].
+    stop, start : float
+        When the run ends and begins [s].
     step : float or Adaptive
         The communication step [s], or adaptive steps.
     algorithm : str
         The coupling algorithm, one of `ALGORITHMS`.
     order : sequence of str, optional
-        The order in which the parts step.
+        The order in which Gauss-Seidel and Strang step the parts. By default each part steps after those that drive
+        it, or as declared where that is impossible.
     input_order : int
-        The degree of the polynomials that inputs follow within a step; 0 holds them.
+        The degree of the polynomials that Real inputs follow within a step; 0 holds them.
     substeps : mapping, optional
         Sub-steps of a communication step, by part.
     tolerance : float, optional
-        The relative tolerance that FMUs get.
+        The relative tolerance that FMUs get. By default it is the one that the default experiment of each FMU
+        states, or that of the adaptive steps.
     record : sequence of str, optional
-        The columns.
+        The columns, by default all outputs.
     output_step : float, optional
         The distance of the rows [s].
     stop_time_defined : bool
-        Whether the FMUs get the stop time before the start.
+        Whether the FMUs are told the stop time before the start. Some then compute all of the run in their first
+        step, so that by default only an FMU that does not initialise without it is told it.
     csv : path, optional
-        The file that takes the rows as they are computed.
+        The file to which rows are streamed, which no other run may write at the same time.
     progress : callable, optional
         Called with the fraction of the run that is done.
     all_rows : Path, optional
-        The file that takes the rows of all communication points.
+        The file that takes the rows of all communication points, also those that `output_step` leaves out, as plain
+        doubles.
 
     Raises
     ------

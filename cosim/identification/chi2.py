@@ -8,7 +8,7 @@ from typing import NamedTuple
 from scipy import stats
 
 from .noise import CHI2_VARIANCE
-from .record import Column
+from .record import Measurement
 
 #: Share of the records of a machine of the right kind that are refused all the same. Convention: a level of
 #: significance of one in a thousand.
@@ -23,7 +23,7 @@ class Chi2Band(NamedTuple):
     high: float
 
 
-def chi2_band(columns: Sequence[Column], priors: int, parameters: int) -> Chi2Band:
+def chi2_band(columns: Sequence[Measurement], priors: int, parameters: int) -> Chi2Band:
     """The band of chi2 of these columns with white noise, with so many values with a prior and free parameters.
 
     The noise of a column is an estimate from its own rows, so that chi2 varies more than the chi-square distribution

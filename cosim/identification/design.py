@@ -16,7 +16,7 @@ from .linearisation import DEVIATIONS
 from .noise import Noise
 from .parameters import Array, independent_prior, is_sensor_parameter
 from .problem import Evaluator, Problem
-from .record import Column
+from .record import Measurement
 
 
 class Experiment(NamedTuple):
@@ -98,7 +98,7 @@ def _experiment_problem(
     network = connect(system)
     times = np.linspace(0.0, experiment.stop, round(experiment.stop / spacing) + 1)
     columns = [
-        Column(network.port(name), times, np.zeros(len(times)), Noise(sigma, "as expected"))
+        Measurement(network.port(name), times, np.zeros(len(times)), Noise(sigma, "as expected"))
         for name, sigma in experiment.noise.items()
     ]
     p = fit.linearisation.p.copy()

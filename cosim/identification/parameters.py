@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import SetupError
 from ..system import ANGLE, Network, Port, declared_start, unit_exponents
-from .record import Column
+from .record import Measurement
 
 Array = NDArray[np.float64]
 #: values by name, each with its standard deviation
@@ -91,7 +91,7 @@ def is_sensor_parameter(name: str) -> bool:
 
 
 def free_parameters(
-    network: Network, columns: Sequence[Column], names: FreeNames, prior: Prior
+    network: Network, columns: Sequence[Measurement], names: FreeNames, prior: Prior
 ) -> list[FreeParameter]:
     """The free parameters of these names; values with a prior are free too.
 
@@ -118,7 +118,7 @@ def free_parameters(
     return parameters
 
 
-def _sensor_parameter(name: str, measured: Mapping[str, Column]) -> FreeParameter:
+def _sensor_parameter(name: str, measured: Mapping[str, Measurement]) -> FreeParameter:
     """Gain, delay or zero of the sensor of a measured column, as of an ideal sensor."""
     kind, _, source = name[:-1].partition("(")
     if source not in measured:
@@ -134,7 +134,7 @@ def _sensor_parameter(name: str, measured: Mapping[str, Column]) -> FreeParamete
     return parameter
 
 
-def _start_value(network: Network, port: Port, column: Column | None) -> FreeParameter:
+def _start_value(network: Network, port: Port, column: Measurement | None) -> FreeParameter:
     """A start value of an FMU; the guess is that of the system or, without one, of the first rows of its column."""
     variable, name = port.variable, port.name
     settable = variable.causality == "parameter" or variable.initial in ("exact", "approx")
@@ -157,7 +157,7 @@ def _start_value(network: Network, port: Port, column: Column | None) -> FreePar
     )
 
 
-def _with_start_range(parameter: FreeParameter, column: Column | None) -> FreeParameter:
+def _with_start_range(parameter: FreeParameter, column: Measurement | None) -> FreeParameter:
     """The size, from the guess where it is not 0, and the range of starts about the guess."""
     guess = parameter.guess
     size = abs(guess) or parameter.size or 1.0

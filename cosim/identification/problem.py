@@ -25,7 +25,7 @@ from .parameters import (
     Prior,
     is_sensor_parameter,
 )
-from .record import Column
+from .record import Measurement
 
 DerivedFunction = Callable[[Mapping[str, float], Result], float]
 #: Step of the forward differences of the search, over the size of a value. Chosen between the square root of the
@@ -74,7 +74,7 @@ class Problem:
     """
 
     system: System
-    columns: Sequence[Column]
+    columns: Sequence[Measurement]
     parameters: Sequence[FreeParameter]
     prior: Prior
     step: float
@@ -278,7 +278,7 @@ class Evaluator:
 
 def prepare(
     network: Network,
-    columns: Sequence[Column],
+    columns: Sequence[Measurement],
     parameters: Sequence[FreeParameter],
     prior: Prior,
     derived: Sequence[DerivedQuantity] = (),

@@ -20,7 +20,7 @@ LARGEST_NUMBER = 1e30
 
 
 @dataclass(frozen=True)
-class Column:
+class Measurement:
     """What was measured of a variable: times [s], values in its unit, both of shape (n,), and the noise."""
 
     port: Port
@@ -98,7 +98,7 @@ def measured(
 
 def measured_columns(
     network: Network, record: Mapping[str, Table], noise: Mapping[str, float]
-) -> list[Column]:
+) -> list[Measurement]:
     """The columns of a record in the units of their variables, each with its noise, stated or estimated.
 
     Raises SetupError for a variable that is not a Real output, a unit that does not fit, times that do
@@ -119,7 +119,7 @@ def measured_columns(
 
 def _measured_column(
     network: Network, port: Port, table: Table, noise: Mapping[str, float]
-) -> Column:
+) -> Measurement:
     """The column of a variable, without the rows that are gaps."""
     source = table.source or f"the record of {port.name}"
     if port.variable.causality != "output" or port.type != "Real":
@@ -137,5 +137,5 @@ def _measured_column(
             f"{source}: it is {table.values[0]!r} in all rows and carries no information"
         )
     if port.name in noise:
-        return Column(port, times, values, Noise(noise[port.name], "as given", is_stated=True))
-    return Column(port, times, values, estimate_noise(times, values, source))
+        return Measurement(port, times, values, Noise(noise[port.name], "as given", is_stated=True))
+    return Measurement(port, times, values, estimate_noise(times, values, source))

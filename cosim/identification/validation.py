@@ -17,7 +17,7 @@ from .linearisation import Linearisation, Refinement
 from .noise import CHI2_VARIANCE, Samples
 from .parameters import Array
 from .problem import Evaluator, Problem
-from .record import Column
+from .record import Measurement
 from .residual import ColumnResidual, spectrum
 
 #: Largest distance of a value from its prior, in standard deviations.
@@ -125,7 +125,7 @@ def _far_from_prior(problem: Problem, linearisation: Linearisation) -> Iterator[
             )
 
 
-def locate_misfit(column: Column, residual: ColumnResidual) -> Iterator[Finding]:
+def locate_misfit(column: Measurement, residual: ColumnResidual) -> Iterator[Finding]:
     """The frequency at which a residual oscillates, and the pieces of the record in which it is large.
 
     The power of white noise at a frequency is exponentially distributed, so that its maximum over n frequencies
