@@ -1,16 +1,19 @@
-"""What is done of a sweep, in a file of numbers: figures and one text of each run, which any kill leaves readable.
+"""What is done of many runs, in a file of numbers: figures and one text of each run, which any kill leaves readable.
 
-The file begins with a line of JSON, which says to which sweep it belongs. A record has the number of the run, its
-figures, the length of its text, the text, and a checksum of all that. Reading a file executes nothing of it; what
-follows a damaged record is dropped and done again.
+The file begins with a line of JSON, which says to which runs it belongs. A record has the number of the run, how many
+figures and how many bytes of text follow, these, and a checksum of all that. Reading a file executes nothing of it; a
+run whose record is damaged is done again.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+import os
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,102 +27,174 @@ from .result import open_unlinked
 Array = NDArray[np.float64]
 #: Bytes of the checksum of a record. Chosen: of 2^64 damaged ones, one is taken for sound.
 CHECK_BYTES = 8
+#: Bytes before the figures of a record. Derived: its number and two lengths.
+HEAD_BYTES = 24
+#: Time between two writes to the disk [s]; chosen: a loss of power costs no more than that.
+SYNC_INTERVAL = 1.0
 #: What a file begins with, its form.
-FORM = "cosim sweep 1"
+FORM = "runs 1"
+#: Differences that a message lists; chosen: they fit a line.
+MAX_DIFFERENCES = 4
+#: Longest value that a message shows; chosen: several fit a line.
+MAX_SHOWN = 40
+DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
 
 
 class Journal:
-    """The runs that are done, by number: figures, shape (figures,), and a text."""
+    """The runs that are done, by number: figures, shape (figures,), and a text; and which were damaged."""
 
-    def __init__(self, file: Any, figures: int) -> None:
-        self._file, self._figures = file, figures
+    def __init__(self, path: Path | None = None, file: Any = None) -> None:
+        self._path, self._file, self._synced = path, file, time.monotonic()
         self.rows: dict[int, tuple[Array, str]] = {}
+        self.damaged: list[int] = []
 
     def add(self, numbers: Sequence[int], figures: Array, texts: Sequence[str]) -> None:
-        """Keep runs: figures has the shape (runs, figures)."""
+        """Keep runs: figures has the shape (runs, figures). Raises SetupError for a file that cannot be written."""
         content = b""
         for number, row, text in zip(numbers, figures, texts):
             self.rows[number] = row, text
-            content += _record(number, row, text)
-        while content:
-            content = content[self._file.write(content) :]
+            content += record(number, row, text)
+        self.write(content)
+
+    def write(self, content: bytes) -> None:
+        """Append to the file; it reaches the operating system at once, and the disk a second later."""
+        try:
+            while content and self._file is not None:
+                content = content[self._file.write(content) :]
+            if self._file is not None and time.monotonic() > self._synced + SYNC_INTERVAL:
+                os.fsync(self._file.fileno())
+                self._synced = time.monotonic()
+        except OSError as error:
+            raise SetupError(
+                f"{self._path} cannot be written: {error.strerror or error}"
+            ) from error
 
     def read(self, content: bytes) -> int:
-        """Take the records of a file; how many of its bytes are sound."""
-        head, begin = 8 * (2 + self._figures), 0
-        while begin + head <= len(content):
-            number, length = np.frombuffer(content, "<i8", 2, begin).tolist()
-            row = np.frombuffer(content, "<f8", self._figures, begin + 16)
-            end = begin + head + length
-            if length < 0 or end + CHECK_BYTES > len(content):
+        """Take the records of a file; how many of its bytes are up to the end of the last sound one."""
+        begin, sound = 0, 0
+        while begin + HEAD_BYTES <= len(content):
+            number, figures, length = np.frombuffer(content, "<i8", 3, begin).tolist()
+            end = begin + HEAD_BYTES + 8 * figures + length + CHECK_BYTES
+            if min(figures, length) < 0 or end > len(content):
                 break
-            text = content[begin + head : end].decode("utf-8", "replace")
-            if _record(number, row, text) != content[begin : end + CHECK_BYTES]:
-                break
-            self.rows[number] = row.copy(), text
-            begin = end + CHECK_BYTES
-        return begin
+            row = np.frombuffer(content, "<f8", figures, begin + HEAD_BYTES).copy()
+            text = content[end - CHECK_BYTES - length : end - CHECK_BYTES].decode(
+                "utf-8", "replace"
+            )
+            if record(number, row, text) == content[begin:end]:
+                self.rows[number] = row, text
+                sound = end
+            else:
+                self.damaged.append(number)
+            begin = end
+        self.damaged = [number for number in self.damaged if number not in self.rows]
+        return sound
 
 
-def _record(number: int, figures: Array, text: str) -> bytes:
+def record(number: int, figures: Array, text: str) -> bytes:
     """The bytes of a run, with their checksum."""
     encoded = text.encode("utf-8", "replace")
-    head = np.array([number, len(encoded)], "<i8").tobytes()
+    head = np.array([number, len(figures), len(encoded)], "<i8").tobytes()
     content = head + np.asarray(figures, "<f8").tobytes() + encoded
     return content + hashlib.sha256(content).digest()[:CHECK_BYTES]
 
 
 @contextmanager
-def open_journal(path: Path | None, identity: Mapping[str, Any], figures: int) -> Iterator[Journal]:
-    """The journal at a path, begun or gone on with; without one, what is done is only in memory.
+def open_journal(
+    path: Path | None,
+    identity: Mapping[str, Any],
+    *,
+    keep: bool = False,
+    drop: Callable[[str], object] | None = None,
+) -> Iterator[Journal]:
+    """The journal at a path, begun or gone on with; without a path, what is done is only in memory.
 
-    It goes when the context ends well.
+    Parameters
+    ----------
+    path : Path or None
+        The file. It goes when the context ends well, unless it is to `keep`.
+    identity : mapping
+        On what its rows depend.
+    keep : bool
+        Whether the file stays.
+    drop : callable, optional
+        What is told if the rows of other runs are dropped; without it they are refused.
 
     Raises
     ------
     SetupError
-        If another process writes it, if it cannot be written, and if it belongs to another sweep.
+        If another process writes it, if it cannot be written, and if it belongs to other runs.
     """
     if path is None:
-        yield Journal(_Nowhere(), figures)
+        yield Journal()
         return
-    first = (json.dumps({"form": FORM, **identity}, sort_keys=True) + "\n").encode()
+    now = json.loads(json.dumps({"form": FORM, **identity}))
+    first = (json.dumps(now) + "\n").encode()
     try:
-        with open_unlinked(path, "a+b") as file:
-            if not lock_file(file.fileno()):
-                raise SetupError(f"another sweep is writing {path}")
-            file.seek(0)
-            content = file.readall()
-            journal = Journal(file, figures)
-            if content and not content.startswith(first):
-                raise SetupError(_other(path, content, identity))
-            if content:
-                file.truncate(len(first) + journal.read(content[len(first) :]))
-            else:
-                file.write(first)
-            yield journal
+        file = open_unlinked(path, "a+b")
     except OSError as error:
         raise SetupError(f"{path} cannot be written: {error.strerror or error}") from error
-    path.unlink(missing_ok=True)
+    with file:
+        if not lock_file(file.fileno()):
+            raise SetupError(f"another process is writing {path}")
+        file.seek(0)
+        content, journal = file.readall(), Journal(path, file)
+        head, newline, records = content.partition(b"\n")
+        before = _identity(head)
+        if newline and before == now:
+            file.truncate(len(head) + 1 + journal.read(records))
+        else:
+            if not first.startswith(content):  # else it was killed when it began
+                other = f"{path} is no journal of runs"
+                if before:
+                    other = f"{path} contains the rows of other runs: {differences(before, now)}"
+                if drop is None or not before:
+                    raise SetupError(f"{other}; remove it, or choose another place with --out")
+                if records:
+                    drop(other)
+            file.truncate(0)
+            journal.write(first)
+        yield journal
+    if not keep:
+        path.unlink(missing_ok=True)
 
 
-class _Nowhere:
-    """A file that keeps nothing."""
+def _identity(head: bytes) -> dict[str, Any]:
+    """To which runs a file belongs that begins so; nothing if it is no journal."""
+    try:
+        content = json.loads(head)
+    except (ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) and content.get("form") == FORM else {}
 
-    def write(self, content: bytes) -> int:
-        return len(content)
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """What is not the same, key by key, in one line; of hashes and long texts only that they are not."""
+    changes = list(_differences(before, now, ()))
+    more = f" and {len(changes) - MAX_DIFFERENCES} more" if len(changes) > MAX_DIFFERENCES else ""
+    return "; ".join(changes[:MAX_DIFFERENCES]) + more
 
 
-def _other(path: Path, content: bytes, identity: Mapping[str, Any]) -> str:
-    """Why a journal is not gone on with: what of it is another."""
-    remedy = f"remove {path}, or choose another file with --out"
-    before: Any = None
-    with suppress(ValueError):
-        before = json.loads(content.partition(b"\n")[0])
-    if not isinstance(before, dict) or before.get("form") != FORM:
-        return f"{path} is no journal of a sweep: {remedy}"
-    changed = [k for k in identity if before.get(k) != json.loads(json.dumps(identity[k]))]
-    return f"{path} belongs to another sweep, whose {', '.join(changed) or 'form'} differ: {remedy}"
+def _differences(before: Any, now: Any, keys: Sequence[str]) -> Iterator[str]:
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in dict.fromkeys([*before, *now]):
+            yield from _differences(before.get(key), now.get(key), [*keys, key])
+    elif before != now:
+        name = ".".join(f'"{key}"' if "." in key else key for key in keys)
+        if all(map(_is_digest, (before, now))) or len(f"{before!r}{now!r}") > 2 * MAX_SHOWN:
+            yield f"{name} has changed"
+        else:
+            yield f"{name} was {_text(before)} and is {_text(now)}"
+
+
+def _is_digest(value: object) -> bool:
+    return isinstance(value, str) and DIGEST.fullmatch(value) is not None
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "not there"
+    return "there" if _is_digest(value) else repr(value)
 
 
 def digest(path: Path) -> str:

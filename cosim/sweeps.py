@@ -226,7 +226,7 @@ def sweep(
     Raises
     ------
     SetupError
-        For a system, cases or settings that cannot be run, and for the journal of another sweep.
+        For a system, cases or settings that cannot be run, and for the journal of other runs.
     Interrupted
         With the rows that are done, after Ctrl-C.
 
@@ -249,7 +249,7 @@ def sweep(
         for metric in figures.values():
             metric.check(recorded, plan.start, plan.stop)
         identity = _identity(system, plan, read, wanted)
-        with open_journal(journal, identity, len(wanted.names)) as kept:
+        with open_journal(journal, identity) as kept:
             rest = np.setdiff1d(np.arange(read.members), list(kept.rows))
             share = how.share * (CERTIFIED_SHARE if certified else 1.0)
             its = replace(how, evaluate=wanted, numbers=rest, share=share)

@@ -52,7 +52,7 @@ COMMANDS = {
 KILLS = {"identify": 2, "site": 1}
 MANY = 3
 #: What a folder may contain that depends on when and how often a command ran.
-OF_THE_SESSION = ("journal.sqlite", "study.json", "made_of.txt", ".buildinfo")
+OF_THE_SESSION = ("journal.runs", "study.json", "made_of.txt", ".buildinfo")
 CHANGING = re.compile(
     rb'own-[0-9a-f]{32}|sha256-[\w+/=]+|\d+ of them now in [\d.]+ s|"wall_time": [\d.e-]+'
 )

@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from cosim.journal import differences
 from cosim.result import partial, write_json
 
 from .answer import Answer
@@ -20,7 +21,6 @@ from .charts.gif import gif
 from .charts.mpl import draw
 from .files import replacement
 from .page.html import report
-from .runs.fingerprint import differences
 from .runs.folder import reservation
 
 #: File name of the page.

@@ -24,8 +24,7 @@ from .judgement import lines
 from .options import Options, check_fixed_starts, declared
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
-from .runs.codec import Records
-from .runs.fingerprint import SOURCES, computation
+from .runs.fingerprint import computation
 from .runs.folder import reservation
 from .runs.journal import Journal, open_journal
 from .runs.runner import Runner
@@ -169,11 +168,8 @@ def found(
             if out is None:
                 return None
             packages = _packages(question, runner.setup.packages)
-            records = Records(frozenset({*SOURCES, *packages, question.module.__name__}))
             fingerprint = _fingerprint(question, o, fmus, packages)
-            return stack.enter_context(
-                open_journal(out, fingerprint, passing=True, records=records)
-            )
+            return stack.enter_context(open_journal(out, fingerprint, passing=True))
 
         findings = question.solve(o, Context(fmus, runner, out, journal))
         if not isinstance(findings, Findings):
@@ -227,24 +223,6 @@ def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> 
         for key, f in figures.items()
     }
     return {"figures": cells, "warnings": warnings()}
-
-
-def is_row(answer: Any) -> bool:
-    """Whether a value has the form of what `row` returns."""
-    try:
-        figures, warnings = answer["figures"], answer["warnings"]
-        return (
-            set(answer) == {"figures", "warnings"}
-            and all(isinstance(text, str) for text in warnings)
-            and all(
-                isinstance(value, float)
-                and isinstance(error, float | None)
-                and all(isinstance(text, str) for text in (name, unit, reason))
-                for name, (value, unit, error, reason) in figures.items()
-            )
-        )
-    except (TypeError, ValueError, KeyError, AttributeError):
-        return False
 
 
 def _fingerprint(

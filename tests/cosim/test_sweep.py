@@ -222,16 +222,14 @@ def test_a_journal_is_read_as_far_as_it_is_sound(tmp_path: Path) -> None:
     identity = {"cases": "x"}
 
     def numbers() -> dict[int, tuple[list[float], str]]:
-        with pytest.raises(KeyboardInterrupt), open_journal(path, identity, 2) as journal:
-            read = {k: (row.tolist(), text) for k, (row, text) in journal.rows.items()}
-            raise KeyboardInterrupt
-        return read
+        with open_journal(path, identity, keep=True) as journal:
+            return {k: (row.tolist(), text) for k, (row, text) in journal.rows.items()}
 
-    with pytest.raises(KeyboardInterrupt), open_journal(path, identity, 2) as journal:
+    with open_journal(path, identity, keep=True) as journal:
         journal.add([3, 1], np.array([[1.0, 2.0], [3.0, np.inf]]), ["", "grün"])
-        raise KeyboardInterrupt
+        journal.add([7], np.empty((1, 0)), ["no figures"])
     content, written = path.read_bytes(), numbers()
-    assert written == {3: ([1.0, 2.0], ""), 1: ([3.0, np.inf], "grün")}
+    assert written == {3: ([1.0, 2.0], ""), 1: ([3.0, np.inf], "grün"), 7: ([], "no figures")}
     head = content.index(b"\n") + 1
     for k in range(head, len(content)):
         path.write_bytes(content[:k])
@@ -239,13 +237,15 @@ def test_a_journal_is_read_as_far_as_it_is_sound(tmp_path: Path) -> None:
         path.write_bytes(content[:k] + bytes([content[k] ^ 1]) + content[k + 1 :])
         assert numbers().items() <= written.items()
     path.write_bytes(content)
-    other = "belongs to another sweep, whose cases differ"
-    with pytest.raises(SetupError, match=other), open_journal(path, {"cases": "y"}, 2):
+    other = "contains the rows of other runs: cases was 'x' and is 'y'; remove it"
+    with pytest.raises(SetupError, match=other), open_journal(path, {"cases": "y"}):
         pass
     path.write_bytes(b"something else")
-    other = "is no journal of a sweep"
-    with pytest.raises(SetupError, match=other), open_journal(path, identity, 2):
+    with pytest.raises(SetupError, match="is no journal of runs"), open_journal(path, identity):
         pass
+    for k in range(head):
+        path.write_bytes(content[:k])  # killed while it began
+        assert numbers() == {}
 
 
 def test_a_sample_needs_no_more_than_its_seed() -> None:

@@ -10,11 +10,9 @@ import os
 import re
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import closing
 from fnmatch import fnmatch
 from pathlib import Path
 from types import ModuleType
@@ -27,6 +25,7 @@ from fmpy.model_description import read_model_description
 
 import scenarios
 from cosim import SetupError
+from cosim.journal import Journal
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, fmus_of, restore_ctrl_c, until
 from workbench import run, study
@@ -81,10 +80,11 @@ def table(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def rows(folder: Path) -> dict[int, dict[str, Any]]:
-    """The rows in a journal."""
-    with closing(sqlite3.connect(folder / NAME)) as base:
-        return {run: json.loads(row) for run, row in base.execute("SELECT key, row FROM rows")}
+def rows(folder: Path) -> dict[int, list[Any]]:
+    """The rows in a journal: numbers, status, message, trace and the rest."""
+    file = Journal()
+    file.read((folder / NAME).read_bytes().partition(b"\n")[2])
+    return {run: [values.tolist(), *json.loads(text)] for run, (values, text) in file.rows.items()}
 
 
 def test_a_grid_is_every_combination_in_order(write: Write) -> None:
@@ -239,8 +239,8 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
         "No run has root.",
     ):
         assert arguments in outcome.verdict
-    assert "last words" in rows(out)[0]["trace"]
-    assert "ZeroDivisionError" in rows(out)[4]["trace"]
+    assert "last words" in rows(out)[0][3]
+    assert "ZeroDivisionError" in rows(out)[4][3]
 
 
 def test_what_many_runs_report_is_written_once_with_a_sensible_number_of_digits(
@@ -407,7 +407,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
         with pytest.raises(SetupError, match=re.escape(message)):
             study.run(study.load(write(text)), out=out)
 
-    other = f"{out} contains the rows of other runs: "
+    other = f"{out / NAME} contains the rows of other runs: "
     refused(GRID.replace("= 5", "= 6"), f"{other}file.grid.x.number was 5 and is 6")
     page = tmp_path / "plane.py"
     before = page.read_text()
@@ -415,7 +415,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     page.write_text(f"{before}# changed\n")
     assert "0 of them now" in study.run(study.load(tmp_path / "some.toml"), out=out).verdict
     page.write_text(before.replace("3.0 * o.x", "4.0 * o.x"))
-    with pytest.raises(SetupError, match="runs: question has changed; choose another folder"):
+    with pytest.raises(SetupError, match="runs: question has changed; remove it, or choose"):
         study.run(study.load(tmp_path / "some.toml"), out=out)
     page.write_text(before)
     assert rows(out) == stored

@@ -18,8 +18,9 @@ from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
 from cosim import SetupError
+from cosim.journal import differences
 
-from .fingerprint import differences, facts
+from .fingerprint import facts
 from .journal import Key
 from .runner import Batch, Outcomes, RunFailedError, Runner, Setup
 from .transport import Bundle, Call, pickled_call

@@ -1,9 +1,8 @@
-"""What the bits of a result depend on: versions, code, FMUs; and what differs between two of them."""
+"""What the bits of a result depend on: versions, code, FMUs."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from fnmatch import fnmatch
 from functools import cache
 from importlib.util import find_spec
@@ -33,13 +32,9 @@ PRESENTATION = (
     "*/motion.py",
     "*/overview.py",
     "*/papers.py",
-    "*/project.py",
 )
 #: Files that contain a question each, of which no question knows another.
 QUESTIONS = "*/questions/*"
-#: Differences that a message lists; chosen: they fit a line.
-MAX_DIFFERENCES = 4
-DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
 
 
 def computation(where: str, fmus: Mapping[str, Path], *packages: str) -> dict[str, Any]:
@@ -102,28 +97,3 @@ def _code_digest(path: Path, *, is_question: bool) -> str:
         )
     except (SyntaxError, ValueError):
         return digest(content)
-
-
-def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """What is not the same, key by key, in one line; of hashes only that they are not."""
-    changes = list(_differences(before, now, ()))
-    more = f" and {len(changes) - MAX_DIFFERENCES} more" if len(changes) > MAX_DIFFERENCES else ""
-    return "; ".join(changes[:MAX_DIFFERENCES]) + more
-
-
-def _differences(before: Any, now: Any, keys: Sequence[str]) -> Iterator[str]:
-    if isinstance(before, dict) and isinstance(now, dict):
-        for key in dict.fromkeys([*before, *now]):
-            yield from _differences(before.get(key), now.get(key), [*keys, key])
-    elif before != now:
-        name = ".".join(f'"{key}"' if "." in key else key for key in keys)
-        if all(isinstance(value, str) and DIGEST.fullmatch(value) for value in (before, now)):
-            yield f"{name} has changed"
-        else:
-            yield f"{name} was {_text(before)} and is {_text(now)}"
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return "not there"
-    return "there" if isinstance(value, str) and DIGEST.fullmatch(value) else repr(value)

@@ -1,60 +1,77 @@
-"""Rows as they are done, in a file of SQLite: kept whatever happens, never mixed with others.
+"""Outcomes of runs as they are done, in a journal of `cosim`: kept whatever happens, never mixed with others.
 
-The file may come from anywhere: reading it executes nothing, and a row is believed if its checksum is
-that of its key and text.
+The numbers of a row are its wall time and its answer's, which the question's side takes apart and puts together; its
+text has the rest as JSON. Nothing of a file is executed, and a row is believed if all of it is what a run can say.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import sqlite3
+import math
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from cosim import SetupError
+import numpy as np
+
+import cosim.journal
 from cosim.errors import pluralize
 
-from ..figure import listed
-from . import codec
-from .codec import Records
-from .fingerprint import differences
-from .worker import STATUSES, Outcome
+from .worker import OK, STATUSES, Outcome
 
-NAME = "journal.sqlite"
-#: Time between two writes of rows to the disk [s]; chosen: a loss of power costs no more than that.
-SYNC_INTERVAL = 1.0
-#: Damaged rows that a message names before it only counts them; a convention of this project.
-NAMED = 8
-OPEN = """
-PRAGMA trusted_schema = OFF;
-PRAGMA locking_mode = EXCLUSIVE; PRAGMA journal_mode = WAL; PRAGMA synchronous = NORMAL;
-BEGIN EXCLUSIVE;
-"""
-TABLES = {
-    "identity": "CREATE TABLE identity (content TEXT NOT NULL)",
-    "rows": "CREATE TABLE rows (key PRIMARY KEY NOT NULL, row TEXT NOT NULL, checksum TEXT NOT NULL)",
-}
-Key = Any  # a number or a text
+NAME = "journal.runs"
+Key = int
+
+
+class Form(NamedTuple):
+    """How an answer is kept: `apart` gives its numbers and the rest for JSON, `together` the answer from these.
+
+    Both raise ValueError, TypeError, KeyError or AttributeError for what they do not know.
+    """
+
+    apart: Callable[[Any], tuple[list[float], Any]]
+    together: Callable[[list[float], Any], Any]
+
+
+def _plain(value: Any) -> Any:
+    """A value of numbers, texts, lists and tuples for JSON; raises TypeError for another one."""
+    if type(value) in (list, tuple):
+        items = [_plain(item) for item in value]
+        return {"tuple": items} if isinstance(value, tuple) else items
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(type(value))
+
+
+def _again(tree: Any) -> Any:
+    """The value that `_plain` made a tree of."""
+    if isinstance(tree, dict):
+        return tuple(map(_again, tree["tuple"]))
+    return list(map(_again, tree)) if isinstance(tree, list) else tree
+
+
+#: Answers of numbers, texts, lists and tuples; others are not kept.
+PLAIN = Form(lambda answer: ([], _plain(answer)), lambda _, tree: _again(tree))
 
 
 class Journal:
-    """Outcomes of runs by key, of this session and of those before, in the order in which they came.
+    """Outcomes of runs by number, of this session and of those before, in the order in which they came."""
 
-    A row reaches the operating system at once, so that no end of this process loses it, and the
-    disk with the next row a second later. An answer of a type that `codec` does not write is not kept,
-    which is said once on stderr.
-    """
-
-    def __init__(self, path: Path, base: sqlite3.Connection, records: Records) -> None:
-        self.path, self._base, self._records = path, base, records
+    def __init__(self, path: Path, file: cosim.journal.Journal, form: Form) -> None:
+        self.path, self._file, self._form = path, file, form
         self._rows: dict[Key, Outcome] = {}
-        self._synced = time.monotonic()
-        self._complained = False
+        self._asked = 0
+        for number, (values, text) in file.rows.items():
+            try:
+                self._rows[number] = self._outcome(values.tolist(), text)
+            except (ValueError, TypeError, LookupError, AttributeError, RecursionError):
+                file.damaged.append(number)
+        if file.damaged:
+            rows = pluralize(len(file.damaged), "row")
+            ends = "is damaged; it is" if len(file.damaged) == 1 else "are damaged; they are"
+            print(f"{path}: {rows} {ends} done again", file=sys.stderr)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -66,25 +83,30 @@ class Journal:
         return self._rows[key]
 
     def __setitem__(self, key: Key, outcome: Outcome) -> None:
+        status, answer, message, seconds, trace = outcome
         try:
-            row = codec.dumps(outcome._asdict(), self._records)
-        except TypeError as error:
-            if not self._complained:
-                print(
-                    f"{self.path}: {error} cannot be kept, so these runs are done again after an "
-                    "interruption; return numbers, texts, arrays, tuples and dataclasses",
-                    file=sys.stderr,
-                )
-            self._complained = True
+            numbers, rest = self._form.apart(answer) if status == OK else ([], None)
+        except (ValueError, TypeError, LookupError, AttributeError):
             return
         self._rows[key] = outcome
-        self._base.execute("INSERT INTO rows VALUES (?, ?, ?)", (key, row, checksum(key, row)))
-        if time.monotonic() > self._synced + SYNC_INTERVAL:
-            self._base.execute("PRAGMA wal_checkpoint")
-            self._synced = time.monotonic()
+        values = np.array([[seconds, *numbers]])
+        self._file.add([key], values, [json.dumps([status, message, trace, rest])])
+
+    def _outcome(self, values: list[float], text: str) -> Outcome:
+        """The outcome that a row tells; raises what `Form` says for one that it cannot be."""
+        status, message, trace, rest = json.loads(text)
+        if status not in STATUSES or not isinstance(message, str) or not isinstance(trace, str):
+            raise ValueError(text)
+        answer = self._form.together(values[1:], rest) if status == OK else None
+        return Outcome(status, answer, message, values[0], trace)
+
+    def numbers(self, count: int) -> range:
+        """The numbers of the next runs of a session whose runs come in the same sequence each time."""
+        self._asked += count
+        return range(self._asked - count, self._asked)
 
     def items(self) -> list[tuple[Key, Outcome]]:
-        """Return the outcomes by key, in the order in which they came."""
+        """Return the outcomes by number, in the order in which they came."""
         return list(self._rows.items())
 
     def interrupt(self) -> KeyboardInterrupt:
@@ -93,133 +115,56 @@ class Journal:
         return KeyboardInterrupt(f"{runs} in {self.path}; the same command continues")
 
     def forget(self, keys: Iterable[Key]) -> None:
-        """Remove outcomes, whose runs are then done again."""
+        """Let runs be done again; their rows count until then, if this session ends before."""
         for key in keys:
             del self._rows[key]
-            self._base.execute("DELETE FROM rows WHERE key = ?", (key,))
-
-    def read(self, sound: Callable[[Outcome], bool]) -> None:
-        """Take the rows of sessions before; those that are damaged or not `sound` are removed and named."""
-        damaged = []
-        lines = self._base.execute("SELECT rowid, key, row, checksum FROM rows ORDER BY rowid")
-        for number, key, row, written_checksum in lines.fetchall():
-            outcome = self._outcome(row) if written_checksum == checksum(key, row) else None
-            if outcome is None or not sound(outcome):
-                damaged.append(key)
-                self._base.execute("DELETE FROM rows WHERE rowid = ?", (number,))
-            else:
-                self._rows[key] = outcome
-        if damaged:
-            print(f"{self.path}: {_damage(damaged)} again", file=sys.stderr)
-
-    def _outcome(self, row: Any) -> Outcome | None:
-        """The outcome that a row tells; None if it tells none."""
-        try:
-            outcome = Outcome(**codec.loads(row, self._records))
-        except (TypeError, ValueError):
-            return None
-        texts = outcome.status, outcome.message, outcome.trace
-        sound = all(isinstance(text, str) for text in texts) and isinstance(
-            outcome.seconds, float | int
-        )
-        return outcome if sound and outcome.status in STATUSES else None
-
-
-def checksum(key: Key, row: Any) -> str:
-    """What a row of this key and text has beside it."""
-    return hashlib.sha256(f"{key!r}\n{row}".encode("utf-8", "surrogatepass")).hexdigest()
-
-
-def _damage(keys: list[Key]) -> str:
-    """Which rows are damaged, "the rows of runs 3 and 5 are damaged; they are done"."""
-    single = len(keys) == 1
-    rows = pluralize(len(keys), "row")
-    if all(isinstance(key, int) for key in keys):
-        more = [f"{len(keys) - NAMED} more"] * (len(keys) > NAMED)
-        names = listed([*map(str, keys[:NAMED]), *more])
-        rows = f"the row of run {names}" if single else f"the rows of runs {names}"
-    return f"{rows} {'is damaged; it is done' if single else 'are damaged; they are done'}"
-
-
-def _any(_outcome: Outcome) -> bool:
-    return True
 
 
 @contextmanager
 def open_journal(
-    folder: Path,
-    identity: Mapping[str, Any],
-    *,
-    passing: bool = False,
-    records: Records = codec.NONE,
-    sound: Callable[[Outcome], bool] = _any,
+    folder: Path, identity: Mapping[str, Any], form: Form = PLAIN, *, passing: bool = False
 ) -> Iterator[Journal]:
-    """The journal in this folder, begun or gone on with.
+    """The journal in this folder, begun or gone on with; it raises what `cosim.journal.open_journal` does.
 
-    That of a sweep is `passing`: it drops rows of another identity, says on stderr what becomes of rows
-    that are there, and goes when the sweep ends well. `records` are the classes that answers may be
-    made of. Rows that are damaged, or whose outcome is not `sound`, are done again, which is said on
-    stderr.
-
-    Raises
-    ------
-    SetupError
-        If another process is at work in the folder, if the file is damaged or has the form of an earlier
-        version, and for another identity.
+    That of a sweep is `passing`: it drops rows of another identity, says on stderr what becomes of rows that are
+    there, and goes when the sweep ends well. Rows that are damaged are done again, which is said on stderr.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / NAME
-    try:
-        with closing(sqlite3.connect(path, timeout=0.0, isolation_level=None)) as base:
-            base.executescript(OPEN)
-            _tables(base, path)
-            _same(base, folder, json.loads(json.dumps(identity)), drop=passing)
-            journal = Journal(path, base, records)
-            journal.read(sound)
-            if passing and len(journal):
-                print(f"{folder}: {pluralize(len(journal), 'run')} already done", file=sys.stderr)
-            yield journal
-    except sqlite3.Error as error:
-        if getattr(error, "sqlite_errorname", "") == "SQLITE_BUSY":
-            raise SetupError(f"{folder}: another process is using this folder") from None
-        raise SetupError(f"{path} cannot be read or written: {error}") from None
-    if passing:
-        path.unlink(missing_ok=True)
+
+    def dropped(reason: str) -> None:
+        print(f"{reason}; they are dropped", file=sys.stderr)
+
+    with cosim.journal.open_journal(
+        path, identity, keep=not passing, drop=dropped if passing else None
+    ) as file:
+        journal = Journal(path, file, form)
+        if passing and len(journal):
+            print(f"{folder}: {pluralize(len(journal), 'run')} already done", file=sys.stderr)
+        yield journal
 
 
-def _tables(base: sqlite3.Connection, path: Path) -> None:
-    """Make the tables of a new file, or refuse a file that has others; the transaction ends."""
-    tables = dict(base.execute("SELECT name, sql FROM sqlite_master WHERE sql IS NOT NULL"))
-    if not tables:
-        for command in TABLES.values():
-            base.execute(command)
-    elif tables != TABLES:
-        if set(tables) == set(TABLES) and "checksum" not in tables["rows"]:
-            raise SetupError(
-                f"{path} is a journal of an earlier version, whose rows may contain code; they are not "
-                "read. Remove the file, or choose another folder with --out"
-            )
-        raise SetupError(f"{path} is damaged: it does not have the tables of a journal")
-    base.execute("COMMIT")
+def figures_apart(row: Any) -> tuple[list[float], Any]:
+    """The figures of a row as numbers: value and error of each, nan without an error; and the rest of it."""
+    figures = row["figures"]
+    numbers = [x for value, _, error, _ in figures.values()
+               for x in (value, math.nan if error is None else error)]  # fmt: skip
+    texts = [[name, unit, reason] for name, (_, unit, _, reason) in figures.items()]
+    return numbers, [texts, row["warnings"]]
 
 
-def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], *, drop: bool) -> None:
-    """Refuse to mix rows, or drop those that are there."""
-    row = base.execute("SELECT content FROM identity").fetchone()
-    try:
-        before = json.loads(row[0]) if row else identity
-        if not isinstance(before, dict):
-            raise TypeError
-    except (ValueError, TypeError, RecursionError):
-        text = f"{folder / NAME} is damaged: it does not say to which runs its rows belong"
-        raise SetupError(text) from None
-    if before != identity:
-        other = f"{folder} contains the rows of other runs: {differences(before, identity)}"
-        if not drop:
-            raise SetupError(f"{other}; choose another folder with --out, or remove this one")
-        if base.execute("SELECT 1 FROM rows LIMIT 1").fetchone():
-            print(f"{other}; they are dropped", file=sys.stderr)
-    if not row or before != identity:
-        base.executescript("BEGIN; DELETE FROM identity; DELETE FROM rows;")
-        base.execute("INSERT INTO identity VALUES (?)", (json.dumps(identity),))
-        base.execute("COMMIT")
+def figures_together(numbers: list[float], rest: Any) -> dict[str, Any]:
+    """The row that `figures_apart` took apart."""
+    texts, warnings = rest
+    words = [word for words in (*texts, warnings) for word in words]
+    if not all(isinstance(word, str) for word in words) or len(numbers) != 2 * len(texts):
+        raise ValueError(rest)
+    figures = {
+        name: (value, unit, None if math.isnan(error) else error, reason)
+        for (name, unit, reason), value, error in zip(texts, numbers[::2], numbers[1::2])
+    }
+    return {"figures": figures, "warnings": warnings}
+
+
+#: The rows of a study, what `workbench.run.row` returns.
+FIGURES = Form(figures_apart, figures_together)

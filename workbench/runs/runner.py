@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import reprlib
 import signal
 from abc import ABC, abstractmethod
@@ -20,7 +19,6 @@ from cosim import Result, SetupError, SimulationError
 from cosim.signals import handle_stop_signals
 
 from .journal import Journal, Key
-from .transport import pickled_call
 from .worker import MACHINE, OK, Outcome
 
 Task = TypeVar("Task")
@@ -159,7 +157,7 @@ class Runner(ABC):
         title: str,
         journal: Journal | None = None,
     ) -> Iterator[Answer]:
-        """Give function(task) for every task, in their sequence; a journal keeps answers by function and task.
+        """Give function(task) for every task, in their sequence; a journal keeps answers by their place in it.
 
         Raises
         ------
@@ -167,10 +165,7 @@ class Runner(ABC):
             What the function raises in this process. Elsewhere SetupError if it does, and SimulationError
             that names the task for every other way to end.
         """
-        keys: Sequence[Key] = range(len(tasks))
-        if journal is not None:
-            calls = (pickled_call(function, task, self.setup.files) for task in tasks)
-            keys = [hashlib.sha256(call).hexdigest() for call in calls]
+        keys = range(len(tasks)) if journal is None else journal.numbers(len(tasks))
         task_of, answers = dict(zip(keys, tasks)), {}
         with closing(self.outcomes(function, task_of, title, journal, failures=False)) as outcomes:
             for wanted in keys:

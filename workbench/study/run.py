@@ -20,13 +20,13 @@ from ..answer import Answer
 from ..export import write
 from ..files import remove, replacement
 from ..options import declared
-from ..run import is_row, row
+from ..run import row
 from ..runs.fingerprint import computation
 from ..runs.folder import reservation
-from ..runs.journal import Journal, open_journal
+from ..runs.journal import FIGURES, Journal, open_journal
 from ..runs.select import select_runner
 from ..runs.transport import Bundle, digest
-from ..runs.worker import OK, TIMEOUT, Outcome
+from ..runs.worker import TIMEOUT
 from .file import Study, ends
 from .report import conclude
 
@@ -57,7 +57,7 @@ def run(
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
     scratch()  # removes what killed runs left there, though this one may have no run to do
-    with reservation(folder), open_journal(folder, who, sound=_sound) as journal:
+    with reservation(folder), open_journal(folder, who, FIGURES) as journal:
         with replacement(folder / "study.toml") as fresh:
             fresh.write_bytes(study.path.read_bytes())
         _forget_short_of(study.timeout, journal)
@@ -98,11 +98,6 @@ def _forget_short_of(timeout: float | None, journal: Journal) -> None:
     if ended:
         runs = f"{pluralize(len(ended), 'run')} that had no answer in time {'is' if len(ended) == 1 else 'are'}"
         print(f"{journal.path.parent}: {runs} done again", file=sys.stderr)
-
-
-def _sound(outcome: Outcome) -> bool:
-    """Whether a row of the journal is one of a study's."""
-    return is_row(outcome.answer) if outcome.status == OK else outcome.answer is None
 
 
 def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, Any]:
