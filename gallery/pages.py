@@ -108,16 +108,17 @@ def landing(answers: Sequence[Answered], machines: Sequence[Path], folder: Path)
     return f"""\
 # Drive FMUs
 
-Drop-in FMI co-simulation FMUs of electromechanical drives, and a master that states its coupling error.
+Couple FMUs, and know how wrong the result is: a co-simulation master that states its error, FMUs made from a page of
+equations, and answers about electromechanical drives.
 
 **{first.question.title}** The FMUs run in your browser, offline. Move the slider.
 
 {live(first, "", SLIDER if first.name == LANDING else "")}
 
 <nav class="doors" aria-label="Ways into the project">
-<a href="docs/hosts.html"><b>Get the FMUs</b><span>FMI 2.0 and 3.0, for your own simulator</span></a>
-<a href="questions.html"><b>Ask a question</b><span>Figures with errors, pictures, live pages</span></a>
-<a href="docs/coupling.html"><b>Couple your own</b><span>A master that states its coupling error</span></a>
+<a href="docs/referee.html"><b>Judge a co-simulation</b><span>Right or not, by how much, and why</span></a>
+<a href="docs/hosts.html"><b>FMUs from equations</b><span>FMI 2.0 and 3.0, for any simulator</span></a>
+<a href="questions.html"><b>Ask about a drive</b><span>Figures with errors, pictures, live pages</span></a>
 </nav>
 
 ## Machines
