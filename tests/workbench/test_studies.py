@@ -29,7 +29,6 @@ from cosim.journal import Journal
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, fmus_of, restore_ctrl_c, until
 from workbench import run, study
-from workbench.answer import Table
 from workbench.catalog import load_module
 from workbench.cli import main
 from workbench.project import NO_PROJECT
@@ -37,7 +36,7 @@ from workbench.runs import fingerprint
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
 from workbench.study.file import Sampling
-from workbench.study.report import _causes, _sentence
+from workbench.study.report import _causes
 from workbench.study.run import identity
 
 GRID = """
@@ -234,7 +233,7 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
         "6 runs, 6 of them now",
         "2 ok, 1 crashed, 1 refused, 1 timeout, 1 failed.",
         "Run 0: crashed: the run ended its process: SIGSEGV\n",
-        "\nRun 5: warning: the plane is steep, 0.333333 rad",
+        "\nRun 2: refused: this point is refused\n3 more remarks in the table.",
         "\n2 runs (first: run 1): root not determined: x < 0\n",
         "No run has root.",
     ):
@@ -328,7 +327,7 @@ def test_the_table_reports_inputs_figures_errors_and_units(
     assert (
         "\nroot lies between 0.00 and 1.00 m1/2 in the 6 of 10 runs that have it, with a" in output
     )
-    assert ".\n  high: yes in 4 of 10 runs\n10 runs, 10 of them now in " in output
+    assert "\n1 more figure in the table.\n10 runs, 10 of them now in " in output
     assert (out / "overview.png").stat().st_size > 10_000
     again = study.run(study.load(path), out=out)
     assert "10 runs, 0 of them now" in again.verdict
@@ -613,26 +612,6 @@ def test_an_interruption_behind_the_last_run_says_what_is_kept(
         monkeypatch.setitem(vars(sys.modules["workbench.study.run"]), "conclude", interrupted)
     with pytest.raises(KeyboardInterrupt, match=r"^10 runs in .*; the same command continues$"):
         study.run(study.load(write(GRID)), out=tmp_path / "out", jobs=1, end=interrupted)
-
-
-@pytest.mark.parametrize(
-    ("values", "text"),
-    [
-        ([0, 0, 1, 1], "yes in 2 of 4 runs; no up to x = 2 m, yes from 3 m on"),
-        ([1, 0, 0, 0], "yes in 1 of 4 runs; yes up to x = 1 m, no from 2 m on"),
-        ([1, 0, 1, 1], "yes in 3 of 4 runs"),
-        ([1, 1, 1, 1], "yes in 4 of 4 runs"),
-        ([1, np.nan, 0, 0], "yes in 1 of 3 runs; yes up to x = 1 m, no from 3 m on"),
-    ],
-)
-def test_a_yes_or_no_over_one_input_says_from_where_on(
-    values: list[float], text: str, write: Write
-) -> None:
-    plan = study.load(write('scenario = "plane.py"\n[grid]\nx = [4.0, 3.0, 2.0, 1.0]\n'))
-    frame = pd.DataFrame({"x": [4.0, 3.0, 2.0, 1.0], "high": values[::-1]})
-    assert (
-        _sentence(plan, Table.of_frame(frame, {"x": "m", "high": "1"}), "high") == f"high: {text}"
-    )
 
 
 def test_a_study_file_may_begin_with_a_byte_order_mark(write: Write) -> None:

@@ -27,7 +27,7 @@ from ..question import Question
 Value = float | int | str | bool
 Samples = NDArray[np.float64]
 Spec = Mapping[str, Any]
-KEYS = ("scenario", "timeout", "figures", "fixed", "grid", "sampling", "tolerances")
+KEYS = ("scenario", "timeout", "figures", "fixed", "grid", "sampling", "tolerances", "limits")
 TOLERANCES = (
     "{ nominal, uniform }, { nominal, normal }, { nominal, normal, within } or { from, to }"
 )
@@ -82,7 +82,8 @@ def problem(inputs: Sequence[str]) -> dict[str, Any]:
 class Study:
     """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
 
-    `question` is what it asks; `tolerances` are distributions of scipy.stats.
+    `question` is what it asks; `tolerances` are distributions of scipy.stats; `limits` are of figures, in their units or
+    as texts with one.
     """
 
     path: Path
@@ -95,6 +96,7 @@ class Study:
     fixed: Mapping[str, Value]
     grid: Mapping[str, Sequence[Value]]
     tolerances: Mapping[str, Any]
+    limits: Mapping[str, float | str]
 
     @property
     def name(self) -> str:
@@ -189,8 +191,22 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     count = prod(map(len, read["grid"].values())) * samples
     if count > MAX_RUNS:
         raise SetupError(f"{count} runs are more than {MAX_RUNS}")
+    limits = {name: _limit(name, raw) for name, raw in tables["limits"].items()}
     timeout = TIMEOUT.read(content.get("timeout"))
-    return Study(path, content, project, question, sampling, timeout, figures, **read)
+    return Study(
+        path, content, project, question, sampling, timeout, figures, **read, limits=limits
+    )
+
+
+def _limit(name: str, raw: Any) -> float | str:
+    """The limit of a figure; its unit is known when a run has the figure."""
+    written = QUANTITY.fullmatch(raw) if isinstance(raw, str) else None
+    if isinstance(raw, bool) or not (isinstance(raw, int | float) or (written and written[2])):
+        raise SetupError(
+            f'limits.{name} = {quoted(raw)} must be a number, or a text with a unit such as "62.5N.m"'
+        )
+    value: float | str = Option(name, float).read(raw, f"limits.{name}") if written is None else raw
+    return value
 
 
 class _StartValue(Option):

@@ -16,20 +16,17 @@ import pandas as pd
 import cosim
 from cosim import SetupError
 from cosim.errors import pluralize
-from cosim.rounding import rounded
 
 from ..answer import Answer, Show, Table
 from ..charts.mpl import draw
-from ..figure import MOST_DIGITS
 from ..runs.worker import OK, Outcome
 from . import charts
 from .file import Study
 from .sensitivity import analyse
+from .words import limits, sentence
 
-#: Figures whose spread is a sentence of the verdict; chosen.
-SENTENCES = 3
-#: Figures and remarks that are written at all, the rest is in the table; chosen: they fit a screen.
-SPOKEN = 8
+#: Figures, and remarks, that are sentences of the verdict, the rest is in the table; chosen: more is a log.
+SPOKEN = 3
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\w)")
 
 RESERVED_COLUMNS = ("run", "status", "warnings", "message")
@@ -53,11 +50,13 @@ def conclude(
     indices, missing = analyse(study, figures, table.frame)
     seconds = np.quantile([outcome.seconds for outcome in outcomes], (0.0, 0.5, 1.0)).tolist()
     counts = Counter(outcome.status for outcome in outcomes)
+    shares, of_limits = limits(study, table, names)
     facts = {
         "study": study.name,
         "runs": {"all": len(outcomes), **dict(sorted(counts.items()))},
         "sensitivities": indices.to_dict("records"),
         "no_sensitivities": missing,
+        "limits": shares.frame.to_dict("records"),
         "seconds_per_run": dict(zip(("smallest", "median", "largest"), seconds)),
         "session": dict(zip(("runs", "seconds"), session)),
         "identity": identity,
@@ -78,11 +77,14 @@ def conclude(
     if study.sampling is not None:
         tables["sensitivity.csv"] = Table.of_frame(indices, {})
     causes = {} if study.grid or indices.empty else _causes(indices)
-    spreads = [_sentence(study, table, name) + causes.get(name, "") for name in figures[:SPOKEN]]
+    if study.limits:
+        tables["limits.csv"] = shares
+    spreads = [sentence(study, table, name) + causes.get(name, "") for name in figures[:SPOKEN]]
+    more = len(figures) - SPOKEN
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     sentences = [
-        *(f"{spread}." for spread in spreads[:SENTENCES]),
-        *(f"  {spread}" for spread in spreads[SENTENCES:]),
+        *(f"{text}." for text in (*of_limits, *spreads)),
+        *[f"{pluralize(more, 'more figure')} in the table."] * (more > 0),
         f"{pluralize(len(outcomes), 'run')}, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
         *_remarks(outcomes),
     ]
@@ -100,50 +102,6 @@ def conclude(
         ),
     )
     return answer, list(names)
-
-
-def _sentence(study: Study, table: Table, name: str) -> str:
-    """What the runs say of a figure, in a sentence without its end."""
-    column, unit = table.frame[name], table.units[name]
-    if unit == "1" and len(column.dropna()) > 1 and charts.flag(column.dropna()):
-        return _yes_or_no(study, table, name)
-    return _spread(column, unit)
-
-
-def _yes_or_no(study: Study, table: Table, name: str) -> str:
-    """How often a figure is yes; over a single input that numbers vary, also from where on, if it changes once."""
-    x = study.varied[0]
-    rows = table.frame[[x, name]].dropna()
-    yes = int(rows[name].sum())
-    text = f"{name}: yes in {yes} of {pluralize(len(rows), 'run')}"
-    if len(study.varied) > 1 or not pd.api.types.is_numeric_dtype(rows[x]):
-        return text
-    rows = rows.sort_values(x)
-    changes = np.flatnonzero(np.diff(rows[name]))
-    if len(changes) != 1:
-        return text
-    unit = "" if table.units[x] in ("", "1") else f" {table.units[x]}"
-    before, after = rows.iloc[changes[0]], rows.iloc[changes[0] + 1]
-    first, last = ("yes" if row[name] else "no" for row in (before, after))
-    return f"{text}; {first} up to {x} = {before[x]:.4g}{unit}, {last} from {after[x]:.4g}{unit} on"
-
-
-def _spread(column: pd.Series[float], unit: str) -> str:
-    """A figure over all runs, in a sentence without its end."""
-    name, y = column.name, column.dropna()
-    if y.empty:
-        return f"No run has {name}"
-    runs = f"the {len(y)} of {len(column)} runs that have it"
-    runs = f"all {len(y)} runs" if len(y) == len(column) > 1 else runs
-    runs = "the only run" if len(column) == 1 else runs
-    unit = "" if unit == "1" else f" {unit}"
-    if y.min() == y.max():
-        return f"{name} is {y.min():.6g}{unit} in {runs}"
-    low, high, mean = (rounded(x, y.std(), MOST_DIGITS)[0] for x in (y.min(), y.max(), y.mean()))
-    return (
-        f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "
-        f"standard deviation of {y.std():.2g}{unit}"
-    )
 
 
 def _causes(indices: pd.DataFrame) -> dict[str, str]:

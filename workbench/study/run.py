@@ -31,7 +31,7 @@ from .file import Study, ends
 from .report import conclude
 
 #: Keys of a study file on which no row depends.
-BESIDE_ROWS = ("figures", "timeout")
+BESIDE_ROWS = ("figures", "timeout", "limits")
 
 
 def run(
@@ -78,10 +78,10 @@ def run(
             end(answer, folder)
         except KeyboardInterrupt:
             raise journal.interrupt() from None
-    unknown = [name for name in study.figures if name not in figures]
+    unknown = [name for name in (*study.figures, *study.limits) if name not in figures]
     if unknown and figures:
         raise SetupError(
-            f"{study.path}: figures: no run has {unknown[0]!r}, only {', '.join(figures)}; "
+            f"{study.path}: no run has {unknown[0]!r}, only {', '.join(figures)}; "
             f"the table is in {folder}"
         )
     return answer

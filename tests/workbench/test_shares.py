@@ -1,0 +1,138 @@
+"""Shares of a study's runs above limits: their intervals cover what they promise, their sentences say from where to where."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import binom
+
+from cosim import SetupError
+from tests.conftest import ROOT
+from workbench import study
+from workbench.answer import Table
+from workbench.study.words import interval, sentence
+
+LIMITS = """
+scenario = "plane.py"
+figures = ["height"]
+[sampling]
+method = "lhs"
+number = 64
+seed = 1
+[tolerances]
+x = { from = 4.0, to = 7.0 }
+[limits]
+height = "1500cm"
+root = 3.0
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    """A study file beside the plane."""
+    shutil.copy(ROOT / "tests" / "hosts" / "plane.py", folder)
+    (folder / "some.toml").write_text(text)
+    return folder / "some.toml"
+
+
+@pytest.mark.parametrize("number", [5, 64])
+def test_an_interval_covers_the_true_share_at_least_as_often_as_it_says(number: int) -> None:
+    """Whatever the share is: summed over all counts; Wilson's covers some shares in 84 % of studies."""
+    ends = np.array([interval(k, number) for k in range(number + 1)])
+    for share in np.linspace(0.001, 0.999, 400):
+        covers = (ends[:, 0] <= share) & (share <= ends[:, 1])
+        assert binom.pmf(np.arange(number + 1), number, share)[covers].sum() >= 0.95
+    assert ends[0, 1] == pytest.approx(1.0 - 0.025 ** (1.0 / number), rel=1e-9)
+
+
+def test_a_limit_gives_the_share_above_it(tmp_path: Path) -> None:
+    """A run whose figure has the limit within its error counts for neither side."""
+    answer = study.run(study.load(write(tmp_path, LIMITS)), out=tmp_path / "out", jobs=1)
+    rows = answer.table
+    above = rows["height"] - rows["height_error"] > 15.0
+    near = (rows["height"] - 15.0).abs() <= rows["height_error"]
+    assert 38 <= above.sum() <= 46  # two thirds of 64 in a Latin hypercube: 43 within one
+    written = pd.read_csv(tmp_path / "out" / "limits.csv").set_index("figure")
+    row = written.loc["height"]
+    assert row[["limit", "above", "open", "runs"]].tolist() == [15.0, above.sum(), near.sum(), 64]
+    low, high = interval(above.sum(), 64)[0], interval(above.sum() + near.sum(), 64)[1]
+    assert row[["low", "high"]].tolist() == [low, high]
+    first, second = answer.verdict.splitlines()[:2]
+    share = f"{100 * above.sum() / 64:.3g} %, 95 % interval {100 * low:.3g} to {100 * high:.3g} %"
+    assert first.startswith(f"height is above 15 m in {above.sum()} of 64 runs ({share})")
+    assert second.startswith("root is above 3 m1/2 in 0 of 64 runs (0 %, 95 % interval 0 to 5.6 %)")
+    facts = json.loads((tmp_path / "out" / "study.json").read_text())
+    assert facts["limits"][0]["above"] == above.sum()
+    for raw, wanted in (("20.0", "above 20 m in "), ('"16m"', "above 16 m in ")):
+        other = write(tmp_path, LIMITS.replace('"1500cm"', raw))
+        again = study.run(study.load(other), out=tmp_path / "out", jobs=1)
+        assert wanted in again.verdict and "64 runs, 0 of them now" in again.verdict
+
+
+def test_limits_at_the_points_of_a_grid(tmp_path: Path) -> None:
+    """The sentence names the point where most are above; without samples there is no interval."""
+    text = LIMITS.replace("[sampling]", "[grid]\ntimes = [1, 2]\n[sampling]")
+    text = text.replace("[limits]", "y = { from = 0.0, to = 3.0 }\n[limits]").replace(
+        "1500cm", "20m"
+    )
+    answer = study.run(study.load(write(tmp_path, text)), out=tmp_path / "out", jobs=1)
+    shares = pd.read_csv(tmp_path / "out" / "limits.csv")
+    shares = shares[shares["figure"] == "height"]
+    assert shares["times"].tolist() == [1, 2] and shares["above"].is_monotonic_increasing
+    assert " at times = 2, of all points there most often" in answer.verdict.splitlines()[0]
+    text = 'scenario = "plane.py"\n[grid]\nx = { from = 0.0, to = 4.0, number = 5 }\n[limits]\nheight = 5.0'
+    answer = study.run(study.load(write(tmp_path, text)), out=tmp_path / "grid", jobs=1)
+    assert answer.verdict.startswith("height is above 5 m in 3 of 5 runs; for x = 2 to 4 m.\n")
+    assert np.isnan(pd.read_csv(tmp_path / "grid" / "limits.csv")["low"]).all()
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ("height = true", "limits.height = True must be a number, or a text with a unit"),
+        ('height = "high"', "limits.height = 'high' must be a number, or a text with a unit"),
+        ("height = nan", "limits.height = nan must be"),
+        ('height = "3s"', "limits.height"),
+        ("width = 1.0", "no run has 'width', only height, y, root, high"),
+    ],
+)
+def test_a_limit_that_is_none_is_refused(limits: str, message: str, tmp_path: Path) -> None:
+    text = (
+        LIMITS.partition("[limits]")[0].replace('figures = ["height"]', "") + f"[limits]\n{limits}"
+    )
+    with pytest.raises(SetupError, match=f"some.toml.*{message}"):
+        study.run(study.load(write(tmp_path, text)), out=tmp_path / "out", jobs=1)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ([0, 0, 1, 1], "yes in 2 of 4 runs; for x = 3 to 4 m"),
+        ([1, 0, 0, 0], "yes in 1 of 4 runs; for x = 1 m"),
+        ([1, 0, 1, 1], "yes in 3 of 4 runs; for x = 1 and 3 to 4 m"),
+        ([1, 1, 1, 1], "yes in 4 of 4 runs"),
+        ([1, np.nan, 0, 1], "yes in 2 of 3 runs; for x = 1 and 4 m"),
+        ([1, 0] * 4, "yes in 4 of 8 runs; for x in 4 stretches between 1 and 7 m"),
+    ],
+)
+def test_a_yes_or_no_over_one_input_says_from_where_to_where(
+    values: list[float], text: str, tmp_path: Path
+) -> None:
+    x = np.arange(len(values), 0, -1.0)
+    plan = study.load(write(tmp_path, f'scenario = "plane.py"\n[grid]\nx = {x.tolist()}\n'))
+    table = Table({"x": x, "high": np.array(values[::-1], float)}, {"x": "m", "high": "1"})
+    assert sentence(plan, table, "high") == f"high: {text}"
+
+
+def test_a_yes_or_no_of_samples_says_where_all_and_where_none_are(tmp_path: Path) -> None:
+    text = LIMITS.replace("[sampling]", "[grid]\ny = [1.0, 2.0, 3.0, 4.0]\n[sampling]")
+    plan = study.load(write(tmp_path, text))
+    y, high = np.repeat([1.0, 2.0, 3.0, 4.0], 3), np.array([1, 1, 1, 1, 1, 1, 0, 1, 0, 0, 0, 0.0])
+    table = Table({"y": y, "high": high}, {"y": "m", "high": "1"})
+    assert sentence(plan, table, "high") == (
+        "high: yes in 7 of 12 runs; in all of those at y = 1 to 2 m; in none of those at y = 4 m"
+    )

@@ -1,0 +1,214 @@
+"""What the runs of a study say of a figure: its share above a limit, from where to where it holds, its spread.
+
+A share of samples has the interval of Clopper and Pearson (1934), since it must not be too sure of machines that keep a
+limit: it covers the true share in at least 95 % of studies, also where no run of a few hundred is above. Wilson's interval
+is narrower and covers it in 95 % on the average only, less where shares are small. Samples of a Latin hypercube or
+Sobol's are spread more evenly than random ones, for which the interval holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+
+from cosim import SetupError
+from cosim.errors import pluralize
+from cosim.rounding import rounded
+
+from ..answer import Table
+from ..figure import MOST_DIGITS
+from ..options import Option
+from . import charts
+from .file import Study
+
+#: Stretches of an input that are named one by one; chosen: they fit a line.
+MOST_STRETCHES = 3
+#: Share of studies whose interval covers the true share.
+CONFIDENCE = 0.95
+Flags = NDArray[np.bool_]
+
+
+class Share(NamedTuple):
+    """How many runs of one point of the grid are above a limit, with the share's interval where they are samples.
+
+    A run is `open` if the limit lies within the error of its figure: the interval covers both cases.
+    """
+
+    figure: str
+    limit: float
+    above: int
+    open: int
+    runs: int
+    low: float
+    high: float
+
+    def text(self) -> str:
+        """The share in words, "2 of 128 runs (1.6 %, 95 % interval 0.2 to 5.5 %)"."""
+        share = ""
+        if not np.isnan(self.low):
+            low, high = (f"{100.0 * x:.3g}" for x in (self.low, self.high))
+            of_runs = 100.0 * self.above / self.runs
+            share = f" ({of_runs:.3g} %, 95 % interval {low} to {high} %)"
+        near = f", and the limit lies within the error of {self.open} more" if self.open else ""
+        return f"{self.above} of {pluralize(self.runs, 'run')}{share}{near}"
+
+
+def interval(count: int, number: int) -> tuple[float, float]:
+    """The interval of Clopper and Pearson for the share of which so many of a number of samples were found."""
+    found = binomtest(count, number).proportion_ci(CONFIDENCE, "exact")
+    return float(found.low), float(found.high)
+
+
+def share(study: Study, table: Table, name: str, limit: float, rows: Flags) -> Share:
+    """How many of these rows have a figure above its limit; those without the figure do not count."""
+    y = np.asarray(table.columns[name], float)
+    error = np.nan_to_num(
+        np.asarray(table.columns.get(name + charts.ERROR, np.zeros(len(y))), float)
+    )
+    rows = rows & np.isfinite(y)
+    above = rows & (y - error > limit)
+    near = rows & ~above & (y + error > limit)
+    low, high = np.nan, np.nan
+    if study.sampling is not None and rows.any():
+        low = interval(int(above.sum()), int(rows.sum()))[0]
+        high = interval(int((above | near).sum()), int(rows.sum()))[1]
+    return Share(name, limit, int(above.sum()), int(near.sum()), int(rows.sum()), low, high)
+
+
+def limits(study: Study, table: Table, names: Mapping[str, str]) -> tuple[Table, list[str]]:
+    """The shares above the study's limits at every point of its grid, and a sentence for each limit."""
+    grid = list(study.grid) if study.sampling is not None else []
+    keys = list(zip(*(table.columns[name] for name in grid))) or [()] * len(table)
+    points = list(dict.fromkeys(keys))
+    rows: list[Sequence[Any]] = []
+    sentences = []
+    for figure, raw in study.limits.items():
+        if figure not in names:
+            continue
+        name, unit = names[figure], table.units[names[figure]]
+        try:
+            limit = Option(figure, float, unit=unit).read(raw, f"limits.{figure}")
+        except SetupError as error:
+            raise SetupError(f"{study.path}: {error}") from None
+        shares = [
+            share(study, table, name, limit, np.array([key == point for key in keys]))
+            for point in points
+        ]
+        rows += [(*point, *one) for point, one in zip(points, shares)]
+        sentences.append(_limit(study, table, shares, points, grid))
+    units = {name: table.units.get(name, "") for name in grid} | dict.fromkeys(Share._fields, "")
+    return Table.of_rows(rows, units), sentences
+
+
+def _limit(
+    study: Study,
+    table: Table,
+    shares: Sequence[Share],
+    points: Sequence[Sequence[Any]],
+    grid: Sequence[str],
+) -> str:
+    """What the runs say of a limit, in a sentence without its end; of a grid, where they are above it most often."""
+    worst = max(range(len(shares)), key=lambda k: (shares[k].high, shares[k].above))
+    one = shares[worst]
+    unit = _unit(table.units[one.figure])
+    what = f"{one.figure} is above {one.limit:.6g}{unit} in {one.text()}"
+    if not one.runs:
+        return f"no run has {one.figure}"
+    if grid:
+        at = (
+            f"{name} = {_number(x)}{_unit(table.units[name])}"
+            for name, x in zip(grid, points[worst])
+        )
+        return f"{what} at {', '.join(at)}, of all points there most often"
+    missing = len(table) - one.runs
+    without = f"; {pluralize(missing, 'run')} without it" if missing else ""
+    y = np.asarray(table.columns[one.figure], float)
+    return what + without + stretches(study, table, np.isfinite(y), y > one.limit)
+
+
+def stretches(study: Study, table: Table, rows: Flags, flags: Flags) -> str:
+    """From where to where flags hold among rows, "; for x = 1 to 3 m"; "" unless one input varies, by numbers."""
+    x = study.varied[0]
+    at = table.columns[x]
+    if len(study.varied) > 1 or study.sampling is not None or at.dtype.kind not in "if":
+        return ""
+    order = np.argsort(at[rows])
+    at, holds = at[rows][order], flags[rows][order]
+    if holds.all() or not holds.any():
+        return ""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
+    pairs = [(at[begin], at[end - 1]) for begin, end in edges.reshape(-1, 2)]
+    unit = _unit(table.units[x])
+    if len(pairs) > MOST_STRETCHES:
+        return f"; for {x} in {len(pairs)} stretches between {_number(pairs[0][0])} and {_number(pairs[-1][1])}{unit}"
+    return f"; for {x} = {' and '.join(_range(*pair) for pair in pairs)}{unit}"
+
+
+def sentence(study: Study, table: Table, name: str) -> str:
+    """What the runs say of a figure, in a sentence without its end."""
+    y = np.asarray(table.columns[name], float)
+    rows = np.isfinite(y)
+    if table.units[name] == "1" and rows.sum() > 1 and charts.flag(y):
+        return _yes_or_no(study, table, name, y, rows)
+    return _spread(pd.Series(y, name=name), table.units[name])
+
+
+def _yes_or_no(study: Study, table: Table, name: str, y: NDArray[Any], rows: Flags) -> str:
+    """How often a figure is yes, and where: over one input from where to where, of samples with the share's interval."""
+    yes, number = int(y[rows].sum()), int(rows.sum())
+    text = f"{name}: yes in {yes} of {pluralize(number, 'run')}"
+    if study.sampling is None:
+        return text + stretches(study, table, rows, y == 1.0)
+    if not study.grid:
+        low, high = interval(yes, number)
+        return f"{text} ({100.0 * yes / number:.3g} %, 95 % interval {100.0 * low:.3g} to {100.0 * high:.3g} %)"
+    x = next(iter(study.grid))
+    if len(study.grid) > 1 or table.columns[x].dtype.kind not in "if":
+        return text
+    points = pd.Series(y[rows]).groupby(table.columns[x][rows]).mean()
+    unit = _unit(table.units[x])
+    whole = [
+        f"in {word} of those at {x} = {_range(at[0], at[-1])}{unit}"
+        for word, at in (
+            ("all", points.index[points == 1.0]),
+            ("none", points.index[points == 0.0]),
+        )
+        if len(at)
+        and list(points.index[(points.index >= at[0]) & (points.index <= at[-1])]) == list(at)
+    ]
+    return "; ".join([text, *whole])
+
+
+def _spread(column: pd.Series[float], unit: str) -> str:
+    """A figure over all runs, in a sentence without its end."""
+    name, y = column.name, column.dropna()
+    if y.empty:
+        return f"No run has {name}"
+    runs = f"the {len(y)} of {len(column)} runs that have it"
+    runs = f"all {len(y)} runs" if len(y) == len(column) > 1 else runs
+    runs = "the only run" if len(column) == 1 else runs
+    unit = _unit(unit)
+    if y.min() == y.max():
+        return f"{name} is {y.min():.6g}{unit} in {runs}"
+    low, high, mean = (rounded(x, y.std(), MOST_DIGITS)[0] for x in (y.min(), y.max(), y.mean()))
+    return (
+        f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "
+        f"standard deviation of {y.std():.2g}{unit}"
+    )
+
+
+def _unit(unit: str) -> str:
+    return "" if unit in ("", "1") else f" {unit}"
+
+
+def _range(begin: Any, end: Any) -> str:
+    return _number(begin) if begin == end else f"{_number(begin)} to {_number(end)}"
+
+
+def _number(x: Any) -> str:
+    return f"{x:.4g}" if isinstance(x, int | float | np.number) else str(x)
