@@ -16,6 +16,7 @@ from PIL import Image
 from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
 from workbench.charts.style import STYLE
+from workbench.export import PAGE
 from workbench.figure import ERROR_SCOPE
 
 from . import reference
@@ -53,6 +54,7 @@ def write(answers: Sequence[Answered], folder: Path) -> None:
     for answer in answers:
         extra = folder / EXTRA / "questions" / answer.name
         copytree(answer.folder, extra, ignore=ignore_patterns("*.txt"))
+        with_links(extra / PAGE, answer.question.sources)
         (folder / "questions").mkdir(exist_ok=True)
         write_text(folder / "questions" / f"{answer.name}.md", question(answer))
     machines = sorted((folder / "docs" / "machines").glob("*.md"))
@@ -67,6 +69,15 @@ def write(answers: Sequence[Answered], folder: Path) -> None:
     write_text(folder / "commands.md", reference.commands())
     for package in reference.API:
         write_text(folder / "reference" / f"{package}.md", reference.api(package))
+
+
+def with_links(page: Path, sources: Sequence[tuple[str, str]]) -> None:
+    """Make the sources of a page links to the pages of the site."""
+    text = page.read_text(encoding="utf-8")
+    for link in {link for _, link in sources}:
+        target = f"../../{link.replace('.md', '.html')}"
+        text = text.replace(f"<code>{link}</code>", f'<a href="{target}">{link}</a>')
+    page.write_text(text, encoding="utf-8")
 
 
 def write_text(path: Path, text: str) -> None:

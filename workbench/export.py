@@ -7,6 +7,7 @@ import math
 import sys
 from base64 import b64encode
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -65,6 +66,10 @@ def write(answer: Answer, folder: Path, *, animate: bool = False) -> list[str]:
 def _write(answer: Answer, folder: Path, *, animate: bool) -> list[str]:
     """Write the files to a folder that is this run's; it may have been removed meanwhile."""
     folder.mkdir(parents=True, exist_ok=True)
+    show = (
+        answer.show()
+    )  # before the file is replaced from which columns are read when they are asked for
+    answer = replace(answer, show=lambda: show)
     for name, table in answer.tables.items():
         with replacement(folder / name) as fresh:
             fresh.write_text(table.csv(), encoding="utf-8", newline="\n")

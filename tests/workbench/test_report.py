@@ -59,7 +59,9 @@ from workbench.charts.motion import Motion, Shape
 from workbench.charts.style import COLORS, LETTERS_BY_SCREEN, STYLE, Screen
 from workbench.export import write
 from workbench.figure import Figure
+from workbench.judgement import Judgement
 from workbench.page import html
+from workbench.run import ask as workbench_ask
 from workbench.study import charts as study_charts
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
@@ -499,10 +501,18 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "formula": Figure(1.25, "1", 0.0),
         "lost": Figure.undetermined("m", "the runs contradict each other"),
     }
+    force, lost = figures["told"], figures["lost"]
+    judgements = [
+        Judgement("force below its limit", force, most=3.0),
+        Judgement("force below its limit", force, most=1.0),
+        Judgement("way below its limit", lost, most=1.0),
+        Judgement("force", force),
+    ]
     invented = Answer(
         scenario="sample",
         question="Is <this> & that told?",
-        verdict="Yes: 2.00 ± 0.01 N.\nNo.",
+        verdict="\n".join(x.text() for x in judgements),
+        judgements=judgements,
         figures=figures,
         parameters={},
         tables={"sample.csv": Table.of_frame(pd.DataFrame({"x": x, "y": y}), {"x": "s", "y": "N"})},
@@ -536,10 +546,14 @@ def test_the_page_of_every_question_holds_the_full_answer(name: str, tmp_path: P
     tree = parsed(tmp_path / "report.html")
     assert (tmp_path / "report.html").stat().st_size < 8e6
     assert tree.xpath("string(//h1)") == answer.question
-    verdict_lines = [p.text_content() for p in tree.xpath("//section[@class='verdict']//p")]
-    assert verdict_lines == [line for line in answer.verdict.splitlines() if line]
+    answered_lines = [
+        lines.text_content() for lines in tree.xpath("//section[@class='verdict']//li/span[2]")
+    ]
+    assert answered_lines == answer.verdict.splitlines()
     rows = lines(tree, FIGURES)
-    assert [(row[0], row[3]) for row in rows] == [(n, f.unit) for n, f in answer.figures.items()]
+    assert [(row[0], row[3]) for row in rows] == [
+        (n, f.unit.removeprefix("1")) for n, f in answer.figures.items()
+    ]
     for (_, value, error, *_), figure in zip(rows, answer.figures.values()):
         if figure.error is None:
             assert (value, error) == ("not determined", figure.reason)
@@ -557,18 +571,32 @@ def test_the_page_of_every_question_holds_the_full_answer(name: str, tmp_path: P
     assert all(element.get("aria-label") for element in tree.xpath("//*[@class='chart']"))
 
 
+def test_an_answer_is_written_over_the_rows_that_it_reads(tmp_path: Path) -> None:
+    """Its charts read columns of the file of rows, which the answer replaces by its table."""
+    answer = workbench_ask(PROJECT, "run_up", {"stop": 0.05}, out=tmp_path)
+    assert {"run_up.png", "report.html"} <= {*write(answer, tmp_path)}
+
+
 def test_the_page_reports_errors_warnings_and_what_is_dangerous_as_text(sample: Path) -> None:
     tree = parsed(sample / "report.html")
     assert lines(tree, FIGURES) == [
         ["told", "2.000", "±\N{NO-BREAK SPACE}0.010", "N", "a force"],
-        ["formula", "1.25", "none", "1", ""],
+        ["formula", "1.25", "", "", ""],
         ["lost", "not determined", "the runs contradict each other", "m", ""],
     ]
     assert tree.xpath("string(//h1)") == "Is <this> & that told?"
     (box,) = tree.xpath("//main/section[contains(@class, 'warnings')]")
     assert box.text_content().strip() == "a: the chain is <slack>"
-    assert box.getnext().get("class") == "verdict"
-    assert lines(tree, "//section[@class='verdict']/div") == [["Yes: 2.00 ± 0.01 N.", "No."]]
+    assert box.getprevious().get("class") == "verdict"
+    assert lines(tree, "//section[@class='verdict']/ul/li") == [
+        [sign, text] for sign, text in zip(
+            "\N{CHECK MARK}\N{BALLOT X}?\N{BULLET}",
+            ["Force below its limit: yes, 2.000 ± 0.010 of 3 N (67 %)",
+             "Force below its limit: no, 2.000 ± 0.010 of 1 N (200 %)",
+             "Way below its limit: not determined, because the runs contradict each other",
+             "Force: 2.000 ± 0.010 N"],
+        )
+    ]  # fmt: skip
     (label,) = tree.xpath("//*[@class='chart']/@aria-label")
     assert "seen from -1 to 7.5 (force [N])" in label
 

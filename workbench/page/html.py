@@ -9,10 +9,11 @@ import json
 import math
 import re
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from ..charts.plotly import PlotlyDict, alt_text, figure
 from ..charts.style import STYLE
 from ..charts.svg import svg
 from ..figure import Figure
+from ..judgement import Verdict
 from .script import compact
 
 if TYPE_CHECKING:
@@ -71,6 +73,7 @@ def report(answer: Answer, path: Path) -> None:
     text = page.render(
         answer=answer,
         scope=answer.error_scope,
+        judged=list(judged(answer)),
         mark=mark,
         charts=[{"title": picture.title, "alt_text": alt_text(picture)} for picture in pictures],
         motions=show.motions,
@@ -86,6 +89,19 @@ def report(answer: Answer, path: Path) -> None:
     )
     more = " 'wasm-unsafe-eval'; worker-src blob:" if live else ""
     path.write_text(secured(text, mark, [_plotly()], more), encoding="utf-8")
+
+
+def judged(answer: Answer) -> Iterator[tuple[str, str, str]]:
+    """Give each line of the verdict with its sign, which is not told by colour alone, and what it means."""
+    signs = {
+        True: ("\N{CHECK MARK}", "yes"),
+        False: ("\N{BALLOT X}", "no"),
+        None: ("\N{BULLET}", ""),
+    }
+    for line, judgement in zip_longest(answer.verdict.splitlines(), answer.judgements):
+        good = judgement.good if judgement else None
+        is_open = judgement is not None and judgement.answer is Verdict.OPEN
+        yield *(("?", "open") if is_open else signs[good]), line
 
 
 def code(text: str) -> Markup:
@@ -148,10 +164,10 @@ def _packed_plotly() -> str:
 def _figure(name: str, figure: Figure) -> Sequence[str]:
     """Name, value, error, unit and meaning; why there is no value where it is refused."""
     value, _, error = figure._replace(unit="").text().partition(" ± ")
-    error = f"±\N{NO-BREAK SPACE}{error}" if error else "none"
+    error = f"±\N{NO-BREAK SPACE}{error}" if error else ""
     if figure.error is None:
         value, error = "not determined", figure.reason
-    return name, value, error, figure.unit, figure.meaning
+    return name, value, error, "" if figure.unit == "1" else figure.unit, figure.meaning
 
 
 def _parameters(answer: Answer) -> list[Sequence[str]]:
