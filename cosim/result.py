@@ -23,7 +23,7 @@ from .dense import DenseSolution
 from .errors import RunError, SetupError
 from .report import RunReport
 from .series import NO_BREAKS, TIME, Column, Kind, Series, column_facts
-from .table_file import facts_path, read_file
+from .table_file import TableFile, facts_path, read_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -257,7 +257,7 @@ def open_unlinked(path: Path, mode: str) -> FileIO:
 def file_columns(path: Path) -> Callable[[int], Rows]:
     """Gives the columns of a file of rows by their number; it is read when the first is asked for, a large one each time.
 
-    Raises SetupError if another run has written the file since.
+    Raises SetupError if the file has been written since, and has to be read.
     """
 
     def written() -> tuple[int, int] | None:
@@ -265,11 +265,20 @@ def file_columns(path: Path) -> Callable[[int], Rows]:
             return path.stat().st_mtime_ns, path.stat().st_ino
         return None
 
-    now, table = written(), cache(lambda: read_file(path))
+    now = written()
 
-    def load(k: int) -> Rows:
+    def require_same() -> None:
         if written() != now:
             raise SetupError(f"{path} has been written since by another run: give each its own csv")
+
+    @cache
+    def table() -> TableFile:
+        require_same()
+        return read_file(path)
+
+    def load(k: int) -> Rows:
+        if table().is_large:
+            require_same()
         return table().load(k).astype(np.float64)
 
     return load

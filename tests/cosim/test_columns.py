@@ -201,6 +201,17 @@ def test_columns_of_a_large_file_are_read_one_by_one(
         result["motor.tau"]
 
 
+def test_columns_that_were_read_stay_when_their_file_is_replaced(
+    switched: System, tmp_path: Path
+) -> None:
+    """A question writes its table over the rows of its run, and draws afterwards."""
+    result = run(switched, stop=1.0, step=0.01, csv=tmp_path / "rows.csv")
+    torque = result["motor.tau"].copy()
+    run(switched, stop=1.0, step=0.02, csv=tmp_path / "rows.csv")
+    assert_array_equal(result["motor.tau"], torque)
+    assert len(result["time"]) == len(torque)
+
+
 def test_pieces_are_what_jumps_separate(switched: System) -> None:
     pieces = list(run(switched, stop=1.0, step=Adaptive(1e-4)).pieces())
     assert [(p["time"][0], p["time"][-1]) for p in pieces] == [(0.0, 0.503), (0.503, 1.0)]
