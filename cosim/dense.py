@@ -1,4 +1,4 @@
-"""A column of a result as a function of time: cubic splines between breakpoints.
+"""Columns as functions of time: cubic splines between breakpoints, for all columns of one time axis at once.
 
 A run gives rows. Between them the solution is smooth except at breakpoints: where two rows have the same
 time, in the breaks that the master knows, and where a part changes its course inside a step without telling
@@ -9,23 +9,19 @@ is not continuous keeps the value of a row until the next.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from itertools import pairwise
-from math import comb
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .series import NO_BREAKS, Kind
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
+from .series import NO_BREAKS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 #: Rows through which a cubic is laid: derived, a polynomial of degree 3 has four coefficients.
 CUBIC_ROWS = 4
@@ -35,18 +31,15 @@ SMOOTH_STENCILS = 3
 #: Ratio of a fourth difference to the largest of its neighbours from which on a gap hides an event. Derived:
 #: a mode that decays by exp(-2.08) = 1/8 from row to row is not resolved by the rows, and is like a jump.
 GAP_RATIO = 8.0
-#: Fourth differences below this share of a column's range are noise: convention, the square root of the
-#: machine precision, 1.5e-8, rounded down.
+#: Fourth differences below this share of a column's range are noise: the square root of the machine precision, 1.5e-8,
+#: rounded down, below which differences of differences have no digit (Press et al., Numerical Recipes, section 5.7).
 NOISE_FRACTION = 1e-8
 #: Rows closer than this share of the median spacing repeat their neighbour. Derived: the slope between two
 #: such rows loses three digits more than that between others, and a spline through both rings.
 REPEATED_FRACTION = 1e-3
-#: Rows of which polynomials are made at a time, which bounds the memory: with all that is computed of one, 2^17 rows
-#: take 36 MB (measured).
-CHUNK_ROWS = 1 << 17
-#: Rows up to which the polynomials are kept for the next question about the column: derived, the dozen forms in which
-#: `certify` looks at a column then take 13 MB.
-KEPT_ROWS = 1 << 15
+#: Values of which polynomials are made at a time, and up to which they are kept for the next question: derived, with all
+#: that is computed of one, 2^15 take 9 MB, and so do the dozen forms in which `certify` looks at them.
+MOST_POINTS = 1 << 15
 #: Rows of overlap of two such chunks. Derived: a spline forgets a row by a factor 2 - sqrt(3) per row further,
 #: so that 32 rows leave 5e-19.
 OVERLAP_ROWS = 32
@@ -60,30 +53,47 @@ class Side(Enum):
     AFTER = "the polynomial after it, from its beginning"
 
 
-@dataclass(frozen=True)
-class Extreme:
-    """A largest or smallest value and its time [s]."""
+class Extremes(NamedTuple):
+    """The largest or smallest values of curves and their times [s], shape (curves,)."""
 
-    value: float
-    time: float
+    values: Array
+    times: Array
 
 
-class DenseSolution:
-    """A column between its rows.
+class Polynomials(NamedTuple):
+    """Polynomials behind some rows: coefficients of the powers 3 to 0 of the time since a row, shape (4, curves, intervals).
+
+    `first` is the number of the first row, `t` its time and those of the next ones [s], shape (intervals,), and
+    `widths` how long each interval is [s].
+    """
+
+    c: Array
+    first: int
+    t: Array
+    widths: Array
+
+    def at(self, s: Array) -> Array:
+        """The values at times [s] since their rows, shape (curves, intervals)."""
+        a, b, c, d = self.c
+        return ((a * s + b) * s + c) * s + d  # type: ignore[no-any-return]
+
+
+class Curves:
+    """Columns of one time axis between their rows, such as those of a run, or one column of many runs.
 
     Parameters
     ----------
     t : array of shape (rows,)
         Times [s], which do not fall. Two rows with the same time are a jump.
-    x : array of shape (rows,)
+    x : array of shape (curves, rows)
         Values.
-    kind : Kind
-        What the values are; those of any kind but continuous hold until the next row.
+    is_held : bool
+        Whether the values hold until the next row.
     breaks : array of shape (breaks, 2)
         Intervals, begin and end [s], in which the master knows of a jump without rows at its time.
-    gaps : array of int, optional
-        Numbers k of rows behind which, before row k + 1, an event is hidden; by default those of the breaks
-        and those that `hidden_gaps` finds.
+    gaps : array of bool, shape (curves, rows - 1), optional
+        The rows behind which, before the next, an event is hidden; by default those of the breaks and those that
+        `hidden_gaps` finds, or where held values change.
     side : Side
         How these gaps are filled. The truth lies between Side.BEFORE and Side.AFTER: it follows the
         first up to the event and the second from then on.
@@ -93,120 +103,76 @@ class DenseSolution:
         self,
         t: Array,
         x: Array,
-        kind: Kind = Kind.CONTINUOUS,
-        breaks: Array = NO_BREAKS,
         *,
-        gaps: Indices | None = None,
+        is_held: bool = False,
+        breaks: Array = NO_BREAKS,
+        gaps: Mask | None = None,
         side: Side = Side.LINE,
     ) -> None:
-        self.t, self.x, self.kind, self.breaks, self.side = t, x, kind, breaks, side
-        if gaps is None and kind.is_held:
-            gaps = np.flatnonzero(np.diff(x))
+        self.t, self.x, self.is_held, self.breaks, self.side = t, x, is_held, breaks, side
+        if gaps is None and is_held:
+            gaps = np.diff(x) != 0.0
         elif gaps is None:
-            gaps = np.union1d(broken_gaps(t, breaks), hidden_gaps(t, x)).astype(np.intp)
-            gaps = np.union1d(gaps, lonely_intervals(t, gaps)).astype(np.intp)
+            gaps = hidden_gaps(t, x)
+            gaps[:, broken_gaps(t, breaks)] = True
+            gaps |= lonely_intervals(t, gaps)
         self.gaps = gaps
 
     @classmethod
-    def from_rows(
-        cls, t: Array, x: Array, kind: Kind = Kind.CONTINUOUS, breaks: Array = NO_BREAKS
-    ) -> DenseSolution:
-        """The solution of rows of which some may repeat the one before, or nearly."""
+    def of_rows(
+        cls, t: Array, x: Array, *, is_held: bool = False, breaks: Array = NO_BREAKS
+    ) -> Curves:
+        """The curves of rows of which some may repeat the one before, or nearly; x of shape (rows,) is one curve."""
+        x = np.atleast_2d(np.asarray(x, dtype=np.float64))
         distinct = distinct_rows(t, x, breaks)
         if not distinct.all():
-            t, x = t[distinct], x[distinct]
-        return cls(t, x, kind, breaks)
+            t, x = t[distinct], x[:, distinct]
+        return cls(t, x, is_held=is_held, breaks=breaks)
 
-    @property
-    def is_discrete(self) -> bool:
-        """Whether its values hold from a row to the next."""
-        return self.kind.is_held
+    def __len__(self) -> int:
+        return len(self.x)
 
-    def _with(self, t: Array, x: Array, gaps: Indices, side: Side | None = None) -> DenseSolution:
-        """The same column with other rows."""
-        side = self.side if side is None else side
-        return DenseSolution(t, x, self.kind, self.breaks, gaps=gaps, side=side)
+    def _with(
+        self, x: Array, gaps: Mask, *, t: Array | None = None, side: Side | None = None
+    ) -> Curves:
+        """The same columns with other rows, or others of them."""
+        return Curves(
+            self.t if t is None else t, x, is_held=self.is_held, breaks=self.breaks, gaps=gaps,
+            side=self.side if side is None else side,
+        )  # fmt: skip
 
-    def with_values(self, x: Array) -> DenseSolution:
-        """Other values at the same times, with the same gaps, such as the square of this column."""
-        return self._with(self.t, x, self.gaps)
+    def take(self, curves: Indices | list[int]) -> Curves:
+        """Some of the curves, with their polynomials where these are there; all of them are this object itself."""
+        if len(curves) == len(self) and np.array_equal(curves, np.arange(len(self))):
+            return self
+        some = self._with(self.x[curves], self.gaps[curves])
+        if "_whole" in vars(self):
+            some._whole = self._whole._replace(c=self._whole.c[:, curves])  # noqa: SLF001 - one of its own
+        return some
 
-    def filled(self, side: Side) -> DenseSolution:
+    def with_values(self, x: Array) -> Curves:
+        """Other values at the same times, with the same gaps, such as the squares of these."""
+        return self._with(x, self.gaps)
+
+    def filled(self, side: Side) -> Curves:
         """The same rows with their gaps filled from another side.
 
         From the side after it, the first interval counts as a gap, too: a start need not be smooth, and what
         relaxes within the first step shows in no row.
         """
-        gaps = np.union1d(self.gaps, [0]) if side is Side.AFTER else self.gaps
-        return self._with(self.t, self.x, gaps.astype(np.intp), side)
+        gaps = self.gaps
+        if side is Side.AFTER:
+            gaps = gaps.copy()
+            gaps[:, :1] = True
+        return self._with(self.x, gaps, side=side)
 
-    def with_extremes(self, sign: float) -> Array:
-        """The values of the rows, of which those behind a gap may be higher (or lower, for a sign of -1).
+    def thinned(self, n: int, first: int) -> Curves:
+        """The curves of the rows first, first + n, ..., of the first and the last row, and of both at a jump."""
+        rows = np.flatnonzero(thinned_rows(self.t, n, first))
+        gaps = np.logical_or.reduceat(self.gaps, rows[:-1], axis=1)
+        return self._with(self.x[:, rows], gaps, t=self.t[rows])
 
-        Where a polynomial that fills a gap rises above both its rows, the row behind the gap has the largest
-        value of it. The start counts as a gap, see `filled`.
-        """
-        x = self.x.copy()
-        if self.is_discrete:
-            return x
-        for side in (Side.AFTER, Side.BEFORE):
-            solution = self.filled(side)
-            for k in solution.gaps:
-                highest = solution.highest_in_gap(int(k), sign)
-                if highest > max(sign * self.x[k], sign * self.x[k + 1], sign * x[k + 1]):
-                    x[k + 1] = sign * highest
-        return x
-
-    def start_extreme(self, width: Array, sign: float) -> tuple[int, float]:
-        """The row behind the first interval, and the largest value in it within a band of a width around the rows.
-
-        Multiplied by sign. The value at the start is exact, and the error grows from there, so that
-        the band may have an extreme of its own between the two rows; it is -inf where it has none.
-        """
-        k = int(np.argmax(np.diff(self.t) > 0.0))
-        edge = self.with_values(self.x + sign * width)
-        highest = edge.highest_in_gap(k, sign)
-        inside = highest > max(sign * edge.x[k], sign * edge.x[k + 1])
-        return k + 1, highest if inside else -np.inf
-
-    def with_start_extreme(self, width: Array, sign: float) -> Array:
-        """The values of the rows, of which the first behind the start has the extreme of `start_extreme`."""
-        x = self.x.copy()
-        k, highest = self.start_extreme(width, sign)
-        if highest > max(sign * x[k - 1], sign * x[k]):
-            x[k] = sign * highest
-        return x
-
-    def with_top_lowered(self, width: Array, begin: float = 1.0, end: float = 1.0) -> Array:
-        """The values of the rows, of which the highest are lower by a width and the lowest ones higher.
-
-        The width is multiplied by `begin` at the first of them and by `end` at the last, evenly in between. These are the rows around the extreme, to the middle of the range and to where they turn again.
-        """
-        x = self.x.copy()
-        middle = 0.5 * (float(x.min()) + float(x.max()))
-        if not self.is_discrete:
-            for sign in (1.0, -1.0):
-                top = _around_top(sign * self.x)
-                half = sign * self.x[top] > sign * middle
-                weights = np.linspace(begin, end, top.stop - top.start)
-                x[top] -= np.where(half, sign * weights * width[top], 0.0)
-        return x
-
-    def highest_in_gap(self, k: int, sign: float) -> float:
-        """The largest value of sign times the polynomial from row k to row k + 1."""
-        low = max(0, k - OVERLAP_ROWS)
-        p = self._polynomial(low, min(len(self.t) - 1, k + 1 + OVERLAP_ROWS))
-        inside = (p.x[:-1] >= self.t[k]) & (p.x[:-1] < self.t[k + 1])
-        values, _ = _peaks(sign * p.c[:, inside], p.x[:-1][inside], np.diff(p.x)[inside])
-        return float(values.max(initial=-np.inf))
-
-    def thinned(self, n: int, first: int) -> DenseSolution:
-        """The solution of the rows first, first + n, ..., of the first and the last row, and of both at a jump."""
-        kept = thinned_rows(self.t, n, first)
-        before = np.cumsum(kept)[self.gaps] - 1  # the row of these in front of a gap
-        return self._with(self.t[kept], self.x[kept], np.unique(before).astype(np.intp))
-
-    def between(self, begin: float, end: float) -> DenseSolution:
+    def between(self, begin: float, end: float) -> Curves:
         """The part from one time to another [s], which get rows of their own.
 
         It begins with the value after a jump at its first time, and ends with that before one at its last.
@@ -216,118 +182,182 @@ class DenseSolution:
         ends = self(np.array([begin, end]))
         last = int(np.searchsorted(self.t, end))
         if last < len(self.t) - 1 and self.t[last] == end:
-            ends[1] = self.x[last]
+            ends[:, 1] = self.x[:, last]
         first = int(np.searchsorted(self.t, begin, side="right")) - 1
         t = np.concatenate([[begin], self.t[inside], [end]])
-        x = np.concatenate([ends[:1], self.x[inside], ends[1:]])
-        gaps = self.gaps - first
-        return self._with(t, x, gaps[(gaps >= 0) & (gaps < len(t) - 1)])
+        x = np.concatenate([ends[:, :1], self.x[:, inside], ends[:, 1:]], axis=1)
+        return self._with(x, self.gaps[:, first : first + len(t) - 1], t=t)
 
-    def __call__(self, t: Array) -> Array:
-        """The values at times [s] between the first and the last row, and nan elsewhere; shape of t."""
-        values = np.full(np.shape(t), np.nan)
-        for polynomial in self.polynomials():
-            inside = (t >= polynomial.x[0]) & (t <= polynomial.x[-1])
-            values[inside] = polynomial(t[inside])
+    def __call__(self, times: Array) -> Array:
+        """The values at times [s], shape (times,) or (curves, times), and nan outside the rows; shape (curves, times)."""
+        times = np.broadcast_to(times, (len(self), np.shape(times)[-1]))
+        wide = np.flatnonzero(np.diff(self.t) > 0.0)
+        if not len(wide):
+            return np.where(times == self.t[0], self.x[:, -1:], np.nan)
+        values = np.full(times.shape, np.nan)
+        row = wide[np.maximum(np.searchsorted(self.t[wide], times, side="right") - 1, 0)]
+        inside = (times >= self.t[0]) & (times <= self.t[-1])
+        for p in self.polynomials():
+            curve, k = np.nonzero(inside & (row >= p.first) & (row < p.first + len(p.t)))
+            at = row[curve, k] - p.first
+            a, b, c, d = p.c[:, curve, at]
+            s = times[curve, k] - p.t[at]
+            values[curve, k] = ((a * s + b) * s + c) * s + d
         return values
 
-    def polynomials(self) -> Iterator[PPoly]:
-        """Polynomials of degree 3 that follow each other from the first row to the last."""
+    def polynomials(self) -> Iterator[Polynomials]:
+        """The polynomials from the first row to the last, all at once or in parts that follow each other."""
         rows = len(self.t)
-        if rows <= KEPT_ROWS:
+        if self.x.size <= MOST_POINTS:
             yield self._whole
             return
-        for low in range(0, max(rows - 1, 1), CHUNK_ROWS):
-            high = min(low + CHUNK_ROWS, rows - 1)
-            yield self._polynomial(low, high)
+        many = max(MOST_POINTS // len(self), OVERLAP_ROWS)
+        for low in range(0, max(rows - 1, 1), many):
+            yield self._polynomials(low, min(low + many, rows - 1))
 
     @cached_property
-    def _whole(self) -> PPoly:
+    def _whole(self) -> Polynomials:
         """The polynomials of all rows, made once, where they are few enough to be kept."""
-        return self._polynomial(0, len(self.t) - 1)
+        return self._polynomials(0, len(self.t) - 1)
 
-    def _polynomial(self, low: int, high: int) -> PPoly:
+    def _polynomials(self, low: int, high: int) -> Polynomials:
         """The polynomials from row `low` to row `high`."""
-        from scipy.interpolate import PPoly
-
         begin, end = max(0, low - OVERLAP_ROWS), min(len(self.t), high + OVERLAP_ROWS + 1)
-        t, x = self.t[begin:end], self.x[begin:end]
-        if self.is_discrete:
-            c = np.zeros((4, len(t) - 1))
-            c[3] = x[:-1]
-        else:
-            c = self._coefficients(t, x, begin)
-        gaps = self.gaps[(self.gaps >= begin) & (self.gaps < end - 1)] - begin
-        _fill(c, (t, x), gaps, self.side, broken_gaps(t, self.breaks))
+        t, x, gaps = self.t[begin:end], self.x[:, begin:end], self.gaps[:, begin : end - 1]
+        widths = np.diff(t)
+        c = np.zeros((4, len(self), len(widths)))
+        c[3] = x[:, :-1]
+        if not self.is_held:
+            _lay_splines(c, widths, x, gaps | (widths <= 0.0))
+        if gaps.any():
+            _fill(c, (t, x), gaps, self.side, broken_gaps(t, self.breaks))
         used = slice(low - begin, high - begin)
-        widths = np.diff(t)[used]
-        wide = widths > 0.0
-        breaks = np.concatenate([t[used][wide], t[high - begin : high - begin + 1]])
-        return PPoly(c[:, used][:, wide], breaks)
+        return Polynomials(c[:, :, used], low, t[used], widths[used])
 
-    def _coefficients(self, t: Array, x: Array, begin: int) -> Array:
-        """A spline for each piece; those of the gaps between them are not set."""
-        from scipy.interpolate import CubicSpline
+    def largest(self) -> Extremes:
+        """The largest values, at a row or where a polynomial has no slope."""
+        return self._largest
 
-        c = np.zeros((4, len(t) - 1))
-        jumps = np.flatnonzero(np.diff(t) <= 0.0)
-        inside = self.gaps[(self.gaps >= begin) & (self.gaps < begin + len(t) - 1)] - begin
-        cuts = np.union1d(jumps, inside)
-        for first, last in zip(
-            np.concatenate([[0], cuts + 1]), np.concatenate([cuts, [len(t) - 1]])
-        ):
-            if last > first:
-                c[:, first:last] = CubicSpline(t[first : last + 1], x[first : last + 1]).c[-4:]
-        return c
-
-    def largest(self) -> Extreme:
-        """The largest value, at a row or where a polynomial has no slope."""
-        return self._extremes[0]
-
-    def smallest(self) -> Extreme:
-        """The smallest value, at a row or where a polynomial has no slope."""
-        return self._extremes[1]
+    def smallest(self) -> Extremes:
+        """The smallest values, at a row or where a polynomial has no slope."""
+        return self._smallest
 
     @cached_property
-    def _extremes(self) -> tuple[Extreme, Extreme]:
-        """The largest and the smallest value."""
-        rows = int(np.argmax(self.x)), int(np.argmin(self.x))
-        high, low = ((float(self.x[row]), float(self.t[row])) for row in rows)
-        for p in self.polynomials():
-            values, times = _turns(p.c, p.x[:-1], np.diff(p.x))
-            if not len(values):
-                continue
-            top, bottom = np.nanargmax(values), np.nanargmin(values)
-            high = max(high, (float(values[top]), float(times[top])), key=lambda of: of[0])
-            low = min(low, (float(values[bottom]), float(times[bottom])), key=lambda of: of[0])
-        return Extreme(*high), Extreme(*low)
+    def _largest(self) -> Extremes:
+        return self._extremes(1.0)
 
-    def maxima(self) -> tuple[Array, Array]:
-        """The times [s] and values of all maxima.
+    @cached_property
+    def _smallest(self) -> Extremes:
+        values, times = self._extremes(-1.0)
+        return Extremes(-values, times)
+
+    def _extremes(self, sign: float) -> Extremes:
+        """The largest values of sign times the curves.
+
+        A cubic is nowhere above its Bezier points (Farin, Curves and Surfaces for CAGD, 2002, section 4.3): where
+        these are below the highest row, it is not looked for a turn.
+        """
+        every, x = np.arange(len(self)), sign * self.x
+        row = x.argmax(axis=1)
+        values, times = x[every, row], self.t[row]
+        for p in self.polynomials():
+            _, b, c, d = p.c
+            third = p.widths / 3.0
+            inner = sign * (d + c * third)
+            highest = np.fmax(inner, inner + sign * third * (c + b * p.widths))
+            if self.side is not Side.LINE:
+                highest = np.fmax(highest, np.fmax(sign * d, sign * p.at(p.widths)))
+            curve, k = np.nonzero(highest > values[:, None])
+            tops, top_times = _tops(p, sign, curve, k)
+            before = values.copy()
+            np.maximum.at(values, curve, tops)
+            best = np.flatnonzero((tops == values[curve]) & (tops > before[curve]))[::-1]
+            times[curve[best]] = top_times[best]
+        return Extremes(values, times)
+
+    def maxima(self) -> tuple[Indices, Array, Array]:
+        """The curves, times [s] and values of all maxima.
 
         They are those of rows that no neighbour exceeds, or of the polynomials beside them if those are
         higher; ends of gaps and of pieces are among them.
         """
-        padded = np.concatenate([[-np.inf], self.x, [-np.inf]])
-        at = np.flatnonzero((self.x >= padded[:-2]) & (self.x >= padded[2:]))
-        times, values = self.t[at], self.x[at]
+        edge = np.full((len(self), 1), -np.inf)
+        rises = np.diff(self.x, prepend=edge, append=edge)
+        curve, row = np.nonzero((rises[:, :-1] >= 0.0) & (rises[:, 1:] <= 0.0))
+        times, values = self.t[row], self.x[curve, row]
+        wide = np.flatnonzero(np.diff(self.t) > 0.0)
+        after = np.searchsorted(wide, row)
+        sides = [(after > 0, after - 1), (after < len(wide), after)]
         for p in self.polynomials():
-            tops, top_times = (
-                extrema.reshape(-1, p.c.shape[1]) for extrema in _peaks(p.c, p.x[:-1], np.diff(p.x))
-            )
-            best = tops.argmax(axis=0), np.arange(p.c.shape[1])
-            tops, top_times = tops[best], top_times[best]
-            rows = np.flatnonzero((self.t[at] >= p.x[0]) & (self.t[at] <= p.x[-1]))
-            after = np.searchsorted(p.x, self.t[at[rows]], side="right") - 1
-            for piece in (np.maximum(after - 1, 0), np.minimum(after, len(tops) - 1)):
-                higher = tops[piece] > values[rows]
-                values[rows[higher]] = tops[piece[higher]]
-                times[rows[higher]] = top_times[piece[higher]]
-        return times, values
+            for there_is, interval in sides:
+                beside = wide[interval % max(len(wide), 1)] if len(wide) else interval
+                there = there_is & (beside >= p.first) & (beside < p.first + len(p.t))
+                there = np.flatnonzero(there)
+                tops, top_times = _tops(p, 1.0, curve[there], beside[there] - p.first)
+                higher = tops > values[there]
+                values[there[higher]], times[there[higher]] = tops[higher], top_times[higher]
+        return curve, times, values
 
-    def integral(self) -> float:
-        """The integral over time from the first row to the last."""
-        return float(sum(p.integrate(p.x[0], p.x[-1]) for p in self.polynomials()))
+    def integral(self) -> Array:
+        """The integrals over time from the first row to the last, shape (curves,)."""
+        total = np.zeros(len(self))
+        for p in self.polynomials():
+            total += sum(p.c[k] @ (p.widths ** (4 - k) / (4 - k)) for k in range(4))
+        return total
+
+    def with_extremes(self, sign: float) -> Array:
+        """The values of the rows, of which those behind a gap may be higher (or lower, for a sign of -1).
+
+        Where a polynomial that fills a gap rises above both its rows, the row behind the gap has the largest
+        value of it. The start counts as a gap, see `filled`.
+        """
+        x = self.x.copy()
+        if self.is_held:
+            return x
+        for side in (Side.AFTER, Side.BEFORE):
+            filled = self.filled(side)
+            for p in filled.polynomials():
+                curve, k = np.nonzero(filled.gaps[:, p.first : p.first + len(p.t)])
+                highest, _ = _tops(p, sign, curve, k)
+                row = p.first + k
+                rows = [self.x[curve, row], self.x[curve, row + 1], x[curve, row + 1]]
+                better = highest > (sign * np.array(rows)).max(axis=0)
+                x[curve[better], row[better] + 1] = sign * highest[better]
+        return x
+
+    def moved(self, shift: Array, sign: float) -> Array:
+        """The values of the rows moved up (1) or down (-1) by a shift, with the extreme that this has at the start.
+
+        The value at the start is exact, and the error grows from there, so that the band may have an extreme of its
+        own between the two rows of the first interval; the row behind it has it.
+        """
+        x = self.x + sign * shift
+        if len(self.t) > 1:
+            k = int(np.argmax(np.diff(self.t) > 0.0))
+            p = self.with_values(x)._polynomials(k, k + 1)  # noqa: SLF001 - one of its own
+            every = np.arange(len(self))
+            highest, _ = _tops(p, sign, every, np.zeros(len(self), dtype=np.intp))
+            inside = highest > np.maximum(sign * x[:, k], sign * x[:, k + 1])
+            x[inside, k + 1] = sign * highest[inside]
+        return x
+
+    def with_top_lowered(self, width: Array, begin: float = 1.0, end: float = 1.0) -> Array:
+        """The values of the rows, of which the highest are lower by a width and the lowest ones higher.
+
+        The width is multiplied by `begin` at the first of them and by `end` at the last, evenly in between. These are
+        the rows around the extreme, to the middle of the range and to where they turn again.
+        """
+        lowered = self.x.copy()
+        if self.is_held:
+            return lowered
+        for x, row, of in zip(lowered, self.x, width):
+            middle = 0.5 * (float(row.min()) + float(row.max()))
+            for sign in (1.0, -1.0):
+                top = _around_top(sign * row)
+                half = sign * row[top] > sign * middle
+                weights = np.linspace(begin, end, top.stop - top.start)
+                x[top] -= np.where(half, sign * weights * of[top], 0.0)
+        return lowered
 
 
 def _around_top(x: Array) -> slice:
@@ -337,54 +367,116 @@ def _around_top(x: Array) -> slice:
     return slice(falls[-1] + 1 if len(falls) else 0, top + rises[0] + 1 if len(rises) else len(x))
 
 
-def _turns(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Array]:
-    """The values and times of all points where polynomials have no slope, begin or end; nan where there is none."""
-    a, b, c, d = coefficients
-    start = np.zeros(len(width))
+def turns(c: Array, widths: Array) -> tuple[Array, Array]:
+    """The times since their rows at which polynomials begin, turn and end, in order, and the values there, shape (4, ...).
+
+    Between two of them they are monotonic. Where there is no turn, the begin takes its place.
+    """
+    a, b, slope, d = c
     with np.errstate(all="ignore"):
-        root = np.sqrt(b * b - 3.0 * a * c)
+        root = np.sqrt(b * b - 3.0 * a * slope)
         # The roots of 3 a s^2 + 2 b s + c, without cancellation, whatever of a and b vanishes.
         q = -(b + np.copysign(root, b))
-        candidates = np.stack([q / (3.0 * a), c / q, start, width])
-        values = ((a * candidates + b) * candidates + c) * candidates + d
-    inside = (candidates >= 0.0) & (candidates <= width) & np.isfinite(values)
-    values = np.where(inside, values, np.nan)
-    return values.ravel(), (begin + candidates).ravel()
+        inner = np.stack([q / (3.0 * a), slope / q])
+    inner = np.where(np.isfinite(inner), np.clip(inner, 0.0, widths), 0.0)
+    at = np.concatenate([np.zeros((1, *widths.shape)), np.sort(inner, axis=0), widths[None]])
+    return at, ((a * at + b) * at + slope) * at + d
 
 
-def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Array]:
-    """The values and times of `_turns`; -inf where there is none."""
-    values, times = _turns(coefficients, begin, width)
-    return np.where(np.isnan(values), -np.inf, values), times
+def _tops(p: Polynomials, sign: float, curve: Indices, k: Indices) -> tuple[Array, Array]:
+    """The largest values of sign times some polynomials and their times [s]; -inf where they are not known."""
+    at, values = turns(p.c[:, curve, k], p.widths[k])
+    values = np.where(np.isnan(values), -np.inf, sign * values)
+    best = values.argmax(axis=0), np.arange(len(k))
+    return values[best], p.t[k] + at[best]
 
 
-def _fill(c: Array, rows: tuple[Array, Array], gaps: Indices, side: Side, broken: Indices) -> None:
+def _lay_splines(c: Array, widths: Array, x: Array, cut: Mask) -> None:
+    """Set the coefficients of not-a-knot splines through the rows between cuts (de Boor, A Practical Guide to Splines, IV).
+
+    The slopes at all rows of all curves are the solution of one tridiagonal system, whose blocks are the pieces: through
+    three rows a parabola, through two a line. A curve with values that are not finite has none.
+    """
+    from scipy.linalg.lapack import dgtsv
+
+    if not len(widths):
+        return
+    rows = x.shape[1]
+    with np.errstate(all="ignore"):
+        slope = np.diff(x) / widths
+    slope[cut] = 0.0
+    h = np.pad(np.where(widths > 0.0, widths, 1.0), 1, constant_values=1.0)
+    before, after = h[:-1], h[1:]
+    padded = np.pad(slope, ((0, 0), (1, 1)))
+    right = 3.0 * (after * padded[:, :-1] + before * padded[:, 1:])
+    lower, upper = (np.broadcast_to(w, x.shape).copy() for w in (after, before))
+    diagonal = np.broadcast_to(2.0 * (before + after), x.shape).copy()
+    # A piece begins behind a cut and ends in front of one; `one` is its first interval from there, `two` the next one.
+    edges = np.pad(cut, ((0, 0), (1, 1)), constant_values=True)
+    for step, (of, row) in ((1, np.nonzero(edges[:, :-1])), (-1, np.nonzero(edges[:, 1:]))):
+        inward, outward = (upper, lower) if step > 0 else (lower, upper)
+        one = np.clip(row if step > 0 else row - 1, 0, rows - 2)
+        two = np.clip(one + step, 0, rows - 2)
+        alone = edges[of, one + 1] | (row == (rows - 1 if step > 0 else 0))
+        is_line, is_parabola = (edges[of, np.clip(one + 1 + n * step, 0, rows)] for n in (1, 2))
+        w, v, m, n = widths[one], widths[two], slope[of, one], slope[of, two]
+        with np.errstate(all="ignore"):
+            knot = ((w + 2.0 * (w + v)) * v * m + w**2 * n) / (w + v)
+        kinds = [alone, is_line, is_parabola]
+        diagonal[of, row] = np.select(kinds, [1.0, 1.0, 1.0], v)
+        inward[of, row] = np.select(kinds, [0.0, 0.0, 1.0], w + v)
+        right[of, row] = np.select(kinds, [0.0, m, 2.0 * m], knot)
+        outward[of, row] = 0.0
+    wrong = ~np.isfinite(right).all(axis=1)
+    right[wrong] = 0.0
+    *_, solved, _ = dgtsv(
+        lower.ravel()[1:], diagonal.ravel(), upper.ravel()[:-1], right.ravel(), 1, 1, 1, 1
+    )
+    s = solved.reshape(x.shape)
+    s[wrong] = np.nan
+    bend = (s[:, :-1] + s[:, 1:] - 2.0 * slope) / h[1:-1]
+    c[0] = bend / h[1:-1]
+    c[1] = (slope - s[:, :-1]) / h[1:-1] - bend
+    c[2] = s[:, :-1]
+    c[:3, cut] = 0.0
+
+
+def _fill(c: Array, rows: tuple[Array, Array], gaps: Mask, side: Side, broken: Indices) -> None:
     """Set the coefficients in gaps between rows, from the next piece that has a polynomial.
 
     Without such a piece up to the next jump they keep the value of its row; but behind a `broken` gap, whose row
     in front says nothing of what follows, there are no values, nan.
     """
     t, x = rows
-    hidden, unknown = {int(k) for k in gaps}, {int(k) for k in broken}
-    for k in gaps:
-        width = t[k + 1] - t[k]
-        if side is Side.LINE:
-            c[:, k] = [0.0, 0.0, (x[k + 1] - x[k]) / width if width else 0.0, x[k]]
-            continue
-        step = -1 if side is Side.BEFORE else 1
-        neighbour = int(k) + step
-        while neighbour in hidden and t[neighbour] < t[neighbour + 1]:
-            neighbour += step
-        if not 0 <= neighbour < c.shape[1] or t[neighbour] == t[neighbour + 1]:
-            value = x[k] if side is Side.BEFORE else x[k + 1]
-            c[:, k] = [0.0, 0.0, 0.0, np.nan if side is Side.AFTER and k in unknown else value]
-            continue
-        shift = t[k] - t[neighbour]
-        of = c[:, neighbour]
-        c[:, k] = [
-            sum(of[3 - m] * comb(m, n) * shift ** (m - n) for m in range(n, 4))
-            for n in range(3, -1, -1)
-        ]
+    widths = np.diff(t)
+    curve, k = np.nonzero(gaps)
+    if side is Side.LINE:
+        rise = x[curve, k + 1] - x[curve, k]
+        slope = np.divide(rise, widths[k], out=np.zeros(len(k)), where=widths[k] > 0.0)
+        c[:, curve, k] = [0.0 * slope, 0.0 * slope, slope, x[curve, k]]
+        return
+    every = np.arange(len(widths))
+    known, jump = ~gaps & (widths > 0.0), widths <= 0.0
+    if side is Side.BEFORE:
+        nearest = np.maximum.accumulate(np.where(known, every, -1), axis=1)
+        last = np.maximum.accumulate(np.where(jump, every, -1))
+        of, found = nearest[curve, k], nearest[curve, k] > last[k]
+        value = x[curve, k]
+    else:
+        end = len(widths)
+        nearest = np.minimum.accumulate(np.where(known, every, end)[:, ::-1], axis=1)[:, ::-1]
+        first = np.minimum.accumulate(np.where(jump, every, end)[::-1])[::-1]
+        of, found = nearest[curve, k], nearest[curve, k] < first[k]
+        value = np.where(np.isin(k, broken), np.nan, x[curve, k + 1])
+    of = np.where(found, of, 0)
+    s = t[k] - t[of]
+    cubic, square, slope, level = c[:, curve, of]
+    shifted = np.stack([
+        cubic, 3.0 * cubic * s + square, (3.0 * cubic * s + 2.0 * square) * s + slope,
+        ((cubic * s + square) * s + slope) * s + level,
+    ])  # fmt: skip
+    none = np.zeros((3, len(k)))
+    c[:, curve, k] = np.where(found, shifted, np.concatenate([none, value[None]]))
 
 
 def _median_gap(gaps: Array) -> float:
@@ -393,26 +485,30 @@ def _median_gap(gaps: Array) -> float:
     return float(np.median(positive, overwrite_input=True)) if len(positive) else 0.0
 
 
-def distinct_rows(t: Array, x: Array, breaks: Array = NO_BREAKS) -> NDArray[np.bool_]:
-    """Which rows say something new, or are one of the two of a jump.
+def distinct_rows(t: Array, x: Array, breaks: Array = NO_BREAKS) -> Mask:
+    """Which rows of x, shape (curves, rows), say something new, or are one of the two of a jump.
 
     Those do not that come right after another, as the row of an event beside one of the grid, or that repeat time
-    and value of the row before, unless the time is that of one of the breaks: the slope may jump there.
+    and values of the row before, unless the time is that of one of the breaks: the slope may jump there.
     """
     gaps = np.diff(t)
-    if not len(gaps):
-        return np.ones(len(t), dtype=bool)
-    least = REPEATED_FRACTION * _median_gap(gaps)
     distinct = np.ones(len(t), dtype=bool)
-    is_jump = (np.diff(x) != 0.0) | np.isin(t[1:], breaks[breaks[:, 0] == breaks[:, 1], 0])
-    distinct[1:] = (gaps > least) | ((gaps == 0.0) & is_jump)
+    if not len(gaps):
+        return distinct
+    least = REPEATED_FRACTION * _median_gap(gaps)
+    near = np.flatnonzero(~(gaps > least))
+    if not len(near):
+        return distinct
+    at_break = np.isin(t[near + 1], breaks[breaks[:, 0] == breaks[:, 1], 0])
+    is_jump = (x[:, near] != x[:, near + 1]).any(axis=0) | at_break
+    distinct[near + 1] = (gaps[near] == 0.0) & is_jump
     distinct[-1] = True
     if len(gaps) > 1 and not gaps[-1] > least and gaps[-1] > 0.0:
         distinct[-2] = False
     return distinct
 
 
-def thinned_rows(t: Array, n: int, first: int) -> NDArray[np.bool_]:
+def thinned_rows(t: Array, n: int, first: int) -> Mask:
     """Which rows are the first, the last, number first, first + n, ..., or one of the two at a jump."""
     kept = np.zeros(len(t), dtype=bool)
     kept[first::n] = kept[0] = kept[-1] = True
@@ -440,20 +536,18 @@ def broken_gaps(t: Array, breaks: Array) -> Indices:
     return np.concatenate([np.zeros(0, dtype=np.intp), *gaps])
 
 
-def lonely_intervals(t: Array, gaps: Indices) -> Indices:
+def lonely_intervals(t: Array, gaps: Mask) -> Mask:
     """The rows k of pieces that have no other row than k and k + 1, so that nothing tells of what is between them.
 
     A table of two rows has none: that they are all says more than a polynomial.
     """
-    cuts = np.ones(len(t) + 1, dtype=bool)
-    cuts[1:-1] = np.diff(t) <= 0.0
-    cuts[gaps + 1] = True
-    lonely = ~cuts[1:-1] & cuts[:-2] & cuts[2:]
-    return np.flatnonzero(lonely & (len(lonely) > 1))
+    cuts = np.pad(gaps | (np.diff(t) <= 0.0), ((0, 0), (1, 1)), constant_values=True)
+    lonely = ~cuts[:, 1:-1] & cuts[:, :-2] & cuts[:, 2:]
+    return np.asarray(lonely & (lonely.shape[1] > 1))
 
 
-def hidden_gaps(t: Array, x: Array) -> Indices:
-    """Find the rows k behind which, before row k + 1, a smooth column changes its course.
+def hidden_gaps(t: Array, x: Array) -> Mask:
+    """Find the rows k behind which, before row k + 1, smooth columns change their course; shape (curves, rows - 1).
 
     The cubic through the four rows on one side of a gap predicts the row on the other side. Where the curve
     is smooth, it does so nearly as well as the cubics further away from the gap do for their rows; where
@@ -466,36 +560,43 @@ def hidden_gaps(t: Array, x: Array) -> Indices:
     It takes motions that decay by more than a factor of 8 per row for events; an extrapolation over one
     gap then only widens an error.
     """
-    floor = NOISE_FRACTION * float(np.ptp(x)) if len(x) else 0.0
+    gaps = np.zeros((len(x), max(len(t) - 1, 0)), dtype=bool)
+    if not x.size:
+        return gaps
+    floor = NOISE_FRACTION * np.ptp(x, axis=1)
     ends = [0, *(np.flatnonzero(np.diff(t) <= 0.0) + 1), len(t)]
-    gaps = [np.zeros(0, dtype=np.intp)]
+    many = max(MOST_POINTS // len(x), OVERLAP_ROWS)
     for begin, end in pairwise(ends):
-        for low in range(begin, end, CHUNK_ROWS):
-            part = slice(max(begin, low - OVERLAP_ROWS), min(end, low + CHUNK_ROWS + OVERLAP_ROWS))
-            if part.stop - part.start - CUBIC_ROWS <= SMOOTH_STENCILS:
-                continue
-            after = _leaps(t[part], x[part], floor)
-            before = _leaps(-t[part][::-1], x[part][::-1], floor)
-            gaps.append(part.start + np.concatenate([after, part.stop - part.start - 2 - before]))
-    return np.unique(np.concatenate(gaps)).astype(np.intp)
+        for low in range(begin, end, many):
+            part = slice(max(begin, low - OVERLAP_ROWS), min(end, low + many + OVERLAP_ROWS))
+            if part.stop - part.start - CUBIC_ROWS > SMOOTH_STENCILS:
+                for curve, row in _leaps(t[part], x[:, part], floor):
+                    gaps[curve, part.start + row] = True
+    return gaps
 
 
-def _leaps(t: Array, x: Array, floor: float) -> Indices:
-    """Gaps behind rows that the cubic through the next four does not predict, although it is smooth."""
+def _leaps(t: Array, x: Array, floor: Array) -> Iterator[tuple[Indices, Indices]]:
+    """Curves and gaps beside rows that the cubic through the next four does not predict, although it is smooth.
+
+    The error of the cubic is the fourth difference of five rows, times what makes the weight of the predicted row 1:
+    once of the first of them, and once of the last.
+    """
     many = len(t) - CUBIC_ROWS
-    windows = np.lib.stride_tricks.sliding_window_view
-    nodes, values = windows(t, CUBIC_ROWS)[1:], windows(x, CUBIC_ROWS)[1:]
-    predicted = np.zeros(many)
-    with np.errstate(all="ignore"):
-        for i in range(CUBIC_ROWS):
-            other_nodes = [j for j in range(CUBIC_ROWS) if j != i]
-            weight = np.prod(
-                [(t[:many] - nodes[:, j]) / (nodes[:, i] - nodes[:, j]) for j in other_nodes],
-                axis=0,
-            )
-            predicted += weight * values[:, i]
-        error = np.abs(predicted - x[:many])
-    smooth_error = windows(error, SMOOTH_STENCILS)[1:].max(axis=1)
-    leaps = np.flatnonzero(error[:-SMOOTH_STENCILS] > np.maximum(GAP_RATIO * smooth_error, floor))
-    # The stencils of the next rows reach over the same gap; the one that begins right behind it is the last.
-    return leaps[np.append(np.diff(leaps) > CUBIC_ROWS, True)] if len(leaps) else leaps
+    nodes = np.lib.stride_tricks.sliding_window_view(t, CUBIC_ROWS + 1)
+    apart = nodes[:, :, None] - nodes[:, None, :]
+    apart[:, range(CUBIC_ROWS + 1), range(CUBIC_ROWS + 1)] = 1.0
+    weights = 1.0 / np.prod(apart, axis=2).T
+    weights /= weights[0].copy()
+    error = x[:, :many].copy()
+    for k in range(1, CUBIC_ROWS + 1):
+        error += weights[k] * x[:, k : k + many]
+    error = np.abs(error, out=error)
+    for back in (False, True):
+        if back:
+            error = (error / np.abs(weights[CUBIC_ROWS]))[:, ::-1]
+        smooth = np.maximum(np.maximum(error[:, 1:-2], error[:, 2:-1]), error[:, 3:])
+        least = np.maximum(GAP_RATIO * smooth, floor[:, None])
+        curve, row = np.nonzero(error[:, :-SMOOTH_STENCILS] > least)
+        # The stencils of the next rows reach over the same gap; the one that begins right behind it is the last.
+        last = np.append((np.diff(row) > CUBIC_ROWS) | (np.diff(curve) != 0), True)[: len(row)]
+        yield curve[last], len(t) - 2 - row[last] if back else row[last]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .dense import DenseSolution
+from .dense import MOST_POINTS, Curves
 from .errors import SetupError, pluralize
 from .metrics import Metric
 from .report import BondEnergy, Outcome, RunReport
@@ -163,13 +163,6 @@ class Ensemble:
             raise KeyError(f"{name} was not recorded, only {', '.join(self.names)}")
         return self.names.index(name)
 
-    def solution(self, k: int, name: str) -> DenseSolution:
-        """A column of the member at position k as a function of time; raises KeyError."""
-        column, n = self._index(name), int(self.counts[k])
-        rows = self.rows[k, :n]
-        kind = self.columns[column].kind
-        return DenseSolution.from_rows(rows[:, 0], rows[:, column], kind, self.breaks)
-
     def result(self, k: int) -> Result:
         """The result of the member at position k, as `run` gives it; raises KeyError if none has run."""
         if self.report is None:
@@ -192,11 +185,31 @@ class Ensemble:
     def evaluate(self, metrics: Mapping[str, Metric]) -> dict[str, Array]:
         """The numbers that metrics make of the members, shape (members,) each; nan for one that failed."""
         values = {name: np.full(len(self), np.nan) for name in metrics}
-        for name, metric in metrics.items():
-            for k, reason in enumerate(self.reasons):
-                if not reason:
-                    values[name][k] = metric(*(self.solution(k, c) for c in metric.columns))
+        columns = dict.fromkeys(column for metric in metrics.values() for column in metric.columns)
+        for members in self._batches():
+            t = self.rows[members[0], : self.counts[members[0]], 0]
+            curves = {name: self._curves(t, members, name) for name in columns}
+            for name, metric in metrics.items():
+                values[name][members] = metric(*(curves[column] for column in metric.columns))
         return values
+
+    def _curves(self, t: Array, members: Numbers, name: str) -> Curves:
+        """The curves of a column of members with the same times [s]."""
+        column = self._index(name)
+        x = self.rows[members, : len(t), column]
+        is_held = self.columns[column].kind.is_held
+        return Curves.of_rows(t, x, is_held=is_held, breaks=self.breaks)
+
+    def _batches(self) -> Iterator[Numbers]:
+        """The positions of members that came to their end, as many with the same times as may be looked at at once."""
+        rest = np.flatnonzero([not reason for reason in self.reasons])
+        most = max(1, MOST_POINTS // max(1, self.rows.shape[1]))
+        while len(rest):
+            n, some = self.counts[rest[0]], rest[:most]
+            times = self.rows[some, :n, 0]
+            same = (self.counts[some] == n) & (times == times[0]).all(axis=1)
+            yield some[same]
+            rest = np.concatenate([some[~same], rest[most:]])
 
     def frame(self, metrics: Mapping[str, Metric] | None = None) -> pd.DataFrame:
         """The cases, the numbers that metrics make of them, and why members failed, as a frame of pandas."""

@@ -1,30 +1,27 @@
 """Metrics: what a person asks of columns, as records that know their columns, and as functions of rows.
 
-A record, such as `Largest("motor.tau")`, names its columns and a stretch of time and is a function of their curves;
-`certify` states its error. The functions take times t [s] and values x, both of shape (rows,). Both look between
-the rows, on a `DenseSolution`.
+A record, such as `Largest("motor.tau")`, names its columns and a stretch of time and is a function of `Curves`: one
+number for each of them, shape (curves,), nan where there is none. `certify` states its error. The functions take
+times t [s] and values x, both of shape (rows,). Both look between the rows.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import KW_ONLY, dataclass, replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .dense import DenseSolution
+from .dense import Array, Curves, Polynomials, turns
 from .errors import SetupError
 from .series import Column, Kind
 
 if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline, PPoly
+    from scipy.interpolate import CubicSpline
 
-Rows = NDArray[np.float64]
-Curve = DenseSolution
 TURN = 2.0 * math.pi
 #: Gauss points of each polynomial in the integral of a harmonic: derived, four are exact up to degree 7, so
 #: that a cubic leaves degree 4 for the sine, whose next term is below (w h)^5 / 120.
@@ -56,22 +53,21 @@ class TurnMean:
         """The columns whose curves it takes."""
         return (self.column, self.over)
 
-    def __call__(self, curve: Curve, angle: Curve) -> Curve | None:
-        """The curve of the means; None if there is no whole turn."""
-        from scipy.interpolate import CubicSpline
-
-        t, phi = angle.t, angle.x * np.sign(angle.x[-1] - angle.x[0])
+    def __call__(self, curve: Curves, angle: Curves) -> Curves | None:
+        """The curve of the means of one curve and its angle; None if there is no whole turn."""
+        row = angle.x[0]
+        t, phi = angle.t, row * np.sign(row[-1] - row[0])
         first = int(np.flatnonzero(np.diff(phi) <= 0.0).max(initial=-1)) + 1
         t, phi = t[first:], phi[first:]
         first_end = phi[0] + TURN
         if len(t) <= 1 or not phi[-1] > first_end:
             return None
-        time_of = CubicSpline(phi, t)
+        time_of = spline(phi, t)
         later = phi > first_end
         ends = np.concatenate([time_of([first_end]), t[later]])
         begun = time_of(np.concatenate([[first_end], phi[later]]) - TURN)
         means = (_integral_until(curve, ends) - _integral_until(curve, begun)) / (ends - begun)
-        return Curve(ends, means)
+        return Curves(ends, means[None])
 
 
 @dataclass(frozen=True)
@@ -100,46 +96,70 @@ class Metric:
         """The columns whose curves it takes, in this order."""
         return (self.column,) if isinstance(self.column, str) else self.column.columns
 
-    def __call__(self, *curves: Curve) -> float:
-        """The number; nan if there is none, such as the time at which a level is passed."""
-        curve = self.curve(*curves)
-        return math.nan if curve is None else self.measure(curve)
+    @property
+    def unnamed(self) -> Metric:
+        """The same metric of no column, which metrics of one form share."""
+        column = "" if isinstance(self.column, str) else TurnMean("", over="")
+        return replace(self, column=column)
 
-    def curve(self, *curves: Curve) -> Curve | None:
-        """What it looks at within its stretch; None if there is nothing."""
-        curve = curves[0] if isinstance(self.column, str) else self.column(*curves)
-        return None if curve is None else self.within(curve)
+    def __call__(self, *curves: Curves) -> Array:
+        """The numbers, shape (curves,); nan where there is none, such as the time at which a level is passed."""
+        return np.concatenate([np.full(n, np.nan) if c is None else self.measure(c)
+                               for n, c in self.parts(*curves)])  # fmt: skip
 
-    def within(self, curve: Curve) -> Curve | None:
-        """A curve within its stretch; None if there is nothing."""
-        if not max(self.begin, curve.t[0]) < min(self.end, curve.t[-1]):
+    def parts(self, *curves: Curves) -> Iterator[tuple[int, Curves | None]]:
+        """How many curves, and what it looks at of them within its stretch; None if there is nothing."""
+        if isinstance(self.column, str):
+            yield len(curves[0]), self.within(curves[0])
+            return
+        for each in one_by_one(*curves):
+            curve = self.column(*each)
+            yield 1, None if curve is None else self.within(curve)
+
+    def within(self, curves: Curves) -> Curves | None:
+        """Curves within its stretch; None if there is nothing."""
+        first, last = curves.t[0], curves.t[-1]
+        if not max(self.begin, first) < min(self.end, last):
             return None
-        if self.begin <= curve.t[0] and self.end >= curve.t[-1]:
-            return curve
-        return curve.between(self.begin, self.end)
+        if self.begin <= first and self.end >= last:
+            return curves
+        return curves.between(self.begin, self.end)
 
-    def measure(self, curve: Curve) -> float:
-        """The number of a whole curve."""
+    def measure(self, curves: Curves) -> Array:
+        """The numbers of whole curves."""
         raise NotImplementedError
 
     def unit(self, of_column: str) -> str:
         """Its unit, from that of its column."""
         return of_column
 
-    def times(self, *curves: Curve) -> tuple[float, ...]:
-        """The times [s] at which the values alone decide it; none if all do, or their slopes."""
-        return ()
+    def times(self, *curves: Curves) -> Array:
+        """The times [s] at which the values alone decide it, shape (times, curves); none if all do, or their slopes."""
+        each = [np.full((0, n), np.nan) if c is None else np.asarray(self.deciding(c)).reshape(-1, n)
+                for n, c in self.parts(*curves)]  # fmt: skip
+        most = max(map(len, each))
+        filled = [np.pad(t, ((0, most - len(t)), (0, 0)), constant_values=np.nan) for t in each]
+        return np.concatenate(filled, axis=1)
 
-    def scale(self, *curves: Curve) -> float:
-        """The size that an error is compared with; 0 if that is the number itself."""
-        return 0.0
+    def deciding(self, curves: Curves) -> list[Array]:
+        """The same for whole curves."""
+        return []
 
-    def doubt(self, curve: Curve, width: Curve) -> float:
-        """How far the number may be off because something else is as good within the width of the curve's error."""
-        return 0.0
+    def scale(self, *curves: Curves) -> Array:
+        """The sizes that an error is compared with, shape (curves,); 0 if that is the number itself."""
+        return np.concatenate([np.zeros(n) if c is None else self.size(c)
+                               for n, c in self.parts(*curves)])  # fmt: skip
 
-    def lack(self, unit: str, *curves: Curve) -> str:
-        """Why it has no number, with the unit of its column."""
+    def size(self, curves: Curves) -> Array:
+        """The same for whole curves."""
+        return np.zeros(len(curves))
+
+    def doubt(self, curves: Curves, widths: Curves) -> Array:
+        """How far the numbers may be off because something else is as good within the widths of the curves' errors."""
+        return np.zeros(len(curves))
+
+    def lack(self, unit: str, *curves: Curves) -> str:
+        """Why it has no number of single curves, with the unit of its column."""
         return "it has no value in its stretch of the run"
 
     def check(self, columns: Mapping[str, Column], start: float, stop: float) -> None:
@@ -171,108 +191,104 @@ class PointValue(Metric):
 
     is_local = True
 
-    def scale(self, *curves: Curve) -> float:
+    def size(self, curves: Curves) -> Array:
         """The range of the column."""
-        curve = self.curve(*curves)
-        return 0.0 if curve is None else float(np.ptp(curve.x))
+        return np.asarray(np.ptp(curves.x, axis=1))
 
 
 @dataclass(frozen=True)
 class Last(PointValue):
     """The last value."""
 
-    def times(self, *curves: Curve) -> tuple[float, ...]:
+    def deciding(self, curves: Curves) -> list[Array]:
         """The end."""
-        curve = self.curve(*curves)
-        return () if curve is None else (float(curve.t[-1]),)
+        return [np.full(len(curves), curves.t[-1])]
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """The value of the last row."""
-        return float(curve.x[-1])
+        return curves.x[:, -1]
 
 
 @dataclass(frozen=True)
 class Largest(PointValue):
     """The largest value."""
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """The largest value, at or between rows."""
-        return curve.largest().value
+        return curves.largest().values
 
-    def times(self, *curves: Curve) -> tuple[float, ...]:
+    def deciding(self, curves: Curves) -> list[Array]:
         """The time of the peak."""
-        curve = self.curve(*curves)
-        return () if curve is None else (curve.largest().time,)
+        return [curves.largest().times]
 
 
 @dataclass(frozen=True)
 class Smallest(PointValue):
     """The smallest value."""
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """The smallest value, at or between rows."""
-        return curve.smallest().value
+        return curves.smallest().values
 
-    def times(self, *curves: Curve) -> tuple[float, ...]:
+    def deciding(self, curves: Curves) -> list[Array]:
         """The time of the trough."""
-        curve = self.curve(*curves)
-        return () if curve is None else (curve.smallest().time,)
+        return [curves.smallest().times]
 
 
 @dataclass(frozen=True)
 class Swing(PointValue):
     """The largest value less the smallest."""
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """The distance of the extremes, at or between rows."""
-        return curve.largest().value - curve.smallest().value
+        return curves.largest().values - curves.smallest().values
 
-    def times(self, *curves: Curve) -> tuple[float, ...]:
+    def deciding(self, curves: Curves) -> list[Array]:
         """Those of the peak and of the trough."""
-        curve = self.curve(*curves)
-        return () if curve is None else (curve.largest().time, curve.smallest().time)
+        return [curves.largest().times, curves.smallest().times]
 
 
 @dataclass(frozen=True)
 class TimeOfLargest(Metric):
     """When the value is largest [s]."""
 
-    def measure(self, curve: Curve) -> float:
+    sign: ClassVar[float] = 1.0
+
+    def measure(self, curves: Curves) -> Array:
         """The time of the largest value."""
-        return curve.largest().time
+        return curves.largest().times
 
     def unit(self, of_column: str) -> str:
         """Seconds."""
         return "s"
 
-    def doubt(self, curve: Curve, width: Curve) -> float:
+    def doubt(self, curves: Curves, widths: Curves) -> Array:
         """How far the furthest other peak is that may be the highest, or the end of a plateau."""
-        curve, width = (self.within(c) or c for c in (curve, width))
-        peak = curve.largest()
-        times, values = curve.maxima()
-        least = peak.value - float(width(np.array([peak.time]))[0])
-        rivals = times[values + width(times) >= least]
-        spacing = float(np.diff(curve.t).max())
-        distances = np.abs(rivals - peak.time)
-        return float(distances[distances > spacing].max(initial=-spacing)) + spacing
+        curves, widths = (self.within(c) or c for c in (curves, widths))
+        peaks = curves.with_values(self.sign * curves.x)
+        highest = peaks.largest()
+        least = highest.values - widths(highest.times[:, None])[:, 0]
+        curve, times, values = peaks.maxima()
+        near = np.flatnonzero(values >= least[curve] - widths.x.max(axis=1)[curve])
+        spacing = float(np.diff(curves.t).max())
+        furthest = np.zeros(len(curves))
+        for k in np.unique(curve[near]):
+            of = near[curve[near] == k]
+            rivals = times[of][values[of] + widths.take([k])(times[of])[0] >= least[k]]
+            distances = np.abs(rivals - highest.times[k])
+            furthest[k] = distances[distances > spacing].max(initial=-spacing) + spacing
+        return furthest
 
 
 @dataclass(frozen=True)
-class TimeOfSmallest(Metric):
+class TimeOfSmallest(TimeOfLargest):
     """When the value is smallest [s]."""
 
-    def measure(self, curve: Curve) -> float:
+    sign = -1.0
+
+    def measure(self, curves: Curves) -> Array:
         """The time of the smallest value."""
-        return curve.smallest().time
-
-    def unit(self, of_column: str) -> str:
-        """Seconds."""
-        return "s"
-
-    def doubt(self, curve: Curve, width: Curve) -> float:
-        """How far the furthest other trough is that may be the lowest, or the end of a flat one."""
-        opposite = TimeOfLargest(self.column, begin=self.begin, end=self.end)
-        return opposite.doubt(curve.with_values(-curve.x), width)
+        return curves.smallest().times
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,24 +301,25 @@ class Crossing(Metric):
     level: float
     is_local = True
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """The first time; nan if there is none."""
-        return first_passing(curve, self.level)
+        firsts = (passings(curves, self.level, k, most=1) for k in range(len(curves)))
+        return np.array([times[0] if len(times) else np.nan for times in firsts])
 
     def unit(self, of_column: str) -> str:
         """Seconds."""
         return "s"
 
-    def times(self, *curves: Curve) -> tuple[float, ...]:
+    def deciding(self, curves: Curves) -> list[Array]:
         """The time itself."""
-        return (self(*curves),)
+        return [self.measure(curves)]
 
-    def lack(self, unit: str, *curves: Curve) -> str:
+    def lack(self, unit: str, *curves: Curves) -> str:
         """On which side of the level it stays, and how far it gets."""
-        curve = self.curve(*curves)
+        ((_, curve),) = self.parts(*curves)
         if curve is None:
             return super().lack(unit, *curves)
-        high, low = curve.largest().value, curve.smallest().value
+        high, low = float(curve.largest().values[0]), float(curve.smallest().values[0])
         level = f"{self.level:g} {unit}".rstrip()
         if high <= self.level:
             return f"stays below {level}, largest {high:.4g}"
@@ -313,9 +330,9 @@ class Crossing(Metric):
 class Integral(Metric):
     """The integral over time [unit of the column times s]."""
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """The integral of the polynomials."""
-        return curve.integral()
+        return curves.integral()
 
     def unit(self, of_column: str) -> str:
         """That of the column times seconds."""
@@ -326,19 +343,19 @@ class Integral(Metric):
 class Mean(Metric):
     """The mean over time."""
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """The integral over the time that it is taken over."""
-        return curve.integral() / float(curve.t[-1] - curve.t[0])
+        return curves.integral() / float(curves.t[-1] - curves.t[0])
 
 
 @dataclass(frozen=True)
 class Rms(Metric):
     """The square root of the mean of the square over time."""
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """The root of the mean of a spline through the squares."""
-        square = curve.with_values(np.square(curve.x))
-        return math.sqrt(max(0.0, square.integral() / float(curve.t[-1] - curve.t[0])))
+        mean = Mean("").measure(curves.with_values(np.square(curves.x)))
+        return np.asarray(np.sqrt(np.maximum(0.0, mean)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -347,26 +364,25 @@ class Harmonic(Metric):
 
     frequency: float
 
-    def measure(self, curve: Curve) -> float:
+    def measure(self, curves: Curves) -> Array:
         """Twice the absolute value of the Fourier coefficient; nan if there is not one whole period."""
-        end = float(curve.t[-1])
-        span = (end - float(curve.t[0])) * self.frequency * (1.0 + PERIOD_ROUNDING)
+        end = float(curves.t[-1])
+        span = (end - float(curves.t[0])) * self.frequency * (1.0 + PERIOD_ROUNDING)
         if math.floor(span) < 1:
-            return math.nan
+            return np.full(len(curves), np.nan)
         span = math.floor(span) / self.frequency
-        part = curve.between(end - span, end)
-        total = sum(
-            complex(np.sum(weights * np.exp(-2j * math.pi * self.frequency * t) * p(t)))
-            for p, t, weights in _gauss(part)
-        )
-        return 2.0 * abs(total) / span
+        total = np.zeros(len(curves), dtype=complex)
+        for p in curves.between(end - span, end).polynomials():
+            for s, weights in _gauss(p):
+                turned = np.exp(-2j * math.pi * self.frequency * (p.t + s))
+                total += p.at(s) @ (weights * turned)
+        return 2.0 * np.abs(total) / span
 
-    def scale(self, *curves: Curve) -> float:
+    def size(self, curves: Curves) -> Array:
         """The range of the column."""
-        curve = self.curve(*curves)
-        return 0.0 if curve is None else float(np.ptp(curve.x))
+        return np.asarray(np.ptp(curves.x, axis=1))
 
-    def lack(self, unit: str, *curves: Curve) -> str:
+    def lack(self, unit: str, *curves: Curves) -> str:
         """There is not one whole period."""
         return f"the stretch has no whole period of {self.frequency:g} Hz"
 
@@ -390,39 +406,44 @@ class LastTurn(Metric):
         """Those of the metric, and the angle."""
         return (*self.column.columns, self.over)
 
-    def __call__(self, *curves: Curve) -> float:
-        """The number; nan if there are fewer turns."""
-        part = self._part(*curves)
-        return math.nan if part is None else self.column(*part)
+    @property
+    def unnamed(self) -> Metric:
+        """The same metric of no column."""
+        return replace(self, column=self.column.unnamed, over="")
 
-    def _part(self, *curves: Curve) -> list[Curve] | None:
-        """The curves of the metric within the last turns; None if there are fewer."""
-        angle = curves[-1]
-        if not max(self.begin, angle.t[0]) < min(self.end, angle.t[-1]):
-            return None
-        angle = angle.between(self.begin, self.end)
-        begin = last_turn(angle, self.turns)
-        if math.isnan(begin):
+    def parts(self, *curves: Curves) -> Iterator[tuple[int, Curves | None]]:
+        """What the metric looks at within the last turns; None if there are fewer."""
+        for each in one_by_one(*curves):
+            part = self._turns(*each)
+            yield from [(1, None)] if part is None else self.column.parts(*part)
+
+    def _turns(self, *curves: Curves) -> list[Curves] | None:
+        """The single curves of the metric within the last turns; None if there are fewer."""
+        angle = self.within(curves[-1])
+        begin = math.nan if angle is None else last_turn(angle, self.turns)
+        if angle is None or math.isnan(begin):
             return None
         return [curve.between(begin, float(angle.t[-1])) for curve in curves[:-1]]
+
+    def measure(self, curves: Curves) -> Array:
+        """That of the metric."""
+        return self.column.measure(curves)
+
+    def deciding(self, curves: Curves) -> list[Array]:
+        """As those of the metric."""
+        return self.column.deciding(curves)
+
+    def size(self, curves: Curves) -> Array:
+        """As those of the metric."""
+        return self.column.size(curves)
 
     def unit(self, of_column: str) -> str:
         """As that of the metric."""
         return self.column.unit(of_column)
 
-    def times(self, *curves: Curve) -> tuple[float, ...]:
-        """As those of the metric."""
-        part = self._part(*curves)
-        return () if part is None else self.column.times(*part)
-
-    def scale(self, *curves: Curve) -> float:
-        """As that of the metric."""
-        part = self._part(*curves)
-        return 0.0 if part is None else self.column.scale(*part)
-
-    def lack(self, unit: str, *curves: Curve) -> str:
+    def lack(self, unit: str, *curves: Curves) -> str:
         """It does not turn that often."""
-        part = self._part(*curves)
+        part = self._turns(*curves)
         if part is None:
             return f"{self.over} does not turn {self.turns} times"
         return self.column.lack(unit, *part)
@@ -441,17 +462,22 @@ class StrongestOrder(Metric):
         """The column and the angle."""
         return (*super().columns, self.over)
 
-    def __call__(self, *curves: Curve) -> float:
-        """The order; nan without a whole turn."""
-        amplitudes = self.amplitudes(*curves)
-        return math.nan if amplitudes is None else 1.0 + int(np.argmax(amplitudes))
+    @property
+    def unnamed(self) -> Metric:
+        """The same metric of no column."""
+        return replace(super().unnamed, over="")  # type: ignore[call-arg]
 
-    def amplitudes(self, *curves: Curve) -> Rows | None:
-        """The amplitudes of the orders 1, 2, ... over the last whole turn; None without one."""
-        curve, angle = super().curve(*curves[:-1]), curves[-1]
+    def __call__(self, *curves: Curves) -> Array:
+        """The orders; nan without a whole turn."""
+        amplitudes = (self.amplitudes(*each) for each in one_by_one(*curves))
+        return np.array([math.nan if a is None else 1.0 + np.argmax(a) for a in amplitudes])
+
+    def amplitudes(self, *curves: Curves) -> Array | None:
+        """The amplitudes of the orders 1, 2, ... of a single curve over the last whole turn; None without one."""
+        ((_, curve),) = self.parts(*curves[:-1])
         if curve is None:
             return None
-        angle = angle.between(float(curve.t[0]), float(curve.t[-1]))
+        angle = curves[-1].between(float(curve.t[0]), float(curve.t[-1]))
         begin = last_turn(angle, 1)
         if math.isnan(begin):
             return None
@@ -459,74 +485,76 @@ class StrongestOrder(Metric):
         curve, angle = curve.between(begin, end), angle.between(begin, end)
         orders = np.arange(1, self.highest + 1)
         total = np.zeros(self.highest, dtype=complex)
-        for p, t, weights in _gauss(angle):
-            turned = np.exp(-1j * orders[:, None, None] * p(t))
-            total += np.sum(weights * p(t, 1) * curve(t) * turned, axis=(1, 2))
+        for p in angle.polynomials():
+            cubic, square, slope, _ = p.c[:, 0]
+            for s, weights in _gauss(p):
+                speed = (3.0 * cubic * s + 2.0 * square) * s + slope
+                turned = np.exp(-1j * orders[:, None] * p.at(s)[0])
+                total += turned @ (weights * speed * curve(p.t + s)[0])
         return np.abs(total) / math.pi
 
     def unit(self, of_column: str) -> str:
         """None: it is a count."""
         return ""
 
-    def lack(self, unit: str, *curves: Curve) -> str:
+    def lack(self, unit: str, *curves: Curves) -> str:
         """It does not turn once."""
         return f"{self.over} does not turn once"
 
 
-def last_turn(angle: Curve, turns: int) -> float:
-    """When the last so many turns of an angle [rad] began [s]; nan if it turns less."""
-    end = float(angle.x[-1])
-    sense = math.copysign(1.0, end - float(angle.x[0]))
-    times = passings(angle, end - sense * turns * TURN)
+def one_by_one(*curves: Curves) -> Iterator[list[Curves]]:
+    """The first of each of these curves, the second of each, and so on."""
+    for k in range(len(curves[0])):
+        yield [c.take([k]) for c in curves]
+
+
+def last_turn(angle: Curves, turns: int) -> float:
+    """When the last so many turns of one angle [rad] began [s]; nan if it turns less."""
+    begin, end = angle.x[0, [0, -1]].tolist()
+    times = passings(angle, end - math.copysign(turns * TURN, end - begin))
     return float(times[-1]) if len(times) else math.nan
 
 
-def _gauss(curve: Curve) -> Sequence[tuple[PPoly, Rows, Rows]]:
-    """The polynomials of a curve, each with Gauss points and weights [s] of its pieces, shape (points, pieces)."""
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    pieces = []
-    for p in curve.polynomials():
-        half = 0.5 * np.diff(p.x)
-        pieces.append((p, (p.x[:-1] + half) + np.outer(nodes, half), np.outer(weights, half)))
-    return pieces
+def _gauss(p: Polynomials) -> Iterator[tuple[Array, Array]]:
+    """Gauss points [s since the rows] of all pieces and their weights [s], shape (intervals,) each."""
+    half = 0.5 * p.widths
+    for node, weight in zip(*np.polynomial.legendre.leggauss(GAUSS_POINTS)):
+        yield half * (1.0 + node), half * weight
 
 
-def _integral_until(curve: Curve, times: Rows) -> Rows:
-    """The integral of a curve from its first row to times [s]."""
+def _integral_until(curve: Curves, times: Array) -> Array:
+    """The integral of one curve from its first row to times [s]."""
     values, before = np.zeros(np.shape(times)), 0.0
     for p in curve.polynomials():
-        antiderivative = p.antiderivative()
-        inside = (times >= p.x[0]) & (times <= p.x[-1])
-        values[inside] = before + antiderivative(times[inside])
-        before += float(antiderivative(p.x[-1]))
+        a, b, c, d = (p.c[k, 0] / (4 - k) for k in range(4))
+        until = np.concatenate([[0.0], np.cumsum((((a * p.widths + b) * p.widths + c) * p.widths + d) * p.widths)])  # fmt: skip
+        inside = (times >= p.t[0]) & (times <= p.t[-1] + p.widths[-1])
+        k = np.searchsorted(p.t, times[inside], side="right") - 1
+        s = times[inside] - p.t[k]
+        values[inside] = before + until[k] + (((a[k] * s + b[k]) * s + c[k]) * s + d[k]) * s
+        before += float(until[-1])
     return values
 
 
-def first_passing(curve: Curve, level: float) -> float:
-    """The first time [s] at which a curve has been on both sides of a level; nan if there is none."""
-    times = passings(curve, level, most=1)
-    return float(times[0]) if len(times) else math.nan
-
-
-def passings(curve: Curve, level: float, most: int | None = None) -> Rows:
+def passings(curves: Curves, level: float, curve: int = 0, most: int | None = None) -> Array:
     """The times [s] at which a curve changes the side of a level, at or between its rows, in order.
 
     Parameters
     ----------
-    curve
-        A column over time.
+    curves
+        Columns over time.
     level
-        In its unit.
+        In their unit.
+    curve
+        Which of them.
     most
-        At most so many of them, the first ones; by default all.
+        At most so many of the times, the first ones; by default all.
     """
     found: list[float] = []
-    side = 0.0
-    tolerance = ON_LEVEL * float(np.abs(curve.x - level).max())
-    for p in curve.polynomials():
-        times, values = _turns(p)
-        if p.x[-1] == curve.t[-1]:  # a value that holds until the last row jumps there
-            times, values = np.append(times, curve.t[-1]), np.append(values, curve.x[-1])
+    x, side = curves.x[curve], 0.0
+    tolerance = ON_LEVEL * float(np.abs(x - level).max())
+    for p in curves.polynomials():
+        times, values = _near_level(p, curve, x, level, tolerance)
         sides = np.where(np.abs(values - level) <= tolerance, 0.0, np.sign(values - level))
         known = np.flatnonzero(sides)
         if not len(known):
@@ -536,28 +564,35 @@ def passings(curve: Curve, level: float, most: int | None = None) -> Rows:
             found.append(float(times[known[0]]))
         side = float(sides[known[-1]])
         for k in changes if most is None else changes[: most - len(found)]:
-            first, last = known[k], known[k + 1]
-            found.append(_passing(p, times[first : last + 1], values[first : last + 1], level))
+            part = slice(known[k], known[k + 1] + 1)
+            found.append(_passing(p, curve, times[part], values[part], level))
         if most is not None and len(found) >= most:
             break
     return np.array(found[:most])
 
 
-def _turns(p: PPoly) -> tuple[Rows, Rows]:
-    """The times [s] and values at which pieces begin, turn and end, in order; between two of them they are monotonic."""
-    a, b, c, d = p.c
-    width = np.diff(p.x)
-    with np.errstate(all="ignore"):
-        root = np.sqrt(b * b - 3.0 * a * c)
-        q = -(b + np.copysign(root, b))
-        inner = np.stack([q / (3.0 * a), c / q])
-    inner = np.where(np.isfinite(inner), np.clip(inner, 0.0, width), 0.0)
-    at = np.concatenate([np.zeros((1, len(width))), np.sort(inner, axis=0), width[None]])
-    values = ((a * at + b) * at + c) * at + d
-    return (p.x[:-1] + at).T.ravel(), values.T.ravel()
+def _near_level(
+    p: Polynomials, curve: int, x: Array, level: float, tolerance: float
+) -> tuple[Array, Array]:
+    """The times [s] and values at which pieces that may reach a level begin, turn and end, and the rows behind them.
+
+    A cubic is between the least and the largest of its Bezier points; what is on one side of the level is only
+    represented by its first and its last piece.
+    """
+    _, b, c, d = p.c[:, curve]
+    third = p.widths / 3.0
+    inner = d + c * third
+    after = x[p.first + 1 : p.first + 1 + len(p.t)]
+    points = np.stack([x[p.first : p.first + len(p.t)], d, inner, inner + third * (c + b * p.widths), p.at(p.widths)[curve], after])  # fmt: skip
+    near = (points.min(axis=0) <= level + tolerance) & (points.max(axis=0) >= level - tolerance)
+    near[:1] = near[-1:] = True
+    k = np.flatnonzero(near)
+    at, values = turns(p.c[:, curve, k], p.widths[k])
+    times = np.concatenate([p.t[k] + at, (p.t[k] + p.widths[k])[None]])
+    return times.T.ravel(), np.concatenate([values, after[None, k]]).T.ravel()
 
 
-def _passing(p: PPoly, times: Rows, values: Rows, level: float) -> float:
+def _passing(p: Polynomials, curve: int, times: Array, values: Array, level: float) -> float:
     """The time [s] of the level between the first of these points, on one side of it, and the last, on the other."""
     rises = values[-1] > values[0]
     k = int(np.argmax(values >= level if rises else values <= level))
@@ -566,11 +601,9 @@ def _passing(p: PPoly, times: Rows, values: Rows, level: float) -> float:
         return end
     from scipy.optimize import brentq
 
-    piece = int(
-        np.clip(np.searchsorted(p.x, 0.5 * (begin + end), side="right") - 1, 0, len(p.x) - 2)
-    )
-    a, b, c, d = p.c[:, piece]
-    origin = float(p.x[piece])
+    piece = max(int(np.searchsorted(p.t, 0.5 * (begin + end), side="right")) - 1, 0)
+    a, b, c, d = p.c[:, curve, piece].tolist()
+    origin = float(p.t[piece])
 
     def above(s: float) -> float:
         return float(((a * s + b) * s + c) * s + d - level)
@@ -581,15 +614,8 @@ def _passing(p: PPoly, times: Rows, values: Rows, level: float) -> float:
     return origin + float(brentq(above, low, high, xtol=4.0 * math.ulp(max(abs(begin), abs(end)))))
 
 
-def largest(t: Rows, x: Rows) -> float:
-    """The largest value of x.
-
-    Parameters
-    ----------
-    t : array_like
-        Times of the rows [s].
-    x : array_like
-        Values at these times.
+def largest(t: Array, x: Array) -> float:
+    """The largest value of x, in its unit, over times t [s], both of shape (rows,).
 
     Examples
     --------
@@ -598,31 +624,16 @@ def largest(t: Rows, x: Rows) -> float:
     >>> round(largest(t, np.sin(2 * np.pi * t)), 6)
     1.0
     """
-    return DenseSolution.from_rows(t, x).largest().value
+    return float(Curves.of_rows(t, x).largest().values[0])
 
 
-def smallest(t: Rows, x: Rows) -> float:
-    """The smallest value of x.
-
-    Parameters
-    ----------
-    t : array_like
-        Times of the rows [s].
-    x : array_like
-        Values at these times.
-    """
-    return DenseSolution.from_rows(t, x).smallest().value
+def smallest(t: Array, x: Array) -> float:
+    """The smallest value of x, in its unit, over times t [s], both of shape (rows,)."""
+    return float(Curves.of_rows(t, x).smallest().values[0])
 
 
-def time_of_largest(t: Rows, x: Rows) -> float:
-    """When x is largest [s].
-
-    Parameters
-    ----------
-    t : array_like
-        Times of the rows [s].
-    x : array_like
-        Values at these times.
+def time_of_largest(t: Array, x: Array) -> float:
+    """When x is largest [s], over times t [s], both of shape (rows,).
 
     Examples
     --------
@@ -631,33 +642,16 @@ def time_of_largest(t: Rows, x: Rows) -> float:
     >>> round(time_of_largest(t, np.sin(2 * np.pi * t)), 6)
     0.25
     """
-    return DenseSolution.from_rows(t, x).largest().time
+    return float(Curves.of_rows(t, x).largest().times[0])
 
 
-def time_of_smallest(t: Rows, x: Rows) -> float:
-    """When x is smallest [s].
-
-    Parameters
-    ----------
-    t : array_like
-        Times of the rows [s].
-    x : array_like
-        Values at these times.
-    """
-    return DenseSolution.from_rows(t, x).smallest().time
+def time_of_smallest(t: Array, x: Array) -> float:
+    """When x is smallest [s], over times t [s], both of shape (rows,)."""
+    return float(Curves.of_rows(t, x).smallest().times[0])
 
 
-def crossing(t: Rows, x: Rows, level: float) -> float:
-    """When x first passes a level [s], up or down; nan if it never does.
-
-    Parameters
-    ----------
-    t : array_like
-        Times of the rows [s].
-    x : array_like
-        Values at these times.
-    level : float
-        In the unit of x.
+def crossing(t: Array, x: Array, level: float) -> float:
+    """When x first passes a level in its unit [s], up or down; nan if it never does. t [s] and x are of shape (rows,).
 
     Examples
     --------
@@ -666,18 +660,11 @@ def crossing(t: Rows, x: Rows, level: float) -> float:
     >>> round(crossing(t, t**2, 0.25), 6)
     0.5
     """
-    return first_passing(DenseSolution.from_rows(t, x), level)
+    return float(Crossing("", level=level).measure(Curves.of_rows(t, x))[0])
 
 
-def mean(t: Rows, x: Rows) -> float:
-    """The mean of x over time.
-
-    Parameters
-    ----------
-    t : array_like
-        Times of the rows [s].
-    x : array_like
-        Values at these times.
+def mean(t: Array, x: Array) -> float:
+    """The mean of x, in its unit, over times t [s], both of shape (rows,).
 
     Examples
     --------
@@ -686,23 +673,15 @@ def mean(t: Rows, x: Rows) -> float:
     >>> round(mean(t, t**2), 6)
     0.333333
     """
-    return Mean("").measure(DenseSolution.from_rows(t, x))
+    return float(Mean("").measure(Curves.of_rows(t, x))[0])
 
 
-def rms(t: Rows, x: Rows) -> float:
-    """The square root of the mean of x squared over time.
-
-    Parameters
-    ----------
-    t : array_like
-        Times of the rows [s].
-    x : array_like
-        Values at these times.
-    """
-    return Rms("").measure(DenseSolution.from_rows(t, x))
+def rms(t: Array, x: Array) -> float:
+    """The square root of the mean of x squared, in the unit of x, over times t [s], both of shape (rows,)."""
+    return float(Rms("").measure(Curves.of_rows(t, x))[0])
 
 
-def spline(t: Rows, x: Rows) -> CubicSpline:
+def spline(t: Array, x: Array) -> CubicSpline:
     """Imported where it is needed, since that takes longer than most runs."""
     from scipy.interpolate import CubicSpline
 

@@ -19,7 +19,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .dense import DenseSolution
+from .dense import Curves
 from .errors import RunError, SetupError
 from .report import RunReport
 from .series import NO_BREAKS, TIME, Column, Kind, Series, column_facts
@@ -75,10 +75,10 @@ class Result(Series):
             return values.astype(np.int64) if is_whole else values
         return values
 
-    def solution(self, name: str) -> DenseSolution:
-        """A column as a function of time, of its kind and with its breaks; raises KeyError."""
-        kind = self.column(name).kind
-        return DenseSolution.from_rows(self["time"], self[name], kind, self.breaks)
+    def solution(self, name: str) -> Curves:
+        """A column as a function of time, one curve, of its kind and with its breaks; raises KeyError."""
+        is_held = self.column(name).kind.is_held
+        return Curves.of_rows(self["time"], self[name], is_held=is_held, breaks=self.breaks)
 
     def __repr__(self) -> str:
         columns = (f"{column.name} [{column.unit}]" for column in self.columns[1:])

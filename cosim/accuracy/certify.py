@@ -21,11 +21,10 @@ from ..metrics import Largest, Last, Mean, Metric, Smallest
 from ..result import Result
 from ..system import System, connect
 from .estimate import Estimate
-from .judge import Function, judge_function, judge_metrics, number, row_estimate
-from .limit import LOWEST_ORDER, STEP_RATIO
-from .nested import RUNS, NestedRuns, longer_step, nested_runs
+from .judge import Function, estimates_of_rows, judge_function, judge_metrics, numbers_of
+from .limit import LOWEST_ORDER, RUNS, STEP_RATIO
+from .nested import NestedRuns, longer_step, nested_runs
 from .trajectories import Divergence, divergence
-from .variants import Forms
 
 #: The metrics of `summary`, by what follows the name of a column.
 SUMMARY: dict[str, Callable[[str], Metric]] = {
@@ -261,9 +260,13 @@ def summary_metrics(columns: Iterable[str]) -> dict[str, Metric]:
 def evaluate(metrics: Metrics, result: Result) -> dict[str, float]:
     """The numbers that metrics and functions make of one result."""
     if not isinstance(metrics, Mapping):
-        return {name: number(x) for name, x in metrics(result).items()}
+        numbers = metrics(result)
+        return dict(zip(numbers, numbers_of(numbers, [*numbers]).tolist()))
+    curves = {
+        c: result.solution(c) for m in metrics.values() if isinstance(m, Metric) for c in m.columns
+    }
     return {
-        name: metric(*(result.solution(column) for column in metric.columns))
+        name: float(metric(*(curves[column] for column in metric.columns))[0])
         if isinstance(metric, Metric)
         else metric(result)
         for name, metric in metrics.items()
@@ -288,8 +291,4 @@ def summary(result: Result) -> dict[str, float]:
 
 def summary_of_rows(result: Result, errors: Mapping[str, float]) -> dict[str, Estimate]:
     """The numbers of `summary` with the errors of the spacing of the rows, and those of the columns by name added."""
-    runs = NestedRuns([result], result, STEP_RATIO)
-    return {
-        name: row_estimate(metric, Forms(runs), errors[metric.columns[0]])
-        for name, metric in summary_metrics(result.names[1:]).items()
-    }
+    return estimates_of_rows(summary_metrics(result.names[1:]), result, errors)

@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 
 from .estimate import Estimate
-from .limit import STEP_RATIO
-from .nested import RUNS
+from .limit import RUNS, STEP_RATIO
 
 #: Differences that do not fall by this factor are not extrapolated: a convention of this project, not derived.
 SLOWEST_FALL = 1.5

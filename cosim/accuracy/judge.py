@@ -9,17 +9,18 @@ counts, and that of the rows is added.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
+from ..dense import Array, Curves, Mask
 from ..metrics import Metric
 from ..result import Result, Rows
 from .estimate import Estimate
-from .limit import CONFIRMED_FACTOR, UNCONFIRMED_FACTOR, Reason, likeliest
-from .nested import RUNS, NestedRuns
+from .limit import CONFIRMED_FACTOR, RUNS, STEP_RATIO, UNCONFIRMED_FACTOR, Reason, likeliest
+from .nested import NestedRuns
 from .trajectories import Divergence, widened
 from .variants import THINNED, ColumnForms, Forms, thinned_results, with_columns
 
@@ -45,131 +46,136 @@ Function = Callable[[Result], Mapping[str, "float | Estimate"]]
 
 @dataclass
 class Evaluations:
-    """The values of one number.
+    """The values of numbers, shape (numbers,) each.
 
     Attributes
     ----------
     value
         With all rows of the finest run.
     runs
-        Of the three runs, on common rows, finest first.
+        Of the three runs, on common rows, finest first, shape (runs, numbers).
     thinned
         With every second and every third row, each from every first row.
     sides
         With gaps that hide an event filled otherwise.
     shifts
-        Pairs of values from and to a step of zero.
+        By how much they change from and to a step of zero.
     beside
-        With columns moved by their errors.
+        By how much they change with columns moved by their errors.
     doubt
-        How far it may be off because something else is as good within the error of its column.
+        How far they may be off because something else is as good within the error of their column.
     scale
         What an error without an order is compared with.
     rows
-        The error that it brings for the spacing of the rows; by default, that is what `thinned` and `sides` show.
+        The error that they bring for the spacing of the rows; by default, that is what `thinned` and `sides` show.
     noise
         The same for the values of the runs on common rows; by default that of `rows`.
     """
 
-    value: float
-    runs: Sequence[float]
-    thinned: Mapping[int, Sequence[float]] = field(default_factory=dict)
-    sides: Sequence[float] = ()
-    shifts: Sequence[tuple[float, float]] = ()
-    beside: Sequence[float] = ()
-    doubt: float = 0.0
-    scale: float = 0.0
-    rows: float | None = None
-    noise: float = 0.0
+    value: Array
+    runs: Array
+    thinned: Mapping[int, Sequence[Array]] = field(default_factory=dict)
+    sides: Sequence[Array] = ()
+    shifts: Sequence[Array] = ()
+    beside: Sequence[Array] = ()
+    doubt: Array | float = 0.0
+    scale: Array | float = 0.0
+    rows: Array | None = None
+    noise: Array | float = 0.0
 
-    def row_error(self) -> float:
-        """The error due to the spacing of the rows; nan if fewer of them give no value."""
+    def row_error(self) -> Array:
+        """The errors due to the spacing of the rows; nan if fewer of them give no value."""
         if self.rows is not None:
             return self.rows
         if not self.thinned:
-            return 0.0
-        second, third = (_largest(x - self.value for x in self.thinned[n]) for n in THINNED)
-        hidden = _largest(x - self.value for x in self.sides)
-        if not math.isfinite(second + third + hidden):
-            return math.nan
-        return CONFIRMED_FACTOR * max(spacing_error(second, third), hidden)
+            return np.zeros_like(self.value)
+        second, third = (self.largest(x - self.value for x in self.thinned[n]) for n in THINNED)
+        hidden = self.largest(x - self.value for x in self.sides)
+        error = CONFIRMED_FACTOR * np.maximum(spacing_error(second, third), hidden)
+        return np.where(np.isfinite(error), error, math.nan)
+
+    def largest(self, changes: Iterable[Array]) -> Array:
+        """The largest of changes by size, 0 of none; nan if one of them is."""
+        return np.abs([np.zeros_like(self.value), *changes]).max(axis=0)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What is known of a number beside its values: the orders that it may have, and the ratio of the steps.
+    """What is known of numbers beside their values: the orders that they may have, and the ratio of the steps.
 
-    `converges` says whether its columns do at the times that decide it, `is_regular` whether nothing speaks against
-    an order that is observed, `has_jumps` whether that is an input which jumps inside a step of one of the runs.
+    `orders` is of shape (orders, numbers). `converges` says whether the columns do at the times that decide a number,
+    `is_regular` whether nothing speaks against an order that is observed, `has_jumps` whether that is an input which
+    jumps inside a step of one of the runs.
     """
 
-    orders: Sequence[float]
+    orders: Array
     ratio: float
-    converges: bool = False
+    converges: Mask | bool = False
     is_regular: bool = True
     has_jumps: bool = False
 
 
-def combined(e: Evaluations, known: Circumstances) -> Estimate:
-    """The estimate of a number.
+def combined(e: Evaluations, known: Circumstances) -> list[Estimate]:
+    """The estimates of numbers.
 
-    Its error is the largest of what the three runs show, of what the extrapolation of its columns changes, with a
-    factor of safety, of what their errors change and of its doubt; that of the rows is added. Where the number has
-    no order, but its columns converge at the times that decide it, the spread of the runs takes its place; where an
+    Their errors are the largest of what the three runs show, of what the extrapolation of their columns changes, with a
+    factor of safety, of what the errors of these change and of their doubt; those of the rows are added. Where a number
+    has no order, but its columns converge at the times that decide it, the spread of the runs takes its place; where an
     input jumps at another share of a step in each run, so that there is no order, three times that spread.
     """
     rows = e.row_error()
-    if math.isnan(e.value):
-        return Estimate(e.value, None, reason=Reason.NO_VALUE.sentence())
-    if not math.isfinite(rows):
-        return Estimate(e.value, None, reason=NO_ROWS)
-    if any(math.isnan(x) for x in e.runs):
-        return Estimate(e.value, None, rows=rows, reason=SOME_RUNS)
-    runs = [*e.runs, *[math.nan] * (RUNS - len(e.runs))]
-    noises = [rows, *[max(rows, e.noise)] * (RUNS - 1)]
+    runs = np.concatenate([e.runs, np.full((RUNS - len(e.runs), len(e.value)), math.nan)])
+    noises = np.array([rows, *[np.maximum(rows, e.noise)] * (RUNS - 1)])
     of_runs = likeliest(
         runs, known.orders, known.ratio, noises, scale=e.scale, is_regular=known.is_regular
     )
-    order = float(of_runs.order)
-    shift = _largest(to - of for of, to in e.shifts)
-    beside = _largest(x - e.value for x in e.beside)
-    if math.isnan(shift + beside):
-        return Estimate(e.value, None, order, rows, TOUCHES)
-    if of_runs.is_stated:
-        error = float(of_runs.error) - rows
-    elif known.converges and of_runs.reason != Reason.GROWING:
-        error = max(max(e.runs) - min(e.runs), UNCONFIRMED_FACTOR * shift)
-    elif known.has_jumps and of_runs.reason != Reason.GROWING:
-        error = float(of_runs.error) - rows
-    else:
-        return Estimate(e.value, None, order, rows, of_runs.sentence())
-    agree = shift * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error and known.is_regular
-    factor = CONFIRMED_FACTOR if agree else UNCONFIRMED_FACTOR
-    return Estimate(e.value, max(error, factor * shift, beside, e.doubt) + rows, order, rows)
+    shift, beside = e.largest(e.shifts), e.largest(e.beside)
+    grows = of_runs.reason == Reason.GROWING
+    by_spread = ~of_runs.is_stated & known.converges
+    with np.errstate(invalid="ignore"):
+        spread = np.maximum(np.ptp(e.runs, axis=0), UNCONFIRMED_FACTOR * shift)
+        error = np.where(by_spread, spread, of_runs.error - rows)
+        agree = (shift * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error) & known.is_regular
+        factor = np.where(agree, CONFIRMED_FACTOR, UNCONFIRMED_FACTOR)
+        error = np.maximum.reduce([error, factor * shift, beside, error * 0.0 + e.doubt]) + rows
+    claimed: Mask = np.asarray(of_runs.is_stated | (~grows & (by_spread | known.has_jumps)))
+    lacks: Mask = np.asarray(np.isnan(e.runs).any(axis=0))
+    estimates = []
+    for k, (value, row) in enumerate(zip(e.value.tolist(), rows.tolist())):
+        order = float(of_runs.order[k])
+        if math.isnan(value):
+            estimates.append(Estimate(value, None, reason=Reason.NO_VALUE.sentence()))
+        elif not math.isfinite(row):
+            estimates.append(Estimate(value, None, reason=NO_ROWS))
+        elif lacks[k]:
+            estimates.append(Estimate(value, None, rows=row, reason=SOME_RUNS))
+        elif math.isnan(shift[k] + beside[k]):
+            estimates.append(Estimate(value, None, order, row, TOUCHES))
+        elif claimed[k]:
+            estimates.append(Estimate(value, float(error[k]), order, row))
+        else:
+            reason = Reason(int(of_runs.reason[k])).sentence(order)
+            estimates.append(Estimate(value, None, order, row, reason))
+    return estimates
 
 
-def _largest(changes: Iterable[float]) -> float:
-    """The largest of changes by size, 0 of none; nan if one of them is."""
-    return float(np.abs([0.0, *changes]).max())
-
-
-def spacing_error(second: float, third: float) -> float:
-    """The error with all rows, from the changes with every second and every third row.
+def spacing_error(second: Array, third: Array) -> Array:
+    """The errors with all rows, from the changes with every second and every third row.
 
     An error C h^q becomes C (2 h)^q and C (3 h)^q, so that the changes are 2^q - 1 and 3^q - 1 times it. The ratio
     of the two shows q.
     """
     low, high = ROW_ORDERS
     ratios = [(3.0**q - 1.0) / (2.0**q - 1.0) for q in ROW_ORDERS]
-    position = (third / second - ratios[0]) / (ratios[1] - ratios[0]) if second else 1.0
-    q = low + (high - low) * min(max(position, 0.0), 1.0)
-    return float(max(third / (3.0**q - 1.0), second / (2.0**q - 1.0)))
+    quotient = np.divide(third, second, out=np.full_like(third, ratios[1]), where=second != 0.0)
+    q = low + (high - low) * np.clip((quotient - ratios[0]) / (ratios[1] - ratios[0]), 0.0, 1.0)
+    return np.maximum(third / (3.0**q - 1.0), second / (2.0**q - 1.0))  # type: ignore[no-any-return]
 
 
 def judge_metrics(
     metrics: Mapping[str, Metric], runs: NestedRuns, diverged: Divergence
 ) -> dict[str, Estimate]:
-    """The estimates of metrics; those of the same columns share the curves of these.
+    """The estimates of metrics; those of one form are judged at once, for all their columns.
 
     Parameters
     ----------
@@ -180,149 +186,173 @@ def judge_metrics(
     diverged : Divergence
         From when on, and in which columns, these have diverged.
     """
-    forms, units = Forms(runs, diverged), runs.finest.units
+    forms = Forms(runs, diverged)
     estimates: dict[str, Estimate] = {}
-    for name in sorted(metrics, key=lambda name: metrics[name].columns):
-        metric = metrics[name]
-        columns = forms.of(metric.columns)
-        unit = metric.unit(units.get(metric.columns[0], ""))
-        estimate = _judge_metric(metric, columns, runs, diverged, is_regular=forms.is_regular)
-        if estimate.error is None and math.isnan(estimate.value) and not estimate.reason:
-            finest = [column.finest for column in columns]
-            reason = metric.lack(units.get(metric.columns[0], ""), *finest)
-            estimate = estimate._replace(reason=reason)
-        estimates[name] = estimate._replace(unit=unit)
+    for columns, group in _groups(metrics, forms):
+        for metric, of in group.items():
+            estimates |= zip(of, _judged(metric, of.values(), columns, forms))
+    units = runs.finest.units
+    for name, metric in metrics.items():
+        x, unit = estimates[name], units.get(metric.columns[0], "")
+        if x.error is None and math.isnan(x.value) and not x.reason:
+            x = x._replace(reason=metric.lack(unit, *map(runs.dense.solution, metric.columns)))
+        estimates[name] = x._replace(unit=metric.unit(unit))
     return {name: estimates[name] for name in metrics}
 
 
-def _judge_metric(
-    metric: Metric,
-    columns: Sequence[ColumnForms],
-    runs: NestedRuns,
-    diverged: Divergence,
-    *,
-    is_regular: bool,
-) -> Estimate:
-    """The estimate of a metric, without its unit."""
-    finest = [column.finest for column in columns]
+def _groups(
+    metrics: Mapping[str, Metric], forms: Forms
+) -> Iterator[tuple[Sequence[ColumnForms], Mapping[Metric, Mapping[str, int]]]]:
+    """The forms of columns, and by metric of no column the figures that are made of them, each with its position."""
+    single = dict.fromkeys(m.columns[0] for m in metrics.values() if len(m.columns) == 1)
+    for columns in forms.batches([*single]):
+        group: dict[Metric, dict[str, int]] = {}
+        for name, metric in metrics.items():
+            if len(metric.columns) == 1 and metric.columns[0] in columns.names:
+                k = columns.names.index(metric.columns[0])
+                group.setdefault(metric.unnamed, {})[name] = k
+        yield [columns], group
+    for several in dict.fromkeys(m.columns for m in metrics.values() if len(m.columns) > 1):
+        parts = [ColumnForms([name], forms) for name in several]
+        yield parts, {m.unnamed: {n: 0} for n, m in metrics.items() if m.columns == several}
+
+
+def _judged(
+    metric: Metric, which: Iterable[int], columns: Sequence[ColumnForms], forms: Forms
+) -> list[Estimate]:
+    """The estimates of a metric of some of the columns, without their units."""
+    of, runs, diverged = [*which], forms.runs, forms.diverged
+
+    def some(curves: Iterable[Curves]) -> list[Curves]:
+        return [c.take(of) for c in curves]
+
+    finest = some(c.finest for c in columns)
     value = metric(*finest)
-    if math.isnan(value):
-        touched = any(not math.isnan(x) for x in _beside(metric, columns))
-        return Estimate(value, None, reason=TOUCHES if touched else "")
-    if reason := _why_none(runs, columns):
-        return Estimate(value, None, reason=reason)
-    if not _is_over(metric, columns, diverged, value):
-        return Estimate(value, None, reason=diverged.reason)
-    of_runs = [metric(*curves) for curves in zip(*(c.of_runs for c in columns))]
+    moved = _beside(metric, columns, some)
+    touched = ~np.all(np.isnan([value, *moved]), axis=0)
+    reasons = [
+        (TOUCHES if touched[k] else "") if math.isnan(value[k])
+        else _why_none(runs, columns, of[k])
+        or ("" if _is_over(metric, columns, diverged, value[k], of[k]) else diverged.reason)
+        for k in range(len(of))
+    ]  # fmt: skip
+    if all(reasons) or np.isnan(value).all():
+        return [Estimate(float(x), None, reason=why) for x, why in zip(value, reasons)]
+    of_runs = np.array([metric(*some(curves)) for curves in zip(*(c.of_runs for c in columns))])
     if metric.is_count:
-        return _count(value, [*of_runs, metric(*(c.at_zero for c in columns))])
-    evaluations = Evaluations(
-        value,
-        of_runs,
-        _thinned(metric, columns),
-        scale=metric.scale(*finest),
-    )
-    first = columns[0]
-    if len(columns) == 1:
-        evaluations.sides = [metric(curve) for curve in first.filled]
-    if any(column.band is not None for column in columns):
-        evaluations.shifts = [(value, metric(*(c.at_zero for c in columns)))]
-        evaluations.beside = _beside(metric, columns)
-    converges = False
-    if len(columns) == 1 and first.band is not None:
-        evaluations.shifts = [
-            *evaluations.shifts, (evaluations.sides[0], metric(first.zero_filled))
-        ]  # fmt: skip
-        evaluations.doubt = metric.doubt(first.finest, first.width)
-        times = [*metric.times(first.finest), *metric.times(first.at_zero)]
-        converges = bool(times) and all(
-            math.isfinite(t) and first.band.converges_at(t) for t in times
+        agree = (np.array([*of_runs, metric(*some(c.at_zero for c in columns))]) == value).all(
+            axis=0
         )
-    orders = sorted({column.order for column in columns})
-    return combined(
-        evaluations,
-        Circumstances(orders, runs.ratio, converges, is_regular, runs.have_jumps_inside),
-    )
+        estimates = [
+            Estimate(float(x), 0.0) if a else Estimate(float(x), None, reason=RUNS_DISAGREE)
+            for x, a in zip(value, agree)
+        ]
+    else:
+        thinned = {n: [metric(*some(c.thinned(n, k) for c in columns)) for k in range(n)]
+                   for n in THINNED}  # fmt: skip
+        e = Evaluations(value, of_runs, thinned, scale=metric.scale(*finest))
+        if any(column.band is not None for column in columns):
+            e.shifts = [metric(*some(c.at_zero for c in columns)) - value]
+            e.beside = [x - value for x in moved]
+        first, converges = columns[0], np.zeros(len(of), dtype=bool)
+        if len(columns) == 1:
+            e.sides = [metric(*some([curves])) for curves in first.filled]
+        if len(columns) == 1 and first.band is not None:
+            e.shifts = [*e.shifts, metric(*some([first.zero_filled])) - e.sides[0]]
+            e.doubt = metric.doubt(*finest, *some([first.width]))
+            times = np.concatenate([metric.times(*finest), metric.times(*some([first.at_zero]))])
+            if len(times):
+                converges |= first.band.converges_at(times, of).all(axis=0)
+        orders = np.array([column.orders[of] for column in columns])
+        estimates = combined(
+            e,
+            Circumstances(orders, runs.ratio, converges, forms.is_regular, runs.have_jumps_inside),
+        )
+    return [
+        Estimate(float(v), None, reason=why) if why or math.isnan(v) else x
+        for v, why, x in zip(value, reasons, estimates)
+    ]
 
 
-def row_estimate(metric: Metric, forms: Forms, error: float) -> Estimate:
-    """A metric of one result with the error of the spacing of its rows, and one of its column added."""
-    columns = forms.of(metric.columns)
-    value = metric(*(column.finest for column in columns))
-    thinned = _thinned(metric, columns)
-    sides = [metric(curve) for curve in columns[0].filled] if len(columns) == 1 else []
-    rows = Evaluations(value, [value], thinned, sides).row_error()
-    unit = metric.unit(forms.runs.finest.units.get(metric.columns[0], ""))
-    if not math.isfinite(rows):
-        return Estimate(value, None, reason=NO_ROWS, unit=unit)
-    return Estimate(value, rows + error, rows=rows, unit=unit)
+def estimates_of_rows(
+    metrics: Mapping[str, Metric], result: Result, errors: Mapping[str, float]
+) -> dict[str, Estimate]:
+    """Metrics of one result with the errors of the spacing of its rows, and those of their columns by name added."""
+    forms, estimates = Forms(NestedRuns([result], result, STEP_RATIO)), {}
+    for columns, group in _groups(metrics, forms):
+        for metric, which in group.items():
+            every = [metric(*curves) for curves in zip(*([c.finest, *c.filled] for c in columns))]
+            thinned = {n: [metric(*(c.thinned(n, k) for c in columns)) for k in range(n)]
+                       for n in THINNED}  # fmt: skip
+            rows = Evaluations(every[0], np.array(every[:1]), thinned, every[1:]).row_error()
+            for name, k in which.items():
+                column, value = metrics[name].columns[0], float(every[0][k])
+                unit = metrics[name].unit(result.units.get(column, ""))
+                estimates[name] = (
+                    Estimate(value, float(rows[k]) + errors[column], rows=float(rows[k]), unit=unit)
+                    if math.isfinite(rows[k])
+                    else Estimate(value, None, reason=NO_ROWS, unit=unit)
+                )
+    return estimates
 
 
-def _why_none(runs: NestedRuns, columns: Sequence[ColumnForms]) -> str:
+def _why_none(runs: NestedRuns, columns: Sequence[ColumnForms], k: int) -> str:
     """Why no number of columns has an error; "" if one may have."""
     if len(runs.results) == 1:
         return runs.lost
     if not runs.refines:
         return SAME_STEPS
     for column in columns:
-        if column.slow is not None:
-            return COLUMN_NOT_CONVERGED.format(column.name, column.slow)
+        if not math.isnan(column.slow[k]):
+            return COLUMN_NOT_CONVERGED.format(column.names[k], column.slow[k])
     return ""
 
 
-def _thinned(metric: Metric, columns: Sequence[ColumnForms]) -> dict[int, list[float]]:
-    """A metric with every second and every third row, from each first one."""
-    return {n: [metric(*(c.thinned(n, k) for c in columns)) for k in range(n)] for n in THINNED}
-
-
-def _beside(metric: Metric, columns: Sequence[ColumnForms]) -> list[float]:
+def _beside(
+    metric: Metric,
+    columns: Sequence[ColumnForms],
+    some: Callable[[Iterable[Curves]], list[Curves]],
+) -> list[Array]:
     """A metric with its columns moved up and down by their errors, one at a time, where then other times decide it.
 
     What moves at the same times is in the error of the number itself.
     """
     if not metric.is_local:
         return []
-    curves = [column.finest for column in columns]
-    times = np.array(metric.times(*curves))
+    curves = some(column.finest for column in columns)
+    value, times = metric(*curves), metric.times(*curves)
     values = []
     for k, column in enumerate(columns):
-        for moved in column.beside:
+        for moved in some(column.beside):
             others = [*curves[:k], moved, *curves[k + 1 :]]
-            distances = np.abs(np.array(metric.times(*others)) - times)
-            from_start = times == curves[0].t[0]
-            if not (distances <= np.where(from_start, 0.0, column.spacing)).all():
-                values.append(metric(*others))
+            distances = np.abs(metric.times(*others) - times)
+            near = np.where(times == curves[0].t[0], 0.0, column.spacing)
+            same = (distances <= near).all(axis=0)
+            values.append(np.where(same, value, metric(*others)))
     return values
 
 
-def _count(value: float, others: Sequence[float]) -> Estimate:
-    """A count is right if all runs agree on it."""
-    if all(other == value for other in others):
-        return Estimate(value, 0.0)
-    return Estimate(value, None, reason=RUNS_DISAGREE)
-
-
 def _is_over(
-    metric: Metric, columns: Sequence[ColumnForms], diverged: Divergence, value: float
+    metric: Metric, columns: Sequence[ColumnForms], diverged: Divergence, value: float, k: int
 ) -> bool:
     """Whether a metric depends only on the rows before its columns diverge, if they do.
 
     That is so if it has the same value without the later rows, and with later values spread further from
     their middle, as those of another chaotic trajectory might be.
     """
-    if not any(column.name in diverged.columns for column in columns):
+    if not any(column.names[k] in diverged.columns for column in columns):
         return True
-    begin, finest = diverged.begin, [column.finest for column in columns]
+    begin, finest = diverged.begin, [column.finest.take([k]) for column in columns]
     if begin <= finest[0].t[1]:
         return False
     wide = [
-        curve.with_values(widened(curve.t, curve.x, begin))
-        if column.name in diverged.columns
+        curve.with_values(widened(curve.t, curve.x[0], begin)[None])
+        if column.names[k] in diverged.columns
         else curve
         for column, curve in zip(columns, finest)
     ]
     before = [curve.between(-math.inf, begin) for curve in finest]
-    return bool(metric(*before) == value == metric(*wide))
+    return bool(metric(*before)[0] == value == metric(*wide)[0])
 
 
 class ObservedResult(Result):
@@ -365,55 +395,54 @@ def judge_function(
     first = function(observed)
     forms = Forms(runs, diverged, keep_rows=True)
     names = observed.columns_read()
-    columns = dict(zip(names, forms.of(names)))
-    if reason := _why_none(runs, [*columns.values()]):
+    columns = {name: ColumnForms([name], forms) for name in names}
+    if reason := _why_none(runs, [*columns.values()], 0):
         return {name: _estimate(x)._replace(error=None, reason=reason) for name, x in first.items()}
     numbers = {name: x for name, x in first.items() if not isinstance(x, Estimate)}
     try:
         of_runs = [function(result) for result in (forms.results() if numbers else runs.results)]
         after = _need_later_rows(function, runs, diverged, [*columns])
-        every = _evaluations(function, runs, columns, of_runs) if numbers else {}
+        every = _evaluations(function, runs, columns, of_runs, [*numbers]) if numbers else None
     except Exception as error:  # noqa: BLE001 - whatever the function of a person raises
         reason = OTHER_ROWS.format(error)
         return {name: _estimate(x)._replace(error=None, reason=reason) for name, x in first.items()}
-    orders = sorted({column.order for column in columns.values()} or {runs.order("")})
+    orders = {column.orders[0] for column in columns.values()} or {runs.order("")}
     known = Circumstances(
-        orders, runs.ratio, is_regular=forms.is_regular, has_jumps=runs.have_jumps_inside
-    )
+        np.array(sorted(orders))[:, None], runs.ratio, is_regular=forms.is_regular,
+        has_jumps=runs.have_jumps_inside,
+    )  # fmt: skip
     estimates = {}
+    if every is not None:
+        estimates = dict(zip(numbers, combined(every, known)))
+        if any(x.error is None and name not in after for name, x in estimates.items()):
+            coarse = _coarse_rows(function, forms, of_runs, [*numbers])
+            lacking = np.array([x.error is None for x in estimates.values()])
+            rows = every.row_error()
+            every.rows = np.where(lacking & (coarse >= rows), coarse, rows)
+            estimates = dict(zip(numbers, combined(every, known)))
     for name, x in first.items():
         given = _estimate(x)
         if name in after and not (isinstance(x, Estimate) and x.error is None):
             estimates[name] = given._replace(error=None, reason=diverged.reason)
         elif isinstance(x, Estimate):
             estimates[name] = _with_coupling(x, [run.get(name) for run in of_runs], known)
-        else:
-            estimates[name] = combined(every[name], known)
-    open_ = [n for n, x in estimates.items() if x.error is None and n in every and n not in after]
-    if open_:
-        coarse = _coarse_rows(function, forms, of_runs)
-        for name in set(open_).intersection(coarse):
-            every[name].rows = max(every[name].row_error(), coarse[name])
-            estimates[name] = combined(every[name], known)
-    return estimates
+    return {name: estimates[name] for name in first}
 
 
 def _coarse_rows(
-    function: Function, forms: Forms, of_runs: Sequence[Mapping[str, float | Estimate]]
-) -> dict[str, float]:
+    function: Function,
+    forms: Forms,
+    of_runs: Sequence[Mapping[str, float | Estimate]],
+    names: Sequence[str],
+) -> Array:
     """The errors of numbers due to the spacing of the common rows of the runs, which may hide their differences."""
     finest = forms.results()[0]
     try:
         fewer = {n: [function(result) for result in thinned_results(finest, n)] for n in THINNED}
     except Exception:  # noqa: BLE001 - whatever the function of a person raises
-        return {}
-    thinned = {
-        name: {n: [number(r[name]) for r in rs] for n, rs in fewer.items()} for name in of_runs[0]
-    }
-    return {
-        name: Evaluations(number(x), [], thinned[name]).row_error()
-        for name, x in of_runs[0].items()
-    }
+        return np.full(len(names), math.nan)
+    thinned = {n: [numbers_of(r, names) for r in results] for n, results in fewer.items()}
+    return Evaluations(numbers_of(of_runs[0], names), np.zeros((0, 1)), thinned).row_error()
 
 
 def _estimate(x: float | Estimate) -> Estimate:
@@ -433,8 +462,10 @@ def _with_coupling(
     if len(set(values)) == 1 and x.value == values[0] == round(x.value):
         return x  # a count that all runs agree on
     noise = max(run.error or 0.0 for run in runs)
-    of_values = combined(Evaluations(x.value, values, rows=x.error, noise=noise), known)
-    return of_values._replace(unit=x.unit)
+    e = Evaluations(
+        np.array([x.value]), np.array(values)[:, None], rows=np.array([x.error]), noise=noise
+    )
+    return combined(e, known)[0]._replace(unit=x.unit)
 
 
 def _evaluations(
@@ -442,58 +473,40 @@ def _evaluations(
     runs: NestedRuns,
     columns: Mapping[str, ColumnForms],
     of_runs: Sequence[Mapping[str, float | Estimate]],
-) -> dict[str, Evaluations]:
-    """What a function makes of all the forms of the columns that it reads."""
+    names: Sequence[str],
+) -> Evaluations:
+    """The named numbers that a function makes of all the forms of the columns that it reads."""
     dense = runs.dense
-    value = function(dense)
-    thinned = {n: [function(result) for result in thinned_results(dense, n)] for n in THINNED}
-    hidden = [
-        function(
-            with_columns(dense, {n: partial(c.with_extremes, sign) for n, c in columns.items()})
-        )
-        for sign in SIGNS
-    ]
-    zero = [
-        function(
-            with_columns(dense, {n: partial(c.zero_extremes, sign) for n, c in columns.items()})
-        )
-        for sign in SIGNS
-    ]
-    beside = [
-        function(with_columns(dense, {name: partial(column.moved, sign)}))
-        for name, column in columns.items()
-        if column.band is not None
-        for sign in SIGNS
-    ]
+
+    def of(changed: Mapping[str, Callable[[], Array]]) -> Array:
+        single = {name: lambda make=make: make()[0] for name, make in changed.items()}
+        return numbers_of(function(with_columns(dense, single)), names)
+
+    value, series = of({}), np.array([numbers_of(run, names) for run in of_runs])
+    thinned = {n: [numbers_of(function(r), names) for r in thinned_results(dense, n)]
+               for n in THINNED}  # fmt: skip
+    hidden = [of({n: partial(c.with_extremes, s) for n, c in columns.items()}) for s in SIGNS]
+    zero = [of({n: partial(c.zero_extremes, s) for n, c in columns.items()}) for s in SIGNS]
     joint = {name: column for name, column in columns.items() if column.band is not None}
-    beside += [
-        function(with_columns(dense, {n: partial(c.lowered, *tilt) for n, c in joint.items()}))
-        for tilt in TILTS
-    ]
-    every = {}
-    for name, x in value.items():
-        finest = number(x)
-        series = [number(run[name]) for run in of_runs]
-        e = Evaluations(
-            finest,
-            series,
-            {n: [number(r[name]) for r in results] for n, results in thinned.items()},
-            [number(r[name]) for r in hidden],
-        )
-        e.rows = max(e.row_error(), abs(finest - series[0]))
-        e.shifts = [
-            (number(of[name]), number(to[name]))
-            for of, to in zip(hidden, zero)
-            if not abs(number(of[name]) - number(to[name])) <= e.rows
-        ]
-        e.beside = [number(r[name]) for r in beside if not abs(number(r[name]) - finest) <= e.rows]
-        every[name] = e
-    return every
+    beside = [of({name: partial(c.moved, s)}) for name, c in joint.items() for s in SIGNS]
+    beside += [of({n: partial(c.lowered, *tilt) for n, c in joint.items()}) for tilt in TILTS]
+    e = Evaluations(value, series, thinned, hidden)
+    rows = e.row_error()
+    e.rows = np.where(np.isnan(rows), rows, np.fmax(rows, np.abs(value - series[0])))
+
+    def beyond_rows(change: Array) -> Array:
+        return np.where(np.abs(change) <= rows_, 0.0, change)
+
+    rows_ = e.rows
+    e.shifts = [beyond_rows(to - x) for x, to in zip(hidden, zero)]
+    e.beside = [beyond_rows(x - value) for x in beside]
+    return e
 
 
-def number(x: float | Estimate) -> float:
-    """The value of what a function gives."""
-    return x.value if isinstance(x, Estimate) else float(x)
+def numbers_of(values: Mapping[str, float | Estimate], names: Sequence[str]) -> Array:
+    """The named values of what a function gives; raises KeyError for one that it does not give."""
+    every = [values[name] for name in names]
+    return np.array([x.value if isinstance(x, Estimate) else float(x) for x in every])
 
 
 def _need_later_rows(

@@ -13,12 +13,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+#: Runs from which an order is observed: derived, two differences need three.
+RUNS = 3
 #: Ratio of two steps: the smallest whole one, so that the finer run has all times of the coarser one.
 STEP_RATIO = 2.0
 #: Factor of safety where the observed order is that of the algorithm (Roache 1998, three grids).
@@ -151,9 +154,8 @@ def limit(
     >>> round(float(of_runs.error), 4), round(float(of_runs.extrapolated), 4)
     (0.0125, 1.0)
     """
-    runs = np.asarray(x, dtype=np.float64)
-    fine, middle, coarse = runs
-    p = np.broadcast_to(np.asarray(order, dtype=np.float64), fine.shape)
+    p, *each = np.broadcast_arrays(np.asarray(order, float), *np.asarray(x, float))
+    fine, middle, coarse = runs = np.array(each)
     noises = np.broadcast_to(np.asarray(noise, dtype=np.float64), runs.shape)
     with np.errstate(all="ignore"):
         least = ROUNDING_SHARE * np.where(fine == 0.0, 1.0, np.abs(fine))
@@ -231,30 +233,17 @@ def _apart(runs: Array, noises: Array, gain: Array, distance_of_error: Array) ->
 
 
 def likeliest(
-    x: ArrayLike,
-    orders: ArrayLike,
-    ratio: float = STEP_RATIO,
-    noise: ArrayLike = 0.0,
-    *,
-    scale: float = 0.0,
-    is_regular: bool = True,
+    x: ArrayLike, orders: ArrayLike, ratio: float = STEP_RATIO, noise: ArrayLike = 0.0, **more: Any
 ) -> Limit:
-    """Estimate the error of one value that may have one of several orders, see `limit`.
+    """What `limit` estimates of values, shape (3, n), that may each have one of several orders, shape (orders, n).
 
     The order is the highest one that the runs confirm, else the lowest. A value of a low order that happens to
     fall with a higher one gets too small an error.
     """
     p = np.asarray(orders, dtype=np.float64)
-    runs = np.asarray(x, dtype=np.float64)
-    noises = np.broadcast_to(np.asarray(noise, dtype=np.float64), runs.shape)
-    every = limit(
-        np.repeat(runs[:, None], len(p), axis=1),
-        p,
-        ratio,
-        noises[:, None],
-        scale=scale,
-        is_regular=is_regular,
-    )
+    runs, noises = (np.asarray(of, dtype=np.float64) for of in (x, noise))
+    every = limit(runs[:, None], p, ratio, noises[:, None] if noises.ndim else noises, **more)
     confirmed = np.abs(every.order - p) <= CONFIRMED_DISTANCE * p
-    k = int(np.argmax(np.where(confirmed, p, -math.inf))) if confirmed.any() else int(p.argmin())
-    return Limit(*(np.asarray(field)[k] for field in vars(every).values()))
+    highest = np.where(confirmed, p, -math.inf).argmax(axis=0)
+    k = np.where(confirmed.any(axis=0), highest, p.argmin(axis=0))[None]
+    return Limit(*(np.take_along_axis(field, k, axis=0)[0] for field in vars(every).values()))

@@ -20,14 +20,12 @@ from ..engine.row_file import stored_column
 from ..result import Result, SimulationError
 from ..scratch import scratch
 from ..system import System
-from .limit import STEP_RATIO
+from .limit import RUNS, STEP_RATIO
 
 #: Ratio of two tolerances of adaptive steps: the steps then differ by sqrt(10) or more, as they do by 2 where they are fixed.
 TOLERANCE_RATIO = 10.0
 #: Least ratio of the steps of two runs that shows an error (Celik et al., J. Fluids Eng. 130, 2008, step 2).
 LEAST_RATIO = 1.3
-#: Runs from which an order is observed: derived, two differences need three.
-RUNS = 3
 #: Share by which a step may exceed a run that is as long: rounding of their quotient.
 STEP_ROUNDING = 1e-9
 TOO_LONG = "the run is shorter than a step of {:g} s, so that no error can be estimated"

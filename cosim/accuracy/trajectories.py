@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dense import GAP_RATIO, NOISE_FRACTION, Array, DenseSolution, separate
+from ..dense import GAP_RATIO, NOISE_FRACTION, Array, Curves, separate
 from ..result import Result
-from .limit import CONFIRMED_FACTOR, LOWEST_ORDER, ROUNDING_SHARE, STEP_RATIO, limit
+from .limit import CONFIRMED_FACTOR, LOWEST_ORDER, ROUNDING_SHARE, RUNS, STEP_RATIO, limit
 
 #: Parts of a run over which trajectories are compared: convention, a jump that one run makes a row later
 #: than another is a small share of such a part, and a run that has diverged fills many.
@@ -37,87 +37,87 @@ DIVERGED_WIDTH = 2.0
 RELAXED = 3
 #: The reason why numbers are refused after trajectories have diverged.
 DIVERGED = "not converged: the runs diverge from {:.4g} s on"
-Rows = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
 class ErrorBand:
-    """What remains to the solution of a column at the times that all runs have.
+    """What remains to the solution of columns at the times that all runs have.
 
     Attributes
     ----------
-    finest : DenseSolution
-        The column in the finest run.
+    finest : Curves
+        The columns in the finest run.
     times : array of shape (times,)
         The times that all runs have [s].
-    shift : array of shape (times,)
+    shift : array of shape (columns, times)
         What the extrapolation to a step of zero adds; nothing where the values do not converge regularly.
-    widths : array of shape (times,)
+    widths : array of shape (columns, times)
         By how much the values of the finest run may be off: by the shift with the factor of safety where they
         converge regularly, whose order one value alone does not confirm or refute, and with the lowest order where
         they do not converge.
-    regular : array of bool
+    regular : array of bool, shape (columns, times)
         Where they converge.
-    rounding : float
+    rounding : array of shape (columns, 1)
         What is added to each width.
     """
 
-    finest: DenseSolution
+    finest: Curves
     times: Array
     shift: Array
     widths: Array
     regular: NDArray[np.bool_]
-    rounding: float
+    rounding: Array
 
     @property
-    def solution(self) -> DenseSolution:
-        """The column extrapolated to a step of zero, at the times of the finest run; made anew at each call."""
-        return self.finest.with_values(self._at_rows(self.shift, self.finest.x))
+    def solution(self) -> Curves:
+        """The columns extrapolated to a step of zero, at the times of the finest run; made anew at each call."""
+        return self.finest.with_values(self._at_rows(self.shift) + self.finest.x)
 
     @property
-    def width(self) -> DenseSolution:
+    def width(self) -> Curves:
         """By how much each value may be off, at the times of the finest run; made anew at each call."""
-        return self.finest.with_values(self._at_rows(self.widths, self.rounding))
+        return self.finest.with_values(self._at_rows(self.widths) + self.rounding)
 
-    def _at_rows(self, values: Array, addend: Array | float) -> Array:
-        """Values at all rows of the finest run, and what is added to them."""
-        rows: Array = np.interp(separate(self.finest.t), separate(self.times), values)
-        rows += addend
-        return rows
+    def _at_rows(self, values: Array) -> Array:
+        """Values at all rows of the finest run."""
+        rows, times = separate(self.finest.t), separate(self.times)
+        return np.array([np.interp(rows, times, of) for of in values])
 
-    def converges_at(self, time: float) -> bool:
-        """Whether the values before and after a time [s] do, both that are in all runs."""
-        k = min(max(int(np.searchsorted(self.times, time)), 1), len(self.times) - 1)
-        return bool(self.regular[k - 1] and self.regular[k])
+    def converges_at(self, times: Array, columns: Sequence[int]) -> NDArray[np.bool_]:
+        """Whether the values of columns before and after times [s], shape (times, columns), do, both that are in all runs."""
+        k = np.clip(np.searchsorted(self.times, times), 1, len(self.times) - 1)
+        regular = self.regular[columns, k - 1] & self.regular[columns, k]
+        return np.asarray(regular & np.isfinite(times))
 
 
 def error_band(
-    finest: DenseSolution, runs: Sequence[Rows], order: float, ratio: float = STEP_RATIO
+    finest: Curves, times: Array, runs: Sequence[Array], orders: Array, ratio: float = STEP_RATIO
 ) -> ErrorBand:
-    """Extrapolate a column that is continuous to a step of zero, value by value.
+    """Extrapolate columns that are continuous to a step of zero, value by value.
 
     Parameters
     ----------
-    finest : DenseSolution
-        The column in the finest run.
-    runs : sequence of two or three pairs of arrays
-        Times [s] and values of the column in each run, the finest first.
-    order : float
-        The order of the algorithm for this column.
+    finest : Curves
+        The columns in the finest run.
+    times : array of shape (times,)
+        Those that all runs have [s].
+    runs : sequence of two or three arrays of shape (columns, times)
+        The values of each run at these, the finest first.
+    orders : array of shape (columns,)
+        The order of the algorithm for each column.
     ratio : float
         The ratio of the steps of two runs.
     """
-    shared, values = shared_values(runs)
-    if len(values) == 2:  # noqa: PLR2004 - a run lacks
-        values = [*values, np.full(len(shared), math.nan)]
-    rounding = ROUNDING_SHARE * max(abs(float(finest.x.min())), abs(float(finest.x.max())))
-    of_runs = limit(values, order, ratio, noise=rounding)
+    lacks = [np.full_like(runs[0], math.nan)] * (RUNS - len(runs))
+    values = np.array([*runs, *lacks])
+    rounding = ROUNDING_SHARE * np.abs(finest.x).max(axis=1, keepdims=True)
+    of_runs = limit(values, orders[:, None], ratio, noise=rounding)
     shift = of_runs.extrapolated - values[0]
     irregular = np.abs(values[0] - values[1]) / (math.pow(ratio, LOWEST_ORDER) - 1.0)
     widths = np.where(of_runs.is_stated, of_runs.error, irregular)
     return ErrorBand(
         finest,
-        times=shared,
+        times=times,
         shift=shift,
         widths=np.where(shift != 0.0, CONFIRMED_FACTOR * np.abs(shift) + rounding, widths),
         regular=of_runs.is_stated,
@@ -135,21 +135,8 @@ def shared_rows(times: Sequence[Array]) -> list[NDArray[np.intp]] | None:
     return [_row_index(t, shared) for t in times]
 
 
-def shared_values(runs: Sequence[Rows]) -> tuple[Array, list[Array]]:
-    """The times [s] that all runs have, and the values of each at these.
-
-    Where they are less than half of the coarsest run's times, the finer ones are interpolated to those.
-    """
-    rows = shared_rows([t for t, _ in runs])
-    if rows is None:
-        shared, coarse = runs[-1]
-        times = separate(shared)
-        return shared, [*(DenseSolution.from_rows(*run)(times) for run in runs[:-1]), coarse]
-    return runs[-1][0][rows[-1]], [x[k] for (_, x), k in zip(runs, rows)]
-
-
-def slow_order(runs: Sequence[Rows], ratio: float = STEP_RATIO) -> float | None:
-    """The order, below LOWEST_ORDER, with which the error of a whole column falls; None if it is not so slow.
+def slow_orders(runs: Sequence[Array], ratio: float = STEP_RATIO) -> Array:
+    """The order, below LOWEST_ORDER, with which the error of whole columns falls; nan for those where it is not so slow.
 
     Differences of three runs count as slow where they keep their sign and fall with a lower order. A column is
     slow where at least the share SLOW_SHARE of its rows is; noise of solvers has either sign, and runs that have
@@ -157,40 +144,43 @@ def slow_order(runs: Sequence[Rows], ratio: float = STEP_RATIO) -> float | None:
 
     Parameters
     ----------
-    runs : sequence of three pairs of arrays
-        Times [s] and values of the column in each run, the finest first.
+    runs : sequence of three arrays of shape (columns, times)
+        The values of each run at times that all have, the finest first.
     ratio : float
         The ratio of the steps of two runs.
     """
-    _, (fine, middle, coarse) = shared_values(runs)
+    fine, middle, coarse = runs
     last, previous = fine - middle, middle - coarse
-    is_distinct = np.abs(last) > ROUNDING_SHARE * float(np.abs(fine).max())
-    if not is_distinct.any():
-        return None
+    is_distinct = np.abs(last) > ROUNDING_SHARE * np.abs(fine).max(axis=1, keepdims=True)
     with np.errstate(all="ignore"):
-        falls = np.log(previous[is_distinct] / last[is_distinct]) / math.log(ratio)
-    slow = (falls > 0.0) & (falls < LOWEST_ORDER)
-    return float(np.median(falls[slow])) if np.mean(slow) >= SLOW_SHARE else None
+        falls = np.log(previous / last) / math.log(ratio)
+    slow = is_distinct & (falls > 0.0) & (falls < LOWEST_ORDER)
+    rows = is_distinct.sum(axis=1)
+    orders = np.full(len(fine), math.nan)
+    for k in np.flatnonzero((slow.sum(axis=1) >= SLOW_SHARE * rows) & (rows > 0)):
+        orders[k] = np.median(falls[k][slow[k]])
+    return orders
 
 
-def relaxes_within_a_step(result: Result) -> bool:
+def relaxes_within_a_step(t: Array, x: Array) -> bool:
     """Whether a column moves in the first step, or in the first one after a jump, by far more than in the next ones.
 
     A part then relaxes within a step. Errors that arise there fall with no power of the step before steps are much
     shorter, and differences of runs show the order of the algorithm by chance.
+
+    Parameters
+    ----------
+    t : array of shape (rows,)
+        Times [s].
+    x : array of shape (columns, rows)
+        Columns that are continuous.
     """
-    t = result["time"]
     begins = np.concatenate([[0], np.flatnonzero(np.diff(t) == 0.0) + 1])
     begins = begins[begins + 1 + RELAXED < len(t)]
-    for column in result.columns[1:]:
-        if column.kind.is_held:
-            continue
-        x = result[column.name]
-        moves = np.abs(np.array([x[begins + k + 1] - x[begins + k] for k in range(RELAXED + 1)]))
-        first, later = moves[0], moves[1:].max(axis=0)
-        if ((first > GAP_RATIO * later) & (first > NOISE_FRACTION * np.ptp(x))).any():
-            return True
-    return False
+    moves = np.abs([x[:, begins + k + 1] - x[:, begins + k] for k in range(RELAXED + 1)])
+    first, later = moves[0], moves[1:].max(axis=0)
+    ranges = np.ptp(x, axis=1)[:, None] if x.size else np.zeros((len(x), 1))
+    return bool(((first > GAP_RATIO * later) & (first > NOISE_FRACTION * ranges)).any())
 
 
 def _is_in(times: Array, sorted_times: Array) -> NDArray[np.bool_]:
@@ -247,29 +237,36 @@ def divergence(results: Sequence[Result], ratio: float = STEP_RATIO) -> Divergen
         The time is infinite, and there is no column, if the runs have not diverged.
     """
     t = results[-1]["time"]
-    times = separate(t)
-    parts = np.array_split(np.arange(len(t)), min(PARTS, len(t)))
-    distant: dict[str, NDArray[np.bool_]] = {}
-    first = len(parts)
-    for column in results[0].columns[1:]:
-        runs = [
-            np.interp(times, separate(result["time"]), result[column.name]) for result in results
-        ]
-        last, previous = (
-            np.array([np.abs(short - long)[part].mean() for part in parts])
-            for short, long in pairwise(runs)
-        )
-        least = max(DISTANT_SHARE * np.ptp(runs[0]), ROUNDING_SHARE * np.abs(runs[0]).max())
-        padded = np.pad(previous, NEIGHBOURS)
-        around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1).max(axis=1)
-        distant[column.name] = last > least
-        diverged = distant[column.name] & (last > around / ratio**LOWEST_ORDER)
-        if diverged.any() and not column.kind.is_held:
-            first = min(first, int(diverged.argmax()))
-    if first == len(parts):
+    times, columns = separate(t), results[0].columns[1:]
+    if not columns:
         return Divergence()
-    columns = frozenset(name for name, there in distant.items() if there[first:].any())
-    return Divergence(float(t[parts[first][0]]), columns)
+    runs = [
+        np.array([np.interp(times, separate(r["time"]), r[c.name]) for c in columns])
+        for r in results
+    ]
+    many = min(PARTS, len(t))
+    begins = np.array([part[0] for part in np.array_split(np.arange(len(t)), many)])
+    sizes = np.diff(begins, append=len(t))
+    last, previous = (
+        np.add.reduceat(np.abs(short - long), begins, axis=1) / sizes
+        for short, long in pairwise(runs)
+    )
+    least = np.maximum(
+        DISTANT_SHARE * np.ptp(runs[0], axis=1), ROUNDING_SHARE * np.abs(runs[0]).max(axis=1)
+    )
+    padded = np.pad(previous, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1, axis=1).max(
+        axis=2
+    )
+    distant = last > least[:, None]
+    is_held = np.array([column.kind.is_held for column in columns])
+    diverged = (distant & (last > around / ratio**LOWEST_ORDER) & ~is_held[:, None]).any(axis=0)
+    if not diverged.any():
+        return Divergence()
+    first = int(diverged.argmax())
+    there = distant[:, first:].any(axis=1)
+    names = frozenset(c.name for c, is_distant in zip(columns, there) if is_distant)
+    return Divergence(float(t[begins[first]]), names)
 
 
 def widened(t: Array, x: Array, begin: float) -> Array:

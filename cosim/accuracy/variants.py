@@ -1,4 +1,4 @@
-"""The columns of three runs in all the forms that decide an error, each made once for all metrics."""
+"""The columns of three runs in all the forms that decide an error, each made once for all columns and metrics."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from functools import cached_property
 
 import numpy as np
 
-from ..dense import KEPT_ROWS, Array, Indices, Side, thinned_rows
-from ..metrics import Curve
+from ..dense import MOST_POINTS, Array, Curves, Side, separate, thinned_rows
 from ..result import Result
-from .nested import RUNS, NestedRuns
+from .limit import RUNS
+from .nested import NestedRuns
 from .trajectories import (
     Divergence,
     ErrorBand,
     error_band,
     relaxes_within_a_step,
     shared_rows,
-    slow_order,
+    slow_orders,
 )
 
 #: Every second and every third row are left: the smallest numbers without a common factor.
@@ -28,67 +28,81 @@ ROUNDINGS = 3.0
 NOWHERE = Divergence()
 
 
-class ColumnForms:
-    """A column of three runs: its curves on common rows, and those of the finest run on all its rows."""
+def rows_of(result: Result, names: Sequence[str]) -> Array:
+    """Columns of a result, shape (columns, rows)."""
+    return np.array([result[name] for name in names], dtype=np.float64)
 
-    def __init__(
-        self,
-        name: str,
-        runs: NestedRuns,
-        diverged: Divergence,
-        common: Sequence[Indices] | None,
-        *,
-        keep_rows: bool,
-    ) -> None:
-        self.name, self.runs, self._diverged, self._keep_rows = name, runs, diverged, keep_rows
-        self.order = runs.order(name)
-        self._thinned: dict[tuple[int, int], Curve] = {}
-        self.is_held = runs.finest.column(name).kind.is_held
-        self._common = common
+
+class ColumnForms:
+    """Columns of three runs, all continuous or all held: their curves on common rows, and those of the finest run."""
+
+    def __init__(self, names: Sequence[str], forms: Forms) -> None:
+        self.names, self.runs, self._forms = names, forms.runs, forms
+        self.orders = np.array([self.runs.order(name) for name in names])
+        self.is_held = self.runs.finest.column(names[0]).kind.is_held
+
+    def _of(self, result: Result, breaks: Array) -> Curves:
+        return Curves.of_rows(
+            result["time"], rows_of(result, self.names), is_held=self.is_held, breaks=breaks
+        )
 
     @cached_property
-    def of_runs(self) -> Sequence[Curve]:
-        """The curve of each run, on the rows that all of them have if these are enough.
+    def of_runs(self) -> Sequence[Curves]:
+        """The curves of each run, on the rows that all of them have if these are enough.
 
-        A column that holds its values has those of each run's own rows, since the common ones hide when it changes.
+        Columns that hold their values have those of each run's own rows, since the common ones hide when they change.
         """
-        results, kind = self.runs.results, self.runs.finest.column(self.name).kind
-        if self._common is None or self.is_held:
-            return [result.solution(self.name) for result in results]
+        results, common = self.runs.results, self._forms.common
+        if common is None or self.is_held:
+            return [self._of(result, result.breaks) for result in results]
         return [
-            Curve.from_rows(r["time"][rows], r[self.name][rows], kind, results[-1].breaks)
-            for r, rows in zip(results, self._common)
+            Curves.of_rows(r["time"][rows], x, breaks=results[-1].breaks)
+            for r, rows, x in zip(results, common, self._shared)
         ]
 
     @cached_property
-    def finest(self) -> Curve:
+    def finest(self) -> Curves:
         """The finest run."""
-        dense, name = self.runs.dense, self.name
-        if not self._keep_rows:
-            return dense.solution(name)
-        return Curve(dense["time"], dense[name], dense.column(name).kind, dense.breaks)
+        dense = self.runs.dense
+        if not self._forms.keep_rows:
+            return self._of(dense, dense.breaks)
+        rows = rows_of(dense, self.names)
+        return Curves(dense["time"], rows, is_held=self.is_held, breaks=dense.breaks)
+
+    @cached_property
+    def _shared(self) -> Sequence[Array]:
+        """The values of each run at the times that all have, shape (columns, times).
+
+        Where they are less than half of the coarsest run's times, the finer ones are interpolated to those.
+        """
+        results, common = self.runs.results, self._forms.common
+        if common is not None:
+            return [rows_of(r, self.names)[:, rows] for r, rows in zip(results, common)]
+        times = separate(results[-1]["time"])
+        finer = [Curves.of_rows(r["time"], rows_of(r, self.names))(times) for r in results[:-1]]
+        return [*finer, rows_of(results[-1], self.names)]
 
     @cached_property
     def band(self) -> ErrorBand | None:
-        """What remains to a step of zero; None for what holds its values, or without another run."""
-        if self.is_held or len(self.runs.results) <= 1:
+        """What remains to a step of zero; None for what holds its values, or without a run whose step is another."""
+        if self.is_held or len(self.runs.results) <= 1 or not self.runs.refines:
             return None
-        rows = [(r["time"], r[self.name]) for r in self.runs.results]
-        return error_band(self.finest, rows, self.order, self.runs.ratio)
+        ratio = self.runs.ratio
+        return error_band(self.finest, self._forms.times, self._shared, self.orders, ratio)
 
     @cached_property
-    def width(self) -> Curve:
+    def width(self) -> Curves:
         """By how much the finest run may be off."""
         assert self.band is not None
         return self.band.width
 
     @cached_property
-    def at_zero(self) -> Curve:
+    def at_zero(self) -> Curves:
         """The finest run extrapolated to a step of zero."""
         return self.finest if self.band is None else self.band.solution
 
     @cached_property
-    def beside(self) -> Sequence[Curve]:
+    def beside(self) -> Sequence[Curves]:
         """The finest run moved up and down by its error."""
         if self.band is None:
             return []
@@ -104,27 +118,32 @@ class ColumnForms:
         """By how much the finest run may be off beyond rounding, at its rows; nothing after runs have diverged."""
         assert self.band is not None
         shift = np.maximum(self.width.x - ROUNDINGS * self.band.rounding, 0.0)
-        if self.name in self._diverged.columns:
-            shift[self.finest.t >= self._diverged.begin] = 0.0
+        diverged = self._forms.diverged
+        parted = np.array([[name in diverged.columns] for name in self.names])
+        shift[parted & (self.finest.t >= diverged.begin)] = 0.0
         return shift
 
-    def thinned(self, n: int, first: int) -> Curve:
+    @cached_property
+    def _thinned(self) -> dict[tuple[int, int], Curves]:
+        return {}
+
+    def thinned(self, n: int, first: int) -> Curves:
         """The finest run with the rows first, first + n, ...; kept if there are few."""
         if (n, first) in self._thinned:
             return self._thinned[n, first]
-        curve = self.finest.thinned(n, first)
-        if len(self.finest.t) <= KEPT_ROWS:
-            self._thinned[n, first] = curve
-        return curve
+        curves = self.finest.thinned(n, first)
+        if self.finest.x.size <= MOST_POINTS:
+            self._thinned[n, first] = curves
+        return curves
 
     @cached_property
-    def filled(self) -> Sequence[Curve]:
+    def filled(self) -> Sequence[Curves]:
         """The finest run with gaps filled from the side behind them, and from that before where there are any."""
-        sides = [Side.AFTER, *([Side.BEFORE] if len(self.finest.gaps) else [])]
+        sides = [Side.AFTER, *([Side.BEFORE] if self.finest.gaps.any() else [])]
         return [self.finest.filled(side) for side in sides]
 
     @cached_property
-    def zero_filled(self) -> Curve:
+    def zero_filled(self) -> Curves:
         """The extrapolated one with gaps filled from behind."""
         return self.at_zero.filled(Side.AFTER)
 
@@ -138,25 +157,22 @@ class ColumnForms:
 
     def moved(self, sign: float) -> Array:
         """The values at the rows moved up (1) or down (-1) by their errors, with the extreme that this has at the start."""
-        x = self.finest.x + sign * self._shift
-        row, highest = self.finest.start_extreme(self._shift, sign)
-        x[row] = sign * max(sign * x[row], highest)
-        return x
+        return self.finest.moved(self._shift, sign)
 
     def lowered(self, begin: float, end: float) -> Array:
         """The values at the rows with the top lower and the bottom higher by their errors, times begin to end of them."""
         return self.finest.with_top_lowered(self._shift, begin, end)
 
     @cached_property
-    def slow(self) -> float | None:
-        """The order with which the whole column converges, if it is too low to count."""
+    def slow(self) -> Array:
+        """The orders with which whole columns converge, where they are too low to count; else nan."""
         if self.is_held or len(self.runs.results) < RUNS:
-            return None
-        return slow_order([(r["time"], r[self.name]) for r in self.runs.results], self.runs.ratio)
+            return np.full(len(self.names), np.nan)
+        return slow_orders(self._shared, self.runs.ratio)
 
 
 class Forms:
-    """The columns of runs; those of a metric are kept for the next one.
+    """The columns of runs.
 
     With `keep_rows` the finest run has all its rows, for a function that reads them, and else only those that say
     something new.
@@ -165,29 +181,43 @@ class Forms:
     def __init__(
         self, runs: NestedRuns, diverged: Divergence = NOWHERE, *, keep_rows: bool = False
     ) -> None:
-        self.runs, self._diverged, self._keep_rows = runs, diverged, keep_rows
-        self._kept: dict[str, ColumnForms] = {}
-        self._common = shared_rows([result["time"] for result in runs.results])
+        self.runs, self.diverged, self.keep_rows = runs, diverged, keep_rows
+        self.common = shared_rows([result["time"] for result in runs.results])
+
+    @property
+    def times(self) -> Array:
+        """The times that all runs have [s], or those of the coarsest."""
+        rows = slice(None) if self.common is None else self.common[-1]
+        return np.asarray(self.runs.results[-1]["time"][rows])
 
     @cached_property
     def is_regular(self) -> bool:
         """Whether nothing speaks against an order that a number shows: no part relaxes and no input jumps within a step."""
-        return not self.runs.have_jumps_inside and not relaxes_within_a_step(self.runs.dense)
+        if self.runs.have_jumps_inside:
+            return False
+        dense = self.runs.dense
+        return not any(
+            relaxes_within_a_step(dense["time"], rows_of(dense, names))
+            for names, is_held in self._batches(dense.names[1:])
+            if not is_held
+        )
 
-    def of(self, names: Sequence[str]) -> list[ColumnForms]:
-        """The forms of columns."""
-        self._kept = {
-            name: self._kept.get(name)
-            or ColumnForms(name, self.runs, self._diverged, self._common, keep_rows=self._keep_rows)
-            for name in names
-        }
-        return list(self._kept.values())
+    def _batches(self, names: Sequence[str]) -> Iterator[tuple[list[str], bool]]:
+        """Columns that are all continuous or all held, and few enough for all their curves to be kept."""
+        most = max(1, MOST_POINTS // len(self.runs.dense["time"]))
+        for is_held in (False, True):
+            of = [n for n in names if self.runs.dense.column(n).kind.is_held is is_held]
+            yield from ((of[k : k + most], is_held) for k in range(0, len(of), most))
+
+    def batches(self, names: Sequence[str]) -> Iterator[ColumnForms]:
+        """The forms of columns, of as many at a time as have few rows."""
+        return (ColumnForms(batch, self) for batch, _ in self._batches(names))
 
     def results(self) -> list[Result]:
         """The results of the runs, on common rows."""
-        if self._common is None:
+        if self.common is None:
             return list(self.runs.results)
-        return [result.select(rows) for result, rows in zip(self.runs.results, self._common)]
+        return [result.select(rows) for result, rows in zip(self.runs.results, self.common)]
 
 
 def with_columns(result: Result, changed: Mapping[str, Callable[[], Array]]) -> Result:

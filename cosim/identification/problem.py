@@ -142,7 +142,7 @@ def shown(result: Result, name: str, times: Array) -> Array:
     """A column of a run at times [s], between its jumps where it has any: a jump has a row before and one after."""
     t = result["time"]
     if len(result.breaks):
-        return result.solution(name)(np.clip(times, t[0], t[-1]))
+        return np.asarray(result.solution(name)(np.clip(times, t[0], t[-1]))[0])
     return np.asarray(spline(t, result[name])(times))
 
 

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from cosim import Result, System, certify, diagnose, limit, run, smallest
 from cosim.accuracy.trajectories import divergence
 from cosim.analysis.coupling_theory import Ideal
-from cosim.dense import DenseSolution
+from cosim.dense import Curves
 from cosim.metrics import Largest, Mean, Smallest, TimeOfLargest, TimeOfSmallest
 from cosim.series import TIME, Column, Kind
 from cosim.verification.systems import couple, drive
@@ -140,8 +140,7 @@ def test_the_time_of_the_smallest_value_is_that_of_the_largest_of_the_opposite()
 def test_peaks_are_as_high_as_between_their_rows() -> None:
     """sin has peaks of the same height at 0.178 s and 0.678 s, which rows show by 0.001 and 0.0002 too low."""
     t = np.linspace(0.0, 1.0, 100)
-    solution = DenseSolution(t, np.sin(4 * math.pi * t - 0.666))
-    times, values = solution.maxima()
+    _, times, values = Curves(t, np.sin(4 * math.pi * t - 0.666)[None]).maxima()
     inside = (times > 0.1) & (times < 0.9)
     peaks = (0.5 * math.pi + 0.666) / (4 * math.pi) + np.array([0.0, 0.5])
     assert times[inside] == pytest.approx(peaks, abs=1e-5)

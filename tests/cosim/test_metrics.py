@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from benchmarks import certify as benchmark
 from benchmarks.certify import Verdict, cases, complaints, judged, judged_synthetic
@@ -20,6 +21,7 @@ from cosim import (
     System,
     certify,
     crossing,
+    dense,
     largest,
     mean,
     rms,
@@ -28,7 +30,7 @@ from cosim import (
     time_of_largest,
     time_of_smallest,
 )
-from cosim.dense import DenseSolution
+from cosim.dense import Curves
 from cosim.metrics import (
     Crossing,
     Harmonic,
@@ -38,6 +40,7 @@ from cosim.metrics import (
     LastTurn,
     Mean,
     Metric,
+    Smallest,
     StrongestOrder,
     Swing,
     TimeOfLargest,
@@ -233,11 +236,11 @@ def test_a_function_that_fails_on_other_rows_than_those_of_the_run_is_refused() 
 
 def test_a_mode_between_frequencies_and_parts_of_a_run_have_their_metrics() -> None:
     t = np.linspace(0.0, 2.0, 2001)
-    x = DenseSolution(t, 2.0 * np.sin(6 * np.pi * t + 0.3) + np.cos(12 * np.pi * t))
+    x = Curves.of_rows(t, 2.0 * np.sin(6 * np.pi * t + 0.3) + np.cos(12 * np.pi * t))
     assert Harmonic("x", frequency=3.0)(x) == pytest.approx(2.0, rel=1e-8)
     assert Harmonic("x", frequency=6.0, begin=1.0)(x) == pytest.approx(1.0, rel=1e-8)
-    assert math.isnan(Harmonic("x", frequency=0.3)(x))
-    line = DenseSolution(t, 3.0 * t)
+    assert np.isnan(Harmonic("x", frequency=0.3)(x)).all()
+    line = Curves.of_rows(t, 3.0 * t)
     assert Integral("x", begin=1.0)(line) == pytest.approx(4.5, rel=1e-12)
     assert Largest("x", end=0.5)(line) == pytest.approx(1.5, rel=1e-12)
     assert Last("x", end=0.25)(line) == pytest.approx(0.75, rel=1e-12)
@@ -274,10 +277,10 @@ def test_text_keeps_the_true_value_within_what_it_shows(value: float, error: flo
     assert len(rounded_error.strip("0.").replace(".", "")) <= 2
 
 
-def sine(n: int = 2001, sign: float = 1.0) -> DenseSolution:
+def sine(n: int = 2001, sign: float = 1.0) -> Curves:
     """Two periods of a sine in 2 s, from 0."""
     t = np.linspace(0.0, 2.0, n)
-    return DenseSolution(t, sign * np.sin(2 * np.pi * t))
+    return Curves.of_rows(t, sign * np.sin(2 * np.pi * t))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -293,13 +296,13 @@ def test_a_crossing_between_two_rows_is_found_as_a_largest_value_is() -> None:
     x = np.sin(math.pi * t)
     assert x.max() < 0.98 < largest(t, x)
     assert crossing(t, x, 0.98) == pytest.approx(math.asin(0.98) / math.pi, abs=5e-3)
-    assert len(passings(DenseSolution(t, x), 0.98)) == 2
+    assert len(passings(Curves.of_rows(t, x), 0.98)) == 2
 
 
 def test_a_jump_and_a_value_that_holds_pass_a_level_when_they_change() -> None:
     t = np.array([0.0, 1.0, 1.0, 2.0])
-    assert Crossing("x", level=2.0)(DenseSolution(t, np.array([0.0, 1.0, 5.0, 5.0]))) == 1.0
-    held = DenseSolution(t[[0, 1, 3]], np.array([0.0, 0.0, 5.0]), Kind.DISCRETE)
+    assert Crossing("x", level=2.0)(Curves.of_rows(t, np.array([0.0, 1.0, 5.0, 5.0]))) == 1.0
+    held = Curves.of_rows(t[[0, 1, 3]], np.array([0.0, 0.0, 5.0]), is_held=True)
     assert 1.0 < Crossing("x", level=2.0)(held) < 2.0
 
 
@@ -320,13 +323,12 @@ def test_what_never_passes_a_level_says_how_far_it_gets() -> None:
         assert (near.error, near.reason) == (None, "it comes as near to it as its error")
 
 
-def turning(n: int = 4001) -> tuple[DenseSolution, DenseSolution]:
+def turning(n: int = 4001) -> tuple[Curves, Curves]:
     """A speed of 10 rad/s with a ripple of the second and a little of the third order, and its angle."""
     t = np.linspace(0.0, 4.0, n)
     phi = 10.0 * t
-    return DenseSolution(
-        t, 10.0 + np.sin(2 * phi) + 0.3 * np.cos(3 * phi) + np.exp(-t)
-    ), DenseSolution(t, phi)
+    w = 10.0 + np.sin(2 * phi) + 0.3 * np.cos(3 * phi) + np.exp(-t)
+    return Curves.of_rows(t, w), Curves.of_rows(t, phi)
 
 
 def test_metrics_of_turns() -> None:
@@ -336,13 +338,13 @@ def test_metrics_of_turns() -> None:
     assert Largest(TurnMean("w", over="phi"))(w, phi) == pytest.approx(mean_of_turn(turn), abs=1e-6)
     assert LastTurn(Mean("w"), over="phi")(w, phi) == pytest.approx(mean_of_turn(4.0), abs=1e-6)
     last = w.t >= 4.0 - turn
-    assert LastTurn(Swing("w"), over="phi")(w, phi) == pytest.approx(np.ptp(w.x[last]), abs=1e-4)
+    assert LastTurn(Swing("w"), over="phi")(w, phi) == pytest.approx(np.ptp(w.x[0, last]), abs=1e-4)
     assert LastTurn(Mean("w"), over="phi", turns=3).columns == ("w", "phi")
-    assert math.isnan(LastTurn(Mean("w"), over="phi", turns=7)(w, phi))
+    assert np.isnan(LastTurn(Mean("w"), over="phi", turns=7)(w, phi)).all()
     assert StrongestOrder("w", over="phi")(w, phi) == 2.0
     amplitudes = StrongestOrder("w", over="phi").amplitudes(w, phi)
     assert amplitudes is not None and amplitudes[:4] == pytest.approx([0, 1, 0.3, 0], abs=0.01)
-    back = DenseSolution(phi.t, -phi.x)
+    back = phi.with_values(-phi.x)
     assert LastTurn(Mean("w"), over="phi")(w, back) == pytest.approx(mean_of_turn(4.0), abs=1e-6)
     assert StrongestOrder("w", over="phi")(w, back) == 2.0
 
@@ -375,3 +377,47 @@ def test_a_metric_that_the_run_cannot_have_is_refused_before_it(
     if "no column" in message:
         assert "motor.tau" in str(refused.value)
     certify(system, {"f": Largest("motor.tau")}, stop=0.1, step=1e-3, runner=run)
+
+
+def splines_made(columns: int, metrics: list[Any], monkeypatch: pytest.MonkeyPatch) -> int:
+    """How many times splines are laid in judging metrics of so many columns."""
+    made, t = [], np.linspace(0.0, 1.0, 101)
+    lay = dense._lay_splines
+    monkeypatch.setattr(dense, "_lay_splines", lambda *given: (made.append(1), lay(*given)))
+    names = [f"x{k}" for k in range(columns)]
+
+    def runner(_: Any, *, step: float, **__: Any) -> Result:
+        rows = [t, *(np.sin((3 + k) * t) * (1.0 + step) for k in range(columns))]
+        facts = {"convergence_order": 1}
+        return Result([TIME, *map(Column, names)], facts, rows.__getitem__)
+
+    figures = {f"{name} {of.__name__}": of(name) for name in names for of in metrics}
+    got = certify(System({}), figures, step=0.0025, runner=runner).figures
+    assert all(figure.error for figure in got.values())
+    monkeypatch.undo()
+    return len(made)
+
+
+def test_all_columns_and_metrics_share_their_splines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One for each form of the rows; a column more or a metric more makes none."""
+    few = splines_made(1, [Mean], monkeypatch)
+    assert splines_made(12, [Mean, Largest, Smallest, Last], monkeypatch) <= few + 2
+    assert splines_made(12, [Mean, Largest, Swing], monkeypatch) <= few + 2
+
+
+def test_curves_of_one_time_axis_are_those_of_each_column() -> None:
+    """With impacts between rows, a jump, and a break, each at its own place in every column."""
+    rng = np.random.default_rng(5)
+    t = np.insert(np.linspace(0.0, 1.0, 61), 30, 29 / 60)
+    knees = rng.uniform(0.1, 0.9, (8, 1))
+    x = np.sin(rng.uniform(3.0, 9.0, (8, 1)) * t) + 3.0 * np.abs(t - knees)
+    x[:, 30:] += rng.normal(size=(8, 1))
+    breaks = np.array([[29 / 60, 29 / 60], [0.701, 0.731]])
+    together = Curves(t, x, breaks=breaks)
+    metrics = [Largest("x"), Swing("x"), TimeOfLargest("x"), Mean("x", begin=0.2, end=0.33),
+               Integral("x"), Harmonic("x", frequency=2.5), Crossing("x", level=1.0)]  # fmt: skip
+    for side in dense.Side:
+        for metric in metrics:
+            apart = [metric(Curves(t, row[None], breaks=breaks).filled(side)) for row in x]
+            assert_allclose(metric(together.filled(side)), np.concatenate(apart), rtol=1e-12)
+    assert together.gaps.sum() > 8 * 2
