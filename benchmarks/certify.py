@@ -319,8 +319,8 @@ def machines(
     stuck = {"motor.A": 0.12, "motor.B": 6e-4, "motor.T": 0.01, "motor.tau": 0.0, "iron.phi": 0.3}
     w, mu = draw(3.0, 5.0), draw(0.3, 0.4)
     dropped = {"orientator.w": w, "orientator.release": 1, "orientator.chute.mu": mu}
-    packing = line.system(
-        line.Options(gear=draw(1.2, 1.3)), {k: native / f"{v}.fmu" for k, v in line.PARTS.items()}
+    packing = line.PackingLine(gear=draw(1.2, 1.3)).system(
+        {k: native / f"{v}.fmu" for k, v in line.PackingLine.parts.items()}
     )
     play = {"shaft.b": 0.01, "shaft.c": draw(5e3, 2e4), "shaft.d": 5.0, "shaft.twist": 0.02,
             "one.J": 1.1, "two.J": 2.2, "one.w_a": 0.0, "two.w_a": 0.0, "one.tau_a": 0.0,

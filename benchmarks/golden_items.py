@@ -40,6 +40,13 @@ TWO_SETS = (
     "packing_line",
     "identify",
 )
+#: answers with another part, by the names of their items
+COMPARED = {
+    "classical": ["resonance", "--theory", "classical"],
+    "iron_kinematics": ["iron_cycle", "--compare", "dimensions"],
+    "orientator_limit": ["orientation_time", "--compare", "formula"],
+    "orientator_neglect": ["orientation_time", "--compare", "neglected"],
+}
 STAGES = ("falling", "joint", "turning", "released")
 #: options of questions about a record, which need one; the other questions are asked with their defaults
 RECORDS = {
@@ -114,7 +121,7 @@ def questions() -> list[str]:
     process = subprocess.run(
         [sys.executable, "-m", "scenarios", "list"], cwd=ROOT, check=True, capture_output=True, text=True
     )  # fmt: skip
-    return [line.split()[0] for line in process.stdout.splitlines() if line.strip()]
+    return [*(line.split()[0] for line in process.stdout.splitlines() if line.strip()), *COMPARED]
 
 
 def question_items() -> list[str]:
@@ -128,6 +135,8 @@ def question_items() -> list[str]:
 def question_entry(item: str, folder: Path) -> Entry:
     """What a question answers on native FMUs: figures, verdict, hashes of rows, keys of its JSON."""
     name, *options = item.split()
+    name, *compared = COMPARED.get(name, [name])
+    options += compared
     options += RECORDS.get(name, [])
     arguments = ["-m", "scenarios", "run", name, *options, "--flavour", "native", "--jobs", "1"]
     out = folder / "out"

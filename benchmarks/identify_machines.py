@@ -81,12 +81,12 @@ def trial(name: str, seed: int) -> dict[str, Any]:
     """One machine, asked about: for each figure whether it holds the truth and how wide it is."""
     rng = np.random.default_rng([seed, [*KINDS].index(name)])
     rows, options, true = KINDS[name](rng, seed)
-    question: Question = PROJECT.load(name)
+    question: type[Question] = PROJECT.load(name)
     began = time.process_time()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         rows.to_csv(path, index=False)
-        o = parse_options(question.options, {**options, "data": str(path), "starts": 6}, name)
+        o = parse_options(question, {**options, "data": str(path), "starts": 6}, name)
         result = answer(question, o, PROJECT.fmus(question, "native"))
     entry: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
     entry["verdict"] = result.verdict

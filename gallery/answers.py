@@ -26,7 +26,7 @@ class Answered(NamedTuple):
     """A question, its name, the command that answers it, and the folder of its files."""
 
     name: str
-    question: Question
+    question: type[Question]
     command: str
     folder: Path
 
@@ -44,7 +44,7 @@ class Answered(NamedTuple):
     @property
     def lives(self) -> bool:
         """Whether its page has a live part."""
-        return self.question.live is not None
+        return self.question.live is not Question.live
 
 
 def answered(name: str, folder: Path) -> Answered:

@@ -3,7 +3,6 @@
 from workbench.project import Project
 
 from . import fmu_files
-from .old_names import OLD_NAMES
 
-PROJECT = Project(fmu_files.PACKAGE, fmu_files.FOLDERS, fmu_files.problem, OLD_NAMES)
+PROJECT = Project(fmu_files.PACKAGE, fmu_files.FOLDERS, fmu_files.problem)
 PROGRAM = "scenarios"

@@ -99,11 +99,21 @@ def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
     return PROJECT.fmus(read(page), flavour)
 
 
+#: Answers with another part, by the names of the tests: the question, and the option that asks for it.
+COMPARED: dict[str, tuple[str, dict[str, str]]] = {
+    "classical": ("resonance", {"theory": "classical"}),
+    "iron_kinematics": ("iron_cycle", {"compare": "dimensions"}),
+    "orientator_limit": ("orientation_time", {"compare": "formula"}),
+    "orientator_neglect": ("orientation_time", {"compare": "neglected"}),
+}
+
+
 def ask(name: str, out: Path | None = None, **options: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
-    project = PROJECT
+    question, compared = COMPARED.get(name, (name, {}))
+    options = {**compared, **options}
     return ask_question(
-        project, name, options, flavour="native", jobs=1, out=out, program="scenarios"
+        PROJECT, question, options, flavour="native", jobs=1, out=out, program="scenarios"
     )
 
 

@@ -31,7 +31,7 @@ def interface() -> Iterator[str]:
     yield from (f"command: scenarios {name}" for name in sorted(cli.COMMANDS))
     yield "command: fmukit build"
     yield "command: drive-fmus"
-    yield from (f"question: {name}" for name in sorted({*names(PROJECT.home), *PROJECT.old_names}))
+    yield from (f"question: {name}" for name in names(PROJECT.home))
     yield f"exit status of a refused answer: {cli.REFUSED}"
 
 

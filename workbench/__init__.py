@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .figure import Figure
     from .judgement import Judgement
     from .options import Options, Run, option
+    from .question import Question
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 for variable in THREADS:
@@ -24,10 +25,11 @@ HOMES = {
     "Answer": "answer", "Show": "answer", "Table": "answer", "Context": "context", "Findings": "answer",
     "Figure": "figure", "Judgement": "judgement", "Options": "options", "Run": "options", "option": "options",
     "Chart": "charts.model", "Curve": "charts.model", "Mark": "charts.model",
+    "Question": "question",
     "Panel": "charts.model",
 }  # fmt: skip
 __all__ = [
-    "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Judgement", "Mark", "Options", "Panel", "Run",
+    "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Judgement", "Mark", "Options", "Panel", "Question", "Run",
     "Show", "Table", "option",
 ]  # fmt: skip
 

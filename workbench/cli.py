@@ -7,7 +7,6 @@ import sys
 from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cosim import SetupError
 from cosim.cli.options import Parser, exit_code
@@ -16,9 +15,6 @@ from cosim.units import QUANTITY
 from . import catalog
 from .catalog import QuestionError, attribute_errors
 from .project import FLAVOURS, Project
-
-if TYPE_CHECKING:
-    from .question import Question
 
 #: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
 #: of this project.
@@ -60,11 +56,9 @@ def main(argv: Sequence[str], project: Project, program: str) -> int:
 def show_list(_argv: Sequence[str], project: Project, _program: str) -> int:
     """Print the questions of the project; none is imported."""
     questions = catalog.names(project.home)
-    width = max(map(len, [*questions, *project.old_names]), default=0)
+    width = max(map(len, questions), default=0)
     for name, module in questions.items():
         print(f"{name:<{width}} {catalog.summary(Path(str(project.home)), module)}")
-    for name, old in project.old_names.items():
-        print(f"{name:<{width}} the same as: {old.text()}")
     return 0
 
 
@@ -86,11 +80,11 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
 
     parser = Parser(
         prog=f"{program} run {argv[0]}",
-        description=_description(question, project),
+        description=question.module.__doc__,
         formatter_class=RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    add_arguments(parser, question.options)
+    add_arguments(parser, question)
     _add_common(parser, "results/NAME, or NAME/SET")
     parser.add_argument(
         "--animate", action="store_true", help="also write the motions as GIF files"
@@ -100,9 +94,7 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
         raise misplaced(rest[0], argv[1:], flags, question.name)
     args = {name: value for name, value in vars(parsed).items() if value is not None}
-    options = {
-        name: args.pop(name) for name in (*declared(question.options), "start") if name in args
-    }
+    options = {name: args.pop(name) for name in (*declared(question), "start") if name in args}
     o = question.parse(options)
     folder = Path("results") / question.name
     args["out"] = args.get("out", folder / vars(o).get("set", ""))
@@ -126,13 +118,6 @@ def misplaced(word: str, words: Sequence[str], flags: Sequence[str], who: str) -
             f"{word!r} after {before[-1]} belongs to no option: write {before[-1]}{word}"
         )
     return SetupError(f"{word!r} belongs to no option; options of {who} begin with --")
-
-
-def _description(question: Question, project: Project) -> str:
-    """The text of a question, with what its name stands for if it is an old one."""
-    text = question.module.__doc__ or ""
-    old = project.old_names.get(question.old_name)
-    return f"The same as: {old.text()}\n\n{text}" if old else text
 
 
 def study(argv: Sequence[str], project: Project, program: str) -> int:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any, TypeVar
@@ -118,7 +118,9 @@ class Context:
                 csv=path,
                 progress=progress_bar,
             )
-        return certified.result, {
+        result = certified.result
+        # Columns that were read stay: the table of the answer is written over the file of the rows.
+        return result.with_values(cache(result.load)), {
             name: made[0][name]._replace(error=x.error)
             if x.error is not None or made[0][name].error is None
             else Figure.undetermined(x.unit, x.reason, made[0][name].meaning)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,58 +18,40 @@ FMU, MODULES = ".fmu", "wasm"
 FLAVOURS = PYTHON, NATIVE = "python", "native"
 
 
-class OldName(NamedTuple):
-    """What the old name of a question stands for: another question, and options that it sets."""
-
-    question: str
-    options: Mapping[str, str]
-
-    def text(self) -> str:
-        """Write it as the command line has it, "resonance --theory classical"."""
-        flags = (f"--{name.replace('_', '-')} {value}" for name, value in self.options.items())
-        return " ".join([self.question, *flags])
-
-
 class Project(NamedTuple):
     """A package of questions, by its folder, with the folders of the FMUs they use.
 
     The folders are by flavour; that of their modules for WebAssembly is under "wasm".
 
-    `problem` says for the name of an FMU and a flavour why it cannot be used, "" if it can. `old_names` are
-    those of questions that have become part of others.
+    `problem` says for the name of an FMU and a flavour why it cannot be used, "" if it can.
     """
 
     home: Path | None = None
     folders: Mapping[str, Path] = MappingProxyType({})
     problem: Callable[[str, str], str] = lambda *_: ""
-    old_names: Mapping[str, OldName] = MappingProxyType({})
 
     @property
     def packages(self) -> tuple[str, ...]:
         """The package that the questions lie in."""
         return () if self.home is None else (self.home.name,)
 
-    def load(self, text: str, folder: Path = Path()) -> Question:
-        """Return the question of that name, which may be an old one, or of a file in that folder."""
+    def load(self, text: str, folder: Path = Path()) -> type[Question]:
+        """Return the question of that name, or of a file in that folder."""
         from .question import load  # needs NumPy, which a list of questions does not
 
-        question = load(self.locate(text, folder))
-        if old := self.old_names.get(text):
-            return replace(question, preset=old.options, old_name=text)
-        return question
+        return load(self.locate(text, folder))
 
     def locate(self, text: str, folder: Path = Path()) -> str:
         """Return the module or the file of that question; raises SetupError if there is none."""
-        old = self.old_names.get(text)
-        return catalog.find(self.home, old.question if old else text, folder)
+        return catalog.find(self.home, text, folder)
 
-    def flavour(self, question: Question) -> str:
+    def flavour(self, question: type[Question]) -> str:
         """Return the flavour used by default: native where these FMUs are built, else Python."""
         native = self.folders.get(NATIVE, Path())
         built = [fmu for fmu in question.parts.values() if not fmu.endswith(FMU)]
         return NATIVE if all((native / f"{fmu}{FMU}").is_file() for fmu in built) else PYTHON
 
-    def fmus(self, question: Question, flavour: str) -> dict[str, Path]:
+    def fmus(self, question: type[Question], flavour: str) -> dict[str, Path]:
         """Return the FMU of each part: one of the folder by its name, or any by its path from the question.
 
         Raises
@@ -83,21 +64,23 @@ class Project(NamedTuple):
             if fmu.endswith(FMU):
                 paths[part] = question.path.parent / fmu
             elif reason := self.problem(fmu, flavour):
-                raise SetupError(f"PARTS: {part} = {fmu!r}: {reason}")
+                raise SetupError(f"parts: {part} = {fmu!r}: {reason}")
             else:
                 paths[part] = self.folders[flavour] / f"{fmu}{FMU}"
             if not paths[part].is_file():
                 neighbours = sorted(path.stem for path in paths[part].parent.glob(f"*{FMU}"))
                 raise SetupError(
-                    f"PARTS: {part} = {fmu!r}: no file {paths[part]}; in its folder: "
+                    f"parts: {part} = {fmu!r}: no file {paths[part]}; in its folder: "
                     f"{', '.join(neighbours) or 'none'}"
                 )
         return paths
 
-    def modules(self, question: Question) -> dict[str, Path]:
+    def modules(self, question: type[Question]) -> dict[str, Path]:
         """Return the modules for WebAssembly by part, for a question with a live part and built FMUs."""
+        from .question import Question
+
         parts = question.parts
-        if question.live is None or any(fmu.endswith(FMU) for fmu in parts.values()):
+        if question.live is Question.live or any(fmu.endswith(FMU) for fmu in parts.values()):
             return {}
         return {
             part: self.folders[MODULES] / f"{fmu}.wasm"

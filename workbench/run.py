@@ -46,7 +46,7 @@ def ask(
 
     Options are given as on its command line, or as values in the declared units; "start" contains
     start values of FMUs. The flavour is by default native where these FMUs are built, else Python. By
-    default `jobs` are all cores for Python FMUs and for a question that says PARALLEL, else one. Rows go
+    default `jobs` are all cores for Python FMUs and for a question that is parallel, else one. Rows go
     to the folder `out`, which no other run may use meanwhile, as they are computed. Raises what
     `answer` raises.
     """
@@ -69,8 +69,8 @@ def ask(
 
 
 def answer(
-    question: Question,
-    o: Options,
+    question: type[Question],
+    o: Question,
     fmus: Mapping[str, Path],
     *,
     flavour: str = "",
@@ -117,14 +117,14 @@ def answer(
         attribute_errors(question.module),
         found(question, o, fmus, runner, out) as findings,
     ):
-        judgements = tuple(question.judgements(o, findings.figures, findings.data))
+        judgements = tuple(o.judgements(findings.figures, findings.data))
         system = findings.system or System({})
         values = parameters(system, question.fixed_starts) if system.parts else {}
-        live_part = live.of(question.live, o, findings, modules, command)
+        live_part = live.of(o.live(findings.figures, findings.data), o, findings, modules, command)
 
     def show() -> Show:
         with captured_warnings(), attribute_errors(question.module):
-            return Show(*question.show(o, findings.figures, findings.data))
+            return Show(*o.show(findings.figures, findings.data))
 
     provenance = findings.provenance or _provenance(
         system, findings.algorithm, findings.communication
@@ -149,8 +149,8 @@ def answer(
 
 @contextmanager
 def found(
-    question: Question,
-    o: Options,
+    question: type[Question],
+    o: Question,
     fmus: Mapping[str, Path],
     runner: Runner = IN_PROCESS,
     out: Path | None = None,
@@ -161,7 +161,7 @@ def found(
     """
     check_fixed_starts(o.start, question.fixed_starts)
     with reservation(out), ExitStack() as stack:
-        runner = runner.prepared(question.locator, [*fmus.values(), *question.files])
+        runner = runner.prepared(question.locator, [*fmus.values(), *question.own_files])
 
         @cache
         def journal() -> Journal | None:
@@ -171,13 +171,13 @@ def found(
             fingerprint = _fingerprint(question, o, fmus, packages)
             return stack.enter_context(open_journal(out, fingerprint, passing=True))
 
-        findings = question.solve(o, Context(fmus, runner, out, journal))
+        findings = o.solve(Context(fmus, runner, out, journal))
         if not isinstance(findings, Findings):
             raise SetupError(f"{question.path}: solve must return workbench.Findings")
         yield replace(findings, figures=checked(findings.figures, question.path))
 
 
-def is_refused(question: Question, figures: Mapping[str, Figure]) -> bool:
+def is_refused(question: type[Question], figures: Mapping[str, Figure]) -> bool:
     """Whether an answer is refused: a figure that it hangs on is undetermined.
 
     These are the question's decisive figures. Without such, an answer is refused if figures are
@@ -190,7 +190,7 @@ def is_refused(question: Question, figures: Mapping[str, Figure]) -> bool:
     """
     for key in question.decisive:
         if key not in figures:
-            raise SetupError(f"{question.path}: DECISIVE names {key!r}, which is no figure")
+            raise SetupError(f"{question.path}: decisive names {key!r}, which is no figure")
     if question.decisive:
         return any(figures[name].error is None for name in question.decisive)
     errors = [figure.error for figure in figures.values()]
@@ -226,7 +226,7 @@ def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> 
 
 
 def _fingerprint(
-    question: Question, o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
+    question: type[Question], o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
 ) -> dict[str, Any]:
     """Return what the sweeps of a question depend on."""
     return {
@@ -236,9 +236,9 @@ def _fingerprint(
     }
 
 
-def _packages(question: Question, packages: Sequence[str]) -> Sequence[str]:
+def _packages(question: type[Question], packages: Sequence[str]) -> Sequence[str]:
     """Return the packages that a question lies in, by default that of its own module."""
-    return packages or ([] if question.files else [question.module.__name__.partition(".")[0]])
+    return packages or ([] if question.own_files else [question.module.__name__.partition(".")[0]])
 
 
 def option_values(

@@ -186,8 +186,8 @@ def test_events_are_those_of_co_simulation(native: Path, case: Any) -> None:
 
 def test_a_boolean_wire_acts_when_its_source_changes(native: Path) -> None:
     """The iron at its top dwell releases a product: at a cam angle of 100 degrees, at once."""
-    fmus = {name: native / f"{fmu}.fmu" for name, fmu in packing_line.PARTS.items()}
-    line = packing_line.system(packing_line.Options(), fmus)
+    fmus = {name: native / f"{fmu}.fmu" for name, fmu in packing_line.PackingLine.parts.items()}
+    line = packing_line.PackingLine().system(fmus)
     record = ["iron.phi", "iron.top_dwell", "orientator.since", "orientator.stage"]
     got = oracle(line, stop=0.7, output_step=0.1, record=record)
     released = int(np.argmax(got["iron.top_dwell"]))

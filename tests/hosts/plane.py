@@ -12,12 +12,10 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-import workbench
-from workbench import Context, Figure, Findings, option
+from workbench import Context, Figure, Findings, Question, option
 
 DEATH_SIGNAL_OF_PARENT = 1
 
@@ -76,8 +74,7 @@ MOODS: dict[str, Callable[[], Any]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+class Plane(Question):
     x: float = option(0.0, "abscissa", "m")
     y: float = option(0.0, "ordinate")
     z: float = option(0.0, "of no effect")
@@ -87,21 +84,26 @@ class Options(workbench.Options):
     gate: str = option("", "from x = 6 on a run waits for this file to open")
     ledger: str = option("", "where each run leaves a line")
 
-
-def solve(o: Options, context: Context) -> Findings:
-    """Height 3 x + times y over the point."""
-    if o.ledger:
-        with Path(o.ledger).open("a") as file:
-            file.write(f"{o.x!r}\n")
-    if o.gate and o.x >= 6.0:
-        Path(o.gate).read_bytes()
-    MOODS[o.mood]()
-    if o.mood == "warn":
-        logging.getLogger("cosim").warning(f"the plane is steep, {(o.x + 3) / 3!r} rad")
-    root = Figure(o.x**0.5, "m1/2", 0.0) if o.x >= 0.0 else Figure.undetermined("m1/2", "x < 0")
-    height = Figure(3.0 * o.x + o.times * o.y, "m", 1e-3 * abs(o.x))
-    high = Figure(float(o.x > 0.0), "1", 0.0)
-    return Findings({"height": height, "y": Figure(o.y, "m", 0.0), "root": root, "high": high})
+    def solve(self, context: Context) -> Findings:
+        """Height 3 x + times y over the point."""
+        if self.ledger:
+            with Path(self.ledger).open("a") as file:
+                file.write(f"{self.x!r}\n")
+        if self.gate and self.x >= 6.0:
+            Path(self.gate).read_bytes()
+        MOODS[self.mood]()
+        if self.mood == "warn":
+            logging.getLogger("cosim").warning(f"the plane is steep, {(self.x + 3) / 3!r} rad")
+        root = (
+            Figure(self.x**0.5, "m1/2", 0.0)
+            if self.x >= 0.0
+            else Figure.undetermined("m1/2", "x < 0")
+        )
+        height = Figure(3.0 * self.x + self.times * self.y, "m", 1e-3 * abs(self.x))
+        high = Figure(float(self.x > 0.0), "1", 0.0)
+        return Findings(
+            {"height": height, "y": Figure(self.y, "m", 0.0), "root": root, "high": high}
+        )
 
 
 def be(task: tuple[str, str]) -> Any:

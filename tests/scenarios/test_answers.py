@@ -23,7 +23,7 @@ from scenarios.iron.questions import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line
 from scenarios.project import PROJECT
-from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
+from tests.conftest import COMPARED, LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.catalog import load_module, names
 from workbench.cli import main
 from workbench.export import content, finish, write
@@ -155,7 +155,7 @@ UNIT_PATTERNS = {
 @cache
 def variables(name: str) -> dict[str, Any]:
     """Those of the FMUs of a question, as their XML describes them."""
-    fmus = fmus_of(load_module(PROJECT.locate(name))).items()
+    fmus = fmus_of(load_module(PROJECT.locate(COMPARED.get(name, (name,))[0]))).items()
     read = {part: read_model_description(str(x), validate=False) for part, x in fmus}
     return {f"{part}.{v.name}": v for part, x in read.items() for v in x.modelVariables}
 
@@ -302,8 +302,8 @@ def test_theory_and_machine_follow_the_same_start_values() -> None:
 
 def test_the_line_keeps_its_speeds_whatever_its_motors_are() -> None:
     start = {"conveyor_motor.B": 50.0, "conveyor.trough.d": 3e3, "iron_motor.B": 0.05}
-    o = packing_line.Options(iron_speed=4.0, start=start | {"iron.reducer.i_g": 30.0})
-    line = packing_line.system(o, fmus_of(packing_line))
+    asked = packing_line.PackingLine(iron_speed=4.0, start=start | {"iron.reducer.i_g": 30.0})
+    line = asked.system(fmus_of(packing_line))
     assert line.start["conveyor_motor.A"] == pytest.approx((50.0 + 3e3 * 0.01**2 / 2) * 60.0)
     assert line.start["iron_motor.A"] == pytest.approx(0.05 * 30.0 * 4.0)
     assert start.items() <= line.start.items()
@@ -348,7 +348,7 @@ def test_python_asks_what_the_command_asks(
     assert sorted(x.name for x in mine.iterdir()) == sorted(x.name for x in folder.iterdir())
     assert (mine / "resonance.csv").read_bytes() == (folder / "resonance.csv").read_bytes()
     page = answer._repr_html_()
-    assert ">On resonance: yes. The resonance is at" in page and "data:image/png;base64,iV" in page
+    assert "On resonance: yes, lag" in page and "data:image/png;base64,iV" in page
     assert "±" in page and "<script" not in page
 
 

@@ -103,7 +103,7 @@ def test_more_friction_makes_later_stages_longer_and_is_what_is_reported(tmp_pat
 def test_the_turn_of_the_iron_is_guessed_before_the_fit() -> None:
     """The guess is of default values, and of the phase of the last turn."""
     options = {k: v for k, v in QUICK["iron_identify"].items() if k != "starts"}
-    o = iron_identify.Options(**options)
+    o = iron_identify.IronIdentify(**options)
     system = iron_identify.guess(o, fmus_of(iron_identify), o.columns("iron.w")["iron.w"])
     at = measured_iron.FIRST + measured_iron.SAMPLE / 2
     phi = measured_iron.simulated(IRON, np.array([0.0, at]))[0, -1]

@@ -199,10 +199,10 @@ def test_forces_beyond_the_lift_off_are_not_stated() -> None:
 
 
 def test_help_texts_have_the_defaults_that_the_questions_use() -> None:
-    for page in (resonance, rod_force):
-        meaning = declared(page.Options)["speed"].meaning
+    for question in (resonance.Resonance, rod_force.RodForce):
+        meaning = declared(question)["speed"].meaning
         for name, speed in OPERATING.items():
             assert f"{speed:g} in set {name}" in meaning
-    meaning = declared(resonance.Options)["speed"].meaning
+    meaning = declared(resonance.Resonance)["speed"].meaning
     assert all(f"{x:g}" in meaning for x in resonance.BAND)
     assert math.isclose(LARGEST_PEAKED_ZETA**2, 0.5)

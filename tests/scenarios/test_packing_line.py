@@ -153,7 +153,7 @@ def test_ripples_that_meet_are_named(line: Answer) -> None:
 @pytest.fixture(scope="module")
 def ours() -> np.ndarray:
     """What our Jacobi master makes of the system that was written: a release and an orientation."""
-    system = packing_line.system(packing_line.Options(), fmus_of(packing_line))
+    system = packing_line.PackingLine().system(fmus_of(packing_line))
     result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi", record=COMPARED)
     assert result["orientator.orientation_time"][-1] > 0.28
     return result.data[:, 1:]
@@ -169,7 +169,7 @@ def ssp(line: Answer, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_libcosim_runs_the_line_with_our_numbers(ssp: Path, ours: np.ndarray) -> None:
     """The file asks for parameters only, which libcosim sets."""
-    task = {"parts": dict.fromkeys(packing_line.PARTS), "wires": [], "start": {}}
+    task = {"parts": dict.fromkeys(packing_line.PackingLine.parts), "wires": [], "start": {}}
     task |= {"record": COMPARED, "steps": STEPS, "step": STEP}
     command = [sys.executable, str(HOSTS / "libcosim_system.py"), json.dumps(task), str(ssp)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)

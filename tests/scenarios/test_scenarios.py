@@ -19,9 +19,8 @@ import pytest
 from scenarios.conveyor.first_order import SETS, longest_step
 from scenarios.iron.questions import iron_orders
 from scenarios.project import PROJECT
-from tests.conftest import QUICK, ROOT, ask, plain, restore_ctrl_c
+from tests.conftest import ROOT, ask, restore_ctrl_c
 from workbench import catalog, cli
-from workbench import study as studies
 
 EXPECTED: dict[str, Any] = {
     "A": {
@@ -110,7 +109,7 @@ def test_resonance_and_peaks_lie_where_theory_puts_them(sweep: Any) -> None:
     assert facts["options"]["rated_torque"]["value"] == facts["rated_torque"]
     assert facts["options"]["speeds"]["value"][:2] == {"A": [20.0, 24.0], "B": [6.0, 8.0]}[name]
     assert re.search(rf"resonance by formula \(22\) +{wanted['nu_res']:g} rad/s\n", output)
-    assert output.startswith(f"On resonance: {'yes' if name == 'A' else 'no'}. ")
+    assert f"\nOn resonance: {'yes' if name == 'A' else 'no'}, " in output
 
 
 def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -> None:
@@ -205,10 +204,16 @@ REFUSED = [
     ("run iron_start --step 1", "step = 1 s must be at most 0.1875 s, a 16th of stop = 3 s"),
     ("run iron_orders --start motor.tau=1", "motor.tau: this question sets it itself"),
     ("run orientation_time --frictions a", "frictions = 'a' must read from:to:number or a,b,c"),
-    ("run orientator_limit --frictions 0,0.1", "frictions = 0 must be a finite number above 0"),
-    ("run orientator_neglect --rim=-1mm", "rim = -0.001 m must be a finite number at least 0 m"),
     (
-        "run orientator_neglect --start orientator.neglected.rim=1",
+        "run orientation_time --compare formula --frictions 0,0.1",
+        "frictions = 0 must be a finite number above 0",
+    ),
+    (
+        "run orientation_time --compare neglected --rim=-1mm",
+        "rim = -0.001 m must be a finite number at least 0 m",
+    ),
+    (
+        "run orientation_time --compare neglected --start orientator.neglected.rim=1",
         "this question sets it itself",
     ),
     ("run orientator_cycle --speed inf", "speed = inf rad/s must be a finite number at least 0"),
@@ -276,26 +281,24 @@ def test_the_end_of_a_run_up_begins_at_its_time_wherever_the_rows_lie() -> None:
 
 EXAMPLE = (ROOT / "examples" / "run_down.py").read_text()
 BROKEN = [
-    ("def figures(", "def numbers(", 2, "must define figures(o, r), or solve(o, context)"),
-    ("def system(", "def systems(", 2, "must define system(o, fmus), or solve(o, context)"),
-    ("class Options(Run)", "class Asked(Run)", 2, "must define a class Options"),
+    ("def figures(", "def numbers(", 2, "must define figures(self, r), or solve(self, context)"),
+    (
+        "RunDown(Question, Run)",
+        "RunDown(Run)",
+        2,
+        "must define one class that derives from workbench.Question",
+    ),
+    ("RunDown(Question, Run)", "RunDown(Question)", 2, "must derive from workbench.Run as well"),
     ('figure("s",', 'figure("",', 2, "figure 'tenth' has no unit"),
-    ("w, 0.1 * o.speed)", "w, 0.1 * o.spee)", 1, "AttributeError: 'Options' object has no"),
-    ("def show(o, f, r):", "def show(o, f, r:", 1, "'(' was never closed"),
+    ("w, 0.1 * self.speed)", "w, 0.1 * self.spee)", 1, "AttributeError: 'RunDown' object has no"),
+    ("def show(self, f, r):", "def show(self, f, r:", 1, "'(' was never closed"),
     ('"DriveMotor"', '"DriveMotr"', 2, "there is no machine 'DriveMotr' in components"),
-    ('"DriveMotor"', '"DriveMotor.fmu"', 2, "PARTS: motor = 'DriveMotor.fmu': no file"),
+    ('"DriveMotor"', '"DriveMotor.fmu"', 2, "parts: motor = 'DriveMotor.fmu': no file"),
     ('"""How long', '"""\n"""How long', 1, "mine.py"),
-    ("from cosim import System", "import nowhere", 1, "mine.py:5: ModuleNotFoundError"),
+    ("from cosim import System", "import nowhere", 1, "mine.py:3: ModuleNotFoundError"),
     ("lag: float", "jobs: float", 2, "no option can be called 'jobs'"),
     ("lag: float", "lag: list", 2, "option 'lag' must be a float, int, str or bool"),
-    (
-        "@dataclass(frozen=True, kw_only=True)",
-        "",
-        2,
-        "class Options must be decorated with @dataclass(",
-    ),
-    ("PARTS = {", "PARTS = 3 or {", 2, "PARTS must be a dict of FMUs by part"),
-    ('return f"It', 'return 3 if f else f"It', 1, "AttributeError: 'int' object has no attribute"),
+    ("parts = {", "parts = 3 or {", 2, "parts must be a dict of FMUs by part"),
     ('["conveyor.w"], "blue"', '["conveyor.w"][:9], "blue"', 1, "ValueError: x and y must"),
 ]
 
@@ -311,7 +314,7 @@ def test_what_is_wrong_with_a_users_question_is_a_line(
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
-    assert str(path) in error or {"PARTS", "FMUs", "option"} & set(re.findall(r"\w+", error))
+    assert str(path) in error or {"parts", "FMUs", "option"} & set(re.findall(r"\w+", error))
 
 
 def test_a_users_question_runs_and_is_studied_anywhere(tmp_path: Path) -> None:
@@ -359,7 +362,7 @@ def loaded(*words: str) -> tuple[str, set[str]]:
 @pytest.mark.parametrize("words", [["--help"], ["list"]])
 def test_what_asks_nothing_imports_neither_questions_nor_numpy(words: list[str]) -> None:
     _, modules = loaded(*words)
-    light = {f"scenarios.{name}" for name in ("__main__", "fmu_files", "old_names", "project")}
+    light = {f"scenarios.{name}" for name in ("__main__", "fmu_files", "project")}
     assert {name for name in modules if name.startswith("scenarios.")} == light
     assert not modules & {"numpy", "fmpy", "rich", "workbench.run"}
 
@@ -414,14 +417,12 @@ def test_list_names_every_question() -> None:
     output, _ = loaded("list")
     lines = output.splitlines()
     names = list(catalog.names(PROJECT.home))
-    assert [line.split()[0] for line in lines] == [*names, *PROJECT.old_names]
+    assert [line.split()[0] for line in lines] == names
     assert len(names) > 9
-    assert all(line.endswith("?") for line in lines[: len(names)])
-    for line, old in zip(lines[len(names) :], PROJECT.old_names.values(), strict=True):
-        assert line.endswith(f"the same as: {old.text()}")
+    assert all(line.endswith("?") for line in lines)
 
 
-@pytest.mark.parametrize("name", [*catalog.names(PROJECT.home), *PROJECT.old_names])
+@pytest.mark.parametrize("name", catalog.names(PROJECT.home))
 def test_help_states_units_and_defaults_as_a_person_writes_them(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -551,37 +552,3 @@ def test_a_single_product_by_the_command_line(
     assert "0.263805 ± 0.000001 s" in output
     for kind in ("png", "csv", "json"):
         assert (tmp_path / f"orientator_cycle.{kind}").is_file()
-
-
-OLD_FIGURES = {
-    "classical": {"share", "limit_spring_torque", "limit_whole_force", "worst_whole_speed"},
-    "iron_kinematics": {"h_1_max", "h_1_angle", "h_1_change", "h_1_next", "c_1_max", "beta_2_max"},
-    "orientator_limit": {"limit", "formula", "joint", "off", "above_least", "gain_chute_r"},
-    "orientator_neglect": {
-        "orientation_time",
-        "hook",
-        "hook_share",
-        "limit_paper",
-        "limit_together",
-    },
-}
-
-
-@pytest.mark.parametrize("name", PROJECT.old_names)
-def test_an_old_name_asks_the_new_question_with_its_option_set(name: str) -> None:
-    """Also in a study; the user may set the option to something else."""
-    old, options = PROJECT.old_names[name], QUICK[name]
-    (option, value) = next(iter(old.options.items()))
-    assert PROJECT.load(name).options is PROJECT.load(old.question).options
-    answer, same = plain(name), ask(old.question, **options, **old.options)
-    assert answer.scenario == name
-    assert answer.options[option].value == value
-    assert answer.figures == same.figures or str(answer.figures) == str(same.figures)
-    assert set(answer.figures) >= OLD_FIGURES[name]
-
-
-def test_a_study_of_an_old_name_has_the_option_of_the_new_name(tmp_path: Path) -> None:
-    file = tmp_path / "some.toml"
-    file.write_text('scenario = "iron_kinematics"\n[grid]\nsamples = [180, 360]\n')
-    study = studies.load(file, PROJECT)
-    assert study.cases() == [{"compare": "dimensions", "samples": n} for n in (180, 360)]

@@ -53,21 +53,23 @@ FIXED_STARTS = """
 'What does the motor give in the end?'
 import os
 import cosim, workbench
-from workbench import Figure, Findings, Table
+from workbench import Figure, Findings, Question, Table
 from workbench.runs.local import LocalRunner
-PARTS = {{"motor": "{0}"}}
-class Options(workbench.Options): pass
+class EndTorque(Question):
+    parts = {{"motor": "{0}"}}
+
+
+    def solve(self, context):
+        cases = [(context.fmus, [], {{"motor.w": w}}) for w in (10.0, 20.0, 30.0)]
+        found = list(context.each(end, cases, "motor"))
+        here = {{os.getpid(), __file__, context.fmus["motor"]}}
+        for tau, there in found:
+            assert there == here if isinstance(context.runner, LocalRunner) else not there & here
+        units = {{"tau": "N.m"}}
+        return Findings({{}}, tables={{"mine.csv": Table.of_rows([[tau] for tau, _ in found], units)}})
 def end(case):
     result = cosim.run(cosim.System(*case), stop=0.01, step=1e-3, record=["motor.tau"])
     return result["motor.tau"][-1], {{os.getpid(), __file__, case[0]["motor"]}}
-def solve(o, context):
-    cases = [(context.fmus, [], {{"motor.w": w}}) for w in (10.0, 20.0, 30.0)]
-    found = list(context.each(end, cases, "motor"))
-    here = {{os.getpid(), __file__, context.fmus["motor"]}}
-    for tau, there in found:
-        assert there == here if isinstance(context.runner, LocalRunner) else not there & here
-    units = {{"tau": "N.m"}}
-    return Findings({{}}, tables={{"mine.csv": Table.of_rows([[tau] for tau, _ in found], units)}})
 """
 LONG = 300.0
 PATIENT = {

@@ -32,30 +32,32 @@ from pathlib import Path
 import cosim
 from cosim import System
 import workbench
-from workbench import Figure, Findings, Show, Table, option
-PARTS = {"motor": "DriveMotor"}
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+from workbench import Figure, Findings, option, Question, Show, Table
+class Rows(Question):
+    parts = {"motor": "DriveMotor"}
+
     kind: str = option("kept", "what makes the rows", choices=("run", "kept", "sweep"))
     scale: float = option(1.0, "scale of the rows")
     gate: str = option("", "file for which the picture waits")
+
+    def solve(self, context):
+        if self.kind == "run":
+            path = context.out / "rows.csv"
+            run = cosim.run(System(context.fmus, [], {"motor.w": self.scale}), stop=ROWS * 1e-3, step=1e-3, csv=path)
+            table = Table.of(run)
+        else:
+            tasks = [(self.scale, float(k)) for k in range(ROWS if self.kind == "kept" else 20)]
+            numbers = map(scaled, tasks) if self.kind == "kept" else context.each(scaled, tasks, "rows")
+            table = context.record_rows("rows.csv", {"x": "1"}, ([x] for x in numbers))
+        return Findings({"scale": Figure(self.scale, "1", 0.0)}, self, tables={"rows.csv": table})
+
+    def show(self, f, r):
+        if self.gate:
+            Path(self.gate + ".reached").touch()
+            while not Path(self.gate).exists():
+                time.sleep(0.01)
+        return Show()
 def scaled(task): return task[0] * task[1]
-def solve(o, context):
-    if o.kind == "run":
-        path = context.out / "rows.csv"
-        run = cosim.run(System(context.fmus, [], {"motor.w": o.scale}), stop=ROWS * 1e-3, step=1e-3, csv=path)
-        table = Table.of(run)
-    else:
-        tasks = [(o.scale, float(k)) for k in range(ROWS if o.kind == "kept" else 20)]
-        numbers = map(scaled, tasks) if o.kind == "kept" else context.each(scaled, tasks, "rows")
-        table = context.record_rows("rows.csv", {"x": "1"}, ([x] for x in numbers))
-    return Findings({"scale": Figure(o.scale, "1", 0.0)}, o, tables={"rows.csv": table})
-def show(o, f, r):
-    if o.gate:
-        Path(o.gate + ".reached").touch()
-        while not Path(o.gate).exists():
-            time.sleep(0.01)
-    return Show()
 '''.replace("ROWS", str(ROWS))
 
 

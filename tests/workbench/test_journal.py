@@ -26,21 +26,22 @@ from workbench.runs.local import LocalRunner
 SWEEP = """
 'What do the runs of many types return?'
 import workbench
-from workbench import Figure, Findings
-class Options(workbench.Options): pass
+from workbench import Figure, Findings, Question
+class Answers(Question):
+
+    def solve(self, context):
+        results = []
+        for k, one in enumerate(context.each(work, range(6), "answers")):
+            if k == STOP:
+                raise KeyboardInterrupt
+            results.append(one)
+        answers[:] = results
+        return Findings({"n": Figure(5.0, "1", 0.0)})
 ANSWERS = [0.1 + 0.2, (-0.0, [1, True, None, "grün"]), [float("inf")], "no orbit", {1}, ((2.5,),)]
 def work(k):
     with open(LEDGER, "a") as file:
         file.write(f"{k}\\n")
     return ANSWERS[k]
-def solve(o, context):
-    results = []
-    for k, one in enumerate(context.each(work, range(6), "answers")):
-        if k == STOP:
-            raise KeyboardInterrupt
-        results.append(one)
-    answers[:] = results
-    return Findings({"n": Figure(5.0, "1", 0.0)})
 answers, STOP = [], -1
 """
 
@@ -57,7 +58,7 @@ class Sweep:
         """The answers of its runs, none if it is interrupted after `stop` of them."""
         self.page.STOP = stop
         with suppress(KeyboardInterrupt):
-            answer(read(self.page), self.page.Options(), {}, runner=LocalRunner(1), out=self.folder)
+            answer(read(self.page), self.page.Answers(), {}, runner=LocalRunner(1), out=self.folder)
         return list(self.page.answers)
 
     def runs(self) -> list[str]:

@@ -29,7 +29,6 @@ from tests.workbench.browser import Browser
 from tests.workbench.firefox import Firefox, firefox
 from tests.workbench.test_report import first_element, page_browser
 from workbench.answer import Answer
-from workbench.catalog import load_module, names
 from workbench.live.build import WORKER, script
 from workbench.options import add_arguments, parse_options
 from workbench.page import html
@@ -158,7 +157,7 @@ def check_move(
     move(page_browser, values)
     answered(page_browser, number)
     arguments = shlex.split(page_browser.value(f"{PART}.querySelector('code').textContent"))
-    kind, parser = load_module(names(PROJECT.home)[name]).Options, ArgumentParser()
+    kind, parser = PROJECT.load(name), ArgumentParser()
     add_arguments(parser, kind)
     begin = arguments.index(name) + 1 + 2 * ("--flavour" in arguments)
     options = {k: x for k, x in vars(parser.parse_args(arguments[begin:])).items() if x is not None}

@@ -51,8 +51,7 @@ from workbench.live import (
 from workbench.live.build import FOLDER, PAGE, WORKER, script
 from workbench.live.declare import READERS
 from workbench.live.formula import FUNCTIONS, Formula
-from workbench.options import parse_options
-from workbench.question import read
+from workbench.question import Question, read
 
 #: bytes of the scripts of a page without plotly
 LARGEST_SCRIPT = 40_000
@@ -133,7 +132,7 @@ def run_up() -> Result:
 
 def orientator() -> Result:
     page = load_module(names(PROJECT.home)["orientator_cycle"])
-    return cosim.run(page.system(page.Options(), fmus_of(page)), stop=0.6, step=1e-3)
+    return cosim.run(read(page)().system(fmus_of(page)), stop=0.6, step=1e-3)
 
 
 READ = {
@@ -296,11 +295,9 @@ QUICKLY: dict[str, dict[str, Any]] = {
 
 def declared_live(name: str, **start: Any) -> Live:
     """What a question declares, for short options."""
-    page, options = load_module(names(PROJECT.home)[name]), QUICKLY.get(name, {}) | {"start": start}
+    options = QUICKLY.get(name, {}) | {"start": start}
     answer = ask(name, **options)
-    declaration = page.LIVE
-    o = parse_options(page.Options, options, name)
-    live = declaration(o, answer.figures, answer.data) if callable(declaration) else declaration
+    live = PROJECT.load(name).parse(options).live(answer.figures, answer.data)
     assert isinstance(live, Live)
     return live
 
@@ -321,16 +318,17 @@ def test_no_slider_changes_the_elements_of_a_drawing(name: str) -> None:
 
 
 def test_all_these_questions_are_live() -> None:
-    pages = {name: load_module(module) for name, module in names(PROJECT.home).items()}
-    assert {name for name, page in pages.items() if hasattr(page, "LIVE")} == set(LIVE_QUESTIONS)
+    questions = {name: PROJECT.load(name) for name in names(PROJECT.home)}
+    lives = {name for name, each in questions.items() if each.live is not Question.live}
+    assert lives == set(LIVE_QUESTIONS)
 
 
 def built(declaration: Any) -> Any:
     """The live part of a product in the orientator, with another declaration."""
     page = load_module(names(PROJECT.home)["orientator_cycle"])
-    o, modules = parse_options(page.Options, {}, "it"), PROJECT.modules(read(page))
+    o, modules = read(page)(), PROJECT.modules(read(page))
     figures = {"orientation_time": Figure(0.26, "s", 0.0, "time from drop to end")}
-    findings = Findings(figures, None, page.system(o, fmus_of(page)))
+    findings = Findings(figures, None, o.system(fmus_of(page)))
     return live.of(declaration, o, findings, modules, "")
 
 
@@ -357,7 +355,7 @@ def test_a_declaration_that_does_not_fit_is_a_clear_line() -> None:
     assert part.data["columns"] == ["orientator.phi1"]
     assert built(lambda o, f, r: None) is None
     assert built(None) is None
-    with pytest.raises(SetupError, match=r"LIVE must be a workbench.live.Live, or a function"):
+    with pytest.raises(SetupError, match=r"must return a workbench.live.Live"):
         built((3,))
     cup = [Slider("orientator.cup.x", 0.0, 1.0)]
     assert refused(sliders=cup) == "LIVE: 'orientator.cup.x' is neither an option nor a start value"
@@ -402,13 +400,13 @@ def test_the_example_of_the_guide_makes_a_question_live() -> None:
     scope: dict[str, Any] = {}
     exec(example, scope)  # noqa: S102
     page = load_module(str(ROOT / "examples" / "run_down.py"))
-    o, fmus = parse_options(page.Options, {}, "it"), fmus_of(page)
-    modules = {part: FMUS / "wasm" / f"{fmu}.wasm" for part, fmu in page.PARTS.items()}
+    o, fmus = read(page)(), fmus_of(page)
+    modules = {part: FMUS / "wasm" / f"{fmu}.wasm" for part, fmu in o.parts.items()}
     figures = {
         "tenth": Figure(0.1, "s", 0.0, "until a tenth of the speed is left"),
         "brake": Figure(5.0, "N.m", 0.0, "largest braking torque"),
     }
-    part = live.of(scope["LIVE"], o, Findings(figures, None, page.system(o, fmus)), modules, "ask")
+    part = live.of(scope["LIVE"], o, Findings(figures, None, o.system(fmus)), modules, "ask")
     assert part is not None
     assert [x["meaning"] for x in part.data["numbers"]] == [x.meaning for x in figures.values()]
 

@@ -32,12 +32,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from cosim import SetupError
 import workbench
-from workbench import Figure, Findings, option
-PARTS = {"motor": "Motor.fmu"}
+from workbench import Figure, Findings, option, Question
 HOME = Path(HOME_TEXT)
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+class Faulty(Question):
+    parts = {"motor": "Motor.fmu"}
+
     x: float = option(0.0, "abscissa")
+
+    def solve(self, context):
+        with open(HOME / "ledger", "a") as file:
+            file.write(f"{self.x!r}\\n")
+        if self.x == 2.0 and (HOME / "fault").exists():
+            globals()[(HOME / "fault").read_text()]()
+        if (HOME / "motor_needed").exists() and not Path(context.fmus["motor"]).exists():
+            raise SetupError("part motor: there is no file Motor.fmu")
+        return Findings({"y": Figure(3.0 * self.x, "1", 0.0)})
 def disk():
     try:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -54,14 +63,6 @@ def gate():
     while (HOME / "fault").exists():
         time.sleep(0.01)
     (HOME / "motor_needed").touch()
-def solve(o, context):
-    with open(HOME / "ledger", "a") as file:
-        file.write(f"{o.x!r}\\n")
-    if o.x == 2.0 and (HOME / "fault").exists():
-        globals()[(HOME / "fault").read_text()]()
-    if (HOME / "motor_needed").exists() and not Path(context.fmus["motor"]).exists():
-        raise SetupError("part motor: there is no file Motor.fmu")
-    return Findings({"y": Figure(3.0 * o.x, "1", 0.0)})
 '''
 GRID = 'scenario = "faults.py"\n[grid]\nx = [0.0, 1.0, 2.0, 3.0]\n'
 
@@ -163,13 +164,14 @@ def test_a_study_with_another_fmu_of_the_same_guid_is_another_study(home: Path) 
 
 SWEEP = """
 def five(k): return 5 * k
-def solve(o, context):
+def fives(self, context):
     answers = []
     for k in context.each(five, range(4), "fives"):
         if k == 10 and (HOME / "fault").exists():
             raise KeyboardInterrupt
         answers.append(k)
     return Findings({"y": Figure(float(sum(answers)), "1", 0.0)})
+Faulty.solve = fives
 """
 
 
@@ -181,11 +183,11 @@ def test_a_sweep_with_another_fmu_of_the_same_guid_takes_no_rows(
     (home / "fault").touch()
     page: Any = load_module(str(path))
     with pytest.raises(KeyboardInterrupt):
-        answer(read(page), page.Options(), {"motor": fmu}, runner=LocalRunner(1), out=home / "out")
+        answer(read(page), page.Faulty(), {"motor": fmu}, runner=LocalRunner(1), out=home / "out")
     (home / "fault").unlink()
     changed(fmu)
     capsys.readouterr()
-    answer(read(page), page.Options(), {"motor": fmu}, runner=LocalRunner(1), out=home / "out")
+    answer(read(page), page.Faulty(), {"motor": fmu}, runner=LocalRunner(1), out=home / "out")
     assert "contains the rows of other runs: contents.motor has changed; they are dropped" in (
         capsys.readouterr().err
     )

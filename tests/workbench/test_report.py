@@ -454,7 +454,7 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
     charts = []
     for speed, lag in ((40.0, 90.0), (57.0, 160.0)):
         o, figures_with_lag = (
-            resonance.Options(),
+            resonance.Resonance(),
             figures | {"lag_operating": Figure(lag, "deg", 0.1)},
         )
         figures_with_lag |= {"tau2_operating": Figure(rows[speed]["tau2"][0], "N.m", 0.1)}

@@ -121,13 +121,15 @@ MINE = """
 'How much is twice as much?'
 from typing import NamedTuple
 import workbench
-class Options(workbench.Options): pass
+from workbench import Question
+class Twice(Question):
+
+    def solve(self, context):
+        list(context.each(double, [Point(1.0)], "double"))
+        raise KeyboardInterrupt
 class Point(NamedTuple):
     x: float
 def double(point): return (2.0 * point.x,)
-def solve(o, context):
-    list(context.each(double, [Point(1.0)], "double"))
-    raise KeyboardInterrupt
 """
 
 
@@ -149,7 +151,7 @@ def test_a_users_question_that_was_changed_takes_no_rows_of_its_predecessor(
         path.write_text(text)
         page = load_module(str(path))
         with pytest.raises(KeyboardInterrupt):
-            answer(read(page), page.Options(), {}, out=tmp_path)
+            answer(read(page), page.Twice(), {}, out=tmp_path)
     goes_on, dropped = capsys.readouterr().err.splitlines()
     assert goes_on == f"{tmp_path}: 1 run already done"
     assert dropped.endswith("runs: question has changed; they are dropped")

@@ -96,7 +96,7 @@ def cycle(mu: float) -> tuple[float, float]:
 
 
 def test_an_example_without_its_fmu_says_what_is_missing() -> None:
-    with pytest.raises(SetupError, match=r"PARTS: oscillator = 'VanDerPol\.fmu': no file "):
+    with pytest.raises(SetupError, match=r"parts: oscillator = 'VanDerPol\.fmu': no file "):
         answer_of("limit_cycle")
 
 

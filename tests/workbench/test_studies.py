@@ -489,7 +489,7 @@ FILES = {
     "questions/ask.py": '''"""How large is it?"""
 from dataclasses import dataclass
 import cosim
-from workbench import Figure, Findings, Options, Show
+from workbench import Figure, Findings, Question, Show
 from ..drawn import motion
 from ..machine import size
 
@@ -497,14 +497,21 @@ COLOR = "blue"
 MARKS = ("a", "b")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(Options):
+class Size(Question):
     """Options."""
 
 
-def solve(o, context):
-    """Solve it."""
-    return Findings({"size": Figure(double(size()), "m", 0.0)})
+    def solve(self, context):
+        """Solve it."""
+        return Findings({"size": Figure(double(size()), "m", 0.0)})
+
+    def show(self, figures, data):
+        return Show(motions=[motion(MARKS, colored())])
+
+    def judgements(self, figures, data):
+        return [Judgement("size", figures["size"])]
+
+
 
 
 def double(x):
@@ -512,16 +519,12 @@ def double(x):
     return 2.0 * x
 
 
-def show(o, figures, data):
-    return Show(motions=[motion(MARKS, colored())])
 
 
 def colored():
     return COLOR
 
 
-def judgements(o, figures, data):
-    return [Judgement("size", figures["size"])]
 ''',
     "questions/other.py": '"""Another?"""\nanswer = 1\n',
     "machine.py": '"""A machine."""\n\n\ndef size():\n    """Its size."""\n    return 1.0  # m\n',
@@ -552,7 +555,6 @@ EDITS = [
     ("questions/ask.py", "import motion", "import motion as motion", False),
     ("questions/ask.py", 'Judgement("size"', 'Judgement("width"', False),
     ("questions/ask.py", '("a", "b")', '("a", "c")', False),
-    ("questions/ask.py", "frozen=True, ", "", True),
 ]
 
 

@@ -1,7 +1,6 @@
 """The live part of a page: sliders, and the FMUs' own C code run again in the browser at every move.
 
-A question declares `LIVE`, a `Live` or a function of options, figures and data that returns one. Nothing of
-its Python runs in the browser: what is live are sliders, formulas, readers, curves, a motion and a sweep.
+The method `live` of a question returns a `Live`. Nothing of its Python runs in the browser: what is live are sliders, formulas, readers, curves, a motion and a sweep.
 """
 
 from ..answer import LivePart

@@ -1,4 +1,4 @@
-"""What the browser gets of a question's `LIVE`: its modules, its scripts, and data.
+"""What the browser gets of a question's live part: its modules, its scripts, and data.
 
 Everything declared is checked here, with the values of the answer, so that a mistake is one line when the page
 is made and never a page that does not work.
@@ -50,9 +50,8 @@ def of(
 
     Parameters
     ----------
-    live : Live, function or None
-        The `LIVE` of a question: a `Live`, or a function of options, figures and data that returns one or
-        None.
+    live : Live or None
+        What `live` of a question returns.
     o : Options
         The options of the answer.
     findings : Findings
@@ -74,12 +73,8 @@ def of(
     """
     if live is None or findings.system is None or not set(findings.system.parts) <= set(modules):
         return None
-    if callable(live):
-        live = live(o, findings.figures, findings.data)
-    if live is None:
-        return None
     if not isinstance(live, Live):
-        raise SetupError("LIVE must be a workbench.live.Live, or a function that returns one")
+        raise SetupError("live(self, f, r) must return a workbench.live.Live")
     network = connect(findings.system)
     content = Content(network, o, findings)
     options = declared(type(o))

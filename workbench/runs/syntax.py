@@ -8,11 +8,10 @@ from collections.abc import Collection, Iterable, Iterator
 from types import CodeType
 from typing import Any
 
-#: Names by which a question is read, but for those that say what is shown of its answer.
-COMPUTED = frozenset({
-    "Options", "PARTS", "FIXED_STARTS", "PARALLEL", "RECORD", "LABELS", "solve", "system", "figures", "run", "process",
-    "more_runs", "more_figures", "tables", "files",
-})  # fmt: skip
+from ..catalog import is_question
+
+#: What the class of a question has that only says or shows its answer.
+SHOWN = frozenset({"judgements", "show", "live", "decisive", "sources", "error_scope"})
 
 
 def code_digest(content: bytes, *, is_question: bool = False) -> str:
@@ -34,11 +33,17 @@ def code_digest(content: bytes, *, is_question: bool = False) -> str:
 
 
 def computing(body: Iterable[ast.stmt]) -> list[ast.stmt]:
-    """Return the definitions of a question to which `COMPUTED` leads, and all statements that define nothing."""
+    """Return the definitions to which the class of a question leads, and all statements that define nothing.
+
+    The class is without what is SHOWN.
+    """
     statements = [single for statement in body for single in _singles(statement)]
+    classes = [x for x in statements if isinstance(x, ast.ClassDef) and is_question(x)]
+    for each in classes:
+        each.body = [x for x in each.body if not _names(x) & SHOWN] or [ast.Pass()]
     names = [_names(statement) for statement in statements]
     others = [_used(statement) for statement, own in zip(statements, names) if not own]
-    kept = _reached(COMPUTED.union(*others), statements, names)
+    kept = _reached(frozenset(x.name for x in classes).union(*others), statements, names)
     return [x for x, own in zip(statements, names) if not own or own & kept]
 
 

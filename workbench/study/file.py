@@ -89,7 +89,7 @@ class Study:
     path: Path
     content: Spec
     project: Project
-    question: Question
+    question: type[Question]
     sampling: Sampling | None
     timeout: float | None
     figures: Sequence[str]
@@ -129,7 +129,7 @@ class Study:
 
     def cases(self) -> list[dict[str, Value]]:
         """What each run is given: options of the question and start values, which have a dot."""
-        common = {**self.question.preset, **self.fixed}
+        common = dict(self.fixed)
         return [{**common, **dict(zip(self.varied, run))} for run in self.runs()]
 
 
@@ -221,9 +221,9 @@ class _StartValue(Option):
         return raw
 
 
-def _input(question: Question, table: str, name: str, spec: object) -> Option:
+def _input(question: type[Question], table: str, name: str, spec: object) -> Option:
     """Return what checks the values of an input: an option of the question, or a start value with a dot."""
-    options, key, who = declared(question.options), _key(table, name), question.name
+    options, key, who = declared(question), _key(table, name), question.name
     if name in options:
         return options[name]
     part, dot, _ = name.partition(".")

@@ -61,7 +61,7 @@ def run(
         with replacement(folder / "study.toml") as fresh:
             fresh.write_bytes(study.path.read_bytes())
         _forget_short_of(study.timeout, journal)
-        before, question_files = len(journal), study.question.files
+        before, question_files = len(journal), study.question.own_files
         inputs = Bundle.of([*fmus.values(), *question_files])
         for unfinished in (folder / "inputs").glob(f"{inputs.name}.*"):  # a killed run left it
             remove(unfinished)
@@ -123,5 +123,5 @@ def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
         units = {name: network.port(name).unit for name in study.varied if network and "." in name}
     except SetupError as error:
         raise SetupError(f"{study.path}: {error}") from None
-    options = declared(study.question.options)
+    options = declared(study.question)
     return {name: units[name] if "." in name else options[name].unit for name in study.varied}

@@ -4,9 +4,10 @@ A motor with a speed controller and a gearbox brings a slotted link from rest to
 elastic shaft with backlash connects gearbox and link.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Figure, Judgement, Run, Show, option
+from workbench import Figure, Judgement, Question, Run, Show, option
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
 from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import (
@@ -31,13 +32,6 @@ from workbench.measure import (
 
 from ..motion import live_motion, moving
 
-PARTS = {
-    "controller": "SpeedController",
-    "motor": "DCMotor",
-    "gear": "Gearbox",
-    "shaft": "ShaftLink",
-    "load": "SlottedLink",
-}
 WIRES = (
     "controller.tau * 2.5 => motor.v",
     "gear.w_a -> motor.w",
@@ -48,7 +42,6 @@ WIRES = (
     "load.w -> shaft.w_b",
     "shaft.tau_b -> load.tau",
 )
-FIXED_STARTS = ("controller.w_ref", "gear.i")
 MACHINE = {
     "controller.T_i": 0.2,
     "gear.w_a": 0.0,
@@ -79,14 +72,134 @@ AMPLIFIED = (math.sqrt(0.5), math.sqrt(1.5))
 ANGLES = 720
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(Run):
+class SpeedStep(Question, Run):
     """The step of the set speed, the gear ratio, and how the run is made."""
+
+    parts = {
+        "controller": "SpeedController",
+        "motor": "DCMotor",
+        "gear": "Gearbox",
+        "shaft": "ShaftLink",
+        "load": "SlottedLink",
+    }
+    fixed_starts = ("controller.w_ref", "gear.i")
 
     speed: float = option(20.0, "set speed of the load", "rad/s", above=0.0)
     ratio: float = option(5.0, "ratio of the gearbox", "1", above=0.0)
     stop: float = option(3.0, "simulated time", "s", above=0.0)
     step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
+
+    def system(self, fmus: Mapping[str, Path]) -> System:
+        """The drive at rest, with the shaft in the middle of its play."""
+        fixed = {"controller.w_ref": self.ratio * self.speed, "gear.i": self.ratio}
+        return System(fmus, WIRES, {**MACHINE, **fixed, **self.start})
+
+    def figures(self, r: Result) -> dict[str, Figure]:
+        """How fast, how far beyond, at which torque and current, and what is left at the end."""
+        t, torque, rad = r["time"], r.units["shaft.tau_b"], r.units["load.w"]
+        clear = clearance(t, r["load.w"], NEAR * self.speed)
+        back = (
+            {}
+            if math.isnan(clear.value)
+            else {
+                "near_clearance": clear.figure(
+                    rad,
+                    f"distance of {NEAR:.0%} of its set speed from the nearest turn of the speed around that time",
+                )
+            }
+        )
+        fast, shaft = largest(t, r["load.w"]), largest(t, r["shaft.tau_b"])
+        return {
+            "near_time": crossing(t, r["load.w"], NEAR * self.speed).figure(
+                "s", f"time until the load first reaches {NEAR:.0%} of its set speed"
+            ),
+            **back,
+            "w_max": fast.figure(rad, f"largest speed of the load up to {self.stop:g} s"),
+            **means(self, r),
+            **ripples(self, r),
+            "tau_max": shaft.figure(torque, "largest torque in the shaft"),
+            "tau_max_time": shaft.at.figure("s", "time of the largest torque in the shaft"),
+            "tau_min": smallest(t, r["shaft.tau_b"]).figure(torque, "smallest torque in the shaft"),
+            "i_max": largest(t, r["motor.i"]).figure(r.units["motor.i"], "largest current"),
+        }
+
+    def more_figures(self, f: Mapping[str, Figure], r: Result) -> dict[str, Figure]:
+        """Return the natural frequencies of the drive, and when it is near its speed, if that is certain."""
+        near = passed_for_certain(f["near_time"], f.get("near_clearance"))
+        return {"near_time": near, **frequencies(r)}
+
+    def judgements(self, f: Mapping[str, Figure], r: Result) -> list[Judgement]:
+        """How the load reaches its speed, what is left at the end, and what that takes."""
+        near, fast, mean, ripple = (
+            f[name] for name in ("near_time", "w_max", "mean_max", "ripple")
+        )
+        is_too_slow = near.error is None and fast.value + (fast.error or 0.0) < NEAR * self.speed
+        still_rises = f["mean_max_time"].reason.startswith(STILL_RISES)
+        low, high = AMPLIFIED
+        swings = {"free": "gearbox and load", "held": "the load with the gearbox held"}
+        return [
+            Judgement(
+                f"the load reaches {NEAR:.0%} of its set speed of {self.speed:g} rad/s",
+                near,
+                most=self.stop,
+                is_so=False if is_too_slow else None,
+                yes=f"The load reaches {NEAR:.0%} of its set speed of {self.speed:g} rad/s",
+                no=f"The load does not reach {NEAR:.0%} of its set speed of {self.speed:g} rad/s",
+                note=f"its largest speed up to {self.stop:g} s is {fast.brief()}"
+                if near.error is None
+                else "",
+            ),
+            Judgement(
+                "the mean speed over a turn stays below its set speed",
+                mean,
+                most=(1.0 + LEAST_OVERSHOOT) * self.speed,
+                note=f"it still rises at {self.stop:g} s"
+                if still_rises and mean.error is not None
+                else "",
+            ),
+            Judgement("mean speed in the last turn", f["mean"]),
+            Judgement("ripple of the speed in the last turn", ripple),
+            *(
+                Judgement(
+                    f"that ripple is near the natural frequency of {swings[key]}",
+                    f["ripple_frequency"],
+                    low * f[f"{key}_frequency"].value,
+                    high * f[f"{key}_frequency"].value,
+                    is_wanted=False,
+                )
+                for key in swings
+                if ripple.error is not None
+            ),
+            Judgement("largest torque in the shaft", f["tau_max"]),
+            Judgement("largest current of the motor", f["i_max"]),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: Result) -> Show:
+        """Speeds, torques and current over time, and both ends of the shaft in motion."""
+        return Show([drawn(CHART, r, self)], [moving(r)])
+
+    def live(self, f: Mapping[str, Figure], r: Result) -> Live:
+        """The start from rest."""
+        return Live(
+            sliders=(
+                Slider("speed", 10.0, 40.0),
+                Slider("ratio", 3.0, 8.0),
+                Slider("controller.K", 0.5, 5.0),
+                Slider("controller.T_i", 0.05, 1.0),
+                Slider("shaft.c", 300.0, 4000.0),
+                Slider("shaft.b", 0.0, 0.05),
+            ),
+            start={"controller.w_ref": "ratio * speed", "gear.i": "ratio"},
+            numbers=[
+                Number("near_time", Reader("first_crossing", "load.w", level=f"{NEAR} * speed")),
+                Number("w_max", Reader("max", "load.w")),
+                Number("tau_max", Reader("max", "shaft.tau_b")),
+                Number("tau_min", Reader("min", "shaft.tau_b")),
+                Number("i_max", Reader("max", "motor.i")),
+            ],
+            charts=[CHART],
+            motion=live_motion(r),
+        )
 
 
 class Turn(NamedTuple):
@@ -99,42 +212,6 @@ class Turn(NamedTuple):
     order: int
 
 
-def system(o: Options, fmus: Mapping[str, Path]) -> System:
-    """The drive at rest, with the shaft in the middle of its play."""
-    fixed = {"controller.w_ref": o.ratio * o.speed, "gear.i": o.ratio}
-    return System(fmus, WIRES, {**MACHINE, **fixed, **o.start})
-
-
-def figures(o: Options, r: Result) -> dict[str, Figure]:
-    """How fast, how far beyond, at which torque and current, and what is left at the end."""
-    t, torque, rad = r["time"], r.units["shaft.tau_b"], r.units["load.w"]
-    clear = clearance(t, r["load.w"], NEAR * o.speed)
-    back = (
-        {}
-        if math.isnan(clear.value)
-        else {
-            "near_clearance": clear.figure(
-                rad,
-                f"distance of {NEAR:.0%} of its set speed from the nearest turn of the speed around that time",
-            )
-        }
-    )
-    fast, shaft = largest(t, r["load.w"]), largest(t, r["shaft.tau_b"])
-    return {
-        "near_time": crossing(t, r["load.w"], NEAR * o.speed).figure(
-            "s", f"time until the load first reaches {NEAR:.0%} of its set speed"
-        ),
-        **back,
-        "w_max": fast.figure(rad, f"largest speed of the load up to {o.stop:g} s"),
-        **means(o, r),
-        **ripples(o, r),
-        "tau_max": shaft.figure(torque, "largest torque in the shaft"),
-        "tau_max_time": shaft.at.figure("s", "time of the largest torque in the shaft"),
-        "tau_min": smallest(t, r["shaft.tau_b"]).figure(torque, "smallest torque in the shaft"),
-        "i_max": largest(t, r["motor.i"]).figure(r.units["motor.i"], "largest current"),
-    }
-
-
 def turning(r: Result) -> tuple[Samples, Samples, Samples]:
     """Time, angle and speed of the load in the rows since it last stood or turned back."""
     t, phi, w = r["time"], r["load.phi"], r["load.w"]
@@ -142,7 +219,7 @@ def turning(r: Result) -> tuple[Samples, Samples, Samples]:
     return t[first:], phi[first:], w[first:]
 
 
-def means(o: Options, r: Result) -> dict[str, Figure]:
+def means(o: SpeedStep, r: Result) -> dict[str, Figure]:
     """The largest mean speed over a turn, which has no ripple of whole orders, and when that turn ends."""
     t, phi, _ = turning(r)
     rad = r.units["load.w"]
@@ -177,7 +254,7 @@ def last_turn(t: Samples, phi: Samples, w: Samples, back: int) -> Turn:
     return Turn(TURN / (ended - began), (high - low) / 2, 1 + int(np.argmax(sizes)))
 
 
-def ripples(o: Options, r: Result) -> dict[str, Figure]:
+def ripples(o: SpeedStep, r: Result) -> dict[str, Figure]:
     """Mean and ripple of the speed in the last turn, its strongest order and frequency.
 
     What the last turn still changes, taken as a geometric series with the change of the turn before, is
@@ -231,12 +308,6 @@ def rest(last: float, before: float, first: float) -> float:
     return change * max(1.0, share / (1.0 - share))
 
 
-def more_figures(o: Options, f: Mapping[str, Figure], r: Result) -> dict[str, Figure]:
-    """Return the natural frequencies of the drive, and when it is near its speed, if that is certain."""
-    near = passed_for_certain(f["near_time"], f.get("near_clearance"))
-    return {"near_time": near, **frequencies(r)}
-
-
 def frequencies(r: Result) -> dict[str, Figure]:
     """At which gearbox and load swing against each other on the undamped shaft, pressed to one flank,
     and the load alone while the controller holds the gearbox [Hz], with the mean inertia of the load.
@@ -262,51 +333,6 @@ def mean_square(load: Mapping[str, float]) -> float:
     return float((travel**2).mean())
 
 
-def judgements(o: Options, f: Mapping[str, Figure], r: Result) -> list[Judgement]:
-    """How the load reaches its speed, what is left at the end, and what that takes."""
-    near, fast, mean, ripple = (f[name] for name in ("near_time", "w_max", "mean_max", "ripple"))
-    is_too_slow = near.error is None and fast.value + (fast.error or 0.0) < NEAR * o.speed
-    still_rises = f["mean_max_time"].reason.startswith(STILL_RISES)
-    low, high = AMPLIFIED
-    swings = {"free": "gearbox and load", "held": "the load with the gearbox held"}
-    return [
-        Judgement(
-            f"the load reaches {NEAR:.0%} of its set speed of {o.speed:g} rad/s",
-            near,
-            most=o.stop,
-            is_so=False if is_too_slow else None,
-            yes=f"The load reaches {NEAR:.0%} of its set speed of {o.speed:g} rad/s",
-            no=f"The load does not reach {NEAR:.0%} of its set speed of {o.speed:g} rad/s",
-            note=f"its largest speed up to {o.stop:g} s is {fast.brief()}"
-            if near.error is None
-            else "",
-        ),
-        Judgement(
-            "the mean speed over a turn stays below its set speed",
-            mean,
-            most=(1.0 + LEAST_OVERSHOOT) * o.speed,
-            note=f"it still rises at {o.stop:g} s"
-            if still_rises and mean.error is not None
-            else "",
-        ),
-        Judgement("mean speed in the last turn", f["mean"]),
-        Judgement("ripple of the speed in the last turn", ripple),
-        *(
-            Judgement(
-                f"that ripple is near the natural frequency of {swings[key]}",
-                f["ripple_frequency"],
-                low * f[f"{key}_frequency"].value,
-                high * f[f"{key}_frequency"].value,
-                is_wanted=False,
-            )
-            for key in swings
-            if ripple.error is not None
-        ),
-        Judgement("largest torque in the shaft", f["tau_max"]),
-        Judgement("largest current of the motor", f["i_max"]),
-    ]
-
-
 CHART = RunChart(
     "From rest to the set speed",
     "time [s]",
@@ -324,35 +350,3 @@ CHART = RunChart(
         RunPanel("current", {"motor.i": TORQUE}),
     ],
 )
-
-
-def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
-    """Speeds, torques and current over time, and both ends of the shaft in motion."""
-    return Show([drawn(CHART, r, o)], [moving(r)])
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
-    """The start from rest."""
-    return Live(
-        sliders=(
-            Slider("speed", 10.0, 40.0),
-            Slider("ratio", 3.0, 8.0),
-            Slider("controller.K", 0.5, 5.0),
-            Slider("controller.T_i", 0.05, 1.0),
-            Slider("shaft.c", 300.0, 4000.0),
-            Slider("shaft.b", 0.0, 0.05),
-        ),
-        start={"controller.w_ref": "ratio * speed", "gear.i": "ratio"},
-        numbers=[
-            Number("near_time", Reader("first_crossing", "load.w", level=f"{NEAR} * speed")),
-            Number("w_max", Reader("max", "load.w")),
-            Number("tau_max", Reader("max", "shaft.tau_b")),
-            Number("tau_min", Reader("min", "shaft.tau_b")),
-            Number("i_max", Reader("max", "motor.i")),
-        ],
-        charts=[CHART],
-        motion=live_motion(r),
-    )
-
-
-LIVE = live_part

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -28,6 +27,7 @@ from workbench import (
     Judgement,
     Mark,
     Panel,
+    Question,
     Show,
     fitting,
     option,
@@ -46,9 +46,6 @@ from ..motion import moving
 from ..options import RippleOptions
 from ..papers import cited
 
-PARTS = DRIVE
-ERROR_SCOPE = fitting.ERROR_SCOPE
-SOURCES = cited(22)
 SPEED, TORQUE = "conveyor.w", "motor.tau"
 STATES = ("conveyor.phi", SPEED, TORQUE)
 LINEAR, KLOSS = ("motor.A", "motor.B"), ("motor.kloss.w_s", "motor.kloss.s_b")
@@ -60,55 +57,103 @@ CURVE = 121
 NOISE = 0.02
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(RecordOptions, RippleOptions):
+class Identify(Question, RecordOptions, RippleOptions):
     """The record to fit, and the speed at which the machine that fits is judged."""
+
+    parts = DRIVE
+    sources = cited(22)
+    error_scope = fitting.ERROR_SCOPE
 
     speed: float | None = option(
         None, "operating speed, the mean of the record by default", "rad/s", above=0.0
     )
 
+    def solve(self, context: Context) -> Findings:
+        """Fit, and ask the machine that fits.
 
-def solve(o: Options, context: Context) -> Findings:
-    """Fit, and ask the machine that fits.
-
-    This replaces the single certified run, because the answer comes from a fit to a record and from many
-    machines that fit it.
-    """
-    record = o.columns(SPEED)
-    base = followed(context.fmus, SETS[o.set], o.start)
-    w = np.array(record[SPEED].values) * multiples("rad/s").get(record[SPEED].unit, 1.0)
-    nu = float(np.nanmean(w))
-    operating = o.speed or nu
-    supply, slope = KLOSS if induction(o.start) else LINEAR
-    if not o.known and TORQUE not in record:
-        raise SetupError(
-            f"{o.data}: speed alone determines neither mass nor torque; give what is known, as in "
-            "--known conveyor.trough.m=200+-5, or map a torque to motor.tau"
+        This replaces the single certified run, because the answer comes from a fit to a record and from many
+        machines that fit it.
+        """
+        record = self.columns(SPEED)
+        base = followed(context.fmus, SETS[self.set], self.start)
+        w = np.array(record[SPEED].values) * multiples("rad/s").get(record[SPEED].unit, 1.0)
+        nu = float(np.nanmean(w))
+        operating = self.speed or nu
+        supply, slope = KLOSS if induction(self.start) else LINEAR
+        if not self.known and TORQUE not in record:
+            raise SetupError(
+                f"{self.data}: speed alone determines neither mass nor torque; give what is known, as in "
+                "--known conveyor.trough.m=200+-5, or map a torque to motor.tau"
+            )
+        fit = self.identify(
+            conveyor_drive(context.fmus, guess(self, base, record[SPEED])),
+            record,
+            [slope, *FREE, supply, *STATES],
+            derived={"nu_res": lambda v, _: fitted_machine(self, base, nu, v).nu_res},
+            units={"nu_res": "rad/s"},
+            first=("conveyor.phi", supply),
+            algorithm=self.algorithm,
         )
-    fit = o.identify(
-        conveyor_drive(context.fmus, guess(o, base, record[SPEED])),
-        record,
-        [slope, *FREE, supply, *STATES],
-        derived={"nu_res": lambda v, _: fitted_machine(o, base, nu, v).nu_res},
-        units={"nu_res": "rad/s"},
-        first=("conveyor.phi", supply),
-        algorithm=o.algorithm,
-    )
-    machine = partial(fitted_machine, o, base, nu)
-    drive_data = IdentifiedDrive(fit, machine, operating, edges(o, fit, machine), advice(o, fit))
-    return Findings(
-        figures(o, context, drive_data),
-        drive_data,
-        fit.problem.system,
-        fit.result.provenance,
-        tables=fitting.tables(fit, drive_data.advice, "identify", "rad/s"),
-        facts=facts(o, drive_data),
-        defaults={"speed": drive_data.operating, "rated_torque": o.rated},
-    )
+        machine = partial(fitted_machine, self, base, nu)
+        drive_data = IdentifiedDrive(
+            fit, machine, operating, edges(self, fit, machine), advice(self, fit)
+        )
+        return Findings(
+            figures(self, context, drive_data),
+            drive_data,
+            fit.problem.system,
+            fit.result.provenance,
+            tables=fitting.tables(fit, drive_data.advice, "identify", "rad/s"),
+            facts=facts(self, drive_data),
+            defaults={"speed": drive_data.operating, "rated_torque": self.rated},
+        )
+
+    def judgements(self, f: Mapping[str, Figure], r: IdentifiedDrive) -> list[Judgement]:
+        """Whether the ripple is above its limit, where the resonance is, what to change, what to record next."""
+        if r.fit.misfit:
+            return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
+        at = f"{r.operating:.4g} rad/s ({r.operating * 30 / math.pi:.4g} rpm)"
+        gap, ends = f["away"], [f[name] for name in ("avoid_from", "avoid_to")]
+        side = f"{gap._replace(value=abs(gap.value)).brief()} {'below' if gap.value > 0 else 'above'} the operating speed"
+        ripple = Judgement(
+            f"torque ripple below its limit at {at}",
+            f["tau2"],
+            most=self.ripple_limit,
+            yes=f"{at} is safe for torque",
+            no=f"Avoid {at} for its torque",
+            note=self.limit_note,
+        )
+        return [
+            ripple,
+            Judgement("resonance", f["nu_res"], note=side if gap.error is not None else ""),
+            *(
+                [Judgement("avoid speeds", note=f"{ends[0].brief()} to {ends[1].brief()}")]
+                if all(end.error is not None for end in ends)
+                else []
+            ),
+            *(
+                Judgement(
+                    f"at the limit, and no further, with a change of {name} by", f[f"change_{key}"]
+                )
+                for name, key in CHANGED.items()
+                if ripple.answer is not Verdict.YES and f[f"change_{key}"].error is not None
+            ),
+            fitting.next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: IdentifiedDrive) -> Show:
+        """Each column measured, fitted and what is between them; the resonance curve with its band; the
+        conveyor in motion.
+        """
+        styles = {SPEED: ("speed", colors.SPEED), TORQUE: ("torque", colors.TORQUE)}
+        charts = fitting.charts(r.fit, styles)
+        if not r.fit.misfit:
+            charts.insert(0, band(self, f, r))
+        first, last = (float(t) for t in r.fit.result["time"][[0, -1]])
+        return Show(charts, [moving("The fitted conveyor", {"": r.fit.result}, first, last, 25.0)])
 
 
-def guess(o: Options, base: Machine, speed: cosim.Table) -> dict[str, Value]:
+def guess(o: Identify, base: Machine, speed: cosim.Table) -> dict[str, Value]:
     """Start values near the motion of a record: the angle at its start by the order 2 of its speed,
     the supply by its mean speed.
     """
@@ -125,13 +170,13 @@ def guess(o: Options, base: Machine, speed: cosim.Table) -> dict[str, Value]:
     return start
 
 
-def fitted_machine(o: Options, base: Machine, nu: float, values: Mapping[str, float]) -> Machine:
+def fitted_machine(o: Identify, base: Machine, nu: float, values: Mapping[str, float]) -> Machine:
     """The machine of these values; its motor's slope is that at the mean speed nu [rad/s]."""
     motor = {name: x for name, x in values.items() if name.startswith("motor.")}
     return linearised(base.follow(values), {**o.start, **motor}, nu)
 
 
-def advice(o: Options, fit: Identified) -> list[Advice]:
+def advice(o: Identify, fit: Identified) -> list[Advice]:
     """What further records would leave of the interval of the resonance, the best first."""
     if fit.misfit:
         return []
@@ -155,7 +200,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     return cosim.advise(fit, experiments, lambda v: fitted_machine(o, base, nu, v).nu_res)
 
 
-def facts(o: Options, drive_data: IdentifiedDrive) -> dict[str, Any]:
+def facts(o: Identify, drive_data: IdentifiedDrive) -> dict[str, Any]:
     """What else stands in the JSON."""
     settings = {
         "operating_speed": drive_data.operating,
@@ -165,53 +210,7 @@ def facts(o: Options, drive_data: IdentifiedDrive) -> dict[str, Any]:
     return settings | fitting.facts(drive_data.fit, drive_data.advice, FROM_DRAWINGS)
 
 
-def judgements(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> list[Judgement]:
-    """Whether the ripple is above its limit, where the resonance is, what to change, what to record next."""
-    if r.fit.misfit:
-        return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
-    at = f"{r.operating:.4g} rad/s ({r.operating * 30 / math.pi:.4g} rpm)"
-    gap, ends = f["away"], [f[name] for name in ("avoid_from", "avoid_to")]
-    side = f"{gap._replace(value=abs(gap.value)).brief()} {'below' if gap.value > 0 else 'above'} the operating speed"
-    ripple = Judgement(
-        f"torque ripple below its limit at {at}",
-        f["tau2"],
-        most=o.ripple_limit,
-        yes=f"{at} is safe for torque",
-        no=f"Avoid {at} for its torque",
-        note=o.limit_note,
-    )
-    return [
-        ripple,
-        Judgement("resonance", f["nu_res"], note=side if gap.error is not None else ""),
-        *(
-            [Judgement("avoid speeds", note=f"{ends[0].brief()} to {ends[1].brief()}")]
-            if all(end.error is not None for end in ends)
-            else []
-        ),
-        *(
-            Judgement(
-                f"at the limit, and no further, with a change of {name} by", f[f"change_{key}"]
-            )
-            for name, key in CHANGED.items()
-            if ripple.answer is not Verdict.YES and f[f"change_{key}"].error is not None
-        ),
-        fitting.next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
-    ]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> Show:
-    """Each column measured, fitted and what is between them; the resonance curve with its band; the
-    conveyor in motion.
-    """
-    styles = {SPEED: ("speed", colors.SPEED), TORQUE: ("torque", colors.TORQUE)}
-    charts = fitting.charts(r.fit, styles)
-    if not r.fit.misfit:
-        charts.insert(0, band(o, f, r))
-    first, last = (float(t) for t in r.fit.result["time"][[0, -1]])
-    return Show(charts, [moving("The fitted conveyor", {"": r.fit.result}, first, last, 25.0)])
-
-
-def band(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> Chart:
+def band(o: Identify, f: Mapping[str, Figure], r: IdentifiedDrive) -> Chart:
     """The torque ripple over the speed of the machine found, with the band of its interval."""
     nus = np.linspace(0.4, 1.8, CURVE) * f["nu_res"].value
 

@@ -5,16 +5,17 @@ characteristic at the working point. The speed of the 90 degree lag with the ful
 compared with that of a linear motor of this slope, over the load and over the breakdown slip.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
-import workbench
 from cosim import SetupError
 from cosim.system import Value
 from workbench import (
@@ -26,6 +27,7 @@ from workbench import (
     Judgement,
     Mark,
     Panel,
+    Question,
     Show,
     Table,
     option,
@@ -41,18 +43,6 @@ from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
 from ..papers import cited
 from ..rows import LARGEST_PEAKED_ZETA, rows_of
 
-PARTS = DRIVE
-SOURCES = cited(2, 22)
-PARALLEL = True
-DECISIVE = ("nu_kloss",)
-FIXED_STARTS = (
-    "motor.characteristic",
-    "motor.A",
-    "motor.B",
-    "motor.tau",
-    "conveyor.phi",
-    "conveyor.w",
-)
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 #: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
 RANGE = (0.6, 1.4)
@@ -66,9 +56,21 @@ COLUMNS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+class InductionMotor(Question):
     """The supply, and the points of the two series: resistances and breakdown slips."""
+
+    parts = DRIVE
+    fixed_starts = (
+        "motor.characteristic",
+        "motor.A",
+        "motor.B",
+        "motor.tau",
+        "conveyor.phi",
+        "conveyor.w",
+    )
+    decisive = ("nu_kloss",)
+    sources = cited(2, 22)
+    is_parallel = True
 
     frequency: float = option(
         50.0, "supply frequency that gives motor.kloss.w_s without load", "Hz", above=0.0
@@ -81,6 +83,79 @@ class Options(workbench.Options):
     )
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
     algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
+
+    def solve(self, context: Context) -> Findings:
+        """All motors, each a task, and the one of the data sheet over the speed.
+
+        This replaces the single certified run, because the figures come from steady orbits at many speeds of
+        many motors.
+        """
+        start = {**KLOSS, **self.start, "motor.characteristic": 1}
+
+        def motor(changed: Mapping[str, Value]) -> Motor:
+            start_ = {**start, **changed}
+            lag = 1 / (2 * math.pi * self.frequency * float(start_["motor.kloss.s_b"]))
+            machine = replace(SETS["B"], T=lag).follow(start_)
+            return Motor(context.fmus, start_, machine, self.algorithm, self.steps_per_rev)
+
+        followed(context.fmus, SETS["B"], start)
+        sheet = motor({})
+        loads = [motor({"conveyor.trough.d": d}) for d in self.resistances]
+        slips = [motor({"motor.kloss.s_b": s}) for s in self.slips]
+        each = [sheet, *loads, *slips]
+        lag_speeds = list(context.each(located, each, "motors"))
+        table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds)], COLUMNS)
+        speeds = swept(sheet)
+        heavy = max(zip(each, lag_speeds), key=lambda it: it[0].machine.d)
+        small = min(zip(each, lag_speeds), key=lambda it: it[0].breakdown)
+        return Findings(
+            sheet_figures(sheet, *lag_speeds[0]) | extremes(heavy, small),
+            MotorData(sheet, len(loads), table.frame, speeds.frame),
+            conveyor_drive(context.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
+            communication=f"{self.steps_per_rev} steps per revolution",
+            algorithm=self.algorithm,
+            tables={TABLE: table, SWEEP: speeds},
+        )
+
+    def judgements(self, f: Mapping[str, Figure], r: MotorData) -> list[Judgement]:
+        """Where the resonance is, how far the data sheet's formula is off, and what moves it."""
+        name = "resonance"
+        if f["zeta"].value > LARGEST_PEAKED_ZETA:
+            name = (
+                f"90 degree lag, which is no resonance with a damping ratio of {f['zeta'].brief()},"
+            )
+        cases = {
+            "heavy_kloss": f"with a trough resistance of {f['most_resistance'].brief()}",
+            "small_kloss": f"with a breakdown slip of {f['least_slip'].brief()}",
+        }
+        of_sheet = {
+            "heavy_kloss": f["most_resistance"].value == r.motor.machine.d,
+            "small_kloss": f["least_slip"].value == float(r.motor.start["motor.kloss.s_b"]),
+        }
+        return [
+            Judgement(f"{name} with the full characteristic", f["nu_kloss"]),
+            Judgement("resonance formula (22) above it", above(f["nu_res"], f["nu_kloss"])),
+            *(
+                Judgement(f"{name} {text}", f[key])
+                for key, text in cases.items()
+                if not of_sheet[key]
+            ),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: MotorData) -> Show:
+        """What load and breakdown slip do, ripple and lag over the speed, a revolution at the resonance."""
+        loads, slips = np.split(np.arange(1, len(r.rows)), [r.loads])
+        charts = [
+            dependence(
+                "load", "load", "mean load torque at the resonance [N.m]", r.rows.iloc[loads]
+            ),
+            dependence(
+                "breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]
+            ),
+            over_speed(f, r),
+        ]
+        drive = r.motor.runner(kloss=True).drive
+        return Show(charts, *motion.revolution(drive, r.motor.tangent, r.motor.nu_res))
 
 
 class Motor(NamedTuple):
@@ -186,40 +261,6 @@ class MotorData(NamedTuple):
     speeds: Any
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """All motors, each a task, and the one of the data sheet over the speed.
-
-    This replaces the single certified run, because the figures come from steady orbits at many speeds of
-    many motors.
-    """
-    start = {**KLOSS, **o.start, "motor.characteristic": 1}
-
-    def motor(changed: Mapping[str, Value]) -> Motor:
-        start_ = {**start, **changed}
-        lag = 1 / (2 * math.pi * o.frequency * float(start_["motor.kloss.s_b"]))
-        machine = replace(SETS["B"], T=lag).follow(start_)
-        return Motor(context.fmus, start_, machine, o.algorithm, o.steps_per_rev)
-
-    followed(context.fmus, SETS["B"], start)
-    sheet = motor({})
-    loads = [motor({"conveyor.trough.d": d}) for d in o.resistances]
-    slips = [motor({"motor.kloss.s_b": s}) for s in o.slips]
-    each = [sheet, *loads, *slips]
-    lag_speeds = list(context.each(located, each, "motors"))
-    table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds)], COLUMNS)
-    speeds = swept(sheet)
-    heavy = max(zip(each, lag_speeds), key=lambda it: it[0].machine.d)
-    small = min(zip(each, lag_speeds), key=lambda it: it[0].breakdown)
-    return Findings(
-        sheet_figures(sheet, *lag_speeds[0]) | extremes(heavy, small),
-        MotorData(sheet, len(loads), table.frame, speeds.frame),
-        conveyor_drive(context.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
-        communication=f"{o.steps_per_rev} steps per revolution",
-        algorithm=o.algorithm,
-        tables={TABLE: table, SWEEP: speeds},
-    )
-
-
 def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
     """A motor in the table."""
     nu, machine = motor.nu_res, motor.tangent
@@ -298,44 +339,12 @@ def fluxed(motor: Motor, where: str) -> Figure:
     return Figure(nu, "rad/s", 0.0, meaning)
 
 
-def judgements(o: Options, f: Mapping[str, Figure], r: MotorData) -> list[Judgement]:
-    """Where the resonance is, how far the data sheet's formula is off, and what moves it."""
-    name = "resonance"
-    if f["zeta"].value > LARGEST_PEAKED_ZETA:
-        name = f"90 degree lag, which is no resonance with a damping ratio of {f['zeta'].brief()},"
-    cases = {
-        "heavy_kloss": f"with a trough resistance of {f['most_resistance'].brief()}",
-        "small_kloss": f"with a breakdown slip of {f['least_slip'].brief()}",
-    }
-    of_sheet = {
-        "heavy_kloss": f["most_resistance"].value == r.motor.machine.d,
-        "small_kloss": f["least_slip"].value == float(r.motor.start["motor.kloss.s_b"]),
-    }
-    return [
-        Judgement(f"{name} with the full characteristic", f["nu_kloss"]),
-        Judgement("resonance formula (22) above it", above(f["nu_res"], f["nu_kloss"])),
-        *(Judgement(f"{name} {text}", f[key]) for key, text in cases.items() if not of_sheet[key]),
-    ]
-
-
 def above(theory: Figure, truth: Figure) -> Figure:
     """Return how far a value is above another [%]."""
     if truth.error is None:
         return Figure.undetermined("%", truth.reason)
     ratio = theory.value / truth.value
     return Figure(100.0 * (ratio - 1.0), "%", 100.0 * ratio * truth.error / truth.value)
-
-
-def show(o: Options, f: Mapping[str, Figure], r: MotorData) -> Show:
-    """What load and breakdown slip do, ripple and lag over the speed, a revolution at the resonance."""
-    loads, slips = np.split(np.arange(1, len(r.rows)), [r.loads])
-    charts = [
-        dependence("load", "load", "mean load torque at the resonance [N.m]", r.rows.iloc[loads]),
-        dependence("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
-        over_speed(f, r),
-    ]
-    drive = r.motor.runner(kloss=True).drive
-    return Show(charts, *motion.revolution(drive, r.motor.tangent, r.motor.nu_res))
 
 
 def dependence(column: str, name: str, x: str, rows: Any) -> Chart:

@@ -6,9 +6,10 @@ the mean speed after a change of the supply is compared with (16), over starts a
 angles.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from workbench import (
     Judgement,
     Mark,
     Panel,
+    Question,
     Show,
     Table,
     option,
@@ -45,11 +47,6 @@ from ..rows import SPEEDS
 from ..second_order import Means, means
 from ..step_response import DRIFT, STARTS, drifts
 
-PARTS = DRIVE
-SOURCES = cited(16, 18, 19, 22, 24)
-PARALLEL = True
-FIXED_STARTS = LINEAR_MOTOR_STARTS
-DECISIVE = ("torque", "supply_more")
 TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
 #: Band of a settled step response [%], by which textbooks of control define its settling time.
@@ -64,13 +61,97 @@ MEANT = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(SweepOptions):
+class MeanValues(Question, SweepOptions):
     """The sweep over speeds, and the speed of the tables."""
+
+    parts = DRIVE
+    fixed_starts = LINEAR_MOTOR_STARTS
+    decisive = ("torque", "supply_more")
+    sources = cited(16, 18, 19, 22, 24)
+    is_parallel = True
+    record = RECORD
 
     speed: float | None = option(
         None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
     )
+
+    def solve(self, context: Context) -> Findings:
+        """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError.
+
+        This replaces the single certified run, because the figures come from steady orbits at many speeds, and
+        those of the step from several starts that are averaged.
+        """
+        machine, runner = linear_runner(self, context)
+        nus, operating = (
+            self.speeds or speeds_of(SPEEDS[self.set]),
+            self.speed or float(machine.nu_res),
+        )
+        for nu in nus:
+            runner.check(machine, nu)
+        multiples = runner.step_multiples(machine, nus[0])
+        runner.check(machine, operating, multiples[-1])
+        wanted = sorted({*nus, operating})
+        cases = [runner.task(machine, nu, k) for nu in wanted for k in multiples]
+        orbits = context.each(balance, cases, "orbits")
+        rows = {
+            nu: mean_figures(list(islice(orbits, len(multiples))), self.algorithm) for nu in wanted
+        }
+        units = {"nu": "rad/s"}
+        for name, (unit, _) in MEANT.items():
+            units |= {
+                name: unit,
+                f"{name}_error": unit,
+                f"{name}_theory": unit,
+                f"{name}_plain": unit,
+            }
+        table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
+        step_response, figures = drifts(machine, runner, multiples, operating)
+        torque = rows[operating]["torque"]
+        for name in DRIFT:
+            if torque.error is None:  # nothing that the mean speed could settle at
+                figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
+        return Findings(
+            compared(machine, operating, rows[operating]) | figures,
+            MeanData(machine, runner, operating, table.frame, step_response.frame),
+            conveyor_drive(context.fmus, {**machine.start(operating), **self.start}),
+            communication=f"{self.steps_per_rev} steps per revolution",
+            algorithm=self.algorithm,
+            tables={TABLE: table, STEP_TABLE: step_response},
+            facts={"operating_speed": operating},
+            defaults={"speed": operating, "speeds": nus},
+        )
+
+    def judgements(self, f: Mapping[str, Figure], r: MeanData) -> list[Judgement]:
+        """What the ripple costs, and how accurate the settling formula (16) is."""
+        rises = f"it still rises at the end of the run at {r.step_response['time'].iloc[-1]:.3g} s"
+        return [
+            Judgement(
+                f"mean torque at {r.operating:g} rad/s",
+                f["torque"],
+                note=f"{f['torque_plain'].brief()} by the mean-torque formula (24), which neglects the ripple",
+            ),
+            Judgement("mean torque above that formula", f["more"]),
+            Judgement("power from the supply, above that without ripple", f["supply_more"]),
+            Judgement(
+                "the mean speed stays within its settling band after a step of the supply: overshoot",
+                f["overshoot"],
+                most=SETTLED,
+                note=rises if r.still_rises else "",
+            ),
+            Judgement("error of the settling formula (16), over the step", f["off_16"]),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: MeanData) -> Show:
+        """Means over the speed beside theory, the drift of the mean, one revolution."""
+        charts = [over_speed(f, r), step_response(f, r)]
+        return Show(
+            charts,
+            *motion.revolution(
+                r.runner.drive,
+                r.machine,
+                r.operating,
+            ),
+        )
 
 
 class MeanData(NamedTuple):
@@ -87,43 +168,6 @@ class MeanData(NamedTuple):
         """Whether the mean speed is above that of the new supply, and largest, at the end of the step response."""
         mean = self.step_response["mean"].to_numpy()
         return bool(mean[-1] > self.operating and np.argmax(mean) == len(mean) - 1)
-
-
-def solve(o: Options, context: Context) -> Findings:
-    """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError.
-
-    This replaces the single certified run, because the figures come from steady orbits at many speeds, and
-    those of the step from several starts that are averaged.
-    """
-    machine, runner = linear_runner(o, context)
-    nus, operating = o.speeds or speeds_of(SPEEDS[o.set]), o.speed or float(machine.nu_res)
-    for nu in nus:
-        runner.check(machine, nu)
-    multiples = runner.step_multiples(machine, nus[0])
-    runner.check(machine, operating, multiples[-1])
-    wanted = sorted({*nus, operating})
-    cases = [runner.task(machine, nu, k) for nu in wanted for k in multiples]
-    orbits = context.each(balance, cases, "orbits")
-    rows = {nu: mean_figures(list(islice(orbits, len(multiples))), o.algorithm) for nu in wanted}
-    units = {"nu": "rad/s"}
-    for name, (unit, _) in MEANT.items():
-        units |= {name: unit, f"{name}_error": unit, f"{name}_theory": unit, f"{name}_plain": unit}
-    table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
-    step_response, figures = drifts(machine, runner, multiples, operating)
-    torque = rows[operating]["torque"]
-    for name in DRIFT:
-        if torque.error is None:  # nothing that the mean speed could settle at
-            figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
-    return Findings(
-        compared(machine, operating, rows[operating]) | figures,
-        MeanData(machine, runner, operating, table.frame, step_response.frame),
-        conveyor_drive(context.fmus, {**machine.start(operating), **o.start}),
-        communication=f"{o.steps_per_rev} steps per revolution",
-        algorithm=o.algorithm,
-        tables={TABLE: table, STEP_TABLE: step_response},
-        facts={"operating_speed": operating},
-        defaults={"speed": operating, "speeds": nus},
-    )
 
 
 def balance(task: OrbitTask) -> dict[str, Measured] | str:
@@ -215,40 +259,6 @@ def excess(
     if figure.error is None:
         return Figure.undetermined(unit, figure.reason, meaning)
     return Figure(scale * (figure.value - plain), unit, scale * figure.error, meaning)
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: MeanData) -> list[Judgement]:
-    """What the ripple costs, and how accurate the settling formula (16) is."""
-    rises = f"it still rises at the end of the run at {r.step_response['time'].iloc[-1]:.3g} s"
-    return [
-        Judgement(
-            f"mean torque at {r.operating:g} rad/s",
-            f["torque"],
-            note=f"{f['torque_plain'].brief()} by the mean-torque formula (24), which neglects the ripple",
-        ),
-        Judgement("mean torque above that formula", f["more"]),
-        Judgement("power from the supply, above that without ripple", f["supply_more"]),
-        Judgement(
-            "the mean speed stays within its settling band after a step of the supply: overshoot",
-            f["overshoot"],
-            most=SETTLED,
-            note=rises if r.still_rises else "",
-        ),
-        Judgement("error of the settling formula (16), over the step", f["off_16"]),
-    ]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: MeanData) -> Show:
-    """Means over the speed beside theory, the drift of the mean, one revolution."""
-    charts = [over_speed(f, r), step_response(f, r)]
-    return Show(
-        charts,
-        *motion.revolution(
-            r.runner.drive,
-            r.machine,
-            r.operating,
-        ),
-    )
 
 
 def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:

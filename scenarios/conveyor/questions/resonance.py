@@ -27,7 +27,19 @@ import numpy as np
 
 from cosim import SetupError
 from cosim.system import Value
-from workbench import Chart, Context, Curve, Figure, Findings, Judgement, Mark, Panel, Show, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Mark,
+    Panel,
+    Question,
+    Show,
+    option,
+)
 from workbench.charts import model as colors
 from workbench.charts.model import Span
 from workbench.figure import listed
@@ -55,10 +67,7 @@ from ..response import PHASE_UNDEFINED, QUANTITIES, SPEED, TORQUE, VANISHING, Li
 from ..ripple_limit import LimitCrossing, RippleLimit
 from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure
 
-PARTS = DRIVE
-SOURCES = cited(22, 26)
 TABLE = "resonance.csv"
-DECISIVE = ("lag_operating", "tau2_operating")
 #: Lags [deg] at the two ends of the half-power band. There the real and the imaginary part of load over
 #: response are equal. With little damping load and imaginary part hardly change within the band, so that the
 #: power that the ripple dissipates is half of that at 90 degrees.
@@ -69,12 +78,15 @@ CLASSICAL_LOADS = {"tau2": "torque", "w2": "speed"}
 MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
 INVERTER, MAINS = "inverter", "mains"
 FIRST_ORDER, CLASSICAL = "first-order", "classical"
-FIXED_STARTS = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(RippleOptions):
+class Resonance(Question, RippleOptions):
     """The operating speed, the speeds of the sweep, and the theory to compare with."""
+
+    parts = DRIVE
+    fixed_starts = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+    decisive = ("lag_operating", "tau2_operating")
+    sources = cited(22, 26)
 
     speed: float | None = option(
         None,
@@ -98,6 +110,133 @@ class Options(RippleOptions):
     )
     tolerance: float = option(5.0, "error that is accepted of classical theory", "%", above=0.0)
 
+    def solve(self, context: Context) -> Findings:
+        """Sweep the speed, locate the features of the response, and judge the operating speed.
+
+        This replaces the single certified run, because the figures come from steady orbits, which are sought at
+        many speeds.
+
+        Raises
+        ------
+        cosim.SetupError
+            For settings that cannot give an answer.
+        """
+        if self.theory == CLASSICAL:
+            check_fixed_starts(
+                self.start, ("motor.characteristic",)
+            )  # it knows a linear motor only
+        sweeps = classical.SWEEPS if self.theory == CLASSICAL else SPEEDS
+        base = followed(context.fmus, SETS[self.set], self.start)
+        speeds, speed = self.speeds or speeds_of(sweeps[self.set]), operating_speed_of(self, base)
+        every = sorted({*speeds, speed})
+        lines = Lines(lambda nu, _: (linearised(base, self.start, nu), nu), np.array(every))
+        drive = Drive(context, self.start, self.algorithm, self.steps_per_rev)
+        for nu in every:
+            drive.check(*lines.at(nu, 0))
+        drive = drive.checked(*lines.at(every[0], 0))
+        swept = SpeedSweep.of(drive, lines, every)
+        for nu, why in swept.problems().items():
+            logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {why}")
+        sweep, operating = swept.at(speeds), swept.at([speed])
+
+        response = sweep.response
+        passed = response.passed(self.ripple_limit)
+        sought = [response.lag(), response.peak(TORQUE), response.peak(SPEED), *passed]
+        (lag, _), (torque, tau2), (omega, w2), *ends = (
+            (sweep.explained(x), sweep.explained(y))
+            for x, y in locate(drive, sweep.lines, sought).figures(sought, "rad/s")
+        )
+        crossings = [LimitCrossing(feature, end) for feature, (end, _) in zip(passed, ends)]
+        data = ResonanceData(
+            sweep, speed, operating, RippleLimit(self.ripple_limit, sweep, crossings)
+        )
+        tables = {TABLE: sweep.table}
+        if self.theory == CLASSICAL:
+            compared = classical.compare(base, sweep, self.tolerance)
+            data = replace(data, classical=compared)
+            tables = {classical.TABLE: compared.table, **tables}
+        figures = {
+            **formula_figures(data.machine),
+            "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": omega, "w2_peak": w2,
+            **operating_figures(data), "nu_90_away": distance(lag, speed),
+            "f_rod_peak": sweep.force_figure(), **data.limit.figures(),
+            **(data.classical.figures if data.classical else {}),
+        }  # fmt: skip
+        return Findings(
+            figures,
+            data,
+            conveyor_drive(
+                context.fmus, start_values(data.at(speed), self.start, speed) | supplied(self)
+            ),
+            communication=f"{self.steps_per_rev} steps per revolution",
+            algorithm=self.algorithm,
+            tables=tables,
+            facts={
+                "operating_speed": speed,
+                "rated_torque": self.rated,
+                "orbits": dict(drive.counts),
+            },
+            defaults={"speed": speed, "rated_torque": self.rated, "speeds": speeds},
+        )
+
+    def judgements(self, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
+        """Whether the operating speed is safe for torque, whether it is on the resonance, and which speeds are not."""
+        at = f"{r.speed:.4g} rad/s ({r.speed * 30 / math.pi:.4g} rpm)"
+        left = left_out(f, r)
+        has_peak = f["zeta"].value <= LARGEST_PEAKED_ZETA
+        damping = Judgement("damping ratio", f["zeta"], most=LARGEST_PEAKED_ZETA)
+        return [
+            Judgement(
+                f"torque ripple below its limit at {at}",
+                f["tau2_operating"],
+                most=self.ripple_limit,
+                yes=f"{at} is safe for torque",
+                no=f"Avoid {at} for its torque",
+                note=self.limit_note,
+            ),
+            Judgement(
+                "on resonance",
+                is_wanted=False,
+                also=[
+                    Judgement("lag", f["lag_operating"], *BAND),
+                    Judgement("ripple over that of the load", amplification(f, r), least=1.0),
+                    *[damping] * (not has_peak),
+                ],
+            ),
+            Judgement(
+                "resonance"
+                if has_peak
+                else "90 degree lag, which is no resonance with this damping",
+                f["nu_90"],
+                note=side(f["nu_90_away"]),
+            ),
+            *([] if r.classical else r.limit.judgements()),
+            *(classical.judgements(r.classical) if r.classical else []),
+            *([Judgement("the sweep leaves out", note=listed(left))] if left else []),
+            *stalls(r),
+            *supply(self, f, r),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: ResonanceData) -> Show:
+        """The sweep against theory, and one revolution at the operating speed."""
+        chart = ripple(self, f, r)
+        charts = [chart]
+        if r.classical:
+            nu = np.linspace(r.sweep.speeds[0], r.sweep.speeds[-1], CURVE_POINTS)
+            force = classical.force_panel(r.classical, nu)
+            charts = [
+                chart._replace(panels=[*chart.panels, force]),
+                classical.error_chart(r.classical, chart.marks),
+            ]
+        return Show(
+            charts,
+            *motion.revolution(r.sweep.drive, r.at(r.speed), r.speed),
+        )
+
+    def live(self, f: Mapping[str, Figure], r: ResonanceData) -> Live:
+        """The orbit at the speed of the slider, and the ripple over the speeds of the sweep."""
+        return LiveDrive(r.sweep.drive, r.sweep.lines, r.machine, r.speed, levels_of(self)).live()
+
 
 @dataclass(frozen=True)
 class ResonanceData:
@@ -119,67 +258,7 @@ class ResonanceData:
         return self.sweep.lines.at(nu, 0)[0]
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """Sweep the speed, locate the features of the response, and judge the operating speed.
-
-    This replaces the single certified run, because the figures come from steady orbits, which are sought at
-    many speeds.
-
-    Raises
-    ------
-    cosim.SetupError
-        For settings that cannot give an answer.
-    """
-    if o.theory == CLASSICAL:
-        check_fixed_starts(o.start, ("motor.characteristic",))  # it knows a linear motor only
-    sweeps = classical.SWEEPS if o.theory == CLASSICAL else SPEEDS
-    base = followed(context.fmus, SETS[o.set], o.start)
-    speeds, speed = o.speeds or speeds_of(sweeps[o.set]), operating_speed_of(o, base)
-    every = sorted({*speeds, speed})
-    lines = Lines(lambda nu, _: (linearised(base, o.start, nu), nu), np.array(every))
-    drive = Drive(context, o.start, o.algorithm, o.steps_per_rev)
-    for nu in every:
-        drive.check(*lines.at(nu, 0))
-    drive = drive.checked(*lines.at(every[0], 0))
-    swept = SpeedSweep.of(drive, lines, every)
-    for nu, why in swept.problems().items():
-        logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {why}")
-    sweep, operating = swept.at(speeds), swept.at([speed])
-
-    response = sweep.response
-    passed = response.passed(o.ripple_limit)
-    sought = [response.lag(), response.peak(TORQUE), response.peak(SPEED), *passed]
-    (lag, _), (torque, tau2), (omega, w2), *ends = (
-        (sweep.explained(x), sweep.explained(y))
-        for x, y in locate(drive, sweep.lines, sought).figures(sought, "rad/s")
-    )
-    crossings = [LimitCrossing(feature, end) for feature, (end, _) in zip(passed, ends)]
-    data = ResonanceData(sweep, speed, operating, RippleLimit(o.ripple_limit, sweep, crossings))
-    tables = {TABLE: sweep.table}
-    if o.theory == CLASSICAL:
-        compared = classical.compare(base, sweep, o.tolerance)
-        data = replace(data, classical=compared)
-        tables = {classical.TABLE: compared.table, **tables}
-    figures = {
-        **formula_figures(data.machine),
-        "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": omega, "w2_peak": w2,
-        **operating_figures(data), "nu_90_away": distance(lag, speed),
-        "f_rod_peak": sweep.force_figure(), **data.limit.figures(),
-        **(data.classical.figures if data.classical else {}),
-    }  # fmt: skip
-    return Findings(
-        figures,
-        data,
-        conveyor_drive(context.fmus, start_values(data.at(speed), o.start, speed) | supplied(o)),
-        communication=f"{o.steps_per_rev} steps per revolution",
-        algorithm=o.algorithm,
-        tables=tables,
-        facts={"operating_speed": speed, "rated_torque": o.rated, "orbits": dict(drive.counts)},
-        defaults={"speed": speed, "rated_torque": o.rated, "speeds": speeds},
-    )
-
-
-def operating_speed_of(o: Options, base: Machine) -> float:
+def operating_speed_of(o: Resonance, base: Machine) -> float:
     """Return the operating speed [rad/s]: as given, or on the mains that at which the torques balance."""
     if o.supply != MAINS:
         return o.speed or OPERATING[o.set]
@@ -192,7 +271,7 @@ def operating_speed_of(o: Options, base: Machine) -> float:
     return speed
 
 
-def supplied(o: Options) -> dict[str, Value]:
+def supplied(o: Resonance) -> dict[str, Value]:
     """Return the start values of the mains, to all digits; none of an inverter, which sets its own."""
     return {
         name: x for name, x in {**KLOSS, **o.start}.items() if name in KLOSS and o.supply == MAINS
@@ -230,43 +309,6 @@ def distance(lag: Figure, speed: float) -> Figure:
     return Figure(lag.value - speed, "rad/s", lag.error, meaning)
 
 
-def judgements(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
-    """Whether the operating speed is safe for torque, whether it is on the resonance, and which speeds are not."""
-    at = f"{r.speed:.4g} rad/s ({r.speed * 30 / math.pi:.4g} rpm)"
-    left = left_out(f, r)
-    has_peak = f["zeta"].value <= LARGEST_PEAKED_ZETA
-    damping = Judgement("damping ratio", f["zeta"], most=LARGEST_PEAKED_ZETA)
-    return [
-        Judgement(
-            f"torque ripple below its limit at {at}",
-            f["tau2_operating"],
-            most=o.ripple_limit,
-            yes=f"{at} is safe for torque",
-            no=f"Avoid {at} for its torque",
-            note=o.limit_note,
-        ),
-        Judgement(
-            "on resonance",
-            is_wanted=False,
-            also=[
-                Judgement("lag", f["lag_operating"], *BAND),
-                Judgement("ripple over that of the load", amplification(f, r), least=1.0),
-                *[damping] * (not has_peak),
-            ],
-        ),
-        Judgement(
-            "resonance" if has_peak else "90 degree lag, which is no resonance with this damping",
-            f["nu_90"],
-            note=side(f["nu_90_away"]),
-        ),
-        *([] if r.classical else r.limit.judgements()),
-        *(classical.judgements(r.classical) if r.classical else []),
-        *([Judgement("the sweep leaves out", note=listed(left))] if left else []),
-        *stalls(r),
-        *supply(o, f, r),
-    ]
-
-
 def amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure:
     """Return the torque ripple at the operating speed over that of its load, there or of a slow turn.
 
@@ -300,7 +342,7 @@ def stalls(r: ResonanceData) -> list[Judgement]:
     return [Judgement("the motor stalls at", note=note)] if where else []
 
 
-def supply(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
+def supply(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
     """Return how an induction motor is fed, since no motor has the synchronous speed of another supply."""
     if not induction(o.start):
         return []
@@ -331,24 +373,7 @@ def left_out(f: Mapping[str, Figure], r: ResonanceData) -> list[str]:
     return left
 
 
-def show(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Show:
-    """The sweep against theory, and one revolution at the operating speed."""
-    chart = ripple(o, f, r)
-    charts = [chart]
-    if r.classical:
-        nu = np.linspace(r.sweep.speeds[0], r.sweep.speeds[-1], CURVE_POINTS)
-        force = classical.force_panel(r.classical, nu)
-        charts = [
-            chart._replace(panels=[*chart.panels, force]),
-            classical.error_chart(r.classical, chart.marks),
-        ]
-    return Show(
-        charts,
-        *motion.revolution(r.sweep.drive, r.at(r.speed), r.speed),
-    )
-
-
-def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
+def ripple(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
     """Ripple of torque and speed and the lag over the speed, theory as lines."""
     nu = np.linspace(r.sweep.speeds[0], r.sweep.speeds[-1], CURVE_POINTS)
     machine = r.at(f["nu_res"].value)
@@ -398,15 +423,7 @@ def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
     )  # fmt: skip
 
 
-def levels_of(o: Options) -> dict[str, float]:
+def levels_of(o: Resonance) -> dict[str, float]:
     """Return the levels of the torque ripple by their names [N.m]."""
     rated, limit = f"rated torque {o.rated:g} N.m", f"limit {o.ripple_limit:g} N.m"
     return {rated: o.rated, limit: o.ripple_limit}
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Live:
-    """The orbit at the speed of the slider, and the ripple over the speeds of the sweep."""
-    return LiveDrive(r.sweep.drive, r.sweep.lines, r.machine, r.speed, levels_of(o)).live()
-
-
-LIVE = live_part

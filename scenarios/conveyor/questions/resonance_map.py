@@ -12,7 +12,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from cosim import SetupError
 from cosim.result import partial
-from workbench import Context, Figure, Findings, Judgement, Show, Table, option
+from workbench import Context, Figure, Findings, Judgement, Question, Show, Table, option
 from workbench.files import stream
 from workbench.options import check_fixed_starts
 
@@ -51,9 +50,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Real = NDArray[np.float64]
-PARTS = DRIVE
-SOURCES = cited(22)
-PARALLEL = True
 X, Y = "speed=15:80:60", "motor.T=0.015:0.16:40:log"
 #: Default operating range [rad/s], above the resonance of set A; a convention.
 RANGE = "45:60"
@@ -73,12 +69,15 @@ TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
 RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
-FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(RippleOptions):
+class ResonanceMap(Question, RippleOptions):
     """The axes of the map, what stays fixed, and how many machines are drawn and checked."""
+
+    parts = DRIVE
+    fixed_starts = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+    sources = cited(22)
+    is_parallel = True
 
     x: str = option(X, f"NAME=FROM:TO:NUMBER[:log] of `speed` [rad/s], {', '.join(FIELDS)}")
     y: str = option(Y, "the same for the other axis, without `speed`")
@@ -101,68 +100,112 @@ class Options(RippleOptions):
     check_runs: int = option(128, "machines to co-simulate at each check", least=1)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
+    def solve(self, context: Context) -> Findings:
+        """Run the map, find its ridges and its risk; rows of the map are kept on the way.
 
-def solve(o: Options, context: Context) -> Findings:
-    """Run the map, find its ridges and its risk; rows of the map are kept on the way.
+        This replaces the single certified run, because the figures come from a theory over a plane of machines,
+        which steady orbits of some of them check.
 
-    This replaces the single certified run, because the figures come from a theory over a plane of machines,
-    which steady orbits of some of them check.
+        Raises cosim.SetupError for settings that cannot give an answer.
+        """
+        plane, within = planned(self, context)
+        spread = shares(context.fmus, "tolerance", self.tolerance, TOLERANCES)
+        if self.samples & (self.samples - 1):
+            raise SetupError(f"samples = {self.samples} must be a power of 2, at least 2")
+        if self.check_runs > self.samples:
+            raise SetupError(
+                f"check_runs = {self.check_runs} must be at most samples = {self.samples}"
+            )
+        other_starts = {key: value for key, value in self.start.items() if key not in FIELDS}
+        runner = OrbitRunner(context, other_starts, self.algorithm, self.steps_per_rev)
+        machine, nu, _ = max(plane.points(), key=lambda point: point.machine.nu_res / point.nu)
+        runner.check(machine, nu, STEP_MULTIPLES[-1])
 
-    Raises cosim.SetupError for settings that cannot give an answer.
-    """
-    plane, within = planned(o, context)
-    spread = shares(context.fmus, "tolerance", o.tolerance, TOLERANCES)
-    if o.samples & (o.samples - 1):
-        raise SetupError(f"samples = {o.samples} must be a power of 2, at least 2")
-    if o.check_runs > o.samples:
-        raise SetupError(f"check_runs = {o.check_runs} must be at most samples = {o.samples}")
-    other_starts = {key: value for key, value in o.start.items() if key not in FIELDS}
-    runner = OrbitRunner(context, other_starts, o.algorithm, o.steps_per_rev)
-    machine, nu, _ = max(plane.points(), key=lambda point: point.machine.nu_res / point.nu)
-    runner.check(machine, nu, STEP_MULTIPLES[-1])
+        points = swept(plane, runner, context.out and context.out / TABLE)
+        rows, error = ridges(plane, runner), coupling_error(plane, runner)
+        map_ = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
+        ratio = map_.field("ripple") / map_.field("ripple_theory")
+        built = Built.within(plane, ratio, spread, self.samples)
+        checks = built.check(
+            risk(map_, built, self.checks, self.ripple_limit),
+            self.check_runs,
+            self.ripple_limit,
+            runner,
+        )
+        y = {plane.y.name: plane.y.along.unit}
+        return Findings(
+            figures(points, rows, error) | judgement(checks, error),
+            map_,
+            conveyor_drive(context.fmus, {**plane.machine.start(plane.speed), **other_starts}),
+            communication=f"{self.steps_per_rev} steps per revolution",
+            algorithm=self.algorithm,
+            tables={
+                TABLE: Table.of_frame(points, plane.units | VALUES | {"probability": "1"}),
+                ROWS_TABLE: Table.of_frame(
+                    map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES
+                ),
+            },
+            facts={
+                "range": within,
+                "limit": self.ripple_limit,
+                "rated_torque": self.rated,
+                "tolerances": spread,
+                "distribution": "uniform within the tolerance, speed held",
+                "checks": checks,
+            },
+            defaults={
+                "rated_torque": self.rated,
+                "tolerance": tuple(f"{name}={100 * share:g}" for name, share in spread.items()),
+                **(
+                    {"speed": plane.speed}
+                    if within is None
+                    else {"range": f"{within[0]:g}:{within[1]:g}"}
+                ),
+            },
+        )
 
-    points = swept(plane, runner, context.out and context.out / TABLE)
-    rows, error = ridges(plane, runner), coupling_error(plane, runner)
-    map_ = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
-    ratio = map_.field("ripple") / map_.field("ripple_theory")
-    built = Built.within(plane, ratio, spread, o.samples)
-    checks = built.check(
-        risk(map_, built, o.checks, o.ripple_limit), o.check_runs, o.ripple_limit, runner
-    )
-    y = {plane.y.name: plane.y.along.unit}
-    return Findings(
-        figures(points, rows, error) | judgement(checks, error),
-        map_,
-        conveyor_drive(context.fmus, {**plane.machine.start(plane.speed), **other_starts}),
-        communication=f"{o.steps_per_rev} steps per revolution",
-        algorithm=o.algorithm,
-        tables={
-            TABLE: Table.of_frame(points, plane.units | VALUES | {"probability": "1"}),
-            ROWS_TABLE: Table.of_frame(
-                map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES
-            ),
-        },
-        facts={
-            "range": within,
-            "limit": o.ripple_limit,
-            "rated_torque": o.rated,
-            "tolerances": spread,
-            "distribution": "uniform within the tolerance, speed held",
-            "checks": checks,
-        },
-        defaults={
-            "rated_torque": o.rated,
-            "tolerance": tuple(f"{name}={100 * share:g}" for name, share in spread.items()),
-            **(
-                {"speed": plane.speed}
-                if within is None
-                else {"range": f"{within[0]:g}:{within[1]:g}"}
-            ),
-        },
-    )
+    def judgements(self, f: Mapping[str, Figure], r: Map) -> list[Judgement]:
+        """Which part of the map stays clear, with the machine as it is and with all parts within tolerance."""
+        above = f"a torque ripple above {self.ripple_limit:g} N.m"
+        built = f"with all parts within tolerance, clear of it {NEARLY_ALL}"
+        if r.within is None:
+            ripple = r.points["ripple"].dropna()
+            clear = Figure(100.0 * float(np.mean(ripple <= self.ripple_limit)), "%", 0.0)
+            points = f"of {len(ripple)} points with a steady orbit, out of {len(r.points)}"
+            answers = [
+                Judgement(
+                    f"at {r.plane.speed:g} rad/s the map is clear of {above} in", clear, note=points
+                ),
+                Judgement(built, note=f"{r.sure()} of the map"),
+            ]
+        else:
+            name = r.plane.y.name
+            span = f"{r.within[0]:g} to {r.within[1]:g} rad/s"
+            nominal = r.clear("ripple_in_range", self.ripple_limit)
+            nearly_all = r.clear("probability_in_range", SURE)
+            answers = [
+                Judgement(
+                    f"{span} is clear of {above}",
+                    is_so=bool(nominal),
+                    yes=f"{span} is clear of {above} with {name} of {nominal}",
+                    no=f"{span} is clear of {above} with no {name} of the map",
+                ),
+                Judgement(
+                    built,
+                    is_so=bool(nearly_all),
+                    note=f"with {name} of {nearly_all or 'no value on the map'}",
+                ),
+            ]
+        return answers
+
+    def show(self, f: Mapping[str, Figure], r: Map) -> Show:
+        """Both maps, the rows, and one revolution where the torque swings most."""
+        worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
+        turn = motion.revolution(r.runner.drive, *r.plane.at(*worst))
+        return Show([*maps(r, self.ripple_limit), *chart_of_rows(r, self.ripple_limit)], *turn)
 
 
-def planned(o: Options, context: Context) -> tuple[Plane, tuple[float, float] | None]:
+def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, float] | None]:
     """The plane, and the operating range if x is the speed; raises SetupError."""
     across, up = axis(context.fmus, "x", o.x, 4), axis(context.fmus, "y", o.y, 2)
     if across.name == up.name:
@@ -311,45 +354,3 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
         "machines_off_rms": Figure(100 * rms, "%", 100 * error, deviations),
         "probability_off_max": Figure(brute - chance, "1", reach, other_starts),
     }
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: Map) -> list[Judgement]:
-    """Which part of the map stays clear, with the machine as it is and with all parts within tolerance."""
-    above = f"a torque ripple above {o.ripple_limit:g} N.m"
-    built = f"with all parts within tolerance, clear of it {NEARLY_ALL}"
-    if r.within is None:
-        ripple = r.points["ripple"].dropna()
-        clear = Figure(100.0 * float(np.mean(ripple <= o.ripple_limit)), "%", 0.0)
-        points = f"of {len(ripple)} points with a steady orbit, out of {len(r.points)}"
-        answers = [
-            Judgement(
-                f"at {r.plane.speed:g} rad/s the map is clear of {above} in", clear, note=points
-            ),
-            Judgement(built, note=f"{r.sure()} of the map"),
-        ]
-    else:
-        name = r.plane.y.name
-        span = f"{r.within[0]:g} to {r.within[1]:g} rad/s"
-        nominal = r.clear("ripple_in_range", o.ripple_limit)
-        nearly_all = r.clear("probability_in_range", SURE)
-        answers = [
-            Judgement(
-                f"{span} is clear of {above}",
-                is_so=bool(nominal),
-                yes=f"{span} is clear of {above} with {name} of {nominal}",
-                no=f"{span} is clear of {above} with no {name} of the map",
-            ),
-            Judgement(
-                built,
-                is_so=bool(nearly_all),
-                note=f"with {name} of {nearly_all or 'no value on the map'}",
-            ),
-        ]
-    return answers
-
-
-def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
-    """Both maps, the rows, and one revolution where the torque swings most."""
-    worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
-    turn = motion.revolution(r.runner.drive, *r.plane.at(*worst))
-    return Show([*maps(r, o.ripple_limit), *chart_of_rows(r, o.ripple_limit)], *turn)

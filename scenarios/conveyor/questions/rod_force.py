@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.accuracy.limit import limit
-from workbench import Context, Figure, Findings, Judgement, Show, option
+from workbench import Context, Figure, Findings, Judgement, Question, Show, option
 from workbench.answer import parameters
 from workbench.charts.model import Direction, Picture
 
@@ -46,9 +46,6 @@ from ..rod_waveform import (
 from ..rows import LARGEST_PEAKED_ZETA, OPERATING, no_orbit, orbit_figure, speed_row
 
 Real = NDArray[np.float64]
-PARTS = DRIVE
-SOURCES = cited(17)
-PARALLEL = True
 TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
 UNITS = {
     "nu": "rad/s", "c": "N/m", "f_rod": "N", "f_rod_formula": "N", "f_rod_theory": "N",
@@ -61,66 +58,114 @@ WELL = 1.02
 #: Sampled coupling errors by which a point of the map may be below the largest deviation and still have it;
 #: a safety margin by convention, as a point's error may be larger than those of the sample.
 MARGIN = 3.0
-FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
-DECISIVE = ("spring_unloaded",)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(RippleOptions):
+class RodForce(Question, RippleOptions):
     """The operating speed, the plane of speeds and springs, and the rows of a revolution."""
+
+    parts = DRIVE
+    fixed_starts = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+    decisive = ("spring_unloaded",)
+    sources = cited(17)
+    is_parallel = True
 
     speed: float | None = option(None, f"operating speed, {by_set(OPERATING)}", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("15:75:17", "speeds of the map", "rad/s", above=0.0)
     springs: tuple[float, ...] = option("0:1.2e6:11", "springs of the map", "N/m", least=0.0)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
+    def solve(self, context: Context) -> Findings:
+        """Run the plane, and more where the rod is unloaded; raises cosim.SetupError.
 
-def solve(o: Options, context: Context) -> Findings:
-    """Run the plane, and more where the rod is unloaded; raises cosim.SetupError.
+        This replaces the single certified run, because the figures come from steady orbits over speeds and
+        springs, and the best spring from a search among them.
+        """
+        axes = (("speeds", "rad/s", self.speeds), ("springs", "N/m", self.springs))
+        for name, unit, values in axes:
+            if len(values) < FEWEST:
+                raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
+        present, nu = (
+            followed(context.fmus, SETS[self.set], self.start),
+            self.speed or OPERATING[self.set],
+        )
+        shifted_machine = {key: value for key, value in self.start.items() if key not in FIELDS}
+        system = conveyor_drive(context.fmus, {**present.start(nu), **shifted_machine})
+        held = {key: parameter.value for key, parameter in parameters(system).items()}
+        length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
+        runner = OrbitRunner(context, shifted_machine, self.algorithm, self.steps_per_rev)
+        runner.check(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
+        across = Direction("operating speed", "rad/s", np.array(self.speeds))
+        up = Direction("stiffness of the spring", "N/m", np.array(self.springs))
+        plane = Plane(Axis(SPEED, across), Axis(SPRING, up), present, nu)
 
-    This replaces the single certified run, because the figures come from steady orbits over speeds and
-    springs, and the best spring from a search among them.
-    """
-    axes = (("speeds", "rad/s", o.speeds), ("springs", "N/m", o.springs))
-    for name, unit, values in axes:
-        if len(values) < FEWEST:
-            raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
-    present, nu = followed(context.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
-    shifted_machine = {key: value for key, value in o.start.items() if key not in FIELDS}
-    system = conveyor_drive(context.fmus, {**present.start(nu), **shifted_machine})
-    held = {key: parameter.value for key, parameter in parameters(system).items()}
-    length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-    runner = OrbitRunner(context, shifted_machine, o.algorithm, o.steps_per_rev)
-    runner.check(present, min(nu, *o.speeds), STEP_MULTIPLES[-1])
-    across = Direction("operating speed", "rad/s", np.array(o.speeds))
-    up = Direction("stiffness of the spring", "N/m", np.array(o.springs))
-    plane = Plane(Axis(SPEED, across), Axis(SPRING, up), present, nu)
+        def runs(machine: Machine) -> list[OperatingPoint]:
+            return [
+                *(OperatingPoint(machine, x) for x in self.speeds),
+                *(OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES),
+            ]
 
-    def runs(machine: Machine) -> list[OperatingPoint]:
+        more = [*unloading_points(present, nu), *runs(present)]
+        table = context.record_rows(TABLE, UNITS, rows(runner, length, plane, more))
+        if table.frame["f_rod"].isna().all():
+            raise SetupError("no orbit of the map is steady")
+        spring, machines = unloading(runner, present, nu), {"": present}
+        if spring.error is not None:
+            machines["_unloaded"] = replace(present, c=spring.value)
+            runner.orbits(runs(machines["_unloaded"]), "unloaded")
+        data = RodForceData(runner, length, plane, table.frame, machines)
+        return Findings(
+            {**springs(data, spring), **loads(data, spring), **agreement(data)},
+            data,
+            system,
+            communication=f"{self.steps_per_rev} steps per revolution",
+            algorithm=self.algorithm,
+            tables={TABLE: table},
+            facts={"operating_speed": nu, "rated_torque": self.rated},
+            defaults={"speed": nu, "rated_torque": self.rated},
+        )
+
+    def judgements(self, f: Mapping[str, Figure], r: RodForceData) -> list[Judgement]:
+        """The advice, what formula (17) says, and the effect on the resonance."""
+        at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.4g} rpm)"
+        present, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
+        by_formula = Judgement(
+            "spring by the rod-force formula (17), which takes the speed as constant", formula
+        )
+        if spring.error is None:
+            return [
+                Judgement(f"spring with the least rod force {at}", spring),
+                Judgement(
+                    f"largest rod force with the machine's spring of {present.brief()}", f["f_rod"]
+                ),
+                by_formula,
+            ]
+        least = f["f_rod_unloaded"]
+        error = None if least.error is None else WELL * least.error
+        resonance = (
+            "resonance"
+            if r.plane.machine.zeta <= LARGEST_PEAKED_ZETA
+            else "90 degree lag, which is no resonance,"
+        )
         return [
-            *(OperatingPoint(machine, x) for x in o.speeds),
-            *(OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES),
+            Judgement(
+                f"the spring of {present.brief()} gives nearly the least rod force {at}",
+                f["f_rod"],
+                most=least._replace(value=WELL * least.value, error=error),
+                yes=f"Keep the spring of {present.brief()} {at}",
+                no=f"Use a spring of {spring.brief()} instead of {present.brief()} {at}",
+                note=f"with {spring.brief()} it is {least.brief()}, the least",
+            ),
+            by_formula,
+            Judgement(f"{resonance} with the machine's spring", f["nu_90"]),
+            Judgement(f"{resonance} with the other spring", f["nu_90_unloaded"]),
         ]
 
-    more = [*unloading_points(present, nu), *runs(present)]
-    table = context.record_rows(TABLE, UNITS, rows(runner, length, plane, more))
-    if table.frame["f_rod"].isna().all():
-        raise SetupError("no orbit of the map is steady")
-    spring, machines = unloading(runner, present, nu), {"": present}
-    if spring.error is not None:
-        machines["_unloaded"] = replace(present, c=spring.value)
-        runner.orbits(runs(machines["_unloaded"]), "unloaded")
-    data = RodForceData(runner, length, plane, table.frame, machines)
-    return Findings(
-        {**springs(data, spring), **loads(data, spring), **agreement(data)},
-        data,
-        system,
-        communication=f"{o.steps_per_rev} steps per revolution",
-        algorithm=o.algorithm,
-        tables={TABLE: table},
-        facts={"operating_speed": nu, "rated_torque": o.rated},
-        defaults={"speed": nu, "rated_torque": o.rated},
-    )
+    def show(self, f: Mapping[str, Figure], r: RodForceData) -> Show:
+        """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
+        best, nu = list(r.machines.values())[-1], r.plane.speed
+        pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, self.ripple_limit)]
+        turn = motion.revolution(r.runner.drive, best, nu)
+        return Show(pictures, *turn)
 
 
 def rows(
@@ -265,48 +310,3 @@ def deviation(
     at = points.index(int(np.nanargmax(sizes)))
     error = max(max(ends) - top, float(ratio[points[at]]) * errors[at])
     return Figure(100 * top, "%", 100 * error)
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: RodForceData) -> list[Judgement]:
-    """The advice, what formula (17) says, and the effect on the resonance."""
-    at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.4g} rpm)"
-    present, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
-    by_formula = Judgement(
-        "spring by the rod-force formula (17), which takes the speed as constant", formula
-    )
-    if spring.error is None:
-        return [
-            Judgement(f"spring with the least rod force {at}", spring),
-            Judgement(
-                f"largest rod force with the machine's spring of {present.brief()}", f["f_rod"]
-            ),
-            by_formula,
-        ]
-    least = f["f_rod_unloaded"]
-    error = None if least.error is None else WELL * least.error
-    resonance = (
-        "resonance"
-        if r.plane.machine.zeta <= LARGEST_PEAKED_ZETA
-        else "90 degree lag, which is no resonance,"
-    )
-    return [
-        Judgement(
-            f"the spring of {present.brief()} gives nearly the least rod force {at}",
-            f["f_rod"],
-            most=least._replace(value=WELL * least.value, error=error),
-            yes=f"Keep the spring of {present.brief()} {at}",
-            no=f"Use a spring of {spring.brief()} instead of {present.brief()} {at}",
-            note=f"with {spring.brief()} it is {least.brief()}, the least",
-        ),
-        by_formula,
-        Judgement(f"{resonance} with the machine's spring", f["nu_90"]),
-        Judgement(f"{resonance} with the other spring", f["nu_90_unloaded"]),
-    ]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: RodForceData) -> Show:
-    """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
-    best, nu = list(r.machines.values())[-1], r.plane.speed
-    pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, o.ripple_limit)]
-    turn = motion.revolution(r.runner.drive, best, nu)
-    return Show(pictures, *turn)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Chart, Curve, Figure, Judgement, Panel, Run, Show, option
+from workbench import Chart, Curve, Figure, Judgement, Panel, Question, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.live import Live, LiveRun, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import (
@@ -40,16 +39,9 @@ from ..motion import live_motion, moving
 from ..papers import cited
 from ..rows import LARGEST_PEAKED_ZETA
 
-PARTS = DRIVE
-SOURCES = cited(22)
-FIXED_STARTS = ("motor.characteristic",)
 MOTORS = {"linear": 0, "kloss": 1}
 LABELS = {"linear": "linear motor", "kloss": "induction motor"}
 STYLES = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
-RECORD = (
-    "motor.tau", "motor.tau_static", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.x",
-    "conveyor.tau_load", "conveyor.f_rod", "conveyor.P_loss",
-)  # fmt: skip
 LOADS = {
     "w": ("conveyor.w", "speed of the crank"),
     "tau": ("motor.tau", "torque"),
@@ -66,79 +58,163 @@ NEAR_SHARE = 0.1
 BELOW = "the crank does not stay above the resonance for a whole turn"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(Run):
+class RunUp(Question, Run):
     """The machine, the mean speed that its linear motor is set for, and how the run is made."""
+
+    parts = DRIVE
+    fixed_starts = ("motor.characteristic",)
+    sources = cited(22)
+    record = (
+        "motor.tau", "motor.tau_static", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.x",
+        "conveyor.tau_load", "conveyor.f_rod", "conveyor.P_loss",
+    )  # fmt: skip
+    labels = LABELS
 
     set: str = option("B", "parameter set", choices=SETS)
     speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
 
+    def system(self, fmus: Mapping[str, Path]) -> dict[str, System]:
+        """Return the drive at rest with both motors, the linear one set for its mean speed."""
+        machine = followed(fmus, SETS[self.set], self.start)
+        rest = {"motor.tau": 0.0, "conveyor.w": 0.0}
+        return {
+            motor: conveyor_drive(
+                fmus,
+                machine.start(self.speed)
+                | rest
+                | {"motor.characteristic": characteristic}
+                | dict(self.start),
+            )
+            for motor, characteristic in MOTORS.items()
+        }
 
-def system(o: Options, fmus: Mapping[str, Path]) -> dict[str, System]:
-    """Return the drive at rest with both motors, the linear one set for its mean speed."""
-    machine = followed(fmus, SETS[o.set], o.start)
-    rest = {"motor.tau": 0.0, "conveyor.w": 0.0}
-    return {
-        motor: conveyor_drive(
-            fmus,
-            machine.start(o.speed)
-            | rest
-            | {"motor.characteristic": characteristic}
-            | dict(o.start),
+    def more_figures(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> dict[str, Figure]:
+        """Return the resonance by formula, how fast it builds up, and the times of passing that are certain."""
+        machine = machine_of(self)
+        build_up = 1 / (4 * math.pi * machine.zeta)
+        passings = {
+            f"{motor}_passing": passed_for_certain(
+                f[f"{motor}_passing"], f.get(f"{motor}_clearance")
+            )
+            for motor in MOTORS
+        }
+        return passings | {
+            "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
+            "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
+            "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
+        }
+
+    def figures(self, r: Result) -> dict[str, Figure]:
+        """When the crank rises through the resonance for good, revolutions near it, the largest loads,
+        where it all ends.
+        """
+        t, w, second = r["time"], r["conveyor.w"], r.units["time"]
+        machine, meaning = machine_of(self), "time when the crank has passed the resonance"
+        phi = r["conveyor.phi"]
+        passed = crossing(t, w, machine.nu_res, -1)
+        stays = w[-1] >= machine.nu_res and phi[-1] - np.interp(passed.value, t, phi) >= TURN
+        clear = clearance(t, w, machine.nu_res, -1)
+        near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
+        all_figures = {
+            "passing": Figure.undetermined(second, BELOW, meaning)
+            if not stays
+            else passed.figure(second, meaning),
+            "revolutions_near": near.figure("1", "revolutions within 10 % of the resonance"),
+        }
+        if stays and not math.isnan(clear.value):
+            least = "distance of the resonance from the nearest turn of the speed around that time"
+            all_figures["clearance"] = clear.figure(r.units["conveyor.w"], least)
+        for name, (column, what) in LOADS.items():
+            x, unit = r[column], r.units[column]
+            all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}")
+            if name != "f_rod":
+                end = since(t, x, END * t[-1])
+                low, high = smallest(*end), largest(*end)
+                all_figures[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end")
+                all_figures[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end")
+        return all_figures
+
+    def judgements(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> list[Judgement]:
+        """Whether each motor passes the resonance, and how large its torque gets."""
+        name = f"the resonance at {f['nu_res'].brief()} by formula (22)"
+        if f["zeta"].value > LARGEST_PEAKED_ZETA:
+            name = f"the 90 degree lag at {f['nu_res'].brief()}, which is no resonance with this damping,"
+        answers = []
+        for motor, word in LABELS.items():
+            passing, why = f[f"{motor}_passing"], failure(self, f, r[motor], motor)
+            answers.append(
+                Judgement(
+                    f"the {word} passes {name} within {self.stop:g} s",
+                    passing,
+                    most=self.stop,
+                    is_so=False if why else None,
+                    yes=f"The {word} passes {name}",
+                    no=f"The {word} does not pass {name} within {self.stop:g} s",
+                    note=why,
+                )
+            )
+        torques = [
+            Judgement(f"largest torque of the {word}", f[f"{motor}_tau_max"])
+            for motor, word in LABELS.items()
+        ]
+        return [*answers, *torques]
+
+    def show(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
+        """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both
+        conveyors in motion, one above the other.
+        """
+        plane = []
+        for motor, result in r.items():
+            (name, color), w = STYLES[motor], result["conveyor.w"]
+            order, static = np.argsort(w), result["motor.tau_static"]
+            curves = [
+                Curve("static characteristic", w[order], static[order], THEORY, "theory"),
+                Curve("with its lag", w, result["motor.tau"], color),
+            ]
+            plane.append(Panel(f"torque, {name}", result.units["motor.tau"], curves))
+        end = min(float(result["time"][-1]) for result in r.values())
+        charts = [
+            drawn(CHART, [r[motor] for motor in MOTORS], self, f, runs=RUNS),
+            Chart("Torque over speed", "crank speed [rad/s]", plane),
+        ]
+        return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
+
+    def live(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Live:
+        """Both motors from rest."""
+        p = r["linear"].provenance["parts"]["conveyor"]["parameters"]
+        peaks = [
+            Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=STYLES[motor][0]))
+            for motor in MOTORS
+            for name, (column, _) in LOADS.items()
+        ]
+        ends = [
+            Number(
+                f"{motor}_w_end_{kind}",
+                Reader(kind, "conveyor.w", f"{END} * stop", run=STYLES[motor][0]),
+            )
+            for motor in MOTORS
+            for kind in ("min", "max")
+        ]
+        return Live(
+            sliders=(
+                Slider("speed", 30.0, 90.0),
+                Slider("motor.T", 0.01, 0.15),
+                Slider("conveyor.trough.m", 100.0, 400.0),
+                Slider("conveyor.spring.c", 2e5, 1.2e6),
+                Slider("conveyor.rotor.J", 0.2, 2.0),
+            ),
+            values=live_theory.values({}),
+            start={"motor.A": live_theory.START["motor.A"]},
+            runs=RUNS,
+            numbers=[Number("nu_res", "nu_res"), *peaks, *ends],
+            charts=[CHART],
+            motion=live_motion("Both conveyors from rest", p, 15.0),
         )
-        for motor, characteristic in MOTORS.items()
-    }
 
 
-def machine_of(o: Options) -> Machine:
+def machine_of(o: RunUp) -> Machine:
     """Return the drive with its linear motor, as theory has it."""
     return SETS[o.set].follow(o.start)
-
-
-def more_figures(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> dict[str, Figure]:
-    """Return the resonance by formula, how fast it builds up, and the times of passing that are certain."""
-    machine = machine_of(o)
-    build_up = 1 / (4 * math.pi * machine.zeta)
-    passings = {
-        f"{motor}_passing": passed_for_certain(f[f"{motor}_passing"], f.get(f"{motor}_clearance"))
-        for motor in MOTORS
-    }
-    return passings | {
-        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
-        "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
-        "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
-    }
-
-
-def figures(o: Options, r: Result) -> dict[str, Figure]:
-    """When the crank rises through the resonance for good, revolutions near it, the largest loads,
-    where it all ends.
-    """
-    t, w, second = r["time"], r["conveyor.w"], r.units["time"]
-    machine, meaning = machine_of(o), "time when the crank has passed the resonance"
-    phi = r["conveyor.phi"]
-    passed = crossing(t, w, machine.nu_res, -1)
-    stays = w[-1] >= machine.nu_res and phi[-1] - np.interp(passed.value, t, phi) >= TURN
-    clear = clearance(t, w, machine.nu_res, -1)
-    near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
-    all_figures = {
-        "passing": Figure.undetermined(second, BELOW, meaning)
-        if not stays
-        else passed.figure(second, meaning),
-        "revolutions_near": near.figure("1", "revolutions within 10 % of the resonance"),
-    }
-    if stays and not math.isnan(clear.value):
-        least = "distance of the resonance from the nearest turn of the speed around that time"
-        all_figures["clearance"] = clear.figure(r.units["conveyor.w"], least)
-    for name, (column, what) in LOADS.items():
-        x, unit = r[column], r.units[column]
-        all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}")
-        if name != "f_rod":
-            end = since(t, x, END * t[-1])
-            low, high = smallest(*end), largest(*end)
-            all_figures[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end")
-            all_figures[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end")
-    return all_figures
 
 
 def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
@@ -161,35 +237,7 @@ def stalls(r: Result) -> bool:
     return bool(mean < ROCKING * speeds.max() or speeds.max() < STANDING * w.max())
 
 
-def judgements(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> list[Judgement]:
-    """Whether each motor passes the resonance, and how large its torque gets."""
-    name = f"the resonance at {f['nu_res'].brief()} by formula (22)"
-    if f["zeta"].value > LARGEST_PEAKED_ZETA:
-        name = (
-            f"the 90 degree lag at {f['nu_res'].brief()}, which is no resonance with this damping,"
-        )
-    answers = []
-    for motor, word in LABELS.items():
-        passing, why = f[f"{motor}_passing"], failure(o, f, r[motor], motor)
-        answers.append(
-            Judgement(
-                f"the {word} passes {name} within {o.stop:g} s",
-                passing,
-                most=o.stop,
-                is_so=False if why else None,
-                yes=f"The {word} passes {name}",
-                no=f"The {word} does not pass {name} within {o.stop:g} s",
-                note=why,
-            )
-        )
-    torques = [
-        Judgement(f"largest torque of the {word}", f[f"{motor}_tau_max"])
-        for motor, word in LABELS.items()
-    ]
-    return [*answers, *torques]
-
-
-def failure(o: Options, f: Mapping[str, Figure], r: Result, motor: str) -> str:
+def failure(o: RunUp, f: Mapping[str, Figure], r: Result, motor: str) -> str:
     """Return why a motor does not pass the resonance; "" if it does, or if that is not certain."""
     passing, machine = f[f"{motor}_passing"], machine_of(o)
     if passing.error is not None:
@@ -225,60 +273,3 @@ RUNS = [
     LiveRun(*STYLES[motor], {"motor.characteristic": characteristic})
     for motor, characteristic in MOTORS.items()
 ]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
-    """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both
-    conveyors in motion, one above the other.
-    """
-    plane = []
-    for motor, result in r.items():
-        (name, color), w = STYLES[motor], result["conveyor.w"]
-        order, static = np.argsort(w), result["motor.tau_static"]
-        curves = [
-            Curve("static characteristic", w[order], static[order], THEORY, "theory"),
-            Curve("with its lag", w, result["motor.tau"], color),
-        ]
-        plane.append(Panel(f"torque, {name}", result.units["motor.tau"], curves))
-    end = min(float(result["time"][-1]) for result in r.values())
-    charts = [
-        drawn(CHART, [r[motor] for motor in MOTORS], o, f, runs=RUNS),
-        Chart("Torque over speed", "crank speed [rad/s]", plane),
-    ]
-    return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Live:
-    """Both motors from rest."""
-    p = r["linear"].provenance["parts"]["conveyor"]["parameters"]
-    peaks = [
-        Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=STYLES[motor][0]))
-        for motor in MOTORS
-        for name, (column, _) in LOADS.items()
-    ]
-    ends = [
-        Number(
-            f"{motor}_w_end_{kind}",
-            Reader(kind, "conveyor.w", f"{END} * stop", run=STYLES[motor][0]),
-        )
-        for motor in MOTORS
-        for kind in ("min", "max")
-    ]
-    return Live(
-        sliders=(
-            Slider("speed", 30.0, 90.0),
-            Slider("motor.T", 0.01, 0.15),
-            Slider("conveyor.trough.m", 100.0, 400.0),
-            Slider("conveyor.spring.c", 2e5, 1.2e6),
-            Slider("conveyor.rotor.J", 0.2, 2.0),
-        ),
-        values=live_theory.values({}),
-        start={"motor.A": live_theory.START["motor.A"]},
-        runs=RUNS,
-        numbers=[Number("nu_res", "nu_res"), *peaks, *ends],
-        charts=[CHART],
-        motion=live_motion("Both conveyors from rest", p, 15.0),
-    )
-
-
-LIVE = live_part

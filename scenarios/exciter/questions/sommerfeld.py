@@ -5,16 +5,17 @@ unbalanced rotor is steady. The voltages at which the speed jumps are the folds 
 which are found by shooting over one revolution.
 """
 
+from __future__ import annotations
+
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import cosim
-import workbench
 from cosim import Result, SetupError, System
 from cosim.accuracy.limit import limit
 from cosim.system import connect
@@ -27,6 +28,7 @@ from workbench import (
     Judgement,
     Mark,
     Panel,
+    Question,
     Show,
     Table,
     option,
@@ -39,9 +41,7 @@ from workbench.live import Live, LiveRun, LiveSweep, Number, Reader, RunChart, R
 from .. import motion
 from ..orbits import ROUNDING, STEPS_PER_REV, Averaged, Jump, averaged, constants, jump, searches
 
-PARTS = {"motor": "DCMotor", "exciter": "UnbalanceExciter"}
 WIRES = ("motor.tau -> exciter.tau", "exciter.w -> motor.w")
-FIXED_STARTS = ("motor.v",)
 STATES = ("motor.i", "exciter.phi", "exciter.w", "exciter.x", "exciter.v")
 POWERS = ("motor.P", "exciter.P_loss")
 UNITS = {"falling": "1", "supply": "V", "speed": "rad/s", "shake": "m"}
@@ -66,13 +66,188 @@ STARTS = (0.8, 1.05)
 LAST = 0.9
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+class Sommerfeld(Question):
     """The voltages, how long each is held, and the longest step."""
+
+    parts = {"motor": "DCMotor", "exciter": "UnbalanceExciter"}
+    fixed_starts = ("motor.v",)
 
     supplies: tuple[float, ...] = option("14:32:19", "voltage levels", "V", above=0.0)
     hold: float = option(5.0, "time over which the speed is compared", "s", above=0.0)
     step: float = option("10ms", "longest communication step", "s", above=0.0)
+
+    def solve(self, context: Context) -> Findings:
+        """The levels up and down, and the folds in three step sizes; raises SetupError for one level.
+
+        This replaces the single certified run, because the voltages are folds of steady motions, which a search
+        finds, and each level starts from the end of the one before.
+        """
+        if len(self.supplies) <= 1:
+            raise SetupError(f"supplies = {self.supplies} V must be two levels or more")
+        system = System(
+            context.fmus, WIRES, {"motor.R": 5.0, "motor.v": self.supplies[0], **self.start}
+        )
+        connect(system)
+        if constants(system)[1] == 0.0:
+            raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
+        case, theory = Case(system, self.hold, self.step), averaged(system)
+        ((*levels,),) = context.each(sweep, [(self.supplies, case)], "levels")
+        seeking = searches(system, theory, self.step)
+        jumps = [*context.each(jump, [x for direction in seeking for x in direction], "folds")]
+        observed = Observed(case, levels, theory)
+        warn(levels, case)
+        rows = [(int(k >= len(self.supplies)), *level[:3]) for k, level in enumerate(levels)]
+        table = Table.of_rows(rows, UNITS)
+        figures = {
+            "nu_res": Figure(theory.resonance, "rad/s", 0.0, "resonance of the mount by formula")
+        }
+        for k, (direction, word) in enumerate(DIRECTIONS.items()):
+            count = len(seeking[k]) if theory.folds else 0
+            mine = jumps[k * count : (k + 1) * count]
+            figures |= {f"{x}_{direction}": figure(mine, x, word, observed) for x in MEANINGS}
+            if theory.folds:
+                meaning = f"voltage of the jump by averaged theory, {word}"
+                figures[f"theory_{direction}"] = Figure(theory.folds[k][1], "V", 0.0, meaning)
+        steps = f"steps of at most {self.step:g} s, in the folds at least {STEPS_PER_REV} in a revolution"
+        data = (observed, table.frame)
+        return Findings(figures, data, system, {}, steps, "strang", {"sommerfeld.csv": table})
+
+    def judgements(self, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> list[Judgement]:
+        """Whether the motor passes the resonance in these levels, what it takes, and the way back."""
+        observed, up, down = r[0], f["supply_up"], f["supply_down"]
+        top = observed.raised[-1]
+        where = f"it turns at {top.speed:.4g} rad/s at {top.supply:g} V, the highest level"
+        if not top.is_steady:
+            where += f", and is not steady after {MAX_HOLDS * observed.case.hold:g} s"
+        resonance = f"the resonance of the mount at {f['nu_res'].brief()}"
+        passes = (
+            f"the motor passes {resonance} when its supply is raised slowly to {top.supply:g} V"
+        )
+        yes = f"The motor passes {resonance}"
+        no = f"{top.supply:g} V do not take the motor past {resonance}"
+        if constants(observed.case.system)[6] == 0.0 or (
+            not observed.theory.folds and (up.reason != no_jump(observed) or two_speeds(observed))
+        ):
+            return [Judgement(passes, up, most=top.supply, note=where)]
+        if not observed.theory.folds:
+            is_above = top.speed >= observed.theory.resonance
+            note = f"its speed does not jump; {where}"
+            return [Judgement(passes, is_so=is_above, note=note, yes=yes, no=no)]
+        edge, least = f["before_up"], up.value - (up.error or 0.0)
+        early = [
+            x.supply for x in observed.raised if x.speed > edge.value + STEADY and x.supply < least
+        ]
+        if early:  # thrown over by the steps between levels
+            where = f"it does at {early[0]:g} V, before {up.brief()}, which a slow rise takes"
+        return [
+            Judgement(
+                passes,
+                up,
+                most=top.supply,
+                is_so=True if early else None,
+                note=where,
+                yes=yes,
+                no=no,
+            ),
+            Judgement("speed before that jump", f["before_up"]),
+            Judgement("speed after that jump", f["after_up"]),
+            Judgement("supply that keeps it above the resonance when lowered again", down),
+            *from_rest(f, observed),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
+        """Steady speed and displacement over the supply, and two starts from rest on either side."""
+        up = f["supply_up"]
+        has_jump = up.error is not None and up.value <= self.supplies[-1]
+        takes = up.value if has_jump else self.supplies[-1]
+        runs = {f"{share * takes:.3g} V": r[0].case.run(share * takes, {}) for share in STARTS}
+        of = "voltage of the jump" if has_jump else "highest level"
+        title = (
+            f"Starts from rest with {' and '.join(f'{share:.0%}' for share in STARTS)} of the {of}"
+        )
+        curves = [
+            Curve(voltage, run["time"], run["exciter.w"], color)
+            for (voltage, run), color in zip(runs.items(), ("red", "blue"))
+        ]
+        starts = Chart(title, "time [s]", [Panel("speed", "rad/s", curves)])
+        return Show([steady_motion(self, f, r), starts], [motion.starts(title, runs)])
+
+    def live(self, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Live:
+        """Two starts from rest on either side of the voltage of the jump, and such starts at all voltages."""
+        jump = f["supply_up"]
+        supply = self.supplies[-1] if jump.error is None else jump.value
+        runs = [
+            LiveRun(f"{share * supply:.3g} V", color, {"motor.v": share * supply})
+            for share, color in zip(STARTS, ("red", "blue"))
+        ]
+        end = Reader("mean", "exciter.w", "stop - 1")
+        step = f"min(step, 2 * pi * motor.k / (motor.v * {LEVEL_STEPS}))"
+        resonance = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
+        level = {"resonance of the mount": resonance}
+        return Live(
+            sliders=(
+                Slider("motor.R", 4.0, 8.0),
+                Slider("exciter.rotor.m", 0.3, 1.0),
+                Slider("exciter.mount.d", 20.0, 200.0),
+            ),
+            runs=runs,
+            stop="hold",
+            step=step,
+            numbers=[
+                Number("nu_res", resonance),
+                *(
+                    Number(
+                        f"end_{k}",
+                        Reader("mean", "exciter.w", "stop - 1", run=run.name),
+                        "rad/s",
+                        f"mean speed in the last second, started with {run.name}",
+                    )
+                    for k, run in enumerate(runs, 1)
+                ),
+            ],
+            charts=[
+                RunChart(
+                    "Two starts from rest",
+                    "time [s]",
+                    [
+                        RunPanel("speed", {"exciter.w": "red"}, levels=level),
+                        RunPanel("displacement", {"exciter.x": "red"}, "mm"),
+                    ],
+                )
+            ],
+            motion=motion.live_motion("Two starts from rest", parameters(r[0].case.system)),
+            sweep=LiveSweep(
+                over="motor.v",
+                values=self.supplies,
+                step=step,
+                numbers=[
+                    Number("w_end", end, "rad/s", "mean speed in the last second"),
+                    Number(
+                        "x_end",
+                        Reader("max", "abs(exciter.x)", "stop - 1"),
+                        "m",
+                        "largest displacement",
+                    ),
+                ],
+                chart=RunChart(
+                    "What a start from rest leads to",
+                    "supply [V]",
+                    [
+                        RunPanel(
+                            "mean speed at the end",
+                            {"figures.w_end": ("from rest", "red", "points")},
+                            "rad/s",
+                            level,
+                        ),
+                        RunPanel(
+                            "displacement at the end",
+                            {"1e3 * figures.x_end": ("from rest", "red", "points")},
+                            "mm",
+                        ),
+                    ],
+                ),
+            ),
+        )
 
 
 class Level(NamedTuple):
@@ -138,41 +313,6 @@ class Observed(NamedTuple):
         return self.levels[: len(self.levels) // 2 - 1 : -1]
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """The levels up and down, and the folds in three step sizes; raises SetupError for one level.
-
-    This replaces the single certified run, because the voltages are folds of steady motions, which a search
-    finds, and each level starts from the end of the one before.
-    """
-    if len(o.supplies) <= 1:
-        raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
-    system = System(context.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
-    connect(system)
-    if constants(system)[1] == 0.0:
-        raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
-    case, theory = Case(system, o.hold, o.step), averaged(system)
-    ((*levels,),) = context.each(sweep, [(o.supplies, case)], "levels")
-    seeking = searches(system, theory, o.step)
-    jumps = [*context.each(jump, [x for direction in seeking for x in direction], "folds")]
-    observed = Observed(case, levels, theory)
-    warn(levels, case)
-    rows = [(int(k >= len(o.supplies)), *level[:3]) for k, level in enumerate(levels)]
-    table = Table.of_rows(rows, UNITS)
-    figures = {
-        "nu_res": Figure(theory.resonance, "rad/s", 0.0, "resonance of the mount by formula")
-    }
-    for k, (direction, word) in enumerate(DIRECTIONS.items()):
-        count = len(seeking[k]) if theory.folds else 0
-        mine = jumps[k * count : (k + 1) * count]
-        figures |= {f"{x}_{direction}": figure(mine, x, word, observed) for x in MEANINGS}
-        if theory.folds:
-            meaning = f"voltage of the jump by averaged theory, {word}"
-            figures[f"theory_{direction}"] = Figure(theory.folds[k][1], "V", 0.0, meaning)
-    steps = f"steps of at most {o.step:g} s, in the folds at least {STEPS_PER_REV} in a revolution"
-    data = (observed, table.frame)
-    return Findings(figures, data, system, {}, steps, "strang", {"sommerfeld.csv": table})
-
-
 def warn(levels: Sequence[Level], case: Case) -> None:
     """Name the levels at which the motion does not settle."""
     open_ends = dict.fromkeys(f"{level.supply:g}" for level in levels if not level.is_steady)
@@ -223,42 +363,6 @@ def sweep(task: tuple[Sequence[float], Case]) -> list[Level]:
     return levels
 
 
-def judgements(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> list[Judgement]:
-    """Whether the motor passes the resonance in these levels, what it takes, and the way back."""
-    observed, up, down = r[0], f["supply_up"], f["supply_down"]
-    top = observed.raised[-1]
-    where = f"it turns at {top.speed:.4g} rad/s at {top.supply:g} V, the highest level"
-    if not top.is_steady:
-        where += f", and is not steady after {MAX_HOLDS * observed.case.hold:g} s"
-    resonance = f"the resonance of the mount at {f['nu_res'].brief()}"
-    passes = f"the motor passes {resonance} when its supply is raised slowly to {top.supply:g} V"
-    yes = f"The motor passes {resonance}"
-    no = f"{top.supply:g} V do not take the motor past {resonance}"
-    if constants(observed.case.system)[6] == 0.0 or (
-        not observed.theory.folds and (up.reason != no_jump(observed) or two_speeds(observed))
-    ):
-        return [Judgement(passes, up, most=top.supply, note=where)]
-    if not observed.theory.folds:
-        is_above = top.speed >= observed.theory.resonance
-        note = f"its speed does not jump; {where}"
-        return [Judgement(passes, is_so=is_above, note=note, yes=yes, no=no)]
-    edge, least = f["before_up"], up.value - (up.error or 0.0)
-    early = [
-        x.supply for x in observed.raised if x.speed > edge.value + STEADY and x.supply < least
-    ]
-    if early:  # thrown over by the steps between levels
-        where = f"it does at {early[0]:g} V, before {up.brief()}, which a slow rise takes"
-    return [
-        Judgement(
-            passes, up, most=top.supply, is_so=True if early else None, note=where, yes=yes, no=no
-        ),
-        Judgement("speed before that jump", f["before_up"]),
-        Judgement("speed after that jump", f["after_up"]),
-        Judgement("supply that keeps it above the resonance when lowered again", down),
-        *from_rest(f, observed),
-    ]
-
-
 def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[Judgement]:
     """What a supply does that is switched on at once: a slow rise needs more, since it is steady at each voltage."""
     up, before = f["supply_up"], f["before_up"]
@@ -274,23 +378,7 @@ def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[Judgement]:
     return [Judgement(what, is_so=passes, note=note)]
 
 
-def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
-    """Steady speed and displacement over the supply, and two starts from rest on either side."""
-    up = f["supply_up"]
-    has_jump = up.error is not None and up.value <= o.supplies[-1]
-    takes = up.value if has_jump else o.supplies[-1]
-    runs = {f"{share * takes:.3g} V": r[0].case.run(share * takes, {}) for share in STARTS}
-    of = "voltage of the jump" if has_jump else "highest level"
-    title = f"Starts from rest with {' and '.join(f'{share:.0%}' for share in STARTS)} of the {of}"
-    curves = [
-        Curve(voltage, run["time"], run["exciter.w"], color)
-        for (voltage, run), color in zip(runs.items(), ("red", "blue"))
-    ]
-    starts = Chart(title, "time [s]", [Panel("speed", "rad/s", curves)])
-    return Show([steady_motion(o, f, r), starts], [motion.starts(title, runs)])
-
-
-def steady_motion(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Chart:
+def steady_motion(o: Sommerfeld, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Chart:
     """Return speed and displacement of the levels over the supply, beside averaged theory."""
     (_, _, theory), rows = r
     v, w, fastest = theory.supplies, theory.speeds, rows["speed"].max()
@@ -317,7 +405,7 @@ def steady_motion(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) 
     return Chart(title, "supply [V]", panels, jump_marks(o, f))
 
 
-def jump_marks(o: Options, f: Mapping[str, Figure]) -> list[Mark]:
+def jump_marks(o: Sommerfeld, f: Mapping[str, Figure]) -> list[Mark]:
     """Return the voltages of the jumps that lie among the levels."""
     jumps = {word: f[f"supply_{direction}"] for direction, word in DIRECTIONS.items()}
     return [
@@ -325,84 +413,3 @@ def jump_marks(o: Options, f: Mapping[str, Figure]) -> list[Mark]:
         for word, jump in jumps.items()
         if jump.error is not None and o.supplies[0] <= jump.value <= o.supplies[-1]
     ]
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Live:
-    """Two starts from rest on either side of the voltage of the jump, and such starts at all voltages."""
-    jump = f["supply_up"]
-    supply = o.supplies[-1] if jump.error is None else jump.value
-    runs = [
-        LiveRun(f"{share * supply:.3g} V", color, {"motor.v": share * supply})
-        for share, color in zip(STARTS, ("red", "blue"))
-    ]
-    end = Reader("mean", "exciter.w", "stop - 1")
-    step = f"min(step, 2 * pi * motor.k / (motor.v * {LEVEL_STEPS}))"
-    resonance = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
-    level = {"resonance of the mount": resonance}
-    return Live(
-        sliders=(
-            Slider("motor.R", 4.0, 8.0),
-            Slider("exciter.rotor.m", 0.3, 1.0),
-            Slider("exciter.mount.d", 20.0, 200.0),
-        ),
-        runs=runs,
-        stop="hold",
-        step=step,
-        numbers=[
-            Number("nu_res", resonance),
-            *(
-                Number(
-                    f"end_{k}",
-                    Reader("mean", "exciter.w", "stop - 1", run=run.name),
-                    "rad/s",
-                    f"mean speed in the last second, started with {run.name}",
-                )
-                for k, run in enumerate(runs, 1)
-            ),
-        ],
-        charts=[
-            RunChart(
-                "Two starts from rest",
-                "time [s]",
-                [
-                    RunPanel("speed", {"exciter.w": "red"}, levels=level),
-                    RunPanel("displacement", {"exciter.x": "red"}, "mm"),
-                ],
-            )
-        ],
-        motion=motion.live_motion("Two starts from rest", parameters(r[0].case.system)),
-        sweep=LiveSweep(
-            over="motor.v",
-            values=o.supplies,
-            step=step,
-            numbers=[
-                Number("w_end", end, "rad/s", "mean speed in the last second"),
-                Number(
-                    "x_end",
-                    Reader("max", "abs(exciter.x)", "stop - 1"),
-                    "m",
-                    "largest displacement",
-                ),
-            ],
-            chart=RunChart(
-                "What a start from rest leads to",
-                "supply [V]",
-                [
-                    RunPanel(
-                        "mean speed at the end",
-                        {"figures.w_end": ("from rest", "red", "points")},
-                        "rad/s",
-                        level,
-                    ),
-                    RunPanel(
-                        "displacement at the end",
-                        {"1e3 * figures.x_end": ("from rest", "red", "points")},
-                        "mm",
-                    ),
-                ],
-            ),
-        ),
-    )
-
-
-LIVE = live_part

@@ -4,16 +4,17 @@ The cam turns at constant speed, and the follower may leave it. A sweep gives fl
 their cost; at one speed every figure has its error.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 import cosim
-import workbench
 from cosim import Result, System
 from workbench import (
     Chart,
@@ -24,6 +25,7 @@ from workbench import (
     Judgement,
     Mark,
     Panel,
+    Question,
     Show,
     Table,
     option,
@@ -37,8 +39,6 @@ from workbench.measure import ROUNDING, largest, with_rows
 from .. import machine as iron
 from .. import motion
 
-PARTS = {"iron": "IronDrive"}
-FIXED_STARTS = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
 #: Turns of a run, of which the last two show whether they repeat; a convention.
 TURNS = 3
 #: By how many times slower the impacts are at which bounces end, in the run that shows the error; a convention.
@@ -80,52 +80,140 @@ class Flight(NamedTuple):
     are_distinct: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+class IronBounce(Question):
     """The speeds, the stiffness of the contact, and the rows of a turn."""
+
+    parts = {"iron": "IronDrive"}
+    fixed_starts = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
 
     speed: float = option("90rpm", "speed of the cam, for the figures", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("70:120rpm:11", "speeds of the sweep", "rad/s", above=0.0)
     stiffness: float = option("10000N/mm", "stiffness of the contact", "N/m", above=0.0)
     samples: int = option(1440, "rows per turn", least=360)
 
+    def solve(self, context: Context) -> Findings:
+        """A sweep; and one speed, again with twice the rows and bounces that end four times as slow.
 
-def solve(o: Options, context: Context) -> Findings:
-    """A sweep; and one speed, again with twice the rows and bounces that end four times as slow.
+        This replaces the single certified run, because the error is that of bounces which end sooner, and a run
+        with another step does not show it.
+        """
+        system = System(context.fmus, start=self.start)
+        e, v = (float(parameters(system)[f"iron.follower.{x}"].value) for x in ("e", "v"))
+        flights = context.each(
+            partial(last, system, self.samples), self.speeds, "speeds", probes=True
+        )
+        table = context.record_rows(TABLE, UNITS, (flight[:-1] for flight in flights))
+        result = flying(system, self.samples, self.speed)
+        before, turn_figures = (
+            flight(result, self.samples, self.speed, turn) for turn in (TURNS - 2, TURNS - 1)
+        )
+        finer = replace(system, start={**system.start, "iron.follower.v": v / FINER})
+        other = last(finer, 2 * self.samples, self.speed)
+        reason = (
+            UNLIKE
+            if turn_figures.landings != before.landings
+            else ""
+            if turn_figures.are_distinct
+            else HIDDEN
+        )
+        all_figures = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
+        for name, meaning in MEANINGS.items():
+            x, earlier, fine = (turn._asdict()[name] for turn in (turn_figures, before, other))
+            error = abs(x - earlier) + 2 * abs(x - fine) + ROUNDING * x
+            if name == "landings":  # of which slower ends make more
+                error = 0.0
+            texts = Figure(x, UNITS[name], error, meaning)
+            all_figures[name] = (
+                Figure.undetermined(texts.unit, reason, meaning) if reason else texts
+            )
+        all_figures["force"] = force(all_figures, e, self.stiffness)
+        all_figures["cycles"] = Figure(
+            self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute"
+        )
+        turn = with_rows(result, result.data[(TURNS - 1) * self.samples :])
+        step, data = f"{self.samples} steps in a turn", (turn, system, table)
+        return Findings(all_figures, data, system, result.provenance, step, tables={TABLE: table})
 
-    This replaces the single certified run, because the error is that of bounces which end sooner, and a run
-    with another step does not show it.
-    """
-    system = System(context.fmus, start=o.start)
-    e, v = (float(parameters(system)[f"iron.follower.{x}"].value) for x in ("e", "v"))
-    flights = context.each(partial(last, system, o.samples), o.speeds, "speeds", probes=True)
-    table = context.record_rows(TABLE, UNITS, (flight[:-1] for flight in flights))
-    result = flying(system, o.samples, o.speed)
-    before, turn_figures = (
-        flight(result, o.samples, o.speed, turn) for turn in (TURNS - 2, TURNS - 1)
-    )
-    finer = replace(system, start={**system.start, "iron.follower.v": v / FINER})
-    other = last(finer, 2 * o.samples, o.speed)
-    reason = (
-        UNLIKE
-        if turn_figures.landings != before.landings
-        else ""
-        if turn_figures.are_distinct
-        else HIDDEN
-    )
-    all_figures = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
-    for name, meaning in MEANINGS.items():
-        x, earlier, fine = (turn._asdict()[name] for turn in (turn_figures, before, other))
-        error = abs(x - earlier) + 2 * abs(x - fine) + ROUNDING * x
-        if name == "landings":  # of which slower ends make more
-            error = 0.0
-        texts = Figure(x, UNITS[name], error, meaning)
-        all_figures[name] = Figure.undetermined(texts.unit, reason, meaning) if reason else texts
-    all_figures["force"] = force(all_figures, e, o.stiffness)
-    all_figures["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-    turn = with_rows(result, result.data[(TURNS - 1) * o.samples :])
-    step, data = f"{o.samples} steps in a turn", (turn, system, table)
-    return Findings(all_figures, data, system, result.provenance, step, tables={TABLE: table})
+    def judgements(self, f: Mapping[str, Figure], r: object) -> list[Judgement]:
+        """Whether the follower stays on its cam at the speed, and what it does if not."""
+        at = f"{self.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
+        stays = Judgement(
+            f"the follower stays on the cam at {at}",
+            Figure(self.speed, "rad/s", 0.0),
+            most=f["follower_limit"],
+            yes=f"The follower stays on the cam at {at}",
+            no=f"The follower leaves the cam at {at}",
+        )
+        if stays.answer is Verdict.YES:
+            return [stays]
+        landing = (
+            ("landings", "speed", "force")
+            if f["landings"].error is None or f["landings"].value
+            else ("landings",)
+        )
+        return [stays, *(Judgement(f[name].meaning, f[name]) for name in ("flight", *landing))]
+
+    def show(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Show:
+        """A turn with its landings, the sweep, and the mechanism in motion."""
+        turn, system, table = r
+        phi = np.degrees(turn["iron.phi"]) - 360.0 * (TURNS - 1)
+        hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
+        chart = drawn(CHART, turn, angle="iron.phi")
+        panels = list(chart.panels)
+        if hit.any():
+            blows = Curve("landing", phi[hit], turn["iron.S_landing"][hit], TORQUE, "points")
+            panels.insert(2, Panel("impulse", "N.s", [blows], includes=(0.0,)))
+        spans = iron.phases(turn.provenance["parts"]["iron"]["parameters"])
+        title = f"A turn at {f['cycles'].text('cycles/min')}"
+        frame, limit = table.frame, f["follower_limit"].value * iron.PER_MINUTE
+        pace = frame["nu"].to_numpy() * iron.PER_MINUTE
+        over = [
+            Panel(text, unit, [Curve(text, pace, scale * frame[name].to_numpy(), color, "linked")])
+            for name, (text, color, scale, unit) in AXES.items()
+        ]
+        marks = [Mark(limit, "lifts off")] if pace[0] <= limit <= pace[-1] else []
+        charts = [
+            chart._replace(title=title, panels=panels, spans=spans),
+            Chart("Flight and landings over the speed", "speed of the cam [1/min]", over, marks),
+        ]
+        moving = motion.motion("The mechanism in this turn", turn, system, turn["time"][-1], 4.0)
+        return Show(charts, [moving])
+
+    def live(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Live:
+        """The last of three turns at the speed of the slider, as `flying` has them."""
+        turn, system, _ = r
+        impulse = "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))"
+        return Live(
+            sliders=(
+                Slider("speed", 7.0, 13.0),
+                Slider("stiffness", 1e5, 1e8),
+                Slider("iron.follower.e", 0.0, 0.9),
+                Slider("iron.spring.c", 0.0, 1200.0),
+                Slider("iron.iron.m", 1.0, 10.0),
+            ),
+            start={
+                "iron.tau": 0.0,
+                "iron.phi": 0.0,
+                "iron.w_cam": "speed",
+                "iron.reducer.J": iron.FLYWHEEL,
+                "iron.follower.lifts": 1,
+                **({} if "iron.on_invalid" in self.start else {"iron.on_invalid": 1}),
+            },
+            stop=f"{TURNS} * 2 * pi / speed",
+            step="2 * pi / (speed * samples)",
+            angle="iron.phi",
+            numbers=[
+                Number("flight", Reader("change", "iron.t_flight", REVOLUTION)),
+                Number("landings", Reader("change", "iron.landings", REVOLUTION)),
+                Number("gap", Reader("max", "iron.gap", REVOLUTION)),
+                Number("speed", Reader("max", "iron.v_landing", REVOLUTION)),
+                Number("impulse", Reader("max", "iron.S_landing", REVOLUTION)),
+                Number("loss", Reader("change", "iron.E_landing", REVOLUTION)),
+                Number("force", impulse),
+            ],
+            charts=[CHART],
+            motion=motion.live_motion("The mechanism in this turn", turn, system, 4.0, REVOLUTION),
+        )
 
 
 def flying(system: System, samples: int, speed: float) -> Result:
@@ -169,26 +257,6 @@ def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
     return Figure(peak, "N", peak * share, meaning)
 
 
-def judgements(o: Options, f: Mapping[str, Figure], r: object) -> list[Judgement]:
-    """Whether the follower stays on its cam at the speed, and what it does if not."""
-    at = f"{o.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
-    stays = Judgement(
-        f"the follower stays on the cam at {at}",
-        Figure(o.speed, "rad/s", 0.0),
-        most=f["follower_limit"],
-        yes=f"The follower stays on the cam at {at}",
-        no=f"The follower leaves the cam at {at}",
-    )
-    if stays.answer is Verdict.YES:
-        return [stays]
-    landing = (
-        ("landings", "speed", "force")
-        if f["landings"].error is None or f["landings"].value
-        else ("landings",)
-    )
-    return [stays, *(Judgement(f[name].meaning, f[name]) for name in ("flight", *landing))]
-
-
 CHART = RunChart(
     "The last of three turns",
     "cam angle [deg]",
@@ -201,70 +269,3 @@ CHART = RunChart(
     "crank_angle * 180 / pi",
     REVOLUTION,
 )
-
-
-def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Show:
-    """A turn with its landings, the sweep, and the mechanism in motion."""
-    turn, system, table = r
-    phi = np.degrees(turn["iron.phi"]) - 360.0 * (TURNS - 1)
-    hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
-    chart = drawn(CHART, turn, angle="iron.phi")
-    panels = list(chart.panels)
-    if hit.any():
-        blows = Curve("landing", phi[hit], turn["iron.S_landing"][hit], TORQUE, "points")
-        panels.insert(2, Panel("impulse", "N.s", [blows], includes=(0.0,)))
-    spans = iron.phases(turn.provenance["parts"]["iron"]["parameters"])
-    title = f"A turn at {f['cycles'].text('cycles/min')}"
-    frame, limit = table.frame, f["follower_limit"].value * iron.PER_MINUTE
-    pace = frame["nu"].to_numpy() * iron.PER_MINUTE
-    over = [
-        Panel(text, unit, [Curve(text, pace, scale * frame[name].to_numpy(), color, "linked")])
-        for name, (text, color, scale, unit) in AXES.items()
-    ]
-    marks = [Mark(limit, "lifts off")] if pace[0] <= limit <= pace[-1] else []
-    charts = [
-        chart._replace(title=title, panels=panels, spans=spans),
-        Chart("Flight and landings over the speed", "speed of the cam [1/min]", over, marks),
-    ]
-    moving = motion.motion("The mechanism in this turn", turn, system, turn["time"][-1], 4.0)
-    return Show(charts, [moving])
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Live:
-    """The last of three turns at the speed of the slider, as `flying` has them."""
-    turn, system, _ = r
-    impulse = "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))"
-    return Live(
-        sliders=(
-            Slider("speed", 7.0, 13.0),
-            Slider("stiffness", 1e5, 1e8),
-            Slider("iron.follower.e", 0.0, 0.9),
-            Slider("iron.spring.c", 0.0, 1200.0),
-            Slider("iron.iron.m", 1.0, 10.0),
-        ),
-        start={
-            "iron.tau": 0.0,
-            "iron.phi": 0.0,
-            "iron.w_cam": "speed",
-            "iron.reducer.J": iron.FLYWHEEL,
-            "iron.follower.lifts": 1,
-            **({} if "iron.on_invalid" in o.start else {"iron.on_invalid": 1}),
-        },
-        stop=f"{TURNS} * 2 * pi / speed",
-        step="2 * pi / (speed * samples)",
-        angle="iron.phi",
-        numbers=[
-            Number("flight", Reader("change", "iron.t_flight", REVOLUTION)),
-            Number("landings", Reader("change", "iron.landings", REVOLUTION)),
-            Number("gap", Reader("max", "iron.gap", REVOLUTION)),
-            Number("speed", Reader("max", "iron.v_landing", REVOLUTION)),
-            Number("impulse", Reader("max", "iron.S_landing", REVOLUTION)),
-            Number("loss", Reader("change", "iron.E_landing", REVOLUTION)),
-            Number("force", impulse),
-        ],
-        charts=[CHART],
-        motion=motion.live_motion("The mechanism in this turn", turn, system, 4.0, REVOLUTION),
-    )
-
-
-LIVE = live_part

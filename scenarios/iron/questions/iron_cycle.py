@@ -7,17 +7,17 @@ With `--compare dimensions` it also gives the transfer functions of rocker, link
 A_1 eps + B_1 w^2 = M + C_1, and by how much each of them changes with each dimension.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-import workbench
 from cosim import Result, System
-from workbench import Context, Figure, Judgement, Run, Show, Table, option
+from workbench import Context, Figure, Judgement, Question, Run, Show, Table, option
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE
 from workbench.judgement import Verdict
 from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
@@ -26,9 +26,7 @@ from workbench.measure import integral, largest, smallest
 from .. import machine as iron
 from .. import motion, transfer
 
-PARTS = {"iron": "IronDrive"}
 DIMENSIONS = "dimensions"
-FIXED_STARTS = iron.IMPOSED
 FORCES = {
     "iron.N": ("cam on follower", TORQUE),
     "iron.T_span": ("chain at the link", SPEED),
@@ -48,9 +46,11 @@ CHART = RunChart(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+class IronCycle(Question):
     """The speed, the rows of a turn, and the machines to compare with."""
+
+    parts = {"iron": "IronDrive"}
+    fixed_starts = iron.IMPOSED
 
     speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
     samples: int = option(1440, "rows per turn", least=180)
@@ -59,6 +59,123 @@ class Options(workbench.Options):
         "also compare machines whose dimensions differ slightly",
         choices=("none", DIMENSIONS),
     )
+
+    def system(self, fmus: Mapping[str, Path]) -> System:
+        """Return the drive, whose cam turns at the speed."""
+        return iron.imposed(System(fmus, start=self.start), self.speed)
+
+    def run(self) -> Run:
+        """Return a turn."""
+        period = 2 * math.pi / self.speed
+        return Run(stop=period, step=period / self.samples)
+
+    def more_runs(self, context: Context, system: System) -> Turns:
+        """Run two more turns for the limits, and those of other dimensions."""
+        is_compared = self.compare == DIMENSIONS
+        plain = System(context.fmus, start=self.start)
+        varied = transfer.measure(context, plain, self.samples) if is_compared else None
+        return Turns(system, iron.limits(system), varied)
+
+    def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
+        """Return cycles per minute, the limits, the share of the first, and the transfer functions."""
+        cycles = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
+        (limit, _), meaning = iron.first(r[1].limits), "speed as a share of the first limit"
+        share = Figure.undetermined("%", "the first limit is 0", meaning)
+        if limit.value:
+            value = 100 * self.speed / limit.value
+            share = Figure(value, "%", value * (limit.error or 0.0) / limit.value, meaning)
+        of_dimensions = r[1].transfer.figures() if r[1].transfer else {}
+        return {"cycles": cycles, **r[1].limits, "share": share, **of_dimensions}
+
+    def tables(self, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
+        """Return the transfer functions and the shares of the dimensions."""
+        return r[1].transfer.tables() if r[1].transfer else {}
+
+    def figures(self, r: Result) -> dict[str, Figure]:
+        """Torque, stroke, works, least and largest forces of a turn."""
+        angle, torque, unit = np.degrees(r["iron.phi"]), r["iron.tau_cam"], r.units["iron.tau_cam"]
+        i_g = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
+        low, high, motor = smallest(angle, torque), largest(angle, torque), abs(torque) / i_g
+        friction, J = float(r["iron.E_friction"][-1]), r.units["iron.E_friction"]
+        lift, stroke = largest(angle, r["iron.lift"]), "stroke of the iron"
+        all_figures = {
+            "tau_cam_min": low.figure(unit, "smallest torque at the cam shaft"),
+            "tau_cam_min_angle": low.at.figure("deg", "cam angle of the smallest torque"),
+            "tau_cam_max": high.figure(unit, "largest torque at the cam shaft"),
+            "tau_cam_max_angle": high.at.figure("deg", "cam angle of the largest torque"),
+            "tau_motor_max": largest(angle, motor).figure(unit, "largest torque of the motor"),
+            "stroke": lift.figure(r.units["iron.lift"], stroke),
+            "friction_work": Figure(friction, J, 0.0, "work of the guide friction per turn"),
+            "work": integral(r["iron.phi"], torque).figure(J, "work of the cam torque per turn"),
+        }
+        for name, (force, _, meaning) in iron.LETS_GO.items():
+            least, most = (end(angle, r[force]) for end in (smallest, largest))
+            all_figures[f"{name}_force_min"] = least.figure(r.units[force], f"smallest {meaning}")
+            all_figures[f"{name}_force_max"] = most.figure(r.units[force], f"largest {meaning}")
+        return all_figures
+
+    def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
+        """Whether the speed is safe, what the drive carries, and which dimensions matter."""
+        limit, event = iron.first(f)
+        at = f"{self.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
+        safe = Judgement(
+            f"{at} is below the speed where {event}",
+            Figure(self.speed, "rad/s", 0.0),
+            most=limit,
+            yes=f"{at} is safe",
+            no=f"Avoid {at}",
+            note=f"above that {event}",
+        )
+        carried = {
+            "smallest torque of the cam shaft": f["tau_cam_min"],
+            "largest torque of the cam shaft": f["tau_cam_max"],
+            "largest pull of the chain": f["run_force_max"],
+        }
+        if safe.answer is Verdict.NO:
+            why = (
+                f"{event} at this speed, and the figures are those of a drive that is held together"
+            )
+            carried = {what: Figure.undetermined(x.unit, why) for what, x in carried.items()}
+        return [
+            safe,
+            *(Judgement(what, figure) for what, figure in carried.items()),
+            *(r[1].transfer.judgements(f) if r[1].transfer else []),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: Data) -> Show:
+        """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
+        result, turns = r
+        spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
+        title = f"One turn of the cam at {f['cycles'].brief('cycles/min')}"
+        moving = motion.motion("One turn of the cam", result, turns.system, result["time"][-1], 4.0)
+        chart = drawn(CHART, result)._replace(title=title, spans=spans)
+        return Show([chart, *(turns.transfer.charts() if turns.transfer else [])], [moving])
+
+    def live(self, f: Mapping[str, Figure], r: Data) -> Live:
+        """One turn at the speed of the slider, from the angle 0, as `drive.imposed` has it."""
+        return Live(
+            sliders=(
+                Slider("speed", 1.0, 12.0),
+                Slider("iron.iron.m", 1.0, 10.0),
+                Slider("iron.spring.c", 0.0, 1200.0),
+                Slider("iron.friction.K_up", 0.0, 0.3),
+            ),
+            charts=[CHART],
+            motion=motion.live_motion("One turn of the cam", r[0], r[1].system, 4.0),
+            start={"iron.w_cam": "speed"},
+            stop="2 * pi / speed",
+            step="2 * pi / (speed * samples)",
+            numbers=[
+                Number("tau_cam_min", Reader("min", "iron.tau_cam")),
+                Number("tau_cam_max", Reader("max", "iron.tau_cam")),
+                Number("tau_motor_max", Reader("max", "abs(iron.tau_cam) / iron.reducer.i_g")),
+                Number("stroke", Reader("max", "iron.lift")),
+                Number("friction_work", Reader("last", "iron.E_friction")),
+                Number("follower_force_min", Reader("min", "iron.N")),
+                Number("follower_force_max", Reader("max", "iron.N")),
+                Number("run_force_max", Reader("max", "iron.T_span")),
+            ],
+        )
 
 
 class Turns(NamedTuple):
@@ -70,130 +187,3 @@ class Turns(NamedTuple):
 
 
 Data = tuple[Result, Turns]
-
-
-def system(o: Options, fmus: Mapping[str, Path]) -> System:
-    """Return the drive, whose cam turns at the speed."""
-    return iron.imposed(System(fmus, start=o.start), o.speed)
-
-
-def run(o: Options) -> Run:
-    """Return a turn."""
-    period = 2 * math.pi / o.speed
-    return Run(stop=period, step=period / o.samples)
-
-
-def more_runs(o: Options, context: Context, system: System) -> Turns:
-    """Run two more turns for the limits, and those of other dimensions."""
-    is_compared = o.compare == DIMENSIONS
-    plain = System(context.fmus, start=o.start)
-    varied = transfer.measure(context, plain, o.samples) if is_compared else None
-    return Turns(system, iron.limits(system), varied)
-
-
-def more_figures(o: Options, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
-    """Return cycles per minute, the limits, the share of the first, and the transfer functions."""
-    cycles = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-    (limit, _), meaning = iron.first(r[1].limits), "speed as a share of the first limit"
-    share = Figure.undetermined("%", "the first limit is 0", meaning)
-    if limit.value:
-        value = 100 * o.speed / limit.value
-        share = Figure(value, "%", value * (limit.error or 0.0) / limit.value, meaning)
-    of_dimensions = r[1].transfer.figures() if r[1].transfer else {}
-    return {"cycles": cycles, **r[1].limits, "share": share, **of_dimensions}
-
-
-def tables(o: Options, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
-    """Return the transfer functions and the shares of the dimensions."""
-    return r[1].transfer.tables() if r[1].transfer else {}
-
-
-def figures(o: Options, r: Result) -> dict[str, Figure]:
-    """Torque, stroke, works, least and largest forces of a turn."""
-    angle, torque, unit = np.degrees(r["iron.phi"]), r["iron.tau_cam"], r.units["iron.tau_cam"]
-    i_g = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
-    low, high, motor = smallest(angle, torque), largest(angle, torque), abs(torque) / i_g
-    friction, J = float(r["iron.E_friction"][-1]), r.units["iron.E_friction"]
-    lift, stroke = largest(angle, r["iron.lift"]), "stroke of the iron"
-    all_figures = {
-        "tau_cam_min": low.figure(unit, "smallest torque at the cam shaft"),
-        "tau_cam_min_angle": low.at.figure("deg", "cam angle of the smallest torque"),
-        "tau_cam_max": high.figure(unit, "largest torque at the cam shaft"),
-        "tau_cam_max_angle": high.at.figure("deg", "cam angle of the largest torque"),
-        "tau_motor_max": largest(angle, motor).figure(unit, "largest torque of the motor"),
-        "stroke": lift.figure(r.units["iron.lift"], stroke),
-        "friction_work": Figure(friction, J, 0.0, "work of the guide friction per turn"),
-        "work": integral(r["iron.phi"], torque).figure(J, "work of the cam torque per turn"),
-    }
-    for name, (force, _, meaning) in iron.LETS_GO.items():
-        least, most = (end(angle, r[force]) for end in (smallest, largest))
-        all_figures[f"{name}_force_min"] = least.figure(r.units[force], f"smallest {meaning}")
-        all_figures[f"{name}_force_max"] = most.figure(r.units[force], f"largest {meaning}")
-    return all_figures
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
-    """Whether the speed is safe, what the drive carries, and which dimensions matter."""
-    limit, event = iron.first(f)
-    at = f"{o.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
-    safe = Judgement(
-        f"{at} is below the speed where {event}",
-        Figure(o.speed, "rad/s", 0.0),
-        most=limit,
-        yes=f"{at} is safe",
-        no=f"Avoid {at}",
-        note=f"above that {event}",
-    )
-    carried = {
-        "smallest torque of the cam shaft": f["tau_cam_min"],
-        "largest torque of the cam shaft": f["tau_cam_max"],
-        "largest pull of the chain": f["run_force_max"],
-    }
-    if safe.answer is Verdict.NO:
-        why = f"{event} at this speed, and the figures are those of a drive that is held together"
-        carried = {what: Figure.undetermined(x.unit, why) for what, x in carried.items()}
-    return [
-        safe,
-        *(Judgement(what, figure) for what, figure in carried.items()),
-        *(r[1].transfer.judgements(f) if r[1].transfer else []),
-    ]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
-    """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
-    result, turns = r
-    spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
-    title = f"One turn of the cam at {f['cycles'].brief('cycles/min')}"
-    moving = motion.motion("One turn of the cam", result, turns.system, result["time"][-1], 4.0)
-    chart = drawn(CHART, result)._replace(title=title, spans=spans)
-    return Show([chart, *(turns.transfer.charts() if turns.transfer else [])], [moving])
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
-    """One turn at the speed of the slider, from the angle 0, as `drive.imposed` has it."""
-    return Live(
-        sliders=(
-            Slider("speed", 1.0, 12.0),
-            Slider("iron.iron.m", 1.0, 10.0),
-            Slider("iron.spring.c", 0.0, 1200.0),
-            Slider("iron.friction.K_up", 0.0, 0.3),
-        ),
-        charts=[CHART],
-        motion=motion.live_motion("One turn of the cam", r[0], r[1].system, 4.0),
-        start={"iron.w_cam": "speed"},
-        stop="2 * pi / speed",
-        step="2 * pi / (speed * samples)",
-        numbers=[
-            Number("tau_cam_min", Reader("min", "iron.tau_cam")),
-            Number("tau_cam_max", Reader("max", "iron.tau_cam")),
-            Number("tau_motor_max", Reader("max", "abs(iron.tau_cam) / iron.reducer.i_g")),
-            Number("stroke", Reader("max", "iron.lift")),
-            Number("friction_work", Reader("last", "iron.E_friction")),
-            Number("follower_force_min", Reader("min", "iron.N")),
-            Number("follower_force_max", Reader("max", "iron.N")),
-            Number("run_force_max", Reader("max", "iron.T_span")),
-        ],
-    )
-
-
-LIVE = live_part

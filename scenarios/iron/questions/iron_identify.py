@@ -6,9 +6,11 @@ the way up and one for the way down, but not m and c themselves. One of them mus
 mass of an iron that was weighed. A record that no drive of this kind fits is refused.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +28,7 @@ from workbench import (
     Findings,
     Judgement,
     Panel,
+    Question,
     Show,
     fitting,
     option,
@@ -38,13 +41,10 @@ from workbench.measure import Samples
 from .. import machine as iron
 from .. import motion
 
-PARTS = iron.PARTS
-ERROR_SCOPE = fitting.ERROR_SCOPE
 SPEED, TORQUE, SUPPLY = "iron.w", "motor.tau", "motor.A"
 STATES = ("iron.phi", "iron.w_cam", TORQUE)
 LOADS = ("iron.iron.m", "iron.spring.c", "iron.friction.K_up", "iron.friction.K_down")
 FREE = ("motor.B", "motor.T", *LOADS)
-FIXED_STARTS = (SUPPLY, *STATES[1:])
 EXACT = ("iron.reducer.J", "iron.reducer.i_g", "iron.spring.e_0")
 #: Rows of a turn from which a loss is taken; a convention.
 SAMPLES = 360
@@ -63,9 +63,12 @@ DERIVED = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(RecordOptions):
+class IronIdentify(Question, RecordOptions):
     """The record to fit, and the torque that the noise of further records is measured by."""
+
+    parts = iron.PARTS
+    fixed_starts = (SUPPLY, *STATES[1:])
+    error_scope = fitting.ERROR_SCOPE
 
     rated_torque: float = option(
         2.0,
@@ -73,6 +76,64 @@ class Options(RecordOptions):
         "N.m",
         above=0.0,
     )
+
+    def solve(self, context: Context) -> Findings:
+        """Fit, and ask the drive that fits.
+
+        This replaces the single certified run, because the answer comes from a fit to a record and from many
+        machines that fit it.
+        """
+        record = self.columns(SPEED)
+        if not self.priors.keys() & {*LOADS}:
+            raise SetupError(
+                f"{self.data}: the record shows only (1 + K) m and (1 + K) c; give what is known, as in "
+                "--known iron.iron.m=4+-1%"
+            )
+        system = guess(self, context.fmus, record[SPEED])
+        free = [SUPPLY, *FREE, *STATES]
+        fit = self.identify(system, record, free, first=("iron.phi", SUPPLY))
+        machine = drive(fit, fit.start_values)
+        iron_data = IdentifiedIron(fit, machine, () if fit.misfit else advice(self, fit))
+        return Findings(
+            figures(iron_data),
+            iron_data,
+            fit.problem.system,
+            fit.result.provenance,
+            tables=fitting.tables(fit, iron_data.advice, "iron_identify", "1"),
+            facts=fitting.facts(fit, iron_data.advice, EXACT),
+        )
+
+    def judgements(self, f: Mapping[str, Figure], r: IdentifiedIron) -> list[Judgement]:
+        """What was found, how far the record is from the lift-off, and what to record next."""
+        if r.fit.misfit:
+            return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
+        mean = pace(r.fit)
+        return [
+            Judgement(
+                "the follower stays on the cam at the speed of the record",
+                Figure(mean, "rad/s", 0.0),
+                most=f["follower_limit"],
+                yes=f"The cam may turn at the {mean:.4g} rad/s of the record",
+                no=f"Avoid the {mean:.4g} rad/s of the record: the follower lifts off",
+            ),
+            Judgement("guide friction over the pull of the chain", f["mu"]),
+            Judgement("mass of the iron", f["iron_iron_m"]),
+            Judgement("stiffness of its spring", f["iron_spring_c"]),
+            fitting.next_record(r.advice, f["mu"].error or math.inf, "the friction", ""),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: IdentifiedIron) -> Show:
+        """The torque over the cam angle with its band; each column measured and fitted; the mechanism."""
+        styles = {SPEED: ("speed of the motor", BLUE), "iron.w_cam": ("speed of the cam", BLUE),
+                 TORQUE: ("torque of the motor", RED)}  # fmt: skip
+        charts = fitting.charts(r.fit, styles)
+        if not r.fit.misfit:
+            charts.insert(0, band(r))
+        result = r.fit.result
+        last = float(result["time"][0]) + 2 * math.pi / pace(r.fit)
+        return Show(
+            charts, [motion.motion("A turn of the fitted drive", result, r.machine, last, 4.0)]
+        )
 
 
 class IdentifiedIron(NamedTuple):
@@ -83,34 +144,7 @@ class IdentifiedIron(NamedTuple):
     advice: Sequence[Advice]
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """Fit, and ask the drive that fits.
-
-    This replaces the single certified run, because the answer comes from a fit to a record and from many
-    machines that fit it.
-    """
-    record = o.columns(SPEED)
-    if not o.priors.keys() & {*LOADS}:
-        raise SetupError(
-            f"{o.data}: the record shows only (1 + K) m and (1 + K) c; give what is known, as in "
-            "--known iron.iron.m=4+-1%"
-        )
-    system = guess(o, context.fmus, record[SPEED])
-    free = [SUPPLY, *FREE, *STATES]
-    fit = o.identify(system, record, free, first=("iron.phi", SUPPLY))
-    machine = drive(fit, fit.start_values)
-    iron_data = IdentifiedIron(fit, machine, () if fit.misfit else advice(o, fit))
-    return Findings(
-        figures(iron_data),
-        iron_data,
-        fit.problem.system,
-        fit.result.provenance,
-        tables=fitting.tables(fit, iron_data.advice, "iron_identify", "1"),
-        facts=fitting.facts(fit, iron_data.advice, EXACT),
-    )
-
-
-def guess(o: Options, fmus: Mapping[str, Path], speed: cosim.Table) -> System:
+def guess(o: IronIdentify, fmus: Mapping[str, Path], speed: cosim.Table) -> System:
     """The drive near the motion of a record: fed for its mean speed, and as far in its turn as makes
     the last turn of the record most like one of the drive.
     """
@@ -193,7 +227,7 @@ def pace(fit: Identified) -> float:
     return float((phi[-1] - phi[0]) / (t[-1] - t[0]))
 
 
-def advice(o: Options, fit: Identified) -> list[Advice]:
+def advice(o: IronIdentify, fit: Identified) -> list[Advice]:
     """What further records would leave of the interval of the friction, the best first."""
     values, times = fit.start_values, fit.problem.columns[0].times
     stop = float(times[-1] - times[0])
@@ -209,38 +243,6 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     }
     experiments = fitting.planned_experiments(kinds, SUPPLY, stop, noise, torque)
     return cosim.advise(fit, experiments, follows(fit)["mu"])
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> list[Judgement]:
-    """What was found, how far the record is from the lift-off, and what to record next."""
-    if r.fit.misfit:
-        return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
-    mean = pace(r.fit)
-    return [
-        Judgement(
-            "the follower stays on the cam at the speed of the record",
-            Figure(mean, "rad/s", 0.0),
-            most=f["follower_limit"],
-            yes=f"The cam may turn at the {mean:.4g} rad/s of the record",
-            no=f"Avoid the {mean:.4g} rad/s of the record: the follower lifts off",
-        ),
-        Judgement("guide friction over the pull of the chain", f["mu"]),
-        Judgement("mass of the iron", f["iron_iron_m"]),
-        Judgement("stiffness of its spring", f["iron_spring_c"]),
-        fitting.next_record(r.advice, f["mu"].error or math.inf, "the friction", ""),
-    ]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> Show:
-    """The torque over the cam angle with its band; each column measured and fitted; the mechanism."""
-    styles = {SPEED: ("speed of the motor", BLUE), "iron.w_cam": ("speed of the cam", BLUE),
-             TORQUE: ("torque of the motor", RED)}  # fmt: skip
-    charts = fitting.charts(r.fit, styles)
-    if not r.fit.misfit:
-        charts.insert(0, band(r))
-    result = r.fit.result
-    last = float(result["time"][0]) + 2 * math.pi / pace(r.fit)
-    return Show(charts, [motion.motion("A turn of the fitted drive", result, r.machine, last, 4.0)])
 
 
 def band(r: IdentifiedIron) -> Chart:

@@ -5,10 +5,12 @@ nu_k = sqrt(B_eff / (theta T)) / k gives the speed at which order k of the torqu
 by 90 degrees; theta and the excitation come from turns at constant speed.
 """
 
+from __future__ import annotations
+
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
@@ -16,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import cosim
-import workbench
 from cosim import System, largest
 from cosim.accuracy.limit import limit
 from workbench import (
@@ -28,6 +29,7 @@ from workbench import (
     Judgement,
     Mark,
     Panel,
+    Question,
     Show,
     Table,
     option,
@@ -44,7 +46,6 @@ from .. import machine as iron
 from .. import motion
 
 Frame = Any
-PARTS = iron.PARTS
 FIXED_STARTS = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
 #: Orders of the cam angle that are reported; a convention.
 ORDERS = 12
@@ -70,11 +71,70 @@ UNITS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+class IronOrders(Question):
     """The mean speeds at which the orders are found."""
 
+    parts = iron.PARTS
+    fixed_starts = FIXED_STARTS
+
     speeds: tuple[float, ...] = option("2:7.5:23", "mean speeds of the cam", "rad/s", above=0.0)
+
+    def solve(self, context: Context) -> Findings:
+        """Sweep three motors; where the lag adds most, again with coarser steps.
+
+        This replaces the single certified run, because the figures come from steady motions at many speeds of
+        several motors.
+        """
+        start = iron.MOTOR | {"iron.on_invalid": 1} | dict(self.start)
+        machine = measure(System(context.fmus, iron.WIRES, start))
+        run = partial(simulate, machine)
+        cases = [(lag / 1e3, nu, PER_REV) for lag in LAGS for nu in self.speeds]
+        swept = chain.from_iterable(context.each(run, cases, "sweep"))
+        orders = context.record_rows("iron_orders.csv", UNITS, swept)
+        worst = orders.frame.dropna().query("added > 0").sort_values("added").groupby("T").tail(1)
+        again = [(x["T"], x["nu"], PER_REV // n) for n in (2, 4) for _, x in worst.iterrows()]
+        repeated = chain.from_iterable(context.each(run, again, "coupling errors"))
+        which = set(zip(worst["T"], worst["order"]))
+        runs = [*worst.itertuples(index=False), *(x for x in repeated if (x[0], x[2]) in which)]
+        all_figures = figures(machine, orders.frame, Table.of_rows(runs, UNITS).frame)
+        w_n = {lag / 1e3: all_figures[f"w_n_{lag}ms"].value for lag in LAGS}
+        crossings = [(T, k, w / k) for T, w in w_n.items() for k in range(1, ORDERS + 1)]
+        units = {x: UNITS[x] for x in ("T", "order", "nu")}
+        tables = {
+            "iron_orders.csv": orders,
+            "iron_orders_meets.csv": Table.of_rows(crossings, units),
+        }
+        system, steps = machine.system(*cases[0][:2]), f"{PER_REV} steps per revolution"
+        return Findings(all_figures, (machine, orders.frame), system, {}, steps, ALGORITHM, tables)
+
+    def judgements(self, f: Mapping[str, Figure], r: object) -> list[Judgement]:
+        """For which motors a resonance matters, and what the lag of each adds; those that it matters for first."""
+        answers = []
+        for lag in LAGS:
+            added = f[f"added_{lag}ms"]
+            adds_nothing = added.reason.startswith(NO_ORDER)
+            answers.append(
+                Judgement(
+                    f"a motor lag of {lag} ms adds little to every order, over the largest torque",
+                    added,
+                    most=IMPORTANT,
+                    is_so=True if adds_nothing else None,
+                    yes=f"No resonance matters; a motor lag of {lag} ms adds",
+                    no=f"Mind the resonance: a motor lag of {lag} ms adds to an order, over the largest torque,",
+                    note=added.reason if adds_nothing else "",
+                )
+            )
+        first = (Verdict.NO, Verdict.OPEN, Verdict.YES)
+        answers.sort(key=lambda x: first.index(x.answer or Verdict.OPEN))
+        return [*answers, Judgement("the follower lifts off at", f["follower_limit"])]
+
+    def show(self, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
+        """Gains and torques of the orders, and a turn of the mechanism."""
+        machine, orders = r
+        nu = self.speeds[len(self.speeds) // 2]
+        turn, title = iron.turn(machine.drive, nu, 360), f"The mechanism at {nu:g} rad/s"
+        moving = motion.motion(title, turn, machine.drive, turn["time"][-1], 4.0)
+        return Show([gain(f, orders), *(torque(lag, f, orders) for lag in LAGS)], [moving])
 
 
 class Machine(NamedTuple):
@@ -113,32 +173,6 @@ class Machine(NamedTuple):
         mean = self.work / (2 * math.pi * self.i_g)
         fixed = dict(zip(FIXED_STARTS, (self.slope * self.i_g * nu + mean, T, mean, nu, 0.0)))
         return replace(self.drive, start={**self.drive.start, **fixed})
-
-
-def solve(o: Options, context: Context) -> Findings:
-    """Sweep three motors; where the lag adds most, again with coarser steps.
-
-    This replaces the single certified run, because the figures come from steady motions at many speeds of
-    several motors.
-    """
-    start = iron.MOTOR | {"iron.on_invalid": 1} | dict(o.start)
-    machine = measure(System(context.fmus, iron.WIRES, start))
-    run = partial(simulate, machine)
-    cases = [(lag / 1e3, nu, PER_REV) for lag in LAGS for nu in o.speeds]
-    swept = chain.from_iterable(context.each(run, cases, "sweep"))
-    orders = context.record_rows("iron_orders.csv", UNITS, swept)
-    worst = orders.frame.dropna().query("added > 0").sort_values("added").groupby("T").tail(1)
-    again = [(x["T"], x["nu"], PER_REV // n) for n in (2, 4) for _, x in worst.iterrows()]
-    repeated = chain.from_iterable(context.each(run, again, "coupling errors"))
-    which = set(zip(worst["T"], worst["order"]))
-    runs = [*worst.itertuples(index=False), *(x for x in repeated if (x[0], x[2]) in which)]
-    all_figures = figures(machine, orders.frame, Table.of_rows(runs, UNITS).frame)
-    w_n = {lag / 1e3: all_figures[f"w_n_{lag}ms"].value for lag in LAGS}
-    crossings = [(T, k, w / k) for T, w in w_n.items() for k in range(1, ORDERS + 1)]
-    units = {x: UNITS[x] for x in ("T", "order", "nu")}
-    tables = {"iron_orders.csv": orders, "iron_orders_meets.csv": Table.of_rows(crossings, units)}
-    system, steps = machine.system(*cases[0][:2]), f"{PER_REV} steps per revolution"
-    return Findings(all_figures, (machine, orders.frame), system, {}, steps, ALGORITHM, tables)
 
 
 def measure(drive: System) -> Machine:
@@ -271,37 +305,6 @@ def figure_of(runs: Any, order: float, by_rows: float, unit: str, meaning: str) 
     if reason := of_runs.sentence():
         return Figure.undetermined(unit, reason, meaning)
     return Figure(float(of_runs.value), unit, float(of_runs.error) + by_rows, meaning)
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: object) -> list[Judgement]:
-    """For which motors a resonance matters, and what the lag of each adds; those that it matters for first."""
-    answers = []
-    for lag in LAGS:
-        added = f[f"added_{lag}ms"]
-        adds_nothing = added.reason.startswith(NO_ORDER)
-        answers.append(
-            Judgement(
-                f"a motor lag of {lag} ms adds little to every order, over the largest torque",
-                added,
-                most=IMPORTANT,
-                is_so=True if adds_nothing else None,
-                yes=f"No resonance matters; a motor lag of {lag} ms adds",
-                no=f"Mind the resonance: a motor lag of {lag} ms adds to an order, over the largest torque,",
-                note=added.reason if adds_nothing else "",
-            )
-        )
-    first = (Verdict.NO, Verdict.OPEN, Verdict.YES)
-    answers.sort(key=lambda x: first.index(x.answer or Verdict.OPEN))
-    return [*answers, Judgement("the follower lifts off at", f["follower_limit"])]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
-    """Gains and torques of the orders, and a turn of the mechanism."""
-    machine, orders = r
-    nu = o.speeds[len(o.speeds) // 2]
-    turn, title = iron.turn(machine.drive, nu, 360), f"The mechanism at {nu:g} rad/s"
-    moving = motion.motion(title, turn, machine.drive, turn["time"][-1], 4.0)
-    return Show([gain(f, orders), *(torque(lag, f, orders) for lag in LAGS)], [moving])
 
 
 def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:

@@ -9,14 +9,14 @@ joint meet the simulated limits of three cups, and which dimension raises the li
 catcher, the direction of the spring.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple, Protocol
 
-import workbench
 from cosim import SetupError, System
 from cosim.system import connect
 from workbench import (
@@ -28,6 +28,7 @@ from workbench import (
     Judgement,
     Mark,
     Panel,
+    Question,
     Show,
     Table,
     option,
@@ -52,8 +53,6 @@ from ..products import (
 )
 
 Frame = Any
-PARTS = orientator.PARTS
-FIXED_STARTS = PRODUCT_STARTS
 TABLE = "orientation_time.csv"
 #: Slowest over fastest time of orientation from which on friction is said to change it; a convention.
 SPREAD = 1.1
@@ -68,9 +67,11 @@ SPEEDS = tuple(2.5 * k for k in range(43))
 SLOW_SPEEDS = tuple(5.0 * k for k in range(15))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
+class OrientationTime(Question):
     """The frictions and speeds of the series, and what else they are compared with."""
+
+    parts = orientator.PARTS
+    fixed_starts = PRODUCT_STARTS
 
     frictions: tuple[float, ...] = option(
         (), "friction on the wall, by default 0.2, 0.35 and 0.5, or as the comparison needs it", "1",
@@ -91,6 +92,79 @@ class Options(workbench.Options):
     )
     rim: float = option("0.5mm", "radius of the rim's edge, which is neglected", "m", least=0.0)
     length: float = option("100mm", "length of the spring at the stop", "m", above=0.0)
+
+    def solve(self, context: Context) -> Findings:
+        """Sweep, and halve the gaps between what works and what jams; compare.
+
+        This replaces the single certified run, because the answer follows hundreds of products, and the limits are
+        brackets of a search.
+
+        Raises
+        ------
+        cosim.SetupError
+            For options that the comparison cannot take.
+        """
+        frictions, speeds = chosen(self)
+        machine = orientator.system(context.fmus, 0.0, self.friction, self.start)
+        connect(machine)
+        run = partial(sweep, machine, speeds)
+        rows = chain.from_iterable(context.each(run, frictions, "frictions", probes=True))
+        table, steps = context.record_rows(TABLE, UNITS, rows), f"steps of {STEP} s"
+        series = {mu: ProductsUntilJam.of_frame(table.frame, mu) for mu in frictions}
+        all_figures, tables = figures(machine, table.frame, series), {TABLE: table}
+        comparison = compared(self, context, machine, frictions, speeds)
+        if comparison:
+            all_figures |= comparison.figures
+            tables = {**comparison.tables, **tables}
+        data = OrientationData(machine, series, comparison)
+        defaults = {"frictions": frictions, "speeds": [n * math.pi / 30 for n in speeds]}
+        return Findings(all_figures, data, machine, {}, steps, tables=tables, defaults=defaults)
+
+    def judgements(self, f: Mapping[str, Figure], r: OrientationData) -> list[Judgement]:
+        """How fast the rotor may turn, how long orienting takes, and from where on friction matters."""
+        if r.comparison:
+            return r.comparison.judgements()
+        what = "friction changes the orientation time by less than " + percent(SPREAD - 1.0)
+        return [
+            *(
+                Judgement(f"with friction {mu:g} the rotor may turn at up to", f[key("limit", mu)])
+                for mu in r.series
+            ),
+            *(
+                [Judgement("orienting a product takes at least", f["shortest_time"])]
+                if "shortest_time" in f
+                else []
+            ),
+            *(
+                [
+                    Judgement(
+                        f"{what} at the speeds of the sweep below", note=f"{f['fan'].value:.4g} rpm"
+                    )
+                ]
+                if "fan" in f
+                else []
+            ),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: OrientationData) -> Show:
+        """The curves, and for each limit the last product that is oriented beside the first that jams."""
+        curves, marks, motions = [], [], []
+        for (mu, series), color in zip(r.series.items(), SERIES * len(r.series)):
+            oriented, jam = series.oriented, series.jam
+            n, time = [p.n for p in oriented], [p.orientation_time for p in oriented]
+            if oriented:
+                curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
+            if jam is not None:
+                marks.append(Mark(n[-1], f"friction {mu:g} jams beyond {n[-1]:.2f} rpm"))
+            if jam is not None and not r.comparison:
+                motions.append(pair(r.machine, mu, n[-1], jam.n))
+        title = "The orientation time over the speed of the rotor"
+        panel = Panel("orientation time", "s", curves, includes=(0.0,))
+        chart = Chart(title, "rotor speed [rpm]", [panel], [] if r.comparison else marks)
+        charts = [chart] if curves else []
+        if r.comparison:
+            return Show([*r.comparison.charts(), *charts], r.comparison.motions())
+        return Show(charts, motions)
 
 
 class Comparison(Protocol):
@@ -122,35 +196,7 @@ class OrientationData(NamedTuple):
     comparison: Comparison | None
 
 
-def solve(o: Options, context: Context) -> Findings:
-    """Sweep, and halve the gaps between what works and what jams; compare.
-
-    This replaces the single certified run, because the answer follows hundreds of products, and the limits are
-    brackets of a search.
-
-    Raises
-    ------
-    cosim.SetupError
-        For options that the comparison cannot take.
-    """
-    frictions, speeds = chosen(o)
-    machine = orientator.system(context.fmus, 0.0, o.friction, o.start)
-    connect(machine)
-    run = partial(sweep, machine, speeds)
-    rows = chain.from_iterable(context.each(run, frictions, "frictions", probes=True))
-    table, steps = context.record_rows(TABLE, UNITS, rows), f"steps of {STEP} s"
-    series = {mu: ProductsUntilJam.of_frame(table.frame, mu) for mu in frictions}
-    all_figures, tables = figures(machine, table.frame, series), {TABLE: table}
-    comparison = compared(o, context, machine, frictions, speeds)
-    if comparison:
-        all_figures |= comparison.figures
-        tables = {**comparison.tables, **tables}
-    data = OrientationData(machine, series, comparison)
-    defaults = {"frictions": frictions, "speeds": [n * math.pi / 30 for n in speeds]}
-    return Findings(all_figures, data, machine, {}, steps, tables=tables, defaults=defaults)
-
-
-def chosen(o: Options) -> tuple[Sequence[float], Sequence[float]]:
+def chosen(o: OrientationTime) -> tuple[Sequence[float], Sequence[float]]:
     """Return the frictions and the speeds [rpm] of the sweep; raises SetupError for what cannot be compared."""
     if o.compare == NEGLECTED:
         check_fixed_starts(o.start, neglected.NEGLECTED_STARTS)
@@ -165,7 +211,7 @@ def chosen(o: Options) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def compared(
-    o: Options,
+    o: OrientationTime,
     context: Context,
     machine: System,
     frictions: Sequence[float],
@@ -233,54 +279,6 @@ def figures(
 def key(name: str, mu: float) -> str:
     """The name of a figure of a friction, "limit_mu_0_35"."""
     return f"{name}_mu_{mu:g}".replace(".", "_")
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: OrientationData) -> list[Judgement]:
-    """How fast the rotor may turn, how long orienting takes, and from where on friction matters."""
-    if r.comparison:
-        return r.comparison.judgements()
-    what = "friction changes the orientation time by less than " + percent(SPREAD - 1.0)
-    return [
-        *(
-            Judgement(f"with friction {mu:g} the rotor may turn at up to", f[key("limit", mu)])
-            for mu in r.series
-        ),
-        *(
-            [Judgement("orienting a product takes at least", f["shortest_time"])]
-            if "shortest_time" in f
-            else []
-        ),
-        *(
-            [
-                Judgement(
-                    f"{what} at the speeds of the sweep below", note=f"{f['fan'].value:.4g} rpm"
-                )
-            ]
-            if "fan" in f
-            else []
-        ),
-    ]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: OrientationData) -> Show:
-    """The curves, and for each limit the last product that is oriented beside the first that jams."""
-    curves, marks, motions = [], [], []
-    for (mu, series), color in zip(r.series.items(), SERIES * len(r.series)):
-        oriented, jam = series.oriented, series.jam
-        n, time = [p.n for p in oriented], [p.orientation_time for p in oriented]
-        if oriented:
-            curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
-        if jam is not None:
-            marks.append(Mark(n[-1], f"friction {mu:g} jams beyond {n[-1]:.2f} rpm"))
-        if jam is not None and not r.comparison:
-            motions.append(pair(r.machine, mu, n[-1], jam.n))
-    title = "The orientation time over the speed of the rotor"
-    panel = Panel("orientation time", "s", curves, includes=(0.0,))
-    chart = Chart(title, "rotor speed [rpm]", [panel], [] if r.comparison else marks)
-    charts = [chart] if curves else []
-    if r.comparison:
-        return Show([*r.comparison.charts(), *charts], r.comparison.motions())
-    return Show(charts, motions)
 
 
 def pair(machine: System, mu: float, works: float, jams: float) -> Motion:

@@ -3,8 +3,10 @@
 One cup is followed from the drop to the end, with its trajectory, angles and speeds.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from cosim.accuracy.judge import SOME_RUNS
-from workbench import Context, Figure, Judgement, Run, Show, option
+from workbench import Context, Figure, Judgement, Question, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import Samples, measured
@@ -21,8 +23,6 @@ from workbench.measure import Samples, measured
 from .. import machine as orientator
 from .. import motion
 
-PARTS = orientator.PARTS
-FIXED_STARTS = ("orientator.release",)
 STAGES = orientator.STAGES[: orientator.ORIENTED]
 IMPULSES = {
     "corner_impulse": ("S_y", "impulse of the landing on the catcher's corner, down", "falling"),
@@ -70,63 +70,153 @@ WALL_RECORD = (
 Data = tuple[Result, Figure]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(Run):
+#: Longest step for the reaction of the wall [s], the default.
+LONGEST_STEP = 1e-3
+
+
+class OrientatorCycle(Question, Run):
     """The rotor's speed, the friction of its wall, and how the run is made."""
+
+    parts = orientator.PARTS
+    fixed_starts = ("orientator.release",)
 
     speed: float = option("40rpm", "speed of the rotor", "rad/s", least=0.0)
     friction: float = option(0.35, "friction between cup and wall", "1", least=0.0)
     stop: float = option(orientator.LONGEST, "longest simulated time", "s", above=0.0)
     step: float = option("1ms", "finest of three communication steps", "s", above=0.0)
 
+    def system(self, fmus: Mapping[str, Path]) -> System:
+        """Return the orientator that turns at the speed of the options."""
+        return orientator.system(fmus, self.speed, self.friction, self.start)
 
-def system(o: Options, fmus: Mapping[str, Path]) -> System:
-    """Return the orientator that turns at the speed of the options."""
-    return orientator.system(fmus, o.speed, o.friction, o.start)
+    def more_runs(self, context: Context, system: System) -> Figure:
+        """Return the smallest reaction of the wall, from steps so short that each stage has the rows of a cubic.
 
+        They are no longer than the default. Everything else is told by the FMU itself, whatever the step.
+        """
+        step = min(self.step, LONGEST_STEP)
+        while True:
+            run = replace(self, step=step)
+            _, read = context.certify(
+                system, lambda r: {"wall_least": reaction(r)}, run, WALL_RECORD
+            )
+            figure = read["wall_least"]
+            if figure.reason not in (FEW_ROWS, SOME_RUNS) or self.stop / step > MOST_STEPS:
+                return figure
+            step /= 4.0
 
-def more_runs(o: Options, context: Context, system: System) -> Figure:
-    """Return the smallest reaction of the wall, from steps so short that each stage has the rows of a cubic.
+    def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
+        """Return the smallest reaction of the wall."""
+        return {"wall_least": r[1]}
 
-    They are no longer than the default. Everything else is told by the FMU itself, whatever the step.
-    """
-    step = min(o.step, Options().step)
-    while True:
-        run = replace(o, step=step)
-        _, read = context.certify(system, lambda r: {"wall_least": reaction(r)}, run, WALL_RECORD)
-        figure = read["wall_least"]
-        if figure.reason not in (FEW_ROWS, SOME_RUNS) or o.stop / step > MOST_STEPS:
-            return figure
-        step /= 4.0
+    def figures(self, r: Result) -> dict[str, Figure]:
+        """End, durations as far as they were reached, and impulses; the FMU tells them at the end."""
 
+        def last(name: str, meaning: str, *, reached: bool = True) -> Figure:
+            value, unit = float(r[f"orientator.{name}"][-1]), r.units[f"orientator.{name}"]
+            stage_text = Figure(value, unit, 0.0, meaning)
+            return stage_text if reached else Figure.undetermined(unit, ending(r), meaning)
 
-def more_figures(o: Options, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
-    """Return the smallest reaction of the wall."""
-    return {"wall_least": r[1]}
+        oriented = r["orientator.stage"][-1] == orientator.ORIENTED
+        all_figures = {
+            "oriented": Figure(float(oriented), "1", 0.0, "1 if the product is oriented"),
+            "orientation_time": last("orientation_time", "time from drop to end", reached=oriented),
+        }
+        for x in STAGES:
+            reached = r[f"orientator.t_{x}"][-1] > 0.0
+            all_figures[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached=reached)
+        for name, (column, meaning, landing) in IMPULSES.items():
+            figure, landed = last(column, meaning), r[f"orientator.t_{landing}"][-1] > 0.0
+            landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
+            why = f"it does not come to that: {ending(r)}"
+            all_figures[name] = figure if landed else Figure.undetermined(figure.unit, why, meaning)
+        return all_figures
 
+    def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
+        """What becomes of the product, how long each stage takes, and whether its wall only pushes."""
+        oriented = bool(f["oriented"].value)
+        return [
+            Judgement(
+                "the product is oriented",
+                f["orientation_time"],
+                is_so=oriented,
+                yes="The product is oriented",
+                no="The product is not oriented",
+                note=f"after {f['orientation_time'].brief()}" if oriented else ending(r[0]),
+            ),
+            Judgement(
+                "the wall only pushes; a real cup leaves one that would have to pull",
+                f["wall_least"],
+                least=0.0,
+            ),
+            *(
+                Judgement(f"duration of the stage {x}", f[f"t_{x}"])
+                for x in STAGES
+                if f[f"t_{x}"].error is not None
+            ),
+        ]
 
-def figures(o: Options, r: Result) -> dict[str, Figure]:
-    """End, durations as far as they were reached, and impulses; the FMU tells them at the end."""
+    def show(self, f: Mapping[str, Figure], r: Data) -> Show:
+        """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
+        until_end = orientator.shortened(r[0])
+        stages, last = orientator.stages(until_end), float(until_end["time"][-1])
+        spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
+        chart = drawn(CHART, until_end)._replace(spans=spans)
+        moving = motion.motion("One product", {"": until_end}, last, stages)
+        return Show([chart], [moving])
 
-    def last(name: str, meaning: str, *, reached: bool = True) -> Figure:
-        value, unit = float(r[f"orientator.{name}"][-1]), r.units[f"orientator.{name}"]
-        stage_text = Figure(value, unit, 0.0, meaning)
-        return stage_text if reached else Figure.undetermined(unit, ending(r), meaning)
-
-    oriented = r["orientator.stage"][-1] == orientator.ORIENTED
-    all_figures = {
-        "oriented": Figure(float(oriented), "1", 0.0, "1 if the product is oriented"),
-        "orientation_time": last("orientation_time", "time from drop to end", reached=oriented),
-    }
-    for x in STAGES:
-        reached = r[f"orientator.t_{x}"][-1] > 0.0
-        all_figures[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached=reached)
-    for name, (column, meaning, landing) in IMPULSES.items():
-        figure, landed = last(column, meaning), r[f"orientator.t_{landing}"][-1] > 0.0
-        landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
-        why = f"it does not come to that: {ending(r)}"
-        all_figures[name] = figure if landed else Figure.undetermined(figure.unit, why, meaning)
-    return all_figures
+    def live(self, f: Mapping[str, Figure], r: Data) -> Live:
+        """One product, up to its end."""
+        last = float(orientator.ORIENTED)
+        ended = "figures.stage == " + repr(last)
+        return Live(
+            sliders=(
+                Slider("speed", 0.5, 12.0),
+                Slider("friction", 0.0, 1.0),
+                Slider("orientator.spring.c", 4.0, 40.0),
+                Slider("orientator.chute.H", 0.01, 0.1),
+            ),
+            start={"orientator.w": "speed", "orientator.chute.mu": "friction"},
+            until="figures.end",
+            numbers=[
+                Number(
+                    "end",
+                    Reader("first_crossing", "orientator.stage", level=last - 0.5),
+                    "s",
+                    "time of the end",
+                    is_visible=False,
+                ),
+                Number(
+                    "stage",
+                    Reader("last", "orientator.stage"),
+                    "1",
+                    "stage at the end",
+                    is_visible=False,
+                ),
+                Number("oriented", ended),
+                Number(
+                    "orientation_time",
+                    Reader("last", "orientator.orientation_time"),
+                    when=ended,
+                    otherwise="not oriented",
+                ),
+                *(
+                    Number(
+                        f"t_{x}",
+                        Reader("last", f"orientator.t_{x}"),
+                        when=f"figures.t_{x} > 0",
+                        otherwise="not reached",
+                    )
+                    for x in STAGES
+                ),
+                *(
+                    Number(name, Reader("last", f"orientator.{column}"))
+                    for name, (column, _, _) in IMPULSES.items()
+                ),
+            ],
+            charts=[CHART],
+            motion=motion.live_motion("One product", r[0], 20.0),
+        )
 
 
 def reaction(r: Result) -> Figure:
@@ -168,95 +258,3 @@ def ending(r: Result) -> str:
         return f"the product jams: {orientator.REASONS[reason]}"
     still = "" if stage == orientator.ORIENTED else "still in the stage "
     return f"the product is {still}{orientator.STAGES[stage]}"
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
-    """What becomes of the product, how long each stage takes, and whether its wall only pushes."""
-    oriented = bool(f["oriented"].value)
-    return [
-        Judgement(
-            "the product is oriented",
-            f["orientation_time"],
-            is_so=oriented,
-            yes="The product is oriented",
-            no="The product is not oriented",
-            note=f"after {f['orientation_time'].brief()}" if oriented else ending(r[0]),
-        ),
-        Judgement(
-            "the wall only pushes; a real cup leaves one that would have to pull",
-            f["wall_least"],
-            least=0.0,
-        ),
-        *(
-            Judgement(f"duration of the stage {x}", f[f"t_{x}"])
-            for x in STAGES
-            if f[f"t_{x}"].error is not None
-        ),
-    ]
-
-
-def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
-    """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
-    until_end = orientator.shortened(r[0])
-    stages, last = orientator.stages(until_end), float(until_end["time"][-1])
-    spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
-    chart = drawn(CHART, until_end)._replace(spans=spans)
-    moving = motion.motion("One product", {"": until_end}, last, stages)
-    return Show([chart], [moving])
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: Data) -> Live:
-    """One product, up to its end."""
-    last = float(orientator.ORIENTED)
-    ended = "figures.stage == " + repr(last)
-    return Live(
-        sliders=(
-            Slider("speed", 0.5, 12.0),
-            Slider("friction", 0.0, 1.0),
-            Slider("orientator.spring.c", 4.0, 40.0),
-            Slider("orientator.chute.H", 0.01, 0.1),
-        ),
-        start={"orientator.w": "speed", "orientator.chute.mu": "friction"},
-        until="figures.end",
-        numbers=[
-            Number(
-                "end",
-                Reader("first_crossing", "orientator.stage", level=last - 0.5),
-                "s",
-                "time of the end",
-                is_visible=False,
-            ),
-            Number(
-                "stage",
-                Reader("last", "orientator.stage"),
-                "1",
-                "stage at the end",
-                is_visible=False,
-            ),
-            Number("oriented", ended),
-            Number(
-                "orientation_time",
-                Reader("last", "orientator.orientation_time"),
-                when=ended,
-                otherwise="not oriented",
-            ),
-            *(
-                Number(
-                    f"t_{x}",
-                    Reader("last", f"orientator.t_{x}"),
-                    when=f"figures.t_{x} > 0",
-                    otherwise="not reached",
-                )
-                for x in STAGES
-            ),
-            *(
-                Number(name, Reader("last", f"orientator.{column}"))
-                for name, (column, _, _) in IMPULSES.items()
-            ),
-        ],
-        charts=[CHART],
-        motion=motion.live_motion("One product", r[0], 20.0),
-    )
-
-
-LIVE = live_part

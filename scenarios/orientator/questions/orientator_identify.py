@@ -5,9 +5,11 @@ several speeds of the rotor. Friction is proportional to the squared speed: fast
 slow ones show the height of the fall. Stage times that no friction explains are refused.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +18,18 @@ import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
 from cosim.units import multiples
-from workbench import Chart, Context, Curve, Figure, Findings, Judgement, Panel, Show, fitting
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Panel,
+    Question,
+    Show,
+    fitting,
+)
 from workbench.charts.model import SERIES
 from workbench.fitting import RecordOptions
 from workbench.measure import Samples
@@ -25,11 +38,8 @@ from .. import machine as orientator
 from .. import motion
 from ..products import run_product, simulated_limit
 
-PARTS = orientator.PARTS
-ERROR_SCOPE = fitting.ERROR_SCOPE
 SPEED, DROP, FRICTION = "orientator.w", "orientator.release", "orientator.chute.mu"
 TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
-FIXED_STARTS = (SPEED, DROP, FRICTION)
 EXACT = ("orientator.chute.H", "orientator.chute.R", "orientator.cup.m")
 #: Time between two products [s], longer than the longest product.
 PERIOD = 1.6
@@ -43,9 +53,103 @@ FRICTIONS = np.linspace(0.0, 1.0, 21)
 NEXT = (0.5, 0.8, 0.9, 0.95)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(RecordOptions):
+class OrientatorIdentify(Question, RecordOptions):
     """The record to fit; the question asks nothing else."""
+
+    parts = orientator.PARTS
+    fixed_starts = (SPEED, DROP, FRICTION)
+    error_scope = fitting.ERROR_SCOPE
+
+    def solve(self, context: Context) -> Findings:
+        """Fit, and ask the machine that fits.
+
+        This replaces the single certified run, because the answer comes from a fit to a record and from many
+        machines that fit it.
+        """
+        record = self.columns(SPEED, timed=False)
+        w = record.pop(SPEED)
+        scale = multiples("rad/s").get(w.unit or "rad/s")
+        if scale is None or not np.isfinite(w.values).all():
+            raise SetupError(
+                f"{w.source}: each product needs a speed of the rotor, in {' or '.join(multiples('rad/s'))}"
+            )
+        if not record:
+            raise SetupError(
+                f"{self.data}: no stage time is mapped: --map orientator.t_turning=COLUMN:ms, or another of "
+                f"{', '.join(TIMES)}"
+            )
+        speeds = [scale * x for x in w.values]
+        data = {name: dropped(name, table) for name, table in record.items()}
+        system = System(context.fmus, start={**self.start}, inputs=products(speeds))
+        with_noise = [fitting.noise(system, text)[0] for text in self.noise]
+        for name, table in data.items():
+            if name not in with_noise:
+                raise SetupError(
+                    f"{table.source}: give the noise of its times, as in --noise {name}=1ms"
+                )
+        nearest_system = guess(system, data)
+        fit = self.identify(nearest_system, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
+        mine = {name: x for name, x in fit.start_values.items() if "(" not in name}
+        machine = replace(fit.problem.system, start={**fit.problem.system.start, **mine}, inputs={})
+        rpm = [30 / math.pi * x for x in speeds]
+        limit = (
+            Figure.undetermined("rpm", "no friction fits the record")
+            if fit.misfit
+            else top(fit, machine)
+        )
+        tried = [round(share * limit.value) for share in NEXT if limit.error is not None]
+        product_data = IdentifiedOrientator(
+            fit, machine, rpm, () if fit.misfit else advice(fit, tried, len(speeds))
+        )
+        return Findings(
+            figures(product_data, limit),
+            product_data,
+            fit.problem.system,
+            fit.result.provenance,
+            tables=fitting.tables(fit, product_data.advice, "orientator_identify", "1"),
+            facts={"products": len(rpm), "tried": tried}
+            | fitting.facts(fit, product_data.advice, EXACT),
+        )
+
+    def judgements(self, f: Mapping[str, Figure], r: IdentifiedOrientator) -> list[Judgement]:
+        """The friction, the largest rotor speed, and what to record next."""
+        if r.fit.misfit:
+            return fitting.misfit("a friction explains these stage times", misfits(r))
+        mu, fast = f[fitting.figure_name(FRICTION)], max(r.speeds)
+        return [
+            Judgement(
+                "the fastest product of the record is below the largest rotor speed",
+                Figure(fast, "rpm", 0.0),
+                most=f["limit"],
+                yes=f"The rotor may turn at up to {f['limit'].brief()}; the fastest product of the record has",
+                no=f"The rotor may turn at up to {f['limit'].brief()} only; the fastest product of the record has",
+            ),
+            Judgement("friction between cup and wall", mu),
+            fitting.next_record(r.advice, mu.error or math.inf, "the friction", ""),
+        ]
+
+    def show(self, f: Mapping[str, Figure], r: IdentifiedOrientator) -> Show:
+        """Stage times over the speed, measured and fitted; what is between them; the fastest product."""
+        panels = []
+        for (name, residual), color in zip(r.fit.residuals.items(), SERIES * len(r.fit.residuals)):
+            rows = np.round(residual.times / PERIOD).astype(int) - 1
+            n = np.array(r.speeds)[rows]
+            order = np.argsort(n)
+            ms: list[Samples] = [1e3 * x[order] for x in (residual.measured, residual.fitted)]
+            what = name.removeprefix("orientator.").removeprefix("t_").replace("_", " ")
+            wide = [2e3 * residual.sigma] * len(n)
+            curves = [
+                Curve("measured", n[order], ms[0], "grey", "points", wide),
+                Curve("fitted", n[order], ms[1], color, "linked"),
+            ]
+            panels.append(Panel(what, "ms", curves))
+        title = "Stage times, measured with twice their noise, and fitted"
+        chart = Chart(title, "rotor speed [rpm]", panels)
+        n = max(r.speeds)
+        with cosim.quiet():
+            run = run_product(r.machine, r.fit.start_values[FRICTION], n, 1e-3)
+        last = float(orientator.shortened(run)["time"][-1])
+        return Show([chart], [motion.motion(f"The fitted machine at {n:.4g} rpm", {"": run}, last)])
 
 
 class IdentifiedOrientator(NamedTuple):
@@ -57,58 +161,6 @@ class IdentifiedOrientator(NamedTuple):
     machine: System
     speeds: Sequence[float]
     advice: Sequence[Advice]
-
-
-def solve(o: Options, context: Context) -> Findings:
-    """Fit, and ask the machine that fits.
-
-    This replaces the single certified run, because the answer comes from a fit to a record and from many
-    machines that fit it.
-    """
-    record = o.columns(SPEED, timed=False)
-    w = record.pop(SPEED)
-    scale = multiples("rad/s").get(w.unit or "rad/s")
-    if scale is None or not np.isfinite(w.values).all():
-        raise SetupError(
-            f"{w.source}: each product needs a speed of the rotor, in {' or '.join(multiples('rad/s'))}"
-        )
-    if not record:
-        raise SetupError(
-            f"{o.data}: no stage time is mapped: --map orientator.t_turning=COLUMN:ms, or another of "
-            f"{', '.join(TIMES)}"
-        )
-    speeds = [scale * x for x in w.values]
-    data = {name: dropped(name, table) for name, table in record.items()}
-    system = System(context.fmus, start={**o.start}, inputs=products(speeds))
-    with_noise = [fitting.noise(system, text)[0] for text in o.noise]
-    for name, table in data.items():
-        if name not in with_noise:
-            raise SetupError(
-                f"{table.source}: give the noise of its times, as in --noise {name}=1ms"
-            )
-    nearest_system = guess(system, data)
-    fit = o.identify(nearest_system, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
-    mine = {name: x for name, x in fit.start_values.items() if "(" not in name}
-    machine = replace(fit.problem.system, start={**fit.problem.system.start, **mine}, inputs={})
-    rpm = [30 / math.pi * x for x in speeds]
-    limit = (
-        Figure.undetermined("rpm", "no friction fits the record")
-        if fit.misfit
-        else top(fit, machine)
-    )
-    tried = [round(share * limit.value) for share in NEXT if limit.error is not None]
-    product_data = IdentifiedOrientator(
-        fit, machine, rpm, () if fit.misfit else advice(fit, tried, len(speeds))
-    )
-    return Findings(
-        figures(product_data, limit),
-        product_data,
-        fit.problem.system,
-        fit.result.provenance,
-        tables=fitting.tables(fit, product_data.advice, "orientator_identify", "1"),
-        facts={"products": len(rpm), "tried": tried}
-        | fitting.facts(fit, product_data.advice, EXACT),
-    )
 
 
 def products(speeds: Sequence[float]) -> dict[str, Measured]:
@@ -190,24 +242,6 @@ def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
     return cosim.advise(fit, experiments, lambda v: v[FRICTION])
 
 
-def judgements(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> list[Judgement]:
-    """The friction, the largest rotor speed, and what to record next."""
-    if r.fit.misfit:
-        return fitting.misfit("a friction explains these stage times", misfits(r))
-    mu, fast = f[fitting.figure_name(FRICTION)], max(r.speeds)
-    return [
-        Judgement(
-            "the fastest product of the record is below the largest rotor speed",
-            Figure(fast, "rpm", 0.0),
-            most=f["limit"],
-            yes=f"The rotor may turn at up to {f['limit'].brief()}; the fastest product of the record has",
-            no=f"The rotor may turn at up to {f['limit'].brief()} only; the fastest product of the record has",
-        ),
-        Judgement("friction between cup and wall", mu),
-        fitting.next_record(r.advice, mu.error or math.inf, "the friction", ""),
-    ]
-
-
 def misfits(r: IdentifiedOrientator) -> list[str]:
     """Why no friction fits, by stages and products."""
     fit, sentences = r.fit, []
@@ -226,27 +260,3 @@ def misfits(r: IdentifiedOrientator) -> list[str]:
             f"most by {deviation[k]:+.1f} times, at {r.speeds[row]:.4g} rpm, row {row + 2}."
         )
     return sentences
-
-
-def show(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> Show:
-    """Stage times over the speed, measured and fitted; what is between them; the fastest product."""
-    panels = []
-    for (name, residual), color in zip(r.fit.residuals.items(), SERIES * len(r.fit.residuals)):
-        rows = np.round(residual.times / PERIOD).astype(int) - 1
-        n = np.array(r.speeds)[rows]
-        order = np.argsort(n)
-        ms: list[Samples] = [1e3 * x[order] for x in (residual.measured, residual.fitted)]
-        what = name.removeprefix("orientator.").removeprefix("t_").replace("_", " ")
-        wide = [2e3 * residual.sigma] * len(n)
-        curves = [
-            Curve("measured", n[order], ms[0], "grey", "points", wide),
-            Curve("fitted", n[order], ms[1], color, "linked"),
-        ]
-        panels.append(Panel(what, "ms", curves))
-    title = "Stage times, measured with twice their noise, and fitted"
-    chart = Chart(title, "rotor speed [rpm]", panels)
-    n = max(r.speeds)
-    with cosim.quiet():
-        run = run_product(r.machine, r.fit.start_values[FRICTION], n, 1e-3)
-    last = float(orientator.shortened(run)["time"][-1])
-    return Show([chart], [motion.motion(f"The fitted machine at {n:.4g} rpm", {"": run}, last)])

@@ -5,8 +5,9 @@ releases a product at the start of each top dwell. A conveyor with its own motor
 The model of the orientator takes no power from the shaft, so the supply gives that of two motors.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,19 @@ import numpy as np
 
 import cosim
 from cosim import Result, System
-from workbench import Chart, Context, Figure, Judgement, Mark, Panel, Run, Show, Table, option
+from workbench import (
+    Chart,
+    Context,
+    Figure,
+    Judgement,
+    Mark,
+    Panel,
+    Question,
+    Run,
+    Show,
+    Table,
+    option,
+)
 from workbench.charts.model import LIFT, Lanes, Span
 from workbench.live import REVOLUTION, Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.measure import with_rows
@@ -27,14 +40,15 @@ from .. import line, motion
 from ..line import I_G, POWERS, WIRES, supplied
 from ..power import HIGHEST, MEASURED, UNITS, cycle_figures, drives, meet, nearest, releases, ripple
 
-PARTS, RECORD = line.PARTS, line.RECORD
 #: Time before and after a cycle that a chart shows, over the cycle; a convention.
 AROUND = 0.05
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options(Run):
+class PackingLine(Question, Run):
     """The speeds of rotor, cam and crank on one line, and how the run is made."""
+
+    parts = line.PARTS
+    record = line.RECORD
 
     gear: float = option(1.25, "speed of the rotor over speed of the cam", "1", above=0.0)
     iron_speed: float = option(iron.NOMINAL, "no-load speed of the cam", "rad/s", above=0.0)
@@ -43,92 +57,168 @@ class Options(Run):
     stop: float = option(5.5, "simulated time", "s", above=0.0)
     step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
+    def system(self, fmus: Mapping[str, Path]) -> System:
+        """The line, its motors set for their speeds; all start values are parameters, because some hosts
+        set no other ones.
+        """
+        slope = self.start.get("iron_motor.B", iron.MOTOR["motor.B"])
+        ratio = self.start.get("iron.reducer.i_g", I_G)
+        values: Start = {
+            "iron_motor.A": float(slope) * float(ratio) * self.iron_speed,
+            "iron_motor.B": slope,
+            "iron_motor.T": iron.MOTOR["motor.T"],
+            "iron.reducer.i_g": ratio,
+        }
+        order_power = {
+            name.replace("conveyor_motor.", "motor."): value for name, value in self.start.items()
+        }
+        for name, value in SETS[self.set].follow(order_power).start(self.speed).items():
+            if name not in ("motor.tau", "conveyor.phi", "conveyor.w"):
+                values[name.replace("motor.", "conveyor_motor.")] = value
+        wires = [*WIRES, f"iron.w_cam * {self.gear!r} -> orientator.w"]
+        return System(fmus, wires, {**values, **self.start})
 
-def system(o: Options, fmus: Mapping[str, Path]) -> System:
-    """The line, its motors set for their speeds; all start values are parameters, because some hosts
-    set no other ones.
-    """
-    slope = o.start.get("iron_motor.B", iron.MOTOR["motor.B"])
-    ratio = o.start.get("iron.reducer.i_g", I_G)
-    values: Start = {
-        "iron_motor.A": float(slope) * float(ratio) * o.iron_speed,
-        "iron_motor.B": slope,
-        "iron_motor.T": iron.MOTOR["motor.T"],
-        "iron.reducer.i_g": ratio,
-    }
-    order_power = {
-        name.replace("conveyor_motor.", "motor."): value for name, value in o.start.items()
-    }
-    for name, value in SETS[o.set].follow(order_power).start(o.speed).items():
-        if name not in ("motor.tau", "conveyor.phi", "conveyor.w"):
-            values[name.replace("motor.", "conveyor_motor.")] = value
-    wires = [*WIRES, f"iron.w_cam * {o.gear!r} -> orientator.w"]
-    return System(fmus, wires, {**values, **o.start})
+    def process(self, r: Result) -> Result:
+        """Return the run with the power of the supply."""
+        return supplied(r)
 
+    def figures(self, r: Result) -> dict[str, Figure]:
+        """Return counts of products, and pace and powers of the last cycles."""
+        return cycle_figures(r)
 
-def process(o: Options, r: Result) -> Result:
-    """Return the run with the power of the supply."""
-    return supplied(r)
+    def more_runs(self, context: Context, system: System) -> System:
+        """Return the line, which the drawing needs."""
+        return system
 
+    def tables(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> dict[str, Table]:
+        """Return the orders of both drives."""
+        return {"packing_line_orders.csv": Table.of_rows(ripple(drives(r[0])), UNITS)}
 
-def figures(o: Options, r: Result) -> dict[str, Figure]:
-    """Return counts of products, and pace and powers of the last cycles."""
-    return cycle_figures(r)
+    def files(self, r: tuple[Result, System]) -> dict[str, partial[None]]:
+        """Write the line as an SSP."""
+        return {"line.ssp": partial(cosim.write_ssp, r[1], stop=self.stop)}
 
+    def judgements(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> list[Judgement]:
+        """Whether the line keeps pace, what a jam costs, and what the supply gives."""
+        keeps, why = f["oriented"].value >= f["released"].value, f["orientation"].reason
+        (cam, crank), distance = nearest(ripple(drives(r[0]))), f["gap"]
+        return [
+            Judgement(
+                "the line keeps pace: products oriented of those released",
+                f["oriented"],
+                least=f["released"],
+                yes="The line keeps pace, products oriented",
+                no="The line does not keep pace, products oriented",
+                note="" if keeps else why,
+            ),
+            *(
+                [
+                    Judgement("orienting a product takes", f["orientation"]),
+                    Judgement("spare time of a cycle", f["spare"]),
+                ]
+                if keeps
+                else [Judgement("products lost by jams", f["lost"])]
+            ),
+            Judgement("products per minute", f["products"]),
+            Judgement("work from the supply per cycle, with or without a product", f["work"]),
+            Judgement(
+                "mean power of the supply",
+                f["mean_supply"],
+                note=f"with a ripple of {f['rms_supply'].brief()} rms",
+            ),
+            *(
+                [
+                    Judgement(
+                        f"cam order {cam.order} and crank order {crank.order} are apart by",
+                        distance,
+                    )
+                ]
+                if meet(cam, crank)
+                else []
+            ),
+        ]
 
-def more_runs(o: Options, context: Context, system: System) -> System:
-    """Return the line, which the drawing needs."""
-    return system
+    def show(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
+        """The last whole cycle from release to release: cam, orientator, powers; and in motion."""
+        window, line = r
+        first, last = releases(window)[-2:]
+        data = window.data.copy()
+        data[:, 0] -= data[first, 0]
+        result = with_rows(window, data)
+        t, bars = result["time"], lanes(result, first, last)
+        period = float(t[last])
+        in_window = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
+        cycle = drawn(RunChart("", "", [LIFTS, *POWER_PANELS]), with_rows(result, data[in_window]))
+        lift, *powers = cycle.panels
+        pace = bars.pop("pace")
+        panels: list[Panel | Lanes] = [lift, Lanes(bars)]
+        for name, power in zip(COLUMNS, powers):
+            assert isinstance(power, Panel)
+            panels.append(power._replace(levels=[Mark.of("mean", f[f"mean_{name}"])]))
+        quantities = ", ".join(bar.text for bar in pace)
+        title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {quantities}"
+        marks = [Mark(0.0, "release"), Mark(period, "next release")]
+        dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] == 0.0)[0]
+        spans = [Span(0.0, float(t[dwell]), "top dwell", "green")]
+        chart = Chart(title, "time since the release [s]", panels, marks, spans)
+        return Show([chart], [motion.motion(result, line, first, last)])
 
-
-def tables(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> dict[str, Table]:
-    """Return the orders of both drives."""
-    return {"packing_line_orders.csv": Table.of_rows(ripple(drives(r[0])), UNITS)}
-
-
-def files(o: Options, r: tuple[Result, System]) -> dict[str, partial[None]]:
-    """Write the line as an SSP."""
-    return {"line.ssp": partial(cosim.write_ssp, r[1], stop=o.stop)}
-
-
-def judgements(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> list[Judgement]:
-    """Whether the line keeps pace, what a jam costs, and what the supply gives."""
-    keeps, why = f["oriented"].value >= f["released"].value, f["orientation"].reason
-    (cam, crank), distance = nearest(ripple(drives(r[0]))), f["gap"]
-    return [
-        Judgement(
-            "the line keeps pace: products oriented of those released",
-            f["oriented"],
-            least=f["released"],
-            yes="The line keeps pace, products oriented",
-            no="The line does not keep pace, products oriented",
-            note="" if keeps else why,
-        ),
-        *(
-            [
-                Judgement("orienting a product takes", f["orientation"]),
-                Judgement("spare time of a cycle", f["spare"]),
-            ]
-            if keeps
-            else [Judgement("products lost by jams", f["lost"])]
-        ),
-        Judgement("products per minute", f["products"]),
-        Judgement("work from the supply per cycle, with or without a product", f["work"]),
-        Judgement(
-            "mean power of the supply",
-            f["mean_supply"],
-            note=f"with a ripple of {f['rms_supply'].brief()} rms",
-        ),
-        *(
-            [
-                Judgement(
-                    f"cam order {cam.order} and crank order {crank.order} are apart by", distance
-                )
-            ]
-            if meet(cam, crank)
-            else []
-        ),
-    ]
+    def live(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+        """The line over all of its time; its motors follow their speeds as `system` sets them."""
+        cycle = "2 * pi / iron_speed"
+        measured_from = f"stop - {MEASURED} * {cycle}"
+        panels = [LIFTS, PRODUCTS, *POWER_PANELS]
+        crank = "conveyor.crank.r**2 / 2"
+        return Live(
+            sliders=(
+                Slider("gear", 0.5, 3.0),
+                Slider("iron_speed", 4.0, 8.0),
+                Slider("iron.iron.m", 1.0, 10.0),
+                Slider("orientator.chute.mu", 0.0, 1.0),
+                Slider("speed", 30.0, 80.0),
+            ),
+            start={
+                "iron_motor.A": "iron_motor.B * iron.reducer.i_g * iron_speed",
+                "conveyor_motor.A": f"(conveyor_motor.B + conveyor.trough.d * {crank}) * speed",
+            },
+            factors={"orientator.w": "gear"},
+            numbers=[
+                Number(
+                    "products_oriented",
+                    Reader("last", "orientator.oriented"),
+                    "1",
+                    "products oriented in all",
+                ),
+                Number(
+                    "products_jammed",
+                    Reader("last", "orientator.jammed"),
+                    "1",
+                    "products jammed in all",
+                ),
+                Number(
+                    "orientation",
+                    Reader("last", "orientator.orientation_time"),
+                    when="figures.products_jammed == 0",
+                    otherwise="the orientator jams",
+                ),
+                Number("cycle", Reader("change", "time", REVOLUTION, angle="iron.phi")),
+                Number("cam", "2 * pi / figures.cycle"),
+                *(
+                    Number(
+                        f"mean_{name}",
+                        Reader("mean", POWERS[name][0], REVOLUTION, angle=f"{name}.phi"),
+                    )
+                    for name in HIGHEST
+                ),
+                Number("mean_supply", "figures.mean_iron + figures.mean_conveyor"),
+                *(
+                    Number(f"most_{name}", Reader("max", POWERS[name][0], measured_from))
+                    for name in HIGHEST
+                ),
+            ],
+            charts=[RunChart("The last whole cycles", "time [s]", panels, window=measured_from)],
+            motion=motion.live_motion(*r, f"stop - {cycle}"),
+        )
 
 
 LIFTS = RunPanel("lift of the iron", {"iron.lift": ("iron", LIFT)}, "mm")
@@ -151,32 +241,6 @@ POWER_PANELS = [
 ]
 
 
-def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
-    """The last whole cycle from release to release: cam, orientator, powers; and in motion."""
-    window, line = r
-    first, last = releases(window)[-2:]
-    data = window.data.copy()
-    data[:, 0] -= data[first, 0]
-    result = with_rows(window, data)
-    t, bars = result["time"], lanes(result, first, last)
-    period = float(t[last])
-    in_window = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
-    cycle = drawn(RunChart("", "", [LIFTS, *POWER_PANELS]), with_rows(result, data[in_window]))
-    lift, *powers = cycle.panels
-    pace = bars.pop("pace")
-    panels: list[Panel | Lanes] = [lift, Lanes(bars)]
-    for name, power in zip(COLUMNS, powers):
-        assert isinstance(power, Panel)
-        panels.append(power._replace(levels=[Mark.of("mean", f[f"mean_{name}"])]))
-    quantities = ", ".join(bar.text for bar in pace)
-    title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {quantities}"
-    marks = [Mark(0.0, "release"), Mark(period, "next release")]
-    dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] == 0.0)[0]
-    spans = [Span(0.0, float(t[dwell]), "top dwell", "green")]
-    chart = Chart(title, "time since the release [s]", panels, marks, spans)
-    return Show([chart], [motion.motion(result, line, first, last)])
-
-
 def lanes(r: Result, first: int, last: int) -> dict[str, list[Span]]:
     """The stages of the product from a release to the next, and how long it all took."""
     bars = orientator.stages(r, first + 1, last)
@@ -188,63 +252,3 @@ def lanes(r: Result, first: int, last: int) -> dict[str, list[Span]]:
     pace = [Span(0.0, end, f"{over} after {end:.3f} s", "blue")] if end > 0.0 else []
     pace.append(Span(end, period, rest, "green" if works else "red"))
     return {"orientator": bars, "pace": pace}
-
-
-def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
-    """The line over all of its time; its motors follow their speeds as `system` sets them."""
-    cycle = "2 * pi / iron_speed"
-    measured_from = f"stop - {MEASURED} * {cycle}"
-    panels = [LIFTS, PRODUCTS, *POWER_PANELS]
-    crank = "conveyor.crank.r**2 / 2"
-    return Live(
-        sliders=(
-            Slider("gear", 0.5, 3.0),
-            Slider("iron_speed", 4.0, 8.0),
-            Slider("iron.iron.m", 1.0, 10.0),
-            Slider("orientator.chute.mu", 0.0, 1.0),
-            Slider("speed", 30.0, 80.0),
-        ),
-        start={
-            "iron_motor.A": "iron_motor.B * iron.reducer.i_g * iron_speed",
-            "conveyor_motor.A": f"(conveyor_motor.B + conveyor.trough.d * {crank}) * speed",
-        },
-        factors={"orientator.w": "gear"},
-        numbers=[
-            Number(
-                "products_oriented",
-                Reader("last", "orientator.oriented"),
-                "1",
-                "products oriented in all",
-            ),
-            Number(
-                "products_jammed",
-                Reader("last", "orientator.jammed"),
-                "1",
-                "products jammed in all",
-            ),
-            Number(
-                "orientation",
-                Reader("last", "orientator.orientation_time"),
-                when="figures.products_jammed == 0",
-                otherwise="the orientator jams",
-            ),
-            Number("cycle", Reader("change", "time", REVOLUTION, angle="iron.phi")),
-            Number("cam", "2 * pi / figures.cycle"),
-            *(
-                Number(
-                    f"mean_{name}", Reader("mean", POWERS[name][0], REVOLUTION, angle=f"{name}.phi")
-                )
-                for name in HIGHEST
-            ),
-            Number("mean_supply", "figures.mean_iron + figures.mean_conveyor"),
-            *(
-                Number(f"most_{name}", Reader("max", POWERS[name][0], measured_from))
-                for name in HIGHEST
-            ),
-        ],
-        charts=[RunChart("The last whole cycles", "time [s]", panels, window=measured_from)],
-        motion=motion.live_motion(*r, f"stop - {cycle}"),
-    )
-
-
-LIVE = live_part
