@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any, TypeVar
@@ -118,9 +118,7 @@ class Context:
                 csv=path,
                 progress=progress_bar,
             )
-        result = certified.result
-        # Columns that were read stay: the table of the answer is written over the file of the rows.
-        return result.with_values(cache(result.load)), {
+        return certified.result, {
             name: made[0][name]._replace(error=x.error)
             if x.error is not None or made[0][name].error is None
             else Figure.undetermined(x.unit, x.reason, made[0][name].meaning)

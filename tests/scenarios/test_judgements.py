@@ -41,7 +41,7 @@ TURNS: list[tuple[str, str, dict[Verdict, dict[str, Any]]]] = [
     ("run_up", "the induction motor passes", {YES: {}, NO: {"start": {"motor.kloss.tau_b": 1.0}}}),
     ("mean_values", "the mean speed stays within", {
         YES: {"speeds": "40", "speed": 40.0, "start": {"motor.T": 2e-4}, "steps_per_rev": 1024},
-        NO: {"speeds": "40", "speed": 40.0, "start": {"motor.T": 1e-3}, "steps_per_rev": 1024}}),
+        NO: {"speeds": "40", "speed": 40.0, "start": {"motor.T": 4e-3}, "steps_per_rev": 1024}}),
     ("iron_cycle", "", {YES: {"speed": 7.0, "samples": 180}, NO: {"speed": 9.0, "samples": 180}}),
     ("iron_cycle", "", {YES: {"samples": 180}, NO: {"samples": 180, "start": LIFTED}}),
     ("iron_start", "the cam completes", {YES: {"stop": 1.5}, NO: {"motor_A": -4.0, "step": 2e-3}}),

@@ -353,7 +353,6 @@ def with_number(value: Any, **more: Any) -> list[Number]:
 def test_a_declaration_that_does_not_fit_is_a_clear_line() -> None:
     part = built(PLAIN)
     assert part.data["columns"] == ["orientator.phi1"]
-    assert built(lambda o, f, r: None) is None
     assert built(None) is None
     with pytest.raises(SetupError, match=r"must return a workbench.live.Live"):
         built((3,))

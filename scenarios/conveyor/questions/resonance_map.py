@@ -339,13 +339,11 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
     )
     if not checks:
         return {"misjudged": Figure.undetermined("%", "no machine is co-simulated", wrong)}
-    check_frame = Table.of_rows(
-        [[*check.values()] for check in checks], dict.fromkeys(checks[0], "")
-    ).frame
-    total = int(check_frame["samples"].sum())
-    otherwise = int((check_frame["judged_above"] + check_frame["judged_below"]).sum())
+    samples = [int(check["samples"]) for check in checks]
+    total = sum(samples)
+    otherwise = int(sum(check["judged_above"] + check["judged_below"] for check in checks))
     share, ends = otherwise / total, interval(otherwise, total)
-    rms = math.sqrt(np.average(check_frame["off_rms"] ** 2, weights=check_frame["samples"]))
+    rms = math.sqrt(np.average([check["off_rms"] ** 2 for check in checks], weights=samples))
     worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
     brute, chance = worst["brute_force"], worst["probability"]
     reach = max(abs(end - brute) for end in worst["interval"])
