@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
     from .prepared import How, Prepared
     from .result import Interrupted, Result, SimulationError
+    from .scoreboards import Scoreboard, Standing, scoreboard
     from .series import Column, Kind, Series
     from .simulation import versions
     from .sweeps import combinations, sample, sweep
@@ -78,6 +79,7 @@ _HOMES = {
         "prepared": "How, Prepared",
         "result": "Interrupted, Result, SimulationError",
         "simulation": "versions",
+        "scoreboards": "Scoreboard, Standing, scoreboard",
         "sweeps": "combinations, sample, sweep",
         "series": "Column, Kind, Series",
         "system": "System, Wire",
@@ -114,9 +116,11 @@ __all__ = [
     "RefereeReport",
     "Result",
     "RunSettings",
+    "Scoreboard",
     "Series",
     "SetupError",
     "SimulationError",
+    "Standing",
     "System",
     "Table",
     "Verdict",
@@ -143,6 +147,7 @@ __all__ = [
     "run",
     "run_isolated",
     "sample",
+    "scoreboard",
     "smallest",
     "summary",
     "sweep",

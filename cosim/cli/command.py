@@ -31,6 +31,8 @@ class Command:
         Whether the command takes a system file and start values, see `system_file.add_options`.
     is_timed : bool
         Whether the command also takes a start time, so that `--start` may mean either.
+    needs_file : bool
+        Whether the file must be there.
     """
 
     name: str
@@ -40,3 +42,4 @@ class Command:
     rank: int
     reads_system: bool = True
     is_timed: bool = False
+    needs_file: bool = True

@@ -42,7 +42,9 @@ def parser(program: str = "cosim") -> Parser:
         )
         subparser.set_defaults(run=command.run)
         if command.reads_system:
-            system_file.add_options(subparser, is_timed=command.is_timed)
+            system_file.add_options(
+                subparser, is_timed=command.is_timed, needs_file=command.needs_file
+            )
         command.add_options(subparser)
     return top
 

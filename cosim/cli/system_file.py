@@ -211,12 +211,12 @@ def substep_counts(texts: Sequence[str]) -> dict[str, int]:
     return {name: int(count) for name, count in counts.items()}
 
 
-def add_options(parser: Parser, *, is_timed: bool) -> None:
+def add_options(parser: Parser, *, is_timed: bool, needs_file: bool) -> None:
     """Add the file or files, wires between parts, start values and how strictly all is read."""
     text = (
         f".ssp, .ssd, {FILE}, a folder that contains one, or FMUs: a.fmu, or motor=a.fmu pump=b.fmu"
     )
-    parser.add_argument("files", help=text, metavar="file", nargs="+")
+    parser.add_argument("files", help=text, metavar="file", nargs="+" if needs_file else "*")
     text = "wire: 'motor.tau -> pump.tau', or 'motor.flange -- pump.flange' between terminals"
     parser.several("--wire", text, metavar="WIRE")
     text = "start values: an .ssv, or a .csv with the columns name, value and unit"

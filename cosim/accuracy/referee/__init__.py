@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from ...engine.settings import RunSettings
 from ...errors import SetupError, pluralize
 from ...series import Series
-from ...system import Network, Port, System, connect
+from ...system import Network, System, connect
 from ...units import multiples
 from .causes import Cause, not_finite, table_causes
 from .connections import DECISIVE_REDUCTION
 from .report import RefereeReport
 from .signals import SignalJudgement, Verdict, judge_signal
-from .solution import ReferenceSolution, SolutionRequest, solve_reference
+from .solution import ReferenceSolution, SolutionRequest, read_exact, solve_reference
 from .table import MatchedColumn, match_columns, read_foreign
 from .variants import Reproduction, best_coupling, variant_causes
 
@@ -54,8 +54,10 @@ def referee(
     start: float = 0.0,
     stop: float | None = None,
     step: float | None = None,
+    reference: Path | str | None = None,
     tolerance: float = TOLERANCE,
     timeout: float = TIMEOUT,
+    cause_seconds: float = CAUSE_SECONDS,
 ) -> RefereeReport:
     """Judge a result of another master: how far each column is off, from when on, and why.
 
@@ -80,10 +82,15 @@ def referee(
         When it was to end [s]; only needed to notice that the times of the result are in another unit.
     step : float, optional
         The communication step of the other master [s], if it is known; else several are tried.
+    reference : path, optional
+        Rows that are known to be right, NAME.csv, with their errors in NAME_error.csv beside it, in place of a
+        solution that is computed here. Only their columns are judged.
     tolerance : float
         The difference that is allowed, as a share of the range of a signal.
     timeout : float
         The longest real time for an integration [s].
+    cause_seconds : float
+        The longest processor time for the search for causes [s]; 0 for none.
 
     Returns
     -------
@@ -105,6 +112,9 @@ def referee(
     label = Path(table.label).name
     table, time_cause = _in_seconds(table, stop)
     ports = RunSettings(math.inf, 1.0, start).ports(network)
+    exact = None if reference is None else read_exact(Path(reference))
+    if exact is not None:
+        ports = [port for port in ports if port.name in exact.values.names]
     matches = match_columns(table, network, ports, columns or {})
     if not matches:
         raise SetupError(
@@ -120,15 +130,17 @@ def referee(
     times = table.t[rows]
     request = SolutionRequest(names, times, start, PRECISION * tolerance, step, timeout)
     notes = tuple(_notes(table, matches, rows))
-    try:
-        solution = solve_reference(system, request)
-    except SetupError as error:
-        return RefereeReport(label, Verdict.UNDECIDED, (), (), str(error), tolerance, notes)
-    signals = tuple(judge_signal(match, solution, rows, tolerance) for match in matches)
-    causes = [
-        *([time_cause] if time_cause else []),
-        *_find_causes(network, signals, solution, request, ports),
-    ]
+    if exact is not None:
+        solution = exact.at(request)
+    else:
+        try:
+            solution = solve_reference(system, request)
+        except SetupError as error:
+            return RefereeReport(label, Verdict.UNDECIDED, (), (), str(error), tolerance, notes)
+    signals = tuple(judge_signal(match, solution, rows, tolerance, step) for match in matches)
+    causes = [time_cause] if time_cause else []
+    if cause_seconds > 0.0:
+        causes += _find_causes(network, signals, solution, request, cause_seconds)
     verdict = _overall(signals, time_cause)
     return RefereeReport(label, verdict, signals, tuple(causes), solution.method, tolerance, notes)
 
@@ -164,12 +176,12 @@ def _find_causes(
     signals: Sequence[SignalJudgement],
     solution: ReferenceSolution,
     request: SolutionRequest,
-    ports: Sequence[Port],
+    seconds: float,
 ) -> list[Cause]:
     """What explains the signals that differ: each from the table alone, then all that are left by variants."""
     causes: list[Cause] = []
     differing = [signal for signal in signals if signal.verdict is Verdict.DIFFERS]
-    references = [(port, solution.values[port.name]) for port in ports]
+    references = [(network.port(name), values) for name, values in solution.values.items()]
     unexplained = []
     for signal in differing:
         best = not_finite(signal) or max(
@@ -188,14 +200,14 @@ def _find_causes(
     certain = [cause for cause in causes if cause not in doubtful]
     is_approximate = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)
     common = _common_cause(
-        network, signals, certain, request, thorough=is_approximate or bool(unexplained)
+        network, signals, certain, request, seconds, thorough=is_approximate or bool(unexplained)
     )
     if common is not None and all(
         common.reduction > min(cause.reduction, DECISIVE_REDUCTION) for cause in doubtful
     ):
         return [*certain, common]
     if unexplained and doubtful:
-        common = _common_cause(network, signals, causes, request, thorough=True)
+        common = _common_cause(network, signals, causes, request, seconds, thorough=True)
     return causes if common is None or not unexplained else [*causes, common]
 
 
@@ -204,13 +216,14 @@ def _common_cause(
     signals: Sequence[SignalJudgement],
     explained: Sequence[Cause],
     request: SolutionRequest,
+    seconds: float,
     *,
     thorough: bool,
 ) -> Cause | None:
     """What explains all signals that these causes do not; only a coupling unless the search is thorough."""
     names = {name for cause in explained for name in cause.signals}
     rest = [s for s in signals if s.name not in names and s.verdict is not Verdict.UNDECIDED]
-    reproduction = Reproduction(network, rest, request, CAUSE_SECONDS)
+    reproduction = Reproduction(network, rest, request, seconds)
     if not thorough:
         return best_coupling(reproduction, reproduction.system)[1]
     return next(iter(variant_causes(reproduction)), None)

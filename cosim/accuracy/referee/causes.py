@@ -41,7 +41,7 @@ class Cause:
     kind : str
         One of "no number", "unit", "sign", "columns crossed", "delay", "offset", "missed event", "time unit", "held inputs",
         "step too long", "lost start value", "lost wire", "wires crossed", "lost factor", "lost input",
-        "late input", "integration in the FMUs".
+        "wrong start value", "late input", "integration in the FMUs".
     text : str
         The cause as a clause.
     reduction : float
@@ -203,11 +203,8 @@ def _offsets(signal: SignalJudgement) -> Iterator[tuple[str, str, Array]]:
 
 
 def _missed_events(signal: SignalJudgement, network: Network) -> Iterator[tuple[str, str, Array]]:
-    """A column that changes in steps, with one of its changes left out."""
-    if (
-        network.port(signal.name).type == "Real"
-        and (signal.reference != np.round(signal.reference)).any()
-    ):
+    """A column that holds its values, with one of its changes left out."""
+    if not network.port(signal.name).column.kind.is_held:
         return
     changes = np.flatnonzero(np.diff(signal.reference))[:MOST_CHANGES]
     if len(changes) * 10 > len(signal.reference):

@@ -32,6 +32,8 @@ MOST_ITERATIONS = 8
 #: Change of a state in such an iteration, relative to 1 + |state|, below which it has converged: far below what a
 #: result that is printed with six digits shows.
 CONVERGED = 1e-9
+#: Steps of an integration within a communication step that holds its inputs.
+STEPS_WITHIN = 4
 #: Share of a step by which two times may differ and be one: the rounding of times that are added up.
 ROUNDING = 1e-6
 
@@ -68,6 +70,13 @@ def runge_kutta(slopes: Slopes, t: float, x: Array, h: float) -> Array:
     b = slopes(t + 0.5 * h, x + 0.5 * h * a)
     c = slopes(t + 0.5 * h, x + 0.5 * h * b)
     return x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slopes(t + h, x + h * c))
+
+
+def heun(slopes: Slopes, t: float, x: Array, h: float) -> Array:
+    """Heun's method of order 3, which evaluates nothing at the end of a step, where held inputs jump."""
+    a = slopes(t, x)
+    b = slopes(t + h / 3.0, x + h / 3.0 * a)
+    return x + h / 4.0 * (a + 3.0 * slopes(t + 2.0 * h / 3.0, x + 2.0 * h / 3.0 * b))
 
 
 #: Euler's methods, as a cause names them.
@@ -151,6 +160,8 @@ def late(
     wires: Sequence[Wire],
     delay: float,
     initial: Mapping[str, float],
+    *,
+    held: bool = False,
 ) -> dict[str, Array] | None:
     """The wanted columns if what these wires bring arrives a time later; None if that cannot be computed.
 
@@ -166,8 +177,13 @@ def late(
         By how much [s].
     initial : mapping of str to float
         What they bring until then: the outputs at the start.
+    held : bool
+        Whether the delay is a communication step, over each of which the inputs hold what their sources were at the
+        begin of the one before.
     """
     step = delay / math.ceil(delay / min(request.output_step(), delay))
+    if held:
+        step = delay / STEPS_WITHIN
     if (request.stop - request.start) / step > MOST_ROWS:
         return None
     history = History(
@@ -175,14 +191,21 @@ def late(
     )
 
     def delayed(wire: Wire) -> Callable[[float], float]:
-        source = dotted(wire.source)
-        return lambda t: wire.factor * history.at(source, t - delay) + wire.offset
+        source, start = dotted(wire.source), request.start
+
+        def seen(t: float) -> float:
+            if held:
+                t = start + delay * math.floor((t - start) / delay + ROUNDING)
+            return wire.factor * history.at(source, t - delay) + wire.offset
+
+        return seen
 
     kept = [wire for wire in plain_wires(network) if wire not in wires]
     inputs = {**network.system.inputs, **{dotted(wire.target): delayed(wire) for wire in wires}}
     system = replace(network.system, wires=kept, bonds=(), inputs=inputs)
     try:
-        return _columns(connect(system), request, runge_kutta, step, history)
+        method = heun if held else runge_kutta
+        return _columns(connect(system), request, method, step, history)
     except (SetupError, FmuError):
         return None
 

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 from ...describe import table
 from ...errors import SetupError, pluralize
 from ...files import replacement
+from ...json_values import without_infinities
 from .causes import Cause
 from .signals import SignalJudgement, Verdict
 
@@ -312,7 +313,7 @@ def writer(path: Path) -> Callable[[RefereeReport, Path], object]:
 WRITERS: dict[str, Callable[[RefereeReport, Path], object]] = {
     ".txt": lambda report, path: path.write_text(report.text() + "\n", encoding="utf-8"),
     ".json": lambda report, path: path.write_text(
-        json.dumps(_without_infinities(report.to_json()), indent=2) + "\n", encoding="utf-8"
+        json.dumps(without_infinities(report.to_json()), indent=2) + "\n", encoding="utf-8"
     ),
     ".xml": lambda report, path: path.write_text(report.junit(), encoding="utf-8"),
     ".html": lambda report, path: path.write_text(report.html(), encoding="utf-8"),
@@ -320,15 +321,6 @@ WRITERS: dict[str, Callable[[RefereeReport, Path], object]] = {
     ".svg": lambda report, path: report.plot(path),
     ".pdf": lambda report, path: report.plot(path),
 }
-
-
-def _without_infinities(value: Any) -> Any:
-    """Numbers that JSON cannot have become null."""
-    if isinstance(value, dict):
-        return {key: _without_infinities(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_without_infinities(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _signal_json(signal: SignalJudgement) -> dict[str, Any]:

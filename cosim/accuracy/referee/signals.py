@@ -18,9 +18,14 @@ from .table import Array, MatchedColumn
 LASTING = 0.01
 #: Share of the rows within such a time that must differ: differences that oscillate cross zero twice a period.
 MAJORITY = 0.5
+#: Steps by which a jump may be late: the part in which it happens shows it at the end of its step, and a part that takes
+#: this as its input at the end of the next one.
+LATE_STEPS = 2
 #: Range of a column below which it counts as constant, as a share of its largest value: a thousand times the rounding
 #: of results that are printed with twelve digits.
 CONSTANT = 1e-9
+#: Rounding of a number of rows in a step.
+ROUNDING = 1e-6
 FIGURES: dict[str, Callable[[Array, Array], float]] = {
     "at the end": lambda _, x: float(x[-1]),
     "smallest": lambda _, x: float(x.min()),
@@ -107,7 +112,11 @@ def column_scale(values: Array) -> float:
 
 
 def judge_signal(
-    match: MatchedColumn, solution: ReferenceSolution, rows: NDArray[np.bool_], tolerance: float
+    match: MatchedColumn,
+    solution: ReferenceSolution,
+    rows: NDArray[np.bool_],
+    tolerance: float,
+    step: float | None = None,
 ) -> SignalJudgement:
     """Compare a column with the reference solution.
 
@@ -121,12 +130,14 @@ def judge_signal(
         Which rows of the table these are.
     tolerance : float
         The difference that is allowed, as a share of the range of the reference.
+    step : float, optional
+        The communication step [s]; by default the time between rows.
     """
     name, t = match.port.name, solution.time
     values, reference, errors = match.values[rows], solution.values[name], solution.errors[name]
     finite = np.isfinite(values)
     allowed = tolerance * column_scale(reference)
-    low, high = _around_events(match, solution)
+    low, high = _around_events(match, solution, step)
     distance = np.maximum(0.0, np.maximum(values - high, low - values))
     distance = np.where(finite, distance, np.inf)
     beyond = distance > allowed + errors
@@ -155,21 +166,26 @@ def _figure_error(what: str, t: Array, errors: Array) -> float:
     return float(errors.max())
 
 
-def _around_events(match: MatchedColumn, solution: ReferenceSolution) -> tuple[Array, Array]:
-    """The least and the largest value that a column may have: where it jumps, that of a row before or after.
+def _around_events(
+    match: MatchedColumn, solution: ReferenceSolution, step: float | None
+) -> tuple[Array, Array]:
+    """The least and the largest value that a column may have: where it jumps, those of the rows around.
 
-    A master that exchanges values only at its steps notices an event up to a step late.
+    A master that exchanges values only at its steps shows an event up to LATE_STEPS late.
     """
     x, t = solution.values[match.port.name], solution.time
-    previous, following = np.append(x[:1], x[:-1]), np.append(x[1:], x[-1:])
-    near = np.zeros(len(t), dtype=bool)
-    if match.port.type != "Real":
-        near[:] = True
+    held = match.port.type != "Real"
+    if not held and not solution.events:
+        return x, x
+    spacing = float(np.median(np.diff(t)))
+    late = LATE_STEPS * max(1, math.ceil((step or spacing) / spacing - ROUNDING))
+    near = np.full(len(t), held)
     for event in solution.events:
         k = int(np.searchsorted(t, event))
-        near[max(0, k - 1) : k + 2] = True
-    stack = np.where(near, np.stack([previous, x, following]), x)
-    return stack.min(axis=0), stack.max(axis=0)
+        near[max(0, k - 1) : k + late + 1] = True
+    before, after = np.pad(x, (late, 0), "edge"), np.append(x[1:], x[-1:])
+    stack = np.stack([after, *(before[n : n + len(x)] for n in range(late + 1))])
+    return np.where(near, stack.min(axis=0), x), np.where(near, stack.max(axis=0), x)
 
 
 def _lasting_since(t: Array, beyond: NDArray[np.bool_]) -> float:

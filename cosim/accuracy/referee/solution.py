@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from ...errors import SetupError
 from ...fmu.messages import quiet
-from ...fmu.reference_rows import read_reference_rows
+from ...fmu.reference_rows import ERRORS, read_reference_rows
 from ...master import run
 from ...result import Result, SimulationError
+from ...series import Series
 from ...system import Network, System, connect
 from ..limit import limit
 from ..reference import oracle
@@ -137,6 +138,39 @@ def solve_reference(system: System, request: SolutionRequest) -> ReferenceSoluti
         raise SetupError(f"there is no reference solution: {refusal}; and {error}") from error
 
 
+@dataclass(frozen=True)
+class ExactRows:
+    """Rows that are known to be right, and their errors; the label says where they come from."""
+
+    values: Series
+    errors: Series
+    label: str
+
+    def at(self, request: SolutionRequest) -> ReferenceSolution:
+        """The columns at the wanted times; raises SetupError for times outside the rows."""
+        time = self.values.t
+        slack = SPACING_TOLERANCE * request.spacing
+        if request.times[0] < time[0] - slack or request.times[-1] > time[-1] + slack:
+            raise SetupError(
+                f"{self.label} goes from {time[0]:g} s to {time[-1]:g} s, the result from "
+                f"{request.times[0]:g} s to {request.times[-1]:g} s"
+            )
+        events = tuple(self.values.breaks.mean(axis=1).tolist())
+        values, gaps = interpolate(self.values, request, events)
+        nearest = _nearest(time, request.times)
+        errors = {name: self.errors.numbers(name)[nearest] + gaps[name] for name in request.names}
+        return ReferenceSolution(request.times, values, errors, self.label, events)
+
+
+def read_exact(path: Path) -> ExactRows:
+    """Read NAME.csv and the errors in NAME_error.csv beside it; raises SetupError if they do not belong together."""
+    errors = path.with_name(f"{path.stem}{ERRORS}")
+    rows = ExactRows(Series.read(path), Series.read(errors), path.name)
+    if rows.values.names != rows.errors.names or not np.array_equal(rows.values.t, rows.errors.t):
+        raise SetupError(f"{path} and {errors} must have the same columns and times")
+    return rows
+
+
 def _carried(network: Network, request: SolutionRequest) -> ReferenceSolution | None:
     """The results that a single FMU carries, if the system is its default experiment and has rows at these times.
 
@@ -189,7 +223,7 @@ def _integrate(
 
 
 def interpolate(
-    result: Result, request: SolutionRequest, events: Sequence[float] = ()
+    result: Series, request: SolutionRequest, events: Sequence[float] = ()
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """The columns of a result at the wanted times, and the errors of interpolation.
 
@@ -197,8 +231,8 @@ def interpolate(
     from linear interpolation, which is far larger than that of the spline where a column is smooth. At times that
     the result has, it vanishes.
     """
-    last = np.append(np.diff(result["time"]) > 0.0, True)
-    time = result["time"][last]
+    last = np.append(np.diff(result.t) > 0.0, True)
+    time = result.t[last]
     nearest = _nearest(time, request.times)
     exact = np.abs(time[nearest] - request.times) <= SPACING_TOLERANCE * request.spacing
     inner = [event for event in events if time[0] < event < time[-1]]

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
+import numpy as np
+
 from ...system import Network, System, Wire
 from ...system.ports import is_continuous_input
 from ...system.wires import dotted
@@ -42,6 +44,12 @@ VARIANT_TIMEOUT = 20.0
 ACCURATE_ENOUGH = 0.03
 #: Most halvings of the step until a run is so accurate: 64 times more steps.
 MOST_HALVINGS = 6
+#: Start values that are fitted of all that are moved a little.
+MOST_FITTED = 2
+#: Share of a start value by which it is moved: large against the rounding of runs, small against what a run shows.
+MOVED = 1e-4
+#: Share of a start value below which its fit has ended: the digits that are printed.
+FITTED = 1e-6
 #: Most variants of the system that are tried together with a coupling that holds inputs.
 MOST_COMBINED = 3
 #: Delays that are tried until one makes a difference of the right size: four scale it, then it is bisected.
@@ -186,12 +194,17 @@ class Reproduction:
         return integrated(self.system, self.request, method, step)
 
     def late(
-        self, wires: Sequence[Wire], delay: float, initial: Mapping[str, float]
+        self,
+        wires: Sequence[Wire],
+        delay: float,
+        initial: Mapping[str, float],
+        *,
+        held: bool = False,
     ) -> Columns | None:
         """What the system does if these wires bring their values a time [s] later."""
         if clock.process_time() > self.deadline:
             return None
-        return late(self.network, self.request, wires, delay, initial)
+        return late(self.network, self.request, wires, delay, initial, held=held)
 
     def _find_fine_step(self) -> float | None:
         """A step with which runs are accurate enough in place of integrations, None if there is none."""
@@ -217,8 +230,10 @@ def variant_causes(reproduction: Reproduction) -> list[Cause]:
     scores: list[tuple[float, Variant]] = []
     finders: tuple[Callable[[], Iterator[Cause]], ...] = (
         lambda: _coupling_causes(reproduction),
+        lambda: step_late_causes(reproduction),
         lambda: euler_causes(reproduction),
         lambda: _connection_causes(reproduction, scores),
+        lambda: start_causes(reproduction),
         lambda: late_causes(reproduction),
     )
     for find in finders:
@@ -285,19 +300,17 @@ def euler_causes(reproduction: Reproduction) -> Iterator[Cause]:
         if best is not None:
             text = f"{name} with steps of {best[1]:.4g} s integrates the whole system"
             cause = reproduction.cause("step too long", text, best[2])
+            if cause is not None and cause.reduction < DECISIVE_REDUCTION:
+                text = f"{name} over the whole system with steps of {best[1]:.4g} s imitates it"
+                cause = replace(cause, text=text, is_certain=False)
             if cause is not None:
                 yield cause
 
 
-def late_causes(reproduction: Reproduction) -> Iterator[Cause]:
-    """Wires whose values arrive a transport time later, one by one and all together.
-
-    The time is the one that makes as large a difference as the table has, then the one that comes closest to it.
-    """
-    network, request = reproduction.network, reproduction.request
-    initial = initial_outputs(network, request)
-    if initial is None:
-        return
+def _delayable(reproduction: Reproduction) -> tuple[list[Wire], dict[str, float]]:
+    """The wires that can be late, and what their sources are at the start; none without model exchange."""
+    network = reproduction.network
+    initial = initial_outputs(network, reproduction.request) or {}
     wires = [
         wire
         for wire in plain_wires(network)
@@ -305,6 +318,90 @@ def late_causes(reproduction: Reproduction) -> Iterator[Cause]:
         and dotted(wire.source) in initial
         and is_continuous_input(network.port(dotted(wire.target)))
     ]
+    return wires, initial
+
+
+def step_late_causes(reproduction: Reproduction) -> Iterator[Cause]:
+    """All inputs of a step are what their sources were a step before its begin."""
+    step = reproduction.request.step or reproduction.request.output_step()
+    wires, initial = _delayable(reproduction)
+    if not wires:
+        return
+    columns = reproduction.late(wires, step, initial, held=True)
+    text = (
+        f"inputs come a step late: over each step of {step:.4g} s they hold what their sources were at the begin "
+        "of the step before"
+    )
+    cause = reproduction.cause("late input", text, columns)
+    if cause is not None:
+        yield cause
+
+
+def start_causes(reproduction: Reproduction) -> Iterator[Cause]:
+    """A start value that is another number, which is fitted, without a coupling and with those of the known step.
+
+    A value moves the columns in proportion to its change, to begin with: that tells which values to fit (Gauss-Newton).
+    """
+    system, step = reproduction.system, reproduction.request.step
+    held = [
+        Coupling(algorithm, step, order)
+        for algorithm, order in (("jacobi", None), ("gauss-seidel", tuple(system.parts)), ("strang", None))
+        if step is not None
+    ]  # fmt: skip
+    for coupling in (None, *held):
+
+        def columns(
+            name: str, value: float, coupling: Coupling | None = coupling
+        ) -> Columns | None:
+            changed = replace(system, start={**system.start, name: value})
+            if coupling is None:
+                return reproduction.columns(changed)
+            return reproduction.coupled(changed, coupling)
+
+        values = {n: float(v) for n, v in system.start.items() if isinstance(v, float)}
+        fits = [fit for n, v in values.items() if (fit := _moved(reproduction, columns, n, v))]
+        for _, name, value in sorted(fits)[:MOST_FITTED]:
+            for _ in range(MOST_GUESSES):
+                closer = _moved(reproduction, columns, name, value)
+                if closer is None or abs(closer[2] - value) <= FITTED * abs(value):
+                    break
+                value = closer[2]
+            text = f"the start value {name} seems to be {value:.6g}, not {values[name]:.6g}"
+            text += f"; and {coupling.text()}" if coupling else ""
+            cause = reproduction.cause("wrong start value", text, columns(name, value))
+            if cause is not None and (coupling is None or cause.reduction >= LEAST_REDUCTION**2):
+                yield replace(cause, is_certain=cause.reduction >= DECISIVE_REDUCTION)
+
+
+def _moved(
+    reproduction: Reproduction,
+    columns: Callable[[str, float], Columns | None],
+    name: str,
+    value: float,
+) -> tuple[float, str, float] | None:
+    """What a start value leaves of the difference once it is moved as fits best, its name, and where to."""
+    change = MOVED * (abs(value) or 1.0)
+    before, after = columns(name, value), columns(name, value + change)
+    if before is None or after is None:
+        return None
+    rest = np.concatenate([(s.values - before[s.name]) / s.scale for s in reproduction.signals])
+    slope = np.concatenate(
+        [(after[s.name] - before[s.name]) / (change * s.scale) for s in reproduction.signals]
+    )
+    square = float(slope @ slope)
+    if not (np.isfinite(rest).all() and math.isfinite(square) and square > 0.0):
+        return None
+    move = float(slope @ rest) / square
+    return root_mean_square(rest - move * slope), name, value + move
+
+
+def late_causes(reproduction: Reproduction) -> Iterator[Cause]:
+    """Wires whose values arrive a transport time later, one by one and all together.
+
+    The time is the one that makes as large a difference as the table has, then the one that comes closest to it.
+    """
+    network = reproduction.network
+    wires, initial = _delayable(reproduction)
     groups = [[wire] for wire in wires[:MOST_VARIANTS]] + ([wires] if len(wires) > 1 else [])
     for group in groups:
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from ...accuracy.referee import TIMEOUT, TOLERANCE, referee
 from ...accuracy.referee.report import writer
+from ...errors import SetupError
+from ...scoreboards import UNREADABLE, scoreboard
+from ...scoreboards import writer as board_writer
 from ..command import Command
 from ..options import Parser, assignment
 from ..output import require_writable
@@ -15,6 +19,10 @@ from ..system_file import add_shared_options, open_system
 
 def judge_result(options: argparse.Namespace) -> int:
     """Print the report on a result; return 1 if it differs, 2 if that cannot be told."""
+    if options.scoreboard is not None:
+        return judge_masters(options)
+    if not options.files or options.result is None:
+        raise SetupError("give a file and --result FILE, or --scoreboard FOLDER alone")
     for path in options.out:
         writer(path)
         require_writable(path)
@@ -31,9 +39,30 @@ def judge_result(options: argparse.Namespace) -> int:
     return report.exit_status
 
 
+def judge_masters(options: argparse.Namespace) -> int:
+    """Print the scoreboard; return 1 if something in its folder is no result."""
+    if options.files or options.result is not None:
+        raise SetupError(
+            "--scoreboard takes its systems and results from its folder: give no file and no --result"
+        )
+    for path in options.out:
+        board_writer(path)
+        require_writable(path)
+    board = scoreboard(
+        options.scoreboard, tolerance=options.tolerance,
+        progress=lambda line: print(line, file=sys.stderr, flush=True),
+    )  # fmt: skip
+    for path in options.out:
+        board.write(path)
+    print(board.text())
+    return int(bool(board.notes) or any(s.verdict == UNREADABLE for s in board.standings))
+
+
 def add_options(parser: Parser) -> None:
     """Add the result, what its columns are, and the files to write."""
-    parser.path("--result", ".csv, .parquet, or .mat file of a Modelica tool", required=True)
+    parser.path("--result", ".csv, .parquet, or .mat file of a Modelica tool")
+    text = "judge the results of many masters, FOLDER/results/MASTER/SYSTEM_1ms.csv, on the reference systems in FOLDER"
+    parser.path("--scoreboard", text)
     text = "column of a variable, where their names differ: motor.tau=M*0.73:N.m"
     parser.several("--map", text, metavar="NAME=COLUMN")
     text = "communication step of the other master [s] (default: several are tried)"
@@ -42,11 +71,11 @@ def add_options(parser: Parser) -> None:
     text = "allowed difference, as a share of the range of a signal"
     parser.number("--tolerance", text, TOLERANCE)
     parser.time("--timeout", "longest wall-clock time of an integration [s]", TIMEOUT)
-    text = "report: .txt, .json, .xml (JUnit), .html, or a picture .png, .svg, .pdf"
+    text = "report: .txt, .json, .xml (JUnit, of one result), .html, or a picture .png, .svg, .pdf"
     parser.several("--out", text, metavar="FILE", type=Path)
 
 
 COMMAND = Command(
     "referee", "judge the result of another master", judge_result, add_options, rank=6,
-    is_timed=True,
+    is_timed=True, needs_file=False,
 )  # fmt: skip

@@ -14,7 +14,7 @@ EXPERIMENT = Experiment(stop=4.0, step=0.01)
 @record
 class Parameters:
     m: Mass = real(400.0, "Mass of the chassis", positive=True)
-    c: TranslationalStiffness = real(15e3, "TranslationalStiffness of its spring", min=0.0)
+    c: TranslationalStiffness = real(15e3, "Stiffness of its spring", min=0.0)
     d: TranslationalDamping = real(1e3, "Damping of its damper", min=0.0)
 
 

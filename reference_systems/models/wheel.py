@@ -14,11 +14,9 @@ EXPERIMENT = Experiment(stop=4.0, step=0.01)
 @record
 class Parameters:
     m: Mass = real(40.0, "Mass of the wheel", positive=True)
-    k: TranslationalStiffness = real(150e3, "TranslationalStiffness of its tyre", min=0.0)
+    k: TranslationalStiffness = real(150e3, "Stiffness of its tyre", min=0.0)
     h: Length = real(0.1, "Height of the step of the road")
-    c: TranslationalStiffness = real(
-        15e3, "TranslationalStiffness of the spring of the chassis", min=0.0
-    )
+    c: TranslationalStiffness = real(15e3, "Stiffness of the spring of the chassis", min=0.0)
     d: TranslationalDamping = real(1e3, "Damping of the damper of the chassis", min=0.0)
 
 

@@ -1,0 +1,1 @@
+"""Coupled systems with exact answers, for whoever makes a co-simulation master."""

@@ -1,0 +1,138 @@
+"""A scoreboard says of each master what is true, and of what is no result, in a line, why."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cosim import SetupError, read_ssp, run, scoreboard
+from cosim.cli.main import main
+from reference_systems.make import SPACING, Answer, exact, write
+from reference_systems.systems import SYSTEMS, build
+
+KEY = "conveyor_drive_b"
+SIGNALS = SYSTEMS[KEY].signals
+
+
+@pytest.fixture(scope="module")
+def answer() -> Answer:
+    return exact(KEY)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one system and the results of a master that steps all parts at once."""
+    assert build() == 0
+    folder = tmp_path_factory.mktemp("board")
+    write(KEY, SYSTEMS[KEY], folder / KEY)
+    held = folder / "results" / "held"
+    held.mkdir(parents=True)
+    system = read_ssp(folder / KEY / f"{KEY}.ssp", folder / "unpacked").system
+    for step in (2e-3, 1e-3):
+        result = run(system, stop=0.5, step=step, algorithm="jacobi", record=SIGNALS)
+        result.frame.to_csv(held / f"{KEY}_{1e3 * step:g}ms.csv", index=False)
+    (held / "master.json").write_text(json.dumps({"title": "Held", "calls": 1}))
+    return folder
+
+
+@pytest.fixture
+def board(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "board"))
+
+
+def test_a_master_is_off_by_what_it_is_off(board: Path, answer: Answer, tmp_path: Path) -> None:
+    found = scoreboard(board)
+    (standing,) = found.standings
+    expected = []
+    for step in (2e-3, 1e-3):
+        frame = pd.read_csv(board / "results/held" / f"{KEY}_{1e3 * step:g}ms.csv")
+        rows = np.rint(frame["time"] / SPACING).astype(int)
+        off = [
+            np.abs(frame[n] - answer.values[n][rows]).max() / np.ptp(answer.values[n])
+            for n in SIGNALS
+        ]
+        expected.append(max(off))
+    assert standing.master == "Held" and standing.steps == (2e-3, 1e-3)
+    assert standing.differences == pytest.approx(expected, rel=1e-6)
+    assert standing.order == pytest.approx(math.log2(expected[0] / expected[1]), rel=1e-6)
+    assert standing.verdict == "differs" and "steps of 0.001 s" in standing.cause
+    assert [cost for cost, _, _ in found.best(KEY)] == [500.0, 1000.0]
+    found.write(tmp_path / "board.html")
+    found.write(tmp_path / "board.json")
+    page = (tmp_path / "board.html").read_text()
+    assert "Held" in page and 'src="data:image/png;base64,' in page and "http" not in page
+    assert (
+        json.loads((tmp_path / "board.json").read_text())["standings"][0]["order"] == standing.order
+    )
+
+
+def test_the_exact_answer_agrees_and_wins(board: Path, answer: Answer) -> None:
+    folder = board / "results" / "exact"
+    folder.mkdir()
+    pd.DataFrame({"time": answer.time, **answer.values}).to_csv(
+        folder / f"{KEY}_1ms.csv", index=False
+    )
+    (folder / "master.json").write_text('{"calls": 1}')
+    found = scoreboard(board, cause_seconds=0.0)
+    standing = next(s for s in found.standings if s.master == "exact")
+    assert standing.verdict == "agrees" and standing.differences[0] < 1e-10
+    assert found.best(KEY)[-1][1].master == "exact"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("conveyor_drive_b.csv", "time,motor.tau\n0,1\n1,2\n", "its name must read SYSTEM_STEP.csv"),
+        ("conveyor_drive_b_0ms.csv", "time,motor.tau\n0,1\n1,2\n", "its name must read SYSTEM_STEP.csv"),
+        ("conveyor_drive_c_1ms.csv", "time,motor.tau\n0,1\n1,2\n", "is of no system here: conveyor_drive_b"),
+        ("conveyor_drive_b_1ms.csv", "time,motor.tau [m]\n0,1\n0.1,2\n", "m cannot be converted to N.m"),
+        ("conveyor_drive_b_1ms.csv", "time,torque\n0,1\n0.1,2\n", "has no column of the system"),
+        ("conveyor_drive_b_1ms.csv", "Dear reader,\nthis is no table.\n", "conveyor_drive_b_1ms.csv"),
+        ("conveyor_drive_b_1ms.csv", "time,motor.tau\n0,1\n0.7,2\n", "goes from 0 s to 0.5 s"),
+        ("master.json", '{"calls": "two"}', "calls = 'two' must be a number"),
+        ("master.json", "[1]", "master.json is ignored"),
+    ],
+)  # fmt: skip
+def test_what_is_no_result_gets_one_line(
+    board: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, said: str
+) -> None:
+    shutil.rmtree(board / "results" / "held")
+    folder = board / "results" / "mine"
+    folder.mkdir()
+    (folder / name).write_text(text)
+    assert main(["referee", "--scoreboard", str(board)]) == 1
+    lines = [line for line in capsys.readouterr().out.splitlines() if name in line or said in line]
+    assert len(lines) == 1 and said in lines[0]
+
+
+def test_a_cell_that_is_no_number_is_named(board: Path) -> None:
+    text = "time,motor.tau\n0,1\n0.1,two\n0.2,1\n"
+    (board / "results/held" / f"{KEY}_1ms.csv").write_text(text)
+    (standing,) = scoreboard(board).standings
+    assert standing.verdict == "differs" and "no finite number in 1 row" in standing.cause
+
+
+def test_an_empty_folder_and_one_without_results_are_refused(board: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(SetupError, match="has no reference system"):
+        scoreboard(empty)
+    shutil.rmtree(board / "results")
+    with pytest.raises(SetupError, match=r"write .*results/MASTER/conveyor_drive_b_1ms.csv"):
+        scoreboard(board)
+
+
+def test_a_master_that_was_not_run_has_its_reason(board: Path) -> None:
+    for name, facts in (("a", {"not_run": "no wheel"}), ("b", {"failed": {KEY: "1 ms: refused"}})):
+        (board / "results" / name).mkdir()
+        (board / "results" / name / "master.json").write_text(json.dumps(facts))
+    found = {
+        s.master: (s.verdict, s.reason) for s in scoreboard(board, cause_seconds=0.0).standings
+    }
+    assert found["a"] == ("not run", "no wheel") and found["b"] == ("fails", "1 ms: refused")
