@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from cosim import Result, System
-from cosim.series import TIME, Column
+from cosim.series import TIME, Column, Kind
 
 Array = NDArray[np.float64]
 Draw = Callable[[float, float], float]
@@ -48,6 +48,7 @@ class SyntheticCase:
     undeterminable: frozenset[str] = NONE
     events: tuple[float, ...] = ()
     hides: bool = False
+    kind: Kind = Kind.CONTINUOUS
 
     def truth(self, t: Any) -> Array:
         """The column for a step of zero."""
@@ -62,11 +63,11 @@ class SyntheticCase:
             return np.column_stack([t, self.x(t, step)])
 
         report = {"convergence_order": self.order, "warnings": []}
-        return Result([TIME, Column("x")], report, rows(step).T.__getitem__)
+        return Result([TIME, Column("x", kind=self.kind)], report, rows(step).T.__getitem__)
 
 
 def synthetic_cases(draw: Draw) -> Iterator[SyntheticCase]:
-    """Fourteen cases with parameters drawn between bounds."""
+    """Fifteen cases with parameters drawn between bounds."""
     a, w = draw(0.05, 0.2), draw(5.0, 9.0)
     yield SyntheticCase(
         "chaotic",
@@ -143,6 +144,15 @@ def synthetic_cases(draw: Draw) -> Iterator[SyntheticCase]:
     )
     yield SyntheticCase("small units", lambda t, h: 3e-9 * np.sin(w * t) * (1.0 + a * h), 1.0, 0.01)
     yield SyntheticCase("whole numbers", lambda t, h: 160000.0 * t**2, 1.0, 0.01)
+    rows = draw(33.1, 33.9)  # 33 is their number: the level is between two whole ones
+    yield SyntheticCase(
+        "counted",
+        lambda t, h: np.floor(rows * t * (1.0 - 0.1 * a * h)),
+        1.0,
+        0.01,
+        determinable=frozenset({"min"}),
+        kind=Kind.INTEGER,
+    )
     yield SyntheticCase(
         "rounding", lambda t, h: 1e8 + 1e-3 * (1.0 + h) * np.sin(w * t), 1.0, 0.01, 1, NONE
     )

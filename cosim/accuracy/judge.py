@@ -492,6 +492,9 @@ def _evaluations(
     beside += [of({n: partial(c.lowered, *tilt) for n, c in joint.items()}) for tilt in TILTS]
     e = Evaluations(value, series, thinned, hidden)
     rows = e.row_error()
+    if columns and (times := even_times(dense["time"])) is not None:
+        even = {n: lambda c=c: c.finest(times) for n, c in columns.items()}
+        rows = rows + CONFIRMED_FACTOR * np.abs(of({"time": lambda: times[None], **even}) - value)
     e.rows = np.where(np.isnan(rows), rows, np.fmax(rows, np.abs(value - series[0])))
 
     def beyond_rows(change: Array) -> Array:
@@ -501,6 +504,15 @@ def _evaluations(
     e.shifts = [beyond_rows(to - x) for x, to in zip(hidden, zero)]
     e.beside = [beyond_rows(x - value) for x in beside]
     return e
+
+
+def even_times(t: Array) -> Array | None:
+    """As many times [s] at even distances; None where rows are as even as those of fixed steps and of events beside them.
+
+    A function that weighs rows instead of time has another limit where steps adapt, which no thinner rows show.
+    """
+    even = np.linspace(t[0], t[-1], len(t))
+    return even if len(t) > 1 and np.abs(t - even).max() > np.diff(t).max() else None
 
 
 def numbers_of(values: Mapping[str, float | Estimate], names: Sequence[str]) -> Array:

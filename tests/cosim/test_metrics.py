@@ -74,7 +74,7 @@ def test_stated_errors_hold_the_true_ones_of_random_systems(part: int, half: Pat
 def test_constructed_cases_keep_what_they_promise() -> None:
     """But for a stiff part whose first rows are coarser than what relaxes there: 3 of 70 errors are missed."""
     verdicts = [(case, v) for case, v in judged_synthetic(SEED, 1) if case.name != "stiff"]
-    assert len(verdicts) == 13 * 14
+    assert len(verdicts) == 14 * 14
     assert not list(complaints(verdicts))
 
 
@@ -421,3 +421,19 @@ def test_curves_of_one_time_axis_are_those_of_each_column() -> None:
             apart = [metric(Curves(t, row[None], breaks=breaks).filled(side)) for row in x]
             assert_allclose(metric(together.filled(side)), np.concatenate(apart), rtol=1e-12)
     assert together.gaps.sum() > 8 * 2
+
+
+def test_a_function_that_weighs_rows_and_not_time_has_that_in_its_error() -> None:
+    """Rows of adaptive steps are dense where x is small: their mean is 0.2, that over time 0.5, with fewer rows, too."""
+
+    def runner(_: Any, *, step: float, **__: Any) -> Result:
+        share = np.linspace(0.0, 1.0, 401)
+        t = share**0.25
+        rows = [t, 1.0 - t + step * t]
+        return Result([TIME, Column("x")], {"convergence_order": 1}, rows.__getitem__)
+
+    figures = {"of rows": lambda r: float(r["x"].mean()), "last": lambda r: float(r["x"][-1])}
+    got = certify(System({}), figures, step=0.0025, runner=runner).figures
+    error = got["of rows"].error
+    assert abs(got["of rows"].value - 0.2) < 0.01 and error is not None and 0.3 <= error < 0.5
+    assert got["last"].error is not None and got["last"].error < 0.01
