@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import workbench
 from workbench import Context, option
 
+from ..motor import FORM, Nameplate, nameplate, read
 from .first_order import SETS, Machine
 from .machine import followed
 from .orbits import ALGORITHMS, OrbitRunner
@@ -23,6 +25,29 @@ def by_set(values: Mapping[str, float]) -> str:
     return (
         " and ".join(f"{value:g} in set {name}" for name, value in values.items()) + " by default"
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NameplateOptions(workbench.Options):
+    """An induction motor by its nameplate; start values that are given as well override it."""
+
+    #: Start values that follow from the nameplate and that the question sets itself.
+    of_question: ClassVar[Sequence[str]] = ()
+    nameplate: str = option(
+        "", f"nameplate of an induction motor, {FORM}; gear and inertia may be left out"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.nameplate:
+            fixed = (*self.of_question, *getattr(self, "fixed_starts", ()))
+            given = {x: y for x, y in nameplate(self.nameplate).items() if x not in fixed}
+            object.__setattr__(self, "start", {**given, **self.start})
+
+    @property
+    def plate(self) -> Nameplate | None:
+        """What the nameplate says."""
+        return read(self.nameplate) if self.nameplate else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,6 +39,7 @@ from ..features import LAG, NoFeatureError, ResponseLine, locate
 from ..first_order import SETS, Machine, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised
 from ..machine import PARTS as DRIVE
+from ..options import NameplateOptions
 from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
 from ..papers import cited
 from ..rows import LARGEST_PEAKED_ZETA, rows_of
@@ -56,7 +57,7 @@ COLUMNS = {
 }  # fmt: skip
 
 
-class InductionMotor(Question):
+class InductionMotor(Question, NameplateOptions):
     """The supply, and the points of the two series: resistances and breakdown slips."""
 
     parts = DRIVE
@@ -71,6 +72,8 @@ class InductionMotor(Question):
     decisive = ("nu_kloss",)
     sources = cited(2, 22)
     is_parallel = True
+
+    of_question = ("motor.T",)  # the lag follows from each slip
 
     frequency: float = option(
         50.0, "supply frequency that gives motor.kloss.w_s without load", "Hz", above=0.0
@@ -91,10 +94,11 @@ class InductionMotor(Question):
         many motors.
         """
         start = {**KLOSS, **self.start, "motor.characteristic": 1}
+        frequency = self.plate.frequency if self.plate else self.frequency
 
         def motor(changed: Mapping[str, Value]) -> Motor:
             start_ = {**start, **changed}
-            lag = 1 / (2 * math.pi * self.frequency * float(start_["motor.kloss.s_b"]))
+            lag = 1 / (2 * math.pi * frequency * float(start_["motor.kloss.s_b"]))
             machine = replace(SETS["B"], T=lag).follow(start_)
             return Motor(context.fmus, start_, machine, self.algorithm, self.steps_per_rev)
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -43,12 +43,13 @@ from workbench import (
 from workbench.charts import model as colors
 from workbench.charts.model import Span
 from workbench.figure import listed
+from workbench.judgement import Verdict
 from workbench.live import Live
 from workbench.options import check_fixed_starts
 
 from .. import classical, motion
 from ..drive_orbits import Drive
-from ..first_order import SETS, Machine
+from ..first_order import FIELDS, SETS, Machine
 from ..live_ripple import LiveDrive
 from ..machine import (
     KLOSS,
@@ -61,13 +62,19 @@ from ..machine import (
     start_values,
 )
 from ..machine import PARTS as DRIVE
-from ..options import RippleOptions, by_set, speeds_of
+from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
 from ..papers import cited
 from ..response import PHASE_UNDEFINED, QUANTITIES, SPEED, TORQUE, VANISHING, Lines, locate
 from ..ripple_limit import LimitCrossing, RippleLimit
 from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure
 
 TABLE = "resonance.csv"
+#: Rounds of the fixed point of formula (22): the slope of a motor changes little with the speed, so each round leaves a
+#: small share of the distance.
+FIXED_POINT_ROUNDS = 20
+#: Distance of a lag from that of its slip, over it, that the digits of a nameplate leave: a speed of 1440 rpm is known to
+#: 1 rpm of 60 rpm of slip, and the ratio of the torques to 0.05 of 2.8.
+LAG_TOLERANCE = 0.05
 #: Lags [deg] at the two ends of the half-power band. There the real and the imaginary part of load over
 #: response are equal. With little damping load and imaginary part hardly change within the band, so that the
 #: power that the ripple dissipates is half of that at 90 degrees.
@@ -80,7 +87,7 @@ INVERTER, MAINS = "inverter", "mains"
 FIRST_ORDER, CLASSICAL = "first-order", "classical"
 
 
-class Resonance(Question, RippleOptions):
+class Resonance(Question, NameplateOptions, RippleOptions):
     """The operating speed, the speeds of the sweep, and the theory to compare with."""
 
     parts = DRIVE
@@ -110,6 +117,18 @@ class Resonance(Question, RippleOptions):
     )
     tolerance: float = option(5.0, "error that is accepted of classical theory", "%", above=0.0)
 
+    @property
+    def rated(self) -> float:
+        """The rated torque [N.m], that of the nameplate where none is given."""
+        if self.rated_torque is None and self.plate:
+            return self.plate.torque * self.plate.ratio
+        return super().rated
+
+    @property
+    def limit_note(self) -> str:
+        """Where the limit of the torque ripple comes from, if neither a rated torque nor a nameplate is given."""
+        return "" if self.nameplate else super().limit_note
+
     def solve(self, context: Context) -> Findings:
         """Sweep the speed, locate the features of the response, and judge the operating speed.
 
@@ -127,7 +146,8 @@ class Resonance(Question, RippleOptions):
             )  # it knows a linear motor only
         sweeps = classical.SWEEPS if self.theory == CLASSICAL else SPEEDS
         base = followed(context.fmus, SETS[self.set], self.start)
-        speeds, speed = self.speeds or speeds_of(sweeps[self.set]), operating_speed_of(self, base)
+        speeds = self.speeds or centred(self, speeds_of(sweeps[self.set]), base)
+        speed = operating_speed_of(self, base)
         every = sorted({*speeds, speed})
         lines = Lines(lambda nu, _: (linearised(base, self.start, nu), nu), np.array(every))
         drive = Drive(context, self.start, self.algorithm, self.steps_per_rev)
@@ -214,6 +234,7 @@ class Resonance(Question, RippleOptions):
             *(classical.judgements(r.classical) if r.classical else []),
             *([Judgement("the sweep leaves out", note=listed(left))] if left else []),
             *stalls(r),
+            *taken(self),
             *supply(self, f, r),
         ]
 
@@ -269,6 +290,43 @@ def operating_speed_of(o: Resonance, base: Machine) -> float:
             "there. Leave the speed out, or take supply = 'inverter'"
         )
     return speed
+
+
+def centred(o: Resonance, speeds: Sequence[float], base: Machine) -> Sequence[float]:
+    """Return the speeds of the set, moved as the resonance of the machine by formula (22) is from that of the set."""
+    of_set = float(SETS[o.set].nu_res)
+    nu = of_set
+    try:
+        for _ in range(FIXED_POINT_ROUNDS):  # the slope of an induction motor is that at the speed
+            nu = float(linearised(base, o.start, nu).nu_res)
+    except SetupError:  # the load pulls the motor out there: the sweep says so
+        return speeds
+    share = nu / of_set
+    return speeds if math.isclose(share, 1.0, rel_tol=1e-9) else [share * x for x in speeds]
+
+
+def taken(o: Resonance) -> list[Judgement]:
+    """Return what a machine of one's own has from the set, and a lag that contradicts the slip of its motor."""
+    judgements, lag = [], o.start.get("motor.T")
+    if o.plate and lag is not None:
+        least, most = ((1.0 + s * LAG_TOLERANCE) * o.plate.lag for s in (-1, 1))
+        agrees = Judgement(
+            "motor.T is that of the breakdown slip",
+            Figure(float(lag), "s", 0.0),
+            least,
+            most,
+            note=f"it contradicts the nameplate, whose slip gives {o.plate.lag:.4g} s",
+        )
+        judgements += [agrees] if agrees.answer is Verdict.NO else []
+    lacking = [
+        x for x in FIELDS if x not in o.start and not (x == "motor.B" and induction(o.start))
+    ]
+    if o.rated_torque is None and not o.plate:
+        lacking.append("rated torque")
+    if o.start and lacking:
+        what = f"taken from set {o.set} because not given"
+        judgements.append(Judgement(what, note=", ".join(lacking)))
+    return judgements
 
 
 def supplied(o: Resonance) -> dict[str, Value]:

@@ -36,6 +36,7 @@ from ..first_order import SETS, Machine
 from ..machine import KLOSS, conveyor_drive, followed
 from ..machine import PARTS as DRIVE
 from ..motion import live_motion, moving
+from ..options import NameplateOptions
 from ..papers import cited
 from ..rows import LARGEST_PEAKED_ZETA
 
@@ -58,7 +59,7 @@ NEAR_SHARE = 0.1
 BELOW = "the crank does not stay above the resonance for a whole turn"
 
 
-class RunUp(Question, Run):
+class RunUp(Question, NameplateOptions, Run):
     """The machine, the mean speed that its linear motor is set for, and how the run is made."""
 
     parts = DRIVE

@@ -1,0 +1,136 @@
+"""From the nameplate of an induction motor to the start values of a drive.
+
+A motor with `2 p` poles on a supply of the frequency f turns at w_s = 2 pi f / p without load. Its torque over the slip
+is that of Kloss, T = 2 T_b / (s / s_b + s_b / s); at the rated slip it is the rated torque, which gives the breakdown slip
+s_b = s_N (k + sqrt(k^2 - 1)) for the ratio k of both torques. The flux of its rotor lags by T = 1 / (2 pi f s_b).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from cosim import SetupError
+from cosim.system import Value
+from cosim.units import QUANTITY, multiples
+
+FORM = '"5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"'
+#: What a nameplate must have, by name: the unit that its number has here.
+NEEDED = {"power": "W", "speed": "rad/s", "frequency": "Hz", "poles": "poles", "breakdown": ""}
+#: And what it may have: the ratio of a gear, 1:1 without, and the inertia of the rotor.
+MORE = {"ratio": ":1", "inertia": "kg.m2"}
+
+
+class Nameplate(NamedTuple):
+    """What a nameplate says, in SI units; `breakdown` is the breakdown torque over the rated torque."""
+
+    power: float
+    speed: float
+    frequency: float
+    poles: float
+    breakdown: float
+    ratio: float = 1.0
+    inertia: float | None = None
+
+    @property
+    def no_load(self) -> float:
+        """The synchronous speed of the motor [rad/s]."""
+        return 4.0 * math.pi * self.frequency / self.poles
+
+    @property
+    def torque(self) -> float:
+        """The rated torque of the motor [N.m]."""
+        return self.power / self.speed
+
+    @property
+    def breakdown_slip(self) -> float:
+        """The slip at which Kloss's torque is largest."""
+        k = self.breakdown
+        return (1.0 - self.speed / self.no_load) * (k + math.sqrt(k * k - 1.0))
+
+    @property
+    def lag(self) -> float:
+        """The time constant of the rotor flux [s]."""
+        return 1.0 / (2.0 * math.pi * self.frequency * self.breakdown_slip)
+
+
+def read(text: str) -> Nameplate:
+    """Return what a nameplate says; raises SetupError for what it lacks, and for what contradicts itself."""
+    values: dict[str, float] = {}
+    for item in text.split(","):
+        name, value = _item(item.strip(), text)
+        if name in values:
+            raise SetupError(f"nameplate {text!r}: {name} is given twice")
+        values[name] = value
+    lacking = [f"{name} [{unit or '1'}]" for name, unit in NEEDED.items() if name not in values]
+    if lacking:
+        raise SetupError(f"nameplate {text!r} lacks {', '.join(lacking)}: write it as {FORM}")
+    plate = Nameplate(**values)
+    if min(values.values()) <= 0.0:
+        raise SetupError(f"nameplate {text!r}: every number must be above 0")
+    if not plate.speed < plate.no_load:
+        raise SetupError(
+            f"nameplate {text!r}: speed = {plate.speed * 30 / math.pi:.6g} rpm must be below the synchronous speed of "
+            f"{plate.no_load * 30 / math.pi:.6g} rpm that {plate.frequency:g} Hz and {plate.poles:g} poles give"
+        )
+    if plate.breakdown <= 1.0:
+        raise SetupError(
+            f"nameplate {text!r}: breakdown = {plate.breakdown:g} must be above 1, the breakdown over the rated torque"
+        )
+    return plate
+
+
+def _item(item: str, text: str) -> tuple[str, float]:
+    """The name and the value of an item of a nameplate."""
+    number, colon, one = item.partition(":")
+    match = QUANTITY.fullmatch(number if colon and one.strip() == "1" else item)
+    if match and colon:
+        return "ratio", float(match[1])
+    if match and not match[2]:
+        return "breakdown", float(match[1])
+    for name, unit in (NEEDED | MORE).items():
+        scale = multiples(unit).get(match[2]) if match and unit else None
+        if match and scale:
+            return name, float(match[1]) * scale
+    raise SetupError(f"nameplate {text!r}: {item!r} cannot be read: write it as {FORM}")
+
+
+def nameplate(
+    text: str, motor: str = "motor", inertia: str = "conveyor.rotor.J"
+) -> dict[str, Value]:
+    """Return start values of a DriveMotor, at the shaft behind its gear, from the nameplate of an induction motor.
+
+    Torques grow by the ratio of the gear, speeds fall by it, and the inertia of the rotor grows by its square.
+
+    Parameters
+    ----------
+    text : str
+        Power, speed and frequency with their units, the number of poles, the breakdown over the rated torque; and, if
+        there are any, the ratio of a gear and the inertia of the rotor [kg.m2], in any sequence.
+    motor : str
+        The part of the motor in the system.
+    inertia : str
+        The start value that takes the inertia of the rotor.
+
+    Raises
+    ------
+    SetupError
+        For what lacks, cannot be read, or contradicts itself.
+
+    Examples
+    --------
+    >>> start = nameplate("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2")
+    >>> round(start["motor.kloss.tau_b"], 1), round(start["motor.T"], 4)
+    (350.3, 0.0147)
+    """
+    plate = read(text)
+    values: dict[str, Value] = {
+        f"{motor}.characteristic": 1,
+        f"{motor}.kloss.tau_b": plate.breakdown * plate.torque * plate.ratio,
+        f"{motor}.kloss.s_b": plate.breakdown_slip,
+        f"{motor}.kloss.w_s": plate.no_load / plate.ratio,
+        f"{motor}.T": plate.lag,
+    }
+    if plate.inertia is not None:
+        values[inertia] = plate.inertia * plate.ratio**2
+    return values

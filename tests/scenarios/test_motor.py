@@ -1,0 +1,100 @@
+"""The nameplate of a motor against an equivalent circuit of rotor resistance and leakage, from which it is drawn."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from cosim import SetupError
+from scenarios.motor import nameplate
+from tests.conftest import ask
+
+PLATE = "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"
+
+
+def test_a_nameplate_gives_the_circuit_that_it_was_drawn_from() -> None:
+    """Torque 3 p V^2 (R/s) / (w ((R/s)^2 + (w L)^2)); the flux of the rotor decays with L / R."""
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        R, f, p = rng.uniform(0.2, 2.0), rng.choice([16.7, 50.0, 60.0]), int(rng.integers(1, 5))
+        L, w = R / (rng.uniform(0.08, 0.4) * 2 * math.pi * f), 2 * math.pi * f
+
+        def torque(s: float, p: int = p, R: float = R, L: float = L, w: float = w) -> float:
+            return 3 * p * 230.0**2 * (R / s) / (w * ((R / s) ** 2 + (w * L) ** 2))
+
+        best = minimize_scalar(
+            lambda s: -torque(s), bounds=(1e-3, 1.0), method="bounded", options={"xatol": 1e-10}
+        )
+        rated = rng.uniform(0.1, 0.6) * best.x
+        speed, gear = (1 - rated) * w / p, rng.uniform(0.5, 5.0)
+        text = (
+            f"{float(torque(rated) * speed)!r} W, {float(speed)!r} rad/s, {float(f)!r} Hz, {2 * p} poles, "
+            f"{float(torque(best.x) / torque(rated))!r}, "
+            f"{gear!r}:1, 0.3 kg.m2"
+        )
+        start = nameplate(text, "m", "load.J")
+        assert start["m.kloss.s_b"] == pytest.approx(best.x, rel=1e-6)
+        assert start["m.kloss.tau_b"] == pytest.approx(gear * torque(best.x), rel=1e-9)
+        assert start["m.kloss.w_s"] == pytest.approx(w / p / gear, rel=1e-12)
+        assert start["m.T"] == pytest.approx(L / R, rel=1e-6)
+        assert start["load.J"] == pytest.approx(0.3 * gear**2, rel=1e-12)
+        energy = 0.5 * 0.3 * (w / p) ** 2  # of the rotor, the same on both sides of the gear
+        assert 0.5 * start["load.J"] * start["m.kloss.w_s"] ** 2 == pytest.approx(energy, rel=1e-12)
+
+
+def test_kloss_has_the_rated_torque_at_the_rated_speed() -> None:
+    start = nameplate(PLATE)
+    s = 1.0 - 1440.0 / 1500.0
+    s_b = start["motor.kloss.s_b"]
+    torque = 2.0 * start["motor.kloss.tau_b"] / (s / s_b + s_b / s)
+    assert torque == pytest.approx(3.43 * 5500.0 / (1440.0 * math.pi / 30), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("5.5 kW, 1440 rpm, 50 Hz, 2.8", r"lacks poles \[poles\]: write it as"),
+        (
+            "5.5 kW, 1510 rpm, 50 Hz, 4 poles, 2.8",
+            "speed = 1510 rpm must be below the synchronous speed of 1500 rpm",
+        ),
+        ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 0.9", "breakdown = 0.9 must be above 1"),
+        ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3 m", "'3 m' cannot be read: write it as"),
+        ("5.5 kW, 4 kW, 1440 rpm, 50 Hz, 4 poles, 2.8", "power is given twice"),
+        ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, -1:1", "every number must be above 0"),
+    ],
+)
+def test_what_a_nameplate_cannot_be_is_a_line(text: str, message: str) -> None:
+    with pytest.raises(SetupError, match=message):
+        nameplate(text)
+
+
+def test_a_question_about_ones_own_motor_is_asked_by_its_nameplate() -> None:
+    start = {
+        "conveyor.trough.m": 320.0, "conveyor.crank.r": 0.008, "conveyor.spring.c": 9e5,
+    }  # fmt: skip
+    answer = ask("resonance", nameplate=PLATE, speed="420rpm", start=start, steps_per_rev=128)
+    assert answer.parameters["conveyor.rotor.J"].value == pytest.approx(0.02 * 3.43**2)
+    assert answer.options["rated_torque"].value == pytest.approx(3.43 * 36.473, rel=1e-4)
+    assert answer.judgements[0].answer == "yes"
+    assert "conveyor.trough.d" in answer.verdict and "conveyor.rotor.J" not in answer.verdict
+    speeds = answer.options["speeds"].value
+    assert (
+        min(speeds)
+        < 0.8 * answer.figures["nu_res"].value
+        < 1.2 * answer.figures["nu_res"].value
+        < max(speeds)
+    )
+    assert answer.figures["nu_90"].error is not None
+    late = ask(
+        "resonance",
+        nameplate=PLATE,
+        speed="420rpm",
+        speeds="40,50",
+        start={"motor.T": 0.0625},
+        steps_per_rev=64,
+    )
+    assert "contradicts" in late.verdict
