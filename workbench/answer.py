@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 #: Warnings that are printed; the JSON file has all. It is a convention of this project.
 PRINTED_WARNINGS = 3
+#: Rows of a file that are texts in memory at a time. Chosen: some megabytes.
+ROWS_OF_A_PIECE = 10_000
 
 
 class Parameter(NamedTuple):
@@ -71,14 +73,18 @@ class Table:
     def __len__(self) -> int:
         return max(map(len, self.columns.values()), default=0)
 
-    def csv(self, every: int = 1) -> str:
-        """The file, of every k-th row on request: numbers to the last digit, nan and None as nothing."""
+    def csv(self, every: int = 1) -> Iterator[str]:
+        """The file in pieces, of every k-th row on request: numbers to the last digit, nan and None as nothing."""
+        columns = [values[::every] for values in self.columns.values()]
         text = StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.columns)
-        cells = (map(_cell, values[::every].tolist()) for values in self.columns.values())
-        writer.writerows(zip(*cells))
-        return text.getvalue()
+        for begin in range(0, len(self), ROWS_OF_A_PIECE):
+            piece = slice(begin, begin + ROWS_OF_A_PIECE)
+            writer.writerows(zip(*(map(_cell, values[piece].tolist()) for values in columns)))
+            yield text.getvalue()
+            text.seek(text.truncate(0))
+        yield text.getvalue()
 
 
 def _column(values: Sequence[Any]) -> NDArray[Any]:

@@ -71,8 +71,11 @@ def _write(answer: Answer, folder: Path, *, animate: bool) -> list[str]:
     )  # before the file is replaced from which columns are read when they are asked for
     answer = replace(answer, show=lambda: show)
     for name, table in answer.tables.items():
-        with replacement(folder / name) as fresh:
-            fresh.write_text(table.csv(), encoding="utf-8", newline="\n")
+        with (
+            replacement(folder / name) as fresh,
+            fresh.open("w", encoding="utf-8", newline="\n") as file,
+        ):
+            file.writelines(table.csv())
         partial(folder / name).unlink(missing_ok=True)
     with replacement(folder / f"{answer.scenario}.json") as fresh:
         write_json(fresh, finite(content(answer)))

@@ -24,11 +24,12 @@ from .judgement import lines
 from .options import Options, check_fixed_starts, declared
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
+from .runs.cluster import ClusterRunner
 from .runs.fingerprint import computation
 from .runs.folder import reservation
 from .runs.journal import Journal, open_journal
-from .runs.runner import Runner
-from .runs.select import select_runner
+from .runs.local import LocalRunner
+from .runs.runner import Runner, Setup
 
 
 def ask(
@@ -145,6 +146,19 @@ def answer(
         error_scope=question.error_scope,
         picture=export.picture,
     )
+
+
+def select_runner(jobs: int | None, scheduler: str | None, packages: Sequence[str] = ()) -> Runner:
+    """Return a runner in so many processes of this machine, by default as many as cores, or on a Dask cluster.
+
+    The code of these packages must be the same on all machines. Raises SetupError for jobs together with a
+    scheduler, and for what neither can be.
+    """
+    if jobs is not None and scheduler is not None:
+        raise SetupError("jobs are processes of this machine; the scheduler has its own workers")
+    if scheduler is not None:
+        return ClusterRunner(scheduler, setup=Setup(packages))
+    return LocalRunner(jobs, setup=Setup(packages))
 
 
 @contextmanager

@@ -194,7 +194,7 @@ def limited(table: Table, among: int = 1) -> tuple[str, str]:
     """
     rows, k = len(table), 1
     while True:
-        packed = _packed(table.csv(k).encode())
+        packed = _packed("".join(table.csv(k)).encode())
         if len(packed) * among <= MAX_TABLE_LETTERS:
             part = f"one row in {k} of {rows}; the complete file is next to this page"
             return packed, f"{rows} rows" if k == 1 else part

@@ -20,11 +20,10 @@ from ..answer import Answer
 from ..export import write
 from ..files import remove, replacement
 from ..options import declared
-from ..run import row
+from ..run import row, select_runner
 from ..runs.fingerprint import computation
 from ..runs.folder import reservation
 from ..runs.journal import FIGURES, Journal, open_journal
-from ..runs.select import select_runner
 from ..runs.transport import Bundle, digest
 from ..runs.worker import TIMEOUT
 from .file import Study, ends
