@@ -1,4 +1,5 @@
-"""Make what is released, in dist/: the wheel and the source package, all FMUs as fmus.zip, and checksums.
+"""Make what is released, in dist/: the wheel and the source package, all FMUs as fmus.zip, and checksums; the reference
+systems, and what the page of FMI tools asks for, as archives.
 
 usage: python release.py
 
@@ -12,7 +13,9 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from shutil import rmtree
+from shutil import make_archive, rmtree
+
+from compatibility import write_compatibility
 
 ROOT = Path(__file__).resolve().parent
 DIST = ROOT / "dist"
@@ -25,14 +28,34 @@ def main() -> int:
     rmtree(DIST, ignore_errors=True)
     DIST.mkdir()
     for command in (
-        [sys.executable, "build_fmus.py", "--flavour", "both", "--platforms", "all"],
+        [sys.executable, "build_fmus.py", "--flavour", "all", "--platforms", "all"],
         [sys.executable, "-m", "uv", "build", "--quiet", "--out-dir", str(DIST)],
+        [
+            sys.executable,
+            "-m",
+            "reference_systems.make",
+            str(DIST / "reference_systems"),
+            "--platforms",
+            "all",
+        ],
     ):
         environment = os.environ | {"DRIVE_FMUS_PLATFORMS": "all"}
         if subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode:
             print(f"error: {' '.join(command[1:])} failed; nothing is released", file=sys.stderr)
             return 1
     write_fmus(DIST / "fmus.zip")
+    native = [
+        path
+        for folder in ("native", "fmi3")
+        for path in sorted((ROOT / "fmus" / folder).glob("*.fmu"))
+    ]
+    try:
+        write_compatibility(native, DIST / "compatibility")
+    except ValueError as error:
+        print(f"error: {error}; nothing is released", file=sys.stderr)
+        return 1
+    for name in ("reference_systems", "compatibility"):
+        make_archive(str(DIST / name), "zip", DIST / name)
     files = sorted(path for path in DIST.iterdir() if path.suffix in (".gz", ".whl", ".zip"))
     sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in files]
     (DIST / "SHA256SUMS").write_text("".join(sums), encoding="utf-8")

@@ -191,7 +191,7 @@ def enter(
             result = out / f"{key}_{1e3 * step:g}ms.csv"
             result.unlink(missing_ok=True)
             system = reference.system()
-            ssp = folder / f"{key}_{1e3 * step:g}ms.ssp"
+            ssp = out / f"{key}.ssp"
             write_ssp(system, ssp, stop=reference.stop, step=step)
             answer = client.ask({
                 "key": key, "parts": {part: str(fmu) for part, fmu in system.parts.items()},

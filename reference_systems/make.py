@@ -136,10 +136,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Write the reference systems.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("systems", nargs="*", help=f"some of {', '.join(SYSTEMS)} (default: all)")
+    parser.add_argument(
+        "--platforms", choices=("host", "all"), default="host", help="where the FMUs run"
+    )
     options = parser.parse_args()
     if unknown := [name for name in options.systems if name not in SYSTEMS]:
         parser.error(f"unknown system {unknown[0]!r}; there are {', '.join(SYSTEMS)}")
-    if build():
+    if build(options.platforms):
         return 1
     write_all(options.folder, options.systems or list(SYSTEMS))
     return 0

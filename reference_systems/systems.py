@@ -77,8 +77,8 @@ def fmu_file(model: str, flavour: str, fmus: Path) -> Path:
     return folder / flavour / f"{name}.fmu"
 
 
-def build(flavours: Sequence[str] = ("native", "fmi3"), fmus: Path = ROOT / "fmus") -> int:
-    """Build the FMUs of all systems that are not up to date; returns how many files could not be made."""
+def build(platforms: str = "host", fmus: Path = ROOT / "fmus") -> int:
+    """Build the FMUs of all systems that are not up to date, for "host" or "all"; returns how many files could not be made."""
     names = {model for system in SYSTEMS.values() for model in system.models.values()}
     own = [MODELS / f"{name}.py" for name in sorted(names) if (MODELS / f"{name}.py").is_file()]
     rest = [
@@ -86,8 +86,8 @@ def build(flavours: Sequence[str] = ("native", "fmi3"), fmus: Path = ROOT / "fmu
         for name in sorted(names) if not (MODELS / f"{name}.py").is_file()
     ]  # fmt: skip
     return sum(
-        make_all(models, flavour, folder)
-        for flavour in flavours
+        make_all(models, flavour, folder, platforms=platforms)
+        for flavour in ("native", "fmi3")
         for models, folder in ((own, fmus / "reference"), (rest, fmus))
     )
 
