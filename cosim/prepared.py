@@ -7,6 +7,7 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from .fmu.messages import quiet
 from .pool import in_processes
 from .requirements import require_runnable, require_times
 from .result import Interrupted, Result, SimulationError
-from .series import TIME
+from .series import TIME, Column
 from .signals import collect_interrupts
 from .simulation import Simulation
 from .system import Network, System, connect
@@ -74,15 +75,16 @@ PLAIN = How()
 
 
 class Prepared:
-    """A system that has been checked, with how it is run; instances of its FMUs are used again.
-
-    `columns` are what a run records, the time first.
-    """
+    """A system that has been checked, with how it is run; instances of its FMUs are used again."""
 
     def __init__(self, network: Network, settings: RunSettings, stack: ExitStack) -> None:
         self.network, self.settings = network, settings
-        self.columns = (TIME, *(port.column for port in settings.ports(network)))
         self._stack, self._workers = stack, list[Worker]()
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """What a run records, the time first."""
+        return (TIME, *(port.column for port in self.settings.ports(self.network)))
 
     @classmethod
     @contextmanager

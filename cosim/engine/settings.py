@@ -57,11 +57,13 @@ class RunSettings:
 
     def unrecorded(self, network: Network) -> list[str]:
         """The outputs that a run which names no columns leaves out, since their values are texts."""
-        variables = ((n, v) for n, d in network.descriptions.items() for v in d.modelVariables)
+        if self.record is not None:
+            return []
         return [
             f"{name}.{v.name}"
-            for name, v in variables
-            if self.record is None and v.causality == "output" and v.type in ("String", "Binary")
+            for name, description in network.descriptions.items()
+            for v in description.modelVariables
+            if v.causality == "output" and v.type in ("String", "Binary")
         ]
 
     def check(self) -> None:

@@ -118,6 +118,9 @@ def unit_conversion(source: Unit, target: Unit) -> tuple[float, float]:
     ones. Raises SetupError, with both definitions, for units that measure different things, and for a
     factor of 0.
     """
+    if source.baseUnit is not None and source.baseUnit == target.baseUnit:
+        _require_factor(source.name, source.baseUnit.factor)
+        return 1.0, 0.0
     source, target = (_with_common_angle(unit) for unit in (source, target))
     first, second = source.baseUnit, target.baseUnit
     if first is None or second is None:
