@@ -70,13 +70,12 @@ def question():
     from scenarios import ask
     ask("resonance", jobs=1)
 def study():
-    from scenarios.__main__ import PROJECT
-    from workbench import study
+    import scenarios
     lines = 'scenario = "resonance"\\n[fixed]\\nspeeds = "30:52:7"\\nsteps_per_rev = 512\\n[grid]\\n'
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "study.toml"
         file.write_text(f'{lines}"motor.T" = {{ from = 0.055, to = 0.07, number = {count} }}\\n')
-        study.run(study.load(file, PROJECT), out=Path(folder) / "out", jobs=1, flavour="native")
+        scenarios.study(file, out=Path(folder) / "out", jobs=1, flavour="native")
 def seconds():
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(x.ru_utime + x.ru_stime for x in used)
@@ -209,7 +208,10 @@ def threads(rounds: int) -> None:
 
         def by_hand(count: int) -> None:
             command = [str(program), str(MEMBERS * STEPS), "1"]
-            running = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in range(count)]
+            running = [
+                subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                for _ in range(count)
+            ]
             for process in running:
                 process.wait()
 
