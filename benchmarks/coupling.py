@@ -153,16 +153,17 @@ def dop853(steps: int, _: Path) -> Callable[[], object]:
 
 def sweep(_: int, fmus: Path) -> Callable[[], object]:
     """The 31 speeds of set A by our master, Strang with 256 steps per revolution."""
+    import numpy as np
+
+    from scenarios.conveyor.drive_orbits import Drive
     from scenarios.conveyor.first_order import SETS
-    from scenarios.conveyor.orbits import OrbitRunner, simulate
-    from scenarios.conveyor.rows import SPEEDS
+    from scenarios.conveyor.speed_sweep import SPEEDS
     from workbench import Context
 
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
-    runner = OrbitRunner(Context(parts), {}, "strang", 256)
-    cases = [runner.task(SETS["A"], float(nu)) for nu in SPEEDS["A"].split(",")]
-    simulate(cases[0])
-    return lambda: [simulate(case) for case in cases]
+    drive = Drive(Context(parts), {}, "strang", 256)
+    speeds = np.array([[float(nu) for nu in SPEEDS["A"].split(",")]])
+    return lambda: drive.orbits(SETS["A"], speeds, "sweep")
 
 
 def bare_slaves(steps: int, _: Path) -> Callable[[], object]:

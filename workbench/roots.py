@@ -1,24 +1,23 @@
 """Roots and peaks of residuals that are dear to evaluate, and all roots of those that are cheap.
 
-A dear residual takes a co-simulation for each value. Several searches then go on side by side, and all the
-values of a round are evaluated together. So a search here does not call its residual: it says where the
-next values are wanted, and takes them. `SecantSearch` takes the steps of
-`scipy.optimize.root_scalar(method="secant")`, and starts from a slope that an interpolant gives; `PeakSearch`
-finds the largest value of a smooth function on the polynomial through its Chebyshev nodes.
+A dear residual takes a co-simulation for each value. Searches then go on side by side as the elements of arrays, and
+all the values of a round are evaluated together. `secant` takes the steps of
+`scipy.optimize.root_scalar(method="secant")`, and starts from slopes that an interpolant gives; `peaks`
+finds the largest values of smooth functions on the polynomials through their Chebyshev nodes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial import Chebyshev, chebyshev
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 from scipy.optimize.elementwise import find_minimum
 
 Array = NDArray[np.float64]
@@ -55,166 +54,11 @@ TOP_GRID = 61
 NO_VALUE = "there is no value where the search wants one"
 
 
-class NoRootError(Exception):
-    """There is no such root, or the search does not reach it; says why in a sentence."""
-
-
-class Root(NamedTuple):
-    """A root or the place of a peak, and its error in the same unit."""
-
-    x: float
-    error: float
-
-
 class Crossing(NamedTuple):
     """Where a curve passes through 0, and its slope there."""
 
     x: float
     slope: float
-
-
-@dataclass
-class SecantSearch:
-    """A root of a residual, by the secant method from a first guess and the slope there.
-
-    Attributes
-    ----------
-    x : float
-        Where the residual is wanted next, above 0.
-    slope : float
-        Slope of the residual there: first that of an interpolant, then that of the last two values.
-    """
-
-    x: float
-    slope: float
-    _previous: tuple[float, float] | None = None
-    _rounds: int = 0
-
-    def update(self, residual: float, noise: float) -> Root | None:
-        """Take the residual at x; return the root, or None if another value is wanted.
-
-        The error is that of the last step. For that, the step is multiplied with the relative change of
-        the slope since the step before, which is of its size where the residual is curved; the noise over
-        the slope is added.
-
-        Parameters
-        ----------
-        residual, noise : float
-            The residual at x, and by how much it may be wrong.
-
-        Raises
-        ------
-        NoRootError
-            If the search leaves x > 0, or does not converge.
-        """
-        slope, curvature = self.slope, 1.0
-        if self._previous is not None:
-            x, value = self._previous
-            slope = (residual - value) / (self.x - x)
-            curvature = min(1.0, abs(1.0 - self.slope / slope)) if slope else 1.0
-        if not (slope and math.isfinite(slope)):
-            raise NoRootError("the residual of the root search does not change")
-        step = -residual / slope
-        error, unsure = abs(step) * curvature, noise / abs(slope)
-        if error <= max(ROOT_TOLERANCE * self.x, unsure):
-            return Root(self.x + step, error + unsure)
-        self._previous, self.slope = (self.x, residual), slope
-        self.x += step
-        self._rounds += 1
-        if self.x <= 0.0:
-            raise NoRootError("the root search ran down to zero")
-        if self._rounds >= MAX_ROUNDS:
-            raise NoRootError(f"the root search did not converge in {MAX_ROUNDS} rounds")
-        return None
-
-
-@dataclass
-class PeakSearch:
-    """The largest height of a function, from values of a smooth one at Chebyshev nodes.
-
-    Attributes
-    ----------
-    center, half_width : float
-        Where the nodes lie, x > 0.
-    height : callable
-        The height at x, of shape (n,), for the values of the smooth function there.
-    """
-
-    center: float
-    half_width: float
-    height: Callable[[Any, Any], Any]
-    _rounds: int = field(default=0)
-
-    @property
-    def nodes(self) -> list[float]:
-        """Where values are wanted next."""
-        angles = (2 * np.arange(PEAK_NODES) + 1) * math.pi / (2 * PEAK_NODES)
-        return [float(x) for x in self.center - self.half_width * np.cos(angles)]
-
-    def update(self, values: Sequence[complex], noise: float) -> tuple[Root, Root] | None:
-        """Take the values at the nodes; return place and height of the peak, or None to go on.
-
-        The polynomial misses about the next term a_n T_n of the series, n = PEAK_NODES, which vanishes at the
-        nodes. The height is wrong by |a_n| at most. With s = (x - center) / half_width, T_n has a slope
-        of up to n / sqrt(1 - s^2). That of the height's logarithm is wrong by as much, relative to the
-        function, and the place by this over its curvature. Noise adds to both, and the place is not
-        known more closely than rounding leaves the top flat (Brent, Algorithms for Minimization without
-        Derivatives, 1973, chapter 5).
-
-        Parameters
-        ----------
-        values : sequence of complex
-            The smooth function at the nodes.
-        noise : float
-            By what share the height may be wrong.
-
-        Raises
-        ------
-        NoRootError
-            If the search leaves x > 0, or does not converge.
-        """
-        ends = [self.center - self.half_width, self.center + self.half_width]
-        fit = Chebyshev.fit(self.nodes, values, PEAK_NODES - 1, domain=ends)
-
-        def log_height(s: float) -> float:
-            x = self.center + self.half_width * s
-            return float(np.log(self.height(x, fit(x))))
-
-        s = self._top(log_height)
-        x, height = self.center + self.half_width * s, math.exp(log_height(s))
-        if abs(s) <= PEAK_INSIDE:
-            missed = self._height_error(x, fit(x), next_coefficient(fit.coef.tolist()))
-            slope = PEAK_NODES * missed / math.sqrt(1.0 - s**2) + NOISE_OF_SLOPE * noise
-            curvature = max(_curvature(log_height, s), HEIGHT_ROUNDING)
-            flat = math.sqrt(2.0 * HEIGHT_ROUNDING / curvature)
-            position = Root(x, self.half_width * (slope / curvature + flat))
-            return position, Root(height, height * (missed + NOISE_OF_VALUE * noise))
-        self.center = x
-        self._rounds += 1
-        if self.center <= self.half_width:
-            raise NoRootError("the peak search ran down to zero")
-        if self._rounds >= MAX_ROUNDS:
-            raise NoRootError(f"the peak search did not converge in {MAX_ROUNDS} rounds")
-        return None
-
-    def _top(self, log_height: Callable[[float], float]) -> float:
-        """Where the height is largest, over the half width from the center."""
-        lowest = max(-PEAK_REACH, (LOWEST_SHARE - 1.0) * self.center / self.half_width)
-        top = minimize_scalar(
-            lambda s: -log_height(s),
-            bounds=(lowest, PEAK_REACH),
-            method="bounded",
-            options={"xatol": PEAK_TOLERANCE},
-        )
-        return float(top.x)
-
-    def _height_error(self, x: float, value: complex, missed: float) -> float:
-        """The share by which the height at x changes, at most, where the smooth function is wrong by so much."""
-        changes = [
-            float(np.log(self.height(x, value + part) / self.height(x, value - part))) / 2.0
-            for part in (missed, 1j * missed)
-        ]
-        return math.hypot(*changes)
 
 
 @dataclass(frozen=True)
@@ -406,31 +250,6 @@ def next_coefficients(coefficients: NDArray[Any]) -> Array:
     return np.asarray(np.where(sizes.all(0), bound, sizes.max(0)))
 
 
-def next_coefficient(coefficients: Sequence[complex]) -> float:
-    """Bound the size of the first coefficient that a Chebyshev series of a smooth function leaves out.
-
-    Those of an analytic function are below 2 M / rho^k (Trefethen, Approximation Theory and Approximation
-    Practice, 2013, theorem 8.1). The slowest fall between two known ones gives rho, at least 1. The last two each
-    give the coefficient that they fall to; the larger one counts, since one may be small by chance.
-
-    Parameters
-    ----------
-    coefficients : sequence of complex, shape (n,)
-        Those of T_0, T_1, ...; the first, which is the mean, says nothing of the fall.
-    """
-    sizes = np.abs(np.asarray(coefficients)[1:])
-    if not sizes.all():
-        return float(sizes.max())
-    fall = min(1.0, float((sizes[1:] / sizes[:-1]).max()))
-    return float((sizes[-2:] * [fall**2, fall]).max())
-
-
-def _curvature(function: Callable[[float], float], s: float) -> float:
-    """The size of the second derivative at s."""
-    left, middle, right = (function(s + n * CURVATURE_STEP) for n in (-1, 0, 1))
-    return abs(left - 2.0 * middle + right) / CURVATURE_STEP**2
-
-
 def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:
     """Return all roots of a cheap function that a grid tells apart, in order, by Brent's method.
 
@@ -451,18 +270,9 @@ def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:
     return [root(*grid[k : k + 2].tolist()) for k in changes.tolist()]
 
 
-def falling_roots(x: Array, values: Array, *, derivative: bool = False) -> list[Crossing]:
-    """Return where the spline through values falls through 0.
-
-    Parameters
-    ----------
-    x, values : ndarray, shape (n,)
-        The nodes of the spline.
-    derivative : bool
-        Take the roots of its derivative, which are its peaks.
-    """
-    spline = CubicSpline(x, values)
-    curve = spline.derivative() if derivative else spline
+def falling_roots(x: Array, values: Array) -> list[Crossing]:
+    """Return where the spline through values of shape (n,) at x falls through 0."""
+    curve = CubicSpline(x, values)
     at, slope = curve.roots(extrapolate=False), curve.derivative()
     return [Crossing(float(root), float(slope(root))) for root in at if slope(root) < 0.0]
 

@@ -71,8 +71,8 @@ class Turns:
     columns
         The names of what is kept.
     values
-        These at ANGLES even crank angles of the revolution before the last and of the last, shape
-        (n, 2, ANGLES, columns).
+        These at even crank angles of the revolution before the last and of the last, shape
+        (n, 2, angles, columns).
     periods
         How long these two take, shape (n, 2) [s].
     contraction
@@ -92,16 +92,17 @@ class Turns:
     problems: list[str]
 
     def of(self, column: str) -> Array:
-        """Return the values of a column, shape (n, 2, ANGLES)."""
+        """Return the values of a column, shape (n, 2, angles)."""
         return np.asarray(self.values[..., self.columns.index(column)])
 
     def amplitudes(self, column: str, order: int) -> NDArray[np.complex128]:
         """Return complex amplitudes of an order of the crank angle, X = Im(X_hat exp(i k phi)), shape (n, 2).
 
-        They are those of the sums over even angles, which are exact for the orders below ANGLES / 2.
+        They are those of the sums over even angles, which are exact for orders below half their number.
         """
-        wave = np.exp(-2j * math.pi * order / ANGLES * np.arange(ANGLES))
-        return np.asarray(2j / ANGLES * (self.of(column) @ wave))
+        number = self.values.shape[2]
+        wave = np.exp(-2j * math.pi * order / number * np.arange(number))
+        return np.asarray(2j / number * (self.of(column) @ wave))
 
     def settling_error(self, of_both: Any) -> Any:
         """Return what settling leaves open of quantities of both revolutions, shape (n, 2), a value of shape (n,).
@@ -115,7 +116,7 @@ class Turns:
 class _Search:
     """The state of Newton's method of every member; sections are over the scale of each state."""
 
-    def __init__(self, begin: Array, speed: Array, columns: Sequence[str]) -> None:
+    def __init__(self, begin: Array, speed: Array, columns: Sequence[str], angles: int) -> None:
         n, states = begin.shape
         self.at, self.turned = begin.copy(), np.full_like(begin, np.nan)
         self.scale = np.maximum(np.abs(begin), MIN_STATE_SCALE * speed[:, None])
@@ -124,7 +125,7 @@ class _Search:
         self.is_open = np.ones(n, bool)
         self.turns = Turns(
             columns,
-            np.full((n, 2, ANGLES, len(columns)), np.nan),
+            np.full((n, 2, angles, len(columns)), np.nan),
             np.full((n, 2), np.nan),
             np.full(n, np.nan),
             np.full_like(begin, np.nan),
@@ -159,11 +160,12 @@ class _Search:
         self.refuse(m[grows], [UNSTABLE] * len(m))
         done = np.flatnonzero(settled & ~grows)
         if len(done):
-            angles = TURN / ANGLES * np.arange(2 * ANGLES) + TURN * (turns - 2)
-            wanted = np.broadcast_to(angles, (len(done), 2 * ANGLES))
+            number = self.turns.values.shape[2]
+            angles = TURN / number * np.arange(2 * number) + TURN * (turns - 2)
+            wanted = np.broadcast_to(angles, (len(done), 2 * number))
             values = at_angles(phi[done], data[done][..., 1:], wanted)
             found = self.turns
-            found.values[m[done]] = values.reshape(len(done), 2, ANGLES, -1)
+            found.values[m[done]] = values.reshape(len(done), 2, number, -1)
             found.periods[m[done]] = np.diff(times[done], axis=1)[:, -2:]
             found.states[m[done]] = sections[done, -1] * self.scale[m[done]]
             self.is_open[m[done]] = False
@@ -183,6 +185,7 @@ def steady_turns(
     steps_per_rev: Any,
     record: Sequence[str],
     algorithm: str = "strang",
+    angles: int = ANGLES,
     jobs: int = 1,
 ) -> Turns:
     """Return the last two of several revolutions on the steady orbits near start values.
@@ -207,6 +210,8 @@ def steady_turns(
         What is kept besides the states.
     algorithm : str
         Coupling algorithm.
+    angles : int
+        Even crank angles of a revolution at which values are kept.
     jobs : int
         Threads that do the runs.
 
@@ -218,7 +223,7 @@ def steady_turns(
     columns = list(dict.fromkeys([*states, *record]))
     speed, turns = np.asarray(speed, float), len(states) + 1
     begin = np.stack([np.asarray(cases[name], float) for name in states], axis=1)
-    search = _Search(begin, speed, columns)
+    search = _Search(begin, speed, columns, angles)
     if not len(speed):
         return search.turns
     step = TURN / (speed * steps_per_rev)

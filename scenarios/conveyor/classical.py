@@ -275,8 +275,9 @@ def limits_of(machine: Machine, sweep: SpeedSweep, tolerance: float) -> dict[Cas
         inside = (sweep.speeds[0] <= nu) & (nu <= sweep.speeds[-1])
         nu = np.where(inside, nu, np.nan)
         orbits = sweep.drive.orbits(machine, sweep.drive.each(nu), "limits")
-        columns = columns_of(sweep.drive, machine, nu, orbits)
-        of_cases = [deviation(case, machine, columns) for case in searched]
+        with np.errstate(invalid="ignore"):  # where no value is wanted
+            columns = columns_of(sweep.drive, machine, nu, orbits)
+            of_cases = [deviation(case, machine, columns) for case in searched]
         value, error = np.array(of_cases)[np.arange(len(nu)), :, np.arange(len(nu))].T
         lost[inside & np.isnan(error)] = True
         return np.where(np.isnan(error), np.nan, value - level), error

@@ -37,6 +37,8 @@ FEWEST_STEPS = 18
 SECTORS = 16
 #: Even angles between which the largest force of a sector is interpolated by a parabola; sixteen for each of ANGLES.
 FINE = 16 * ANGLES
+#: Orbits of a map that are run side by side before their rows are kept. Chosen: half a second of work.
+AT_ONCE = 256
 #: Convergence order of the rod force, which follows the torque of half a step before at once.
 FORCE_ORDER = 1.0
 UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated"
@@ -173,11 +175,9 @@ class Drive:
         """
         run = np.isfinite(nu)
         self.counts[title] += int(run.sum())
-        of_each: dict[str, Any] = {
-            name: np.broadcast_to(x, nu.shape)[run] if np.ndim(x) else x
-            for name, x in vars(machine).items()
-        }
-        turns = self.turns(Machine(**of_each), nu[run], steps_per_rev=self.steps(nu.shape)[run])
+        turns = self.turns(
+            picked(machine, nu.shape, run), nu[run], steps_per_rev=self.steps(nu.shape)[run]
+        )
         return Orbits.of(turns).spread(run)
 
     def check(self, machine: Machine, nu: float, multiple: int = 1) -> None:
@@ -213,6 +213,15 @@ class Drive:
     def each(self, x: Any) -> Array:
         """Return x once for each step multiple, shape (multiples, ...)."""
         return np.repeat(np.asarray(x, float)[None], self.multiples, axis=0)
+
+
+def picked(machine: Machine, shape: tuple[int, ...], index: Any) -> Machine:
+    """Return some of machines whose fields are numbers, or arrays that broadcast to a shape."""
+    fields_of_some: dict[str, Any] = {
+        name: np.broadcast_to(x, shape)[index] if np.ndim(x) else x
+        for name, x in vars(machine).items()
+    }
+    return Machine(**fields_of_some)
 
 
 def at_zero_step(values: Array, order: float, noise: Array | float = 0.0) -> Limit:

@@ -83,7 +83,7 @@ class Machine:
         """Damping ratio of the torque ripple."""
         return self.J / (2 * (self.slope * self.theta0 * self.T) ** 0.5)
 
-    def A(self, nu: float) -> float:
+    def A(self, nu: Any) -> Any:
         """No-speed torque of the motor line that gives the mean speed nu, from (18) [N.m]."""
         return self.slope * nu
 

@@ -14,16 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import cosim
 from cosim import Advice, Identified
 from workbench import Context, Figure, fitting
 from workbench.fitting import figure_of
 from workbench.roots import roots_between
 
+from .drive_orbits import STEP_MULTIPLES, Drive, with_error
 from .first_order import FIELDS, Machine
 from .options import RippleOptions
-from .orbits import STEP_MULTIPLES, Orbit, OrbitRunner, simulate
-from .rows import speed_row
 
 #: Start values that an orbit of the fitted machine sets itself.
 FIXED_STARTS = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
@@ -116,32 +114,26 @@ def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
     return low - nu if nu < low else nu - high if nu > high else 0.0
 
 
-def orbits(
-    o: RippleOptions,
-    context: Context,
-    drive_data: IdentifiedDrive,
-    machine: Machine,
-    nu: float,
-    *,
-    step_multiples: Sequence[int],
-) -> list[Orbit]:
-    """Steady orbits of a machine like the one found at a mean speed nu [rad/s]."""
+def drive_of(
+    o: RippleOptions, context: Context, drive_data: IdentifiedDrive, machine: Machine
+) -> Drive:
+    """How a machine like the one found is run."""
     values = drive_data.fit.start_values
     mine = {name: x for name, x in values.items() if name not in FIXED_STARTS and "(" not in name}
     mine |= {name: getattr(machine, field) for name, field in FIELDS.items() if name in mine}
-    runner = OrbitRunner(context, {**o.start, **mine}, o.algorithm, STEPS)
-    return [simulate(runner.task(machine, nu, k)) for k in step_multiples]
+    return Drive(context, {**o.start, **mine}, o.algorithm, STEPS)
 
 
 def ripple(o: RippleOptions, context: Context, drive_data: IdentifiedDrive, meaning: str) -> Figure:
     """The torque ripple of the machine found on its steady orbit at the operating speed."""
     fit, nu = drive_data.fit, drive_data.operating
     machine = drive_data.machine(fit.start_values)
-    points = orbits(o, context, drive_data, machine, nu, step_multiples=STEP_MULTIPLES)
-    if points[0].problem:
-        return Figure.undetermined("N.m", points[0].problem, meaning)
-    row = speed_row(machine, points, cosim.CONVERGENCE_ORDERS[o.algorithm])
-    value, error = row["tau2"], row["tau2_error"]
+    drive = drive_of(o, context, drive_data, machine)
+    orbits = drive.orbits(machine, drive.each([nu]), "operating speed")
+    if problem := orbits.problem[0, 0]:
+        return Figure.undetermined("N.m", str(problem), meaning)
+    torque, errors = with_error(orbits.torque, drive.order, orbits.torque_error)
+    value, error = float(abs(torque[0])), float(errors[0])
     if math.isnan(error):
         return Figure.undetermined("N.m", "the coupling error is not known", meaning)
     wide = fit.interval(lambda v: float(abs(drive_data.machine(v).torque_ripple(nu)))).error
@@ -166,11 +158,14 @@ def simulated(
         machine, nu = at(x)
         return float(np.log(np.abs(machine.torque_ripple(nu))))
 
-    (point,) = orbits(o, context, drive_data, *at(x), step_multiples=STEP_MULTIPLES[-1:])
-    if point.problem:
-        return Figure.undetermined(figure.unit, point.problem, figure.meaning)
+    machine, nu = at(x)
+    drive = drive_of(o, context, drive_data, machine)
+    coarse = replace(drive, steps_per_rev=STEPS // STEP_MULTIPLES[-1])
+    orbit = coarse.orbits(machine, np.array([nu]), "limits")[0]
+    if orbit.problem:
+        return Figure.undetermined(figure.unit, str(orbit.problem), figure.meaning)
     slope = (theory(x * (1 + SLIGHT)) - theory(x * (1 - SLIGHT))) / (2 * SLIGHT * x)
-    shift = abs((math.log(abs(point.torque)) - math.log(o.ripple_limit)) / slope)
+    shift = abs((math.log(abs(orbit.torque)) - math.log(o.ripple_limit)) / slope)
     return figure._replace(error=figure.error + shift)
 
 

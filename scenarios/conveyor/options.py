@@ -10,9 +10,9 @@ import workbench
 from workbench import Context, option
 
 from ..motor import FORM, Nameplate, nameplate, read
+from .drive_orbits import ALGORITHMS, Drive
 from .first_order import SETS, Machine
 from .machine import followed
-from .orbits import ALGORITHMS, OrbitRunner
 
 #: Rated torque of the motors of the sets, at the crank [N.m].
 RATED = {"A": 100.0, "B": 88.0}
@@ -97,7 +97,7 @@ def speeds_of(text: str) -> tuple[float, ...]:
     return tuple(map(float, text.split(",")))
 
 
-def linear_runner(o: SweepOptions, context: Context) -> tuple[Machine, OrbitRunner]:
+def linear_drive(o: SweepOptions, context: Context) -> tuple[Machine, Drive]:
     """Return the machine of the options, and how it is run; raises SetupError for what FMUs or theory refuse."""
     machine = followed(context.fmus, SETS[o.set], o.start)
-    return machine, OrbitRunner(context, o.start, o.algorithm, o.steps_per_rev)
+    return machine, Drive(context, o.start, o.algorithm, o.steps_per_rev)

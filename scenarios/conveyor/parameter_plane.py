@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
-from cosim import CONVERGENCE_ORDERS, SetupError
-from cosim.accuracy.limit import limit
+from cosim import SetupError
 from workbench.answer import Parameter, parameters
 from workbench.charts.model import Direction
 from workbench.options import at_least
 
-from .features import ResponseLine
+from .drive_orbits import Drive, Orbits, at_zero_step, picked
 from .first_order import FIELDS, Machine
 from .machine import conveyor_drive
-from .orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
+from .response import Lines
 
 Real = NDArray[np.float64]
 SPEED = "speed"
@@ -72,14 +70,17 @@ class Plane(NamedTuple):
         x, y = self.x.along.values.tolist(), self.y.along.values.tolist()
         return [(column, level) for level in y for column in x]
 
-    def points(self) -> list[OperatingPoint]:
-        """The machines of these and their mean speeds."""
-        return [OperatingPoint(*self.at(*node)) for node in self.nodes()]
+    def points(self) -> tuple[Machine, Real]:
+        """The machines of these and their mean speeds [rad/s], shape (points,)."""
+        x, y = np.transpose(self.nodes())
+        machine, nu = self.at(x, y)
+        return machine, np.broadcast_to(nu, x.shape)
 
-    def line(self, y: float) -> ResponseLine:
-        """The machines of equal y."""
-        first, last = self.x.along.values[[0, -1]].tolist()
-        return ResponseLine(lambda x: self.at(x, y), first, last)
+    @property
+    def lines(self) -> Lines:
+        """The machines of equal y, a line for each."""
+        x, y = self.x.along.values, self.y.along.values
+        return Lines(lambda at, line: self.at(at, y[line]), x)
 
 
 class Sample(NamedTuple):
@@ -120,16 +121,16 @@ class Built(NamedTuple):
         factors = {name: 1.0 + share * (2.0 * x - 1.0) for (name, share), x in spread}
         return cls(plane, ratio, factors)
 
-    def at(self, row: int, x: Any, number: Any) -> OperatingPoint:
-        """One of the machines at a point and its mean speed, or several at an array of x."""
+    def at(self, row: int, x: Any, number: Any) -> tuple[Machine, Any]:
+        """Some of the machines at an array of x, and their mean speeds [rad/s]."""
         machine, nu = self.plane.at(x, float(self.plane.y.along.values[row]))
         parts = {FIELDS[name]: factor[number] for name, factor in self.factors.items()}
         changed: dict[str, Any] = {name: vars(machine)[name] * x for name, x in parts.items()}
-        return OperatingPoint(replace(machine, **changed), nu)
+        return replace(machine, **changed), nu
 
     def sample(self, row: int, x: Real) -> Sample:
         """All machines of a row, each at its worst x."""
-        machines, nu, _ = self.at(row, x, (slice(None), None))
+        machines, nu = self.at(row, x, (slice(None), None))
         ratio = np.interp(x, self.plane.x.along.values, self.ratio[row])
         expected = np.atleast_2d(np.abs(machines.torque_ripple(nu)) * ratio)
         position = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
@@ -137,22 +138,28 @@ class Built(NamedTuple):
         return Sample(position, row, x[expected.argmax(axis=1)], expected.max(axis=1))
 
     def check(
-        self, samples: Sequence[Sample], runs: int, limit: float, runner: OrbitRunner
+        self, samples: Sequence[Sample], runs: int, limit: float, drive: Drive
     ) -> list[dict[str, Any]]:
         """Co-simulate the first machines of each sample."""
-        points = [
-            self.at(sample.row, float(sample.x[k]), k) for sample in samples for k in range(runs)
-        ]
-        orbits = runner.orbits(points, "check of the probability")
-        groups = [(sample, list(islice(orbits, runs))) for sample in samples]
-        steady = [group for group in groups if any(not orbit.problem for orbit in group[1])]
-        return [judged(sample, group, limit) for sample, group in steady]
+        checks = []
+        for sample in samples:
+            machines, nu = self.at(sample.row, sample.x[:runs], slice(runs))
+            speeds = np.broadcast_to(nu, (1, runs))
+            (orbits,) = drive.orbits(machines, speeds, "check of the probability").torque
+            if np.isfinite(orbits).any():
+                checks.append(judged(sample, orbits, limit))
+        return checks
+
+
+def torque_ripple(orbits: Orbits) -> Real:
+    """The torque ripple of orbits, order 2 [N.m]."""
+    return np.abs(orbits.torque)
 
 
 def coupling_error(
     plane: Plane,
-    runner: OrbitRunner,
-    quantity: Callable[[Orbit], float] = torque_amplitude,
+    drive: Drive,
+    quantity: Callable[[Orbits], Real] = torque_ripple,
     order: float | None = None,
 ) -> float:
     """Return the largest relative coupling error of a quantity of orbits, by runs with longer steps.
@@ -166,25 +173,19 @@ def coupling_error(
         If none of these orbits is steady with all step multiples.
     """
     x, y = (
-        sorted({round(k) for k in np.linspace(0, len(axis.along.values) - 1, GRID).tolist()})
+        np.unique(np.linspace(0, len(axis.along.values) - 1, GRID).round().astype(int))
         for axis in (plane.x, plane.y)
     )
-    every, width = plane.points(), len(plane.x.along.values)
-    points = [
-        every[n * width + k]._replace(step_multiple=multiple)
-        for n in y
-        for k in x
-        for multiple in STEP_MULTIPLES
-    ]
-    values = [quantity(orbit) for orbit in runner.orbits(points, "coupling error")]
-    runs = np.array(values).reshape(-1, len(STEP_MULTIPLES))
-    runs = runs[np.isfinite(runs).all(axis=1)]
-    if not len(runs):
+    some = (y[:, None] * len(plane.x.along.values) + x).ravel()
+    machine, nu = plane.points()
+    machine = picked(machine, nu.shape, some)
+    values = quantity(drive.orbits(machine, drive.each(nu[some]), "coupling error"))
+    runs = values[:, np.isfinite(values).all(axis=0)]
+    if not runs.size:
         raise SetupError(
             "no orbit is steady with a quarter of the steps per revolution: take more steps"
         )
-    order = order or CONVERGENCE_ORDERS[runner.algorithm]
-    of_runs = limit(runs.T, order)
+    of_runs = at_zero_step(runs, order or drive.order)
     return float((of_runs.error / of_runs.value).max())
 
 
@@ -195,14 +196,14 @@ def on_edge(probabilities: Any, count: int) -> list[int]:
     return sorted({int(open_[k]) for k in chosen})
 
 
-def judged(sample: Sample, orbits: Sequence[Orbit], limit: float) -> dict[str, Any]:
-    """What co-simulation makes of the first machines of a sample; those without an orbit are left out.
+def judged(sample: Sample, torques: Any, limit: float) -> dict[str, Any]:
+    """What co-simulation makes of the first machines of a sample, by their torque ripple; without an orbit it is nan.
 
     By brute force the probability lies in the interval with CONFIDENCE.
     """
-    steady = np.array([not orbit.problem for orbit in orbits])
-    expected = sample.expected[: len(orbits)][steady]
-    ripples = np.abs([orbit.torque for orbit in orbits])[steady]
+    steady = np.isfinite(torques)
+    expected = sample.expected[: len(torques)][steady]
+    ripples = np.abs(torques)[steady]
     hits, total = int((ripples > limit).sum()), len(ripples)
     deviation = ripples / expected - 1.0
     return {
@@ -213,7 +214,7 @@ def judged(sample: Sample, orbits: Sequence[Orbit], limit: float) -> dict[str, A
         "samples": total,
         "judged_above": int(((ripples > limit) & (expected <= limit)).sum()),
         "judged_below": int(((ripples <= limit) & (expected > limit)).sum()),
-        "not_steady": len(orbits) - total,
+        "not_steady": len(torques) - total,
         "off_rms": float(np.sqrt(np.mean(deviation**2))),
         "off_max": float(np.abs(deviation).max()),
     }

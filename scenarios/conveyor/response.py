@@ -188,8 +188,16 @@ class Response:
 
     def crossings(self, sought: Sought) -> list[Crossing]:
         """Return where the response has a feature that is no peak, with the slope of its residual."""
-        values = self.lines.residual(sought, self.grid, self.line, self._on_grid[TORQUE])
-        return falling_roots(self.grid, values)
+
+        def residual(x: Any, inverse: Any) -> Any:
+            return self.lines.residual(sought, x, self.line, inverse[TORQUE])
+
+        found = falling_roots(self.grid, residual(self.grid, self._on_grid))
+        polished = []
+        for x, slope in found:
+            nearer = x - float(residual(x, self.inverse(x))) / slope
+            polished.append(Crossing(nearer, slope))
+        return polished
 
     def lag(self) -> Sought:
         """Return where the torque ripple lags its load by 90 degrees, where x is least of such places."""

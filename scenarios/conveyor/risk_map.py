@@ -12,7 +12,7 @@ from workbench import Chart, Curve, Mark, Panel
 from workbench.charts import model as colors
 from workbench.charts.model import Direction, Field, Level, Look, Span
 
-from .orbits import OrbitRunner
+from .drive_orbits import Drive
 from .parameter_plane import Plane
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Map(NamedTuple):
     """The machines, how they are run, the tables of their points and rows, the operating range [rad/s]."""
 
     plane: Plane
-    runner: OrbitRunner
+    drive: Drive
     points: DataFrame
     rows: DataFrame
     within: tuple[float, float] | None

@@ -14,10 +14,10 @@ from workbench import Chart, Curve, Mark, Panel
 from workbench.charts import model as colors
 from workbench.charts.model import Direction, Field, Level, SecondUnit
 
+from .drive_orbits import Drive, Orbits
 from .first_order import ANGLES, Machine
-from .orbits import OperatingPoint, Orbit, OrbitRunner, torque_amplitude
-from .parameter_plane import Plane
-from .rod_waveform import between, largest_force_of, peak, waveform
+from .parameter_plane import Plane, torque_ripple
+from .rod_waveform import between, largest_forces, peak, waveform
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -30,14 +30,19 @@ FINE = 121
 
 class RodForceData(NamedTuple):
     """How machines are run, the length of their rod, infinite if much longer than the crank [m]; the
-    plane and its table; the machine with its spring and, if it is known, the one that unloads the rod.
+    plane, its table and its orbits, shape (points,); the machine with its spring and, if it is known, the one that
+    unloads the rod, with their orbits at the speeds of the plane, shape (speeds,), and at the operating speed, with
+    each step size.
     """
 
-    runner: OrbitRunner
+    drive: Drive
     length: float
     plane: Plane
     points: DataFrame
+    orbits: Orbits
     machines: Mapping[str, Machine]
+    sweeps: Mapping[str, Orbits]
+    operating: Mapping[str, Orbits]
 
     @property
     def speeds(self) -> list[float]:
@@ -49,17 +54,10 @@ class RodForceData(NamedTuple):
         values = self.points[column].to_numpy().reshape(-1, len(self.speeds))
         return np.where(values > 0.0, values, math.nan)
 
-    def sweep(self, machine: Machine) -> list[Orbit]:
-        """The orbits of a machine at the speeds of the plane."""
-        return list(
-            self.runner.orbits([OperatingPoint(machine, nu) for nu in self.speeds], "speeds")
-        )
-
     def valley(self) -> list[tuple[float, float]]:
         """Speeds of the plane, and the springs of the plane that unload the rod there [N/m]."""
-        springs, width = self.plane.y.along.values.tolist(), len(self.speeds)
-        points = list(self.runner.orbits(self.plane.points(), "map"))
-        optima = [between(springs, points[k::width]) for k in range(width)]
+        springs, width = self.plane.y.along.values, len(self.speeds)
+        optima = [between(springs, self.orbits[k::width]) for k in range(width)]
         return [(nu, c) for nu, c in zip(self.speeds, optima) if isinstance(c, float)]
 
 
@@ -67,11 +65,10 @@ def over_angle(r: RodForceData) -> Chart:
     """The rod force over the crank angle at the operating speed: formula, theory, co-simulation."""
     nu, deg, panels = r.plane.speed, np.degrees(ANGLES), []
     for name, machine in r.machines.items():
-        (orbit,) = r.runner.orbits([OperatingPoint(machine, nu)], "operating speed")
         steady, swinging = (
             1e-3 * waveform(machine, r.length, nu, steady=kind) for kind in (True, False)
         )
-        simulated = 1e-3 * np.array(orbit.waveform[::2])
+        simulated = 1e-3 * r.operating[name].waveform[0, ::2]
         curves = [
             Curve("constant speed, formula (17)", deg, steady, colors.THEORY, "theory"),
             Curve("with the speed ripple", deg, swinging, "green"),
@@ -91,22 +88,16 @@ def over_speed(r: RodForceData) -> Chart:
     """Rod force and torque ripple over the speed with either spring, theory as lines."""
     fine, forces, ripples = np.linspace(r.speeds[0], r.speeds[-1], FINE), [], []
     for name, machine in r.machines.items():
-        points, (label, color) = r.sweep(machine), SPRINGS[name]
+        orbits, (label, color) = r.sweeps[name], SPRINGS[name]
         theory = [1e-3 * peak(waveform(machine, r.length, nu)) for nu in fine.tolist()]
         ripple, line = abs(machine.torque_ripple(fine)), f"theory, {label}"
         forces += [
             Curve(line, fine, theory, color, "theory"),
-            Curve(
-                label,
-                r.speeds,
-                [1e-3 * largest_force_of(point) for point in points],
-                color,
-                "points",
-            ),
+            Curve(label, r.speeds, 1e-3 * largest_forces(orbits), color, "points"),
         ]
         ripples += [
             Curve(line, fine, ripple, color, "theory"),
-            Curve(label, r.speeds, [torque_amplitude(point) for point in points], color, "points"),
+            Curve(label, r.speeds, torque_ripple(orbits), color, "points"),
         ]
     nu, nu_res = r.plane.speed, r.plane.machine.nu_res
     return Chart(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,11 +13,9 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from workbench import Figure
-from workbench.measure import Measured
 
-from .features import converged
+from .drive_orbits import FORCE_ORDER, Drive, Orbits, at_zero_step, figure_of, sector_peaks
 from .first_order import ANGLES, Machine, Mechanism, crank, push
-from .orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner
 
 #: Springs around that of formula (17), over it.
 AROUND = (0.5, 0.75, 1.0, 1.25, 1.5)
@@ -27,8 +25,6 @@ FINE = 4096
 CLOSE = 1e-6
 #: Newton's steps from one of FINE angles to a peak, which leaves an error of the order of 1e-3^8; then rounding.
 NEWTON_STEPS = 4
-#: Convergence order of the rod force, which follows the torque of half a step before at once.
-ORDER = 1.0
 
 
 def waveform(
@@ -67,9 +63,9 @@ def peak(waveform: Any) -> float:
     return best
 
 
-def largest_force_of(orbit: Orbit) -> float:
-    """The largest rod force of an orbit [N]."""
-    return peak(orbit.waveform)
+def largest_forces(orbits: Orbits) -> NDArray[np.float64]:
+    """The largest rod force of each orbit [N]."""
+    return np.asarray(sector_peaks(orbits.waveform).max(axis=-1))
 
 
 def least(waveform_of: Callable[[float], Any], low: float, high: float) -> float:
@@ -88,50 +84,38 @@ def least(waveform_of: Callable[[float], Any], low: float, high: float) -> float
     return c if low + room < c < high - room else math.nan
 
 
-def around(machine: Machine, nu: float) -> list[float]:
+def around(machine: Machine, nu: float) -> NDArray[np.float64]:
     """Springs around that of (17) [N/m]."""
-    return [share * machine.m * nu**2 for share in AROUND]
+    return np.array(AROUND) * machine.m * nu**2
 
 
-def between(springs: Sequence[float], orbits: Sequence[Orbit]) -> float | str:
+def between(springs: NDArray[np.float64], orbits: Orbits) -> float | str:
     """The spring with the least peak among some whose orbits are known [N/m], or why it is not determined."""
-    if problem := next((orbit.problem for orbit in orbits if orbit.problem), ""):
-        return problem
-    c, orbits_by_multiple = zip(*sorted(zip(springs, orbits), key=lambda pair: pair[0]))
-    optimum = least(CubicSpline(c, [orbit.waveform for orbit in orbits_by_multiple]), c[0], c[-1])
+    if problem := next(filter(None, orbits.problem), ""):
+        return str(problem)
+    c, order = np.sort(springs), np.argsort(springs)
+    optimum = least(CubicSpline(c, orbits.waveform[order]), c[0], c[-1])
     return "it lies far from that of formula (17)" if math.isnan(optimum) else optimum
 
 
-def unloading_points(machine: Machine, nu: float) -> list[OperatingPoint]:
-    """The orbits from which the search starts."""
-    return [
-        OperatingPoint(replace(machine, c=c), nu, k)
-        for k in STEP_MULTIPLES
-        for c in around(machine, nu)
-    ]
-
-
-def unloading(runner: OrbitRunner, machine: Machine, nu: float) -> Figure:
+def unloading(drive: Drive, machine: Machine, nu: float) -> Figure:
     """The spring with the least peak of the rod force at nu: between orbits around that of (17), and
     again with one more at the place.
     """
     meaning, springs = "spring with the smallest peak of the rod force", around(machine, nu)
-    points = list(runner.orbits(unloading_points(machine, nu), "springs"))
-    orbits_by_multiple = [points[k : k + len(springs)] for k in range(0, len(points), len(springs))]
-    first_optima = [between(springs, orbits_) for orbits_ in orbits_by_multiple]
-    if reasons := [c for c in first_optima if isinstance(c, str)]:
+
+    def orbits_of(c: Any) -> Orbits:
+        return drive.orbits(replace(machine, c=c), np.full(c.shape, nu), "springs")
+
+    first = orbits_of(drive.each(springs))
+    optima = [between(springs, orbits) for orbits in map(first.__getitem__, range(drive.multiples))]
+    if reasons := [c for c in optima if isinstance(c, str)]:
         return Figure.undetermined("N/m", reasons[0], meaning)
-    guesses = [c for c in first_optima if isinstance(c, float)]
-    more_points = [
-        OperatingPoint(replace(machine, c=c), nu, k) for c, k in zip(guesses, STEP_MULTIPLES)
-    ]
-    more = runner.orbits(more_points, "springs")
-    fine = [
-        between([*springs, c], [*orbits_, x])
-        for c, orbits_, x in zip(guesses, orbits_by_multiple, more)
-    ]
-    runs = [
-        c if isinstance(c, str) else Measured(c, abs(c - first) + CLOSE * c)
-        for c, first in zip(fine, guesses)
-    ]
-    return converged(runs, ORDER, "N/m", meaning)
+    guesses = np.array(optima, float)
+    every = first.beside(orbits_of(guesses[:, None]))
+    fine = [between(np.append(springs, c), every[k]) for k, c in enumerate(guesses)]
+    if reasons := [c for c in fine if isinstance(c, str)]:
+        return Figure.undetermined("N/m", reasons[0], meaning)
+    found = np.array(fine, float)
+    noise = np.abs(found - guesses) + CLOSE * found
+    return figure_of(at_zero_step(found, FORCE_ORDER, noise), (), "N/m", meaning)

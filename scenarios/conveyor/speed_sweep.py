@@ -199,6 +199,12 @@ class SpeedSweep:
         return orbit_figure(value, error, "N", "largest rod force of the sweep", why)
 
 
+def no_orbit(problem: str, nu: float) -> str:
+    """Return why there is no orbit at a nominal speed, in a sentence."""
+    what = "the motor stalls" if problem == STALLED else "no steady orbit is found"
+    return f"{what} at {nu:g} rad/s"
+
+
 def row_figure(row: Row, column: str, meaning: str, why: str = "") -> Figure:
     """Return a column of a row that has an error beside it, as a figure; `why` says why there is no orbit."""
     value, error, nu = (row[name] for name in (column, f"{column}_error", "nu"))

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Sequence
-from functools import partial
-from itertools import islice
 
 import numpy as np
 
-import cosim
-from cosim import System
+from cosim import SimulationError
+from cosim.engine.settings import RunSettings
+from cosim.prepared import Prepared
 from workbench import Figure, Table
-from workbench.measure import Measured, Samples, largest, smallest
-from workbench.periodic import TURN
+from workbench.measure import Samples, largest, smallest
+from workbench.steady import TURN
 
-from .features import converged
+from .drive_orbits import STEP_MULTIPLES, Drive, at_zero_step, figure_of
 from .first_order import Machine
-from .machine import WIRES
-from .orbits import OrbitRunner
+from .machine import conveyor_drive
 from .second_order import drift, settling
 
 DRIFT = ("overshoot", "off_16", "off_whole")
@@ -35,67 +32,74 @@ PAST_OVERSHOOT = 1.1
 NO_OVERSHOOT = 1e-6
 
 
-def drifts(
-    machine: Machine, runner: OrbitRunner, multiples: Sequence[int], nu: float
-) -> tuple[Table, dict[str, Figure]]:
+def drifts(machine: Machine, drive: Drive, nu: float) -> tuple[Table, dict[str, Figure]]:
     """How the mean speed comes to nu from the orbit of a speed SLOWER, and what it makes of (16).
 
     The mean is that of STARTS at crank angles evenly spaced over a turn, which leaves out the ripple;
     how far it is from others is told in % of the way.
     """
     slow = (1.0 - SLOWER) * nu
-    W, M, step_size = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
+    step_size, multiples = nu - slow, STEP_MULTIPLES[: drive.multiples]
     stop = drift_time(machine)
-    longest = multiples[-1] * TURN / (nu * runner.steps_per_rev)
+    longest = multiples[-1] * TURN / (nu * drive.steps_per_rev)
     count = multiples[-1] * math.ceil(stop / longest)
     h = stop / count
-    systems = []
-    for phi in TURN / STARTS * np.arange(STARTS):
-        turned = cmath.exp(2j * phi)
-        state = {
-            "conveyor.phi": phi,
-            "conveyor.w": slow + (W * turned).imag,
-            "motor.tau": machine.load_slope * slow + (M * turned).imag,
-        }
-        start = {**machine.start(nu), **runner.start, **state}
-        systems.append(System(runner.context.fmus, WIRES, start))
-    tasks = [(system, k * h, count // k) for k in multiples for system in systems]
-    runs = runner.context.each(partial(speeds, runner.algorithm), tasks, "drift")
-    deviations: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
-    for k in multiples:
-        each = list(islice(runs, STARTS))
+    speeds = speeds_of_starts(machine, drive, nu, [k * h for k in multiples], count * h)
+    deviations = np.full((2, len(multiples), len(DRIFT)), math.nan)
+    for k, each in zip(multiples, speeds):
         t = np.linspace(0.0, count * h, count // k + 1)
-        mean = np.mean(each, axis=0)
+        mean = each.mean(axis=0)
         plain, second_order = (nu - step_size * left for left in drift(machine, t))
-        for name, x in zip(deviations, (nu, plain, second_order)):
+        for j, x in enumerate((nu, plain, second_order)):
             share = (mean - x) / step_size
             above, below = largest(t, share), smallest(t, share)
             top = max(above, below, key=lambda it: abs(it.value))
-            if name == "overshoot":  # none where the mean speed stays below that of the new supply
+            if (
+                DRIFT[j] == "overshoot"
+            ):  # none where the mean speed stays below that of the new supply
                 top = above._replace(value=max(above.value, 0.0))
-            deviations[name].append(Measured(100 * abs(top.value), 100 * top.error))
+            deviations[:, multiples.index(k), j] = 100 * abs(top.value), 100 * top.error
         if k == 1:
             cells = np.stack([t, mean, plain, second_order, each[0]], axis=1)
-    meant = {
-        "overshoot": "overshoot of the mean speed after a step of the supply",
-        "off_16": "largest deviation of formula (16) from the mean speed in that step",
-        "off_whole": "the same with the term that (16) neglects",
-    }
-    order = cosim.CONVERGENCE_ORDERS[runner.algorithm]
-    all_figures = {
-        name: converged(runs, order, "%", meant[name]) for name, runs in deviations.items()
-    }
-    all_figures["settling_16"] = Figure(
-        machine.J / machine.slope, "s", 0.0, "time constant of settling by formula (16)"
-    )
-    all_figures["settling"] = Figure(
-        float(-1 / settling(machine).real.max()),
-        "s",
-        0.0,
+    meant = (
+        "overshoot of the mean speed after a step of the supply",
+        "largest deviation of formula (16) from the mean speed in that step",
         "the same with the term that (16) neglects",
     )
+    limits = at_zero_step(deviations[0], drive.order, deviations[1])
+    figures = {name: figure_of(limits, j, "%", meant[j]) for j, name in enumerate(DRIFT)}
+    slowest = float(-1 / settling(machine).real.max())
+    by_16 = "time constant of settling by formula (16)"
+    figures["settling_16"] = Figure(machine.J / machine.slope, "s", 0.0, by_16)
+    figures["settling"] = Figure(slowest, "s", 0.0, "the same with the term that (16) neglects")
     units = dict.fromkeys(("time", "mean", "mean_16", "mean_whole", "w"), "rad/s") | {"time": "s"}
-    return Table.of_rows(cells.tolist(), units), all_figures
+    return Table.of_rows(cells.tolist(), units), figures
+
+
+def speeds_of_starts(
+    machine: Machine, drive: Drive, nu: float, steps: Sequence[float], stop: float
+) -> list[Samples]:
+    """The crank speed after every step, shape (STARTS, rows), for each step size [s].
+
+    The starts are on the orbit of a speed SLOWER, at crank angles evenly over a turn; the supply is that of nu.
+    """
+    slow = (1.0 - SLOWER) * nu
+    phi = TURN / STARTS * np.arange(STARTS)
+    turned = np.exp(2j * phi)
+    states = {
+        "conveyor.phi": phi,
+        "conveyor.w": slow + (machine.speed_ripple(slow) * turned).imag,
+        "motor.tau": machine.load_slope * slow + (machine.torque_ripple(slow) * turned).imag,
+    }
+    cases = {name: np.tile(x, len(steps)) for name, x in states.items()}
+    system = conveyor_drive(drive.context.fmus, {**machine.start(nu), **drive.start})
+    settings = RunSettings(stop, steps[0], algorithm=drive.algorithm, record=("conveyor.w",))
+    with Prepared.open(system, settings) as prepared:
+        ensemble = prepared.map(cases, steps=np.repeat(steps, STARTS).tolist())
+    if reason := next(filter(None, ensemble.reasons), ""):
+        raise SimulationError(reason, ensemble.result(0))
+    first = range(0, len(ensemble), STARTS)
+    return [ensemble["conveyor.w"][k : k + STARTS, : ensemble.counts[k]] for k in first]
 
 
 def drift_time(machine: Machine) -> float:
@@ -109,10 +113,3 @@ def drift_time(machine: Machine) -> float:
     if frequency == 0.0 or math.exp(-math.pi * damping / frequency) < NO_OVERSHOOT:
         return decayed
     return max(decayed, PAST_OVERSHOOT * math.pi / frequency)
-
-
-def speeds(algorithm: str, task: tuple[System, float, int]) -> Samples:
-    """The crank speed after every step of a run."""
-    system, h, count = task
-    run = cosim.run(system, stop=count * h, step=h, algorithm=algorithm, record=("conveyor.w",))
-    return run["conveyor.w"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from scenarios.conveyor.questions import resonance, rod_force
-from scenarios.conveyor.rows import LARGEST_PEAKED_ZETA, OPERATING
+from scenarios.conveyor.speed_sweep import LARGEST_PEAKED_ZETA, OPERATING
 from tests.conftest import LONG, QUICK, ask, plain
 from workbench.answer import Answer
 from workbench.export import content

@@ -143,7 +143,7 @@ def test_mean_values_are_those_of_exact_orbits(answers_of_set: Any) -> None:
     for key in ("supply", "motor", "trough"):
         figure = stated[f"{key}_more"]
         assert abs(figure.value - truth[key] + getattr(plain, key)) <= figure.error
-    assert abs(stated["missing"].value) <= stated["missing"].error < 1e-3
+    assert abs(stated["missing"].value) <= stated["missing"].error < 2e-3
     assert truth["supply"] == pytest.approx(truth["trough"] + truth["motor"], rel=1e-12)
 
 

@@ -22,10 +22,9 @@ from scenarios.conveyor.first_order import (
     crank,
     slotted_link,
 )
-from scenarios.conveyor.rows import SPEEDS
+from scenarios.conveyor.speed_sweep import SPEEDS
 from tests.scenarios.orbit_oracle import Drive, orbit
-from workbench.measure import harmonics
-from workbench.periodic import periodic_orbit
+from workbench.steady import steady_turns
 
 Real = np.typing.NDArray[np.float64]
 LINK = 0.05
@@ -186,13 +185,13 @@ def test_coupled_link_has_the_ripple_of_exact_orbits_and_that_of_theory(
         start = machine.start(nu) | {f"conveyor.{key}": value for key, value in values.items()}
         start["motor.A"] = machine.B * nu + mean
 
-        def system(at: Any, start: Any = start) -> System:
-            return System(fmus_, wires, {**start, **at})
-
-        near = {"conveyor.w": nu, "motor.tau": mean}
-        turns = periodic_orbit(system, near, "conveyor.phi", nu, 512, record=["conveyor.f_pin"])
-        phi, torque = (turns.result[key][turns.window()] for key in ("conveyor.phi", "motor.tau"))
-        simulated, theory = harmonics(phi, torque, 12)[:4], link.ripples(nu).torque[:4]
+        near = {"conveyor.w": np.array([nu]), "motor.tau": np.array([mean])}
+        turns = steady_turns(
+            System(fmus_, wires, start), near, list(near), "conveyor.phi", np.array([nu]),
+            steps_per_rev=512, record=["conveyor.f_pin"],
+        )  # fmt: skip
+        simulated = np.array([turns.amplitudes("motor.tau", k)[0, 1] for k in range(1, 5)])
+        theory = link.ripples(nu).torque[:4]
         true = exact(drive(machine, Link, l=LINK), nu)[1][:4]
         largest = np.abs(true).max()
         assert np.abs(simulated - true).max() < 5e-4 * largest

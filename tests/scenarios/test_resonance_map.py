@@ -16,9 +16,8 @@ import pytest
 from scipy.optimize import brentq
 
 import cosim
-from scenarios.conveyor.features import LAG, NOT_IN_RANGE, locate
+from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.first_order import SETS
-from scenarios.conveyor.orbits import STEP_MULTIPLES, Orbit, OrbitRunner
 from scenarios.conveyor.parameter_plane import (
     Built,
     Plane,
@@ -29,6 +28,7 @@ from scenarios.conveyor.parameter_plane import (
     shares,
 )
 from scenarios.conveyor.questions import resonance_map
+from scenarios.conveyor.response import NOT_IN_RANGE, Response
 from tests.conftest import ROOT, ask, fmus_of, restore_ctrl_c
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Context
@@ -36,12 +36,12 @@ from workbench.export import finish
 
 A = SETS["A"]
 FMUS = fmus_of(resonance_map)
-RUNNER = OrbitRunner(Context(FMUS), {}, "strang", 256)
+DRIVE = drive_orbits.Drive(Context(FMUS), {}, "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 SPEEDS = np.linspace(24.0, 64.0, 11).tolist()
 Real = np.typing.NDArray[np.float64]
-Points = tuple[Plane, pd.DataFrame]
+Points = tuple[Plane, pd.DataFrame, drive_orbits.Orbits]
 
 
 def plane(x: str, y: str, speed: float = 60.0) -> Plane:
@@ -52,18 +52,22 @@ def plane(x: str, y: str, speed: float = 60.0) -> Plane:
 def mapped() -> Points:
     """Speed and motor.T, with the reference machine in the middle row."""
     map_plane = plane("speed=24:64:11", "motor.T=0.05:0.075:3")
-    return map_plane, resonance_map.swept(map_plane, RUNNER, None)
+    return map_plane, *resonance_map.swept(map_plane, DRIVE, None)
 
 
 @pytest.fixture(scope="module")
 def ridges(mapped: Points) -> pd.DataFrame:
-    return resonance_map.ridges(mapped[0], RUNNER)
+    return resonance_map.ridges(mapped[0], DRIVE, mapped[2])
+
+
+def ridges_of(map_plane: Plane) -> pd.DataFrame:
+    return resonance_map.ridges(map_plane, DRIVE, resonance_map.swept(map_plane, DRIVE, None)[1])
 
 
 def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> None:
     """Within the coupling error that the map states."""
-    map_plane, points = mapped
-    error = coupling_error(map_plane, RUNNER)
+    map_plane, points, _ = mapped
+    error = coupling_error(map_plane, DRIVE)
     assert error < 2e-3
     for nu, ripple in MONOLITHIC.items():
         at = points["ripple"][11 + SPEEDS.index(nu)]
@@ -71,12 +75,12 @@ def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> 
 
 
 def test_gain_is_theorys_closest_far_from_resonance(mapped: Points) -> None:
-    map_plane, points = mapped
-    points_ = map_plane.points()
-    damped = [m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J for m, nu, _ in points_]
+    map_plane, points, _ = mapped
+    m, nu = map_plane.points()
+    damped = m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J
     gain, theory = points["gain"].to_numpy(), A.B / np.abs(damped)
     assert gain == pytest.approx(theory, rel=4e-3)
-    far = np.array([abs(nu / m.nu_res - 1) > 0.2 for m, nu, _ in points_])
+    far = abs(nu / m.nu_res - 1) > 0.2
     assert 10 < far.sum() < 25
     assert gain[far] == pytest.approx(theory[far], rel=2e-3)
 
@@ -96,21 +100,16 @@ def test_ridges_lie_where_theory_and_exact_orbits_have_them(ridges: pd.DataFrame
 
 def test_ridges_do_not_depend_on_the_points_of_the_map(ridges: pd.DataFrame) -> None:
     map_plane = plane("speed=21:66:5", "motor.T=0.0625:0.075:2")
-    coarse = resonance_map.ridges(map_plane, RUNNER)
+    coarse = ridges_of(map_plane)
     for name in ("lag_90", "peak"):
         assert coarse[name][0] == pytest.approx(ridges[name][1], rel=1e-5)
 
 
 def test_torque_of_the_wrong_sign_has_no_phase_ridge(mapped: Points) -> None:
-    map_plane, _ = mapped
-    orbits = RUNNER.orbits(map_plane.points(), "map")
-    reversed_orbits = [
-        (x, orbit._replace(torque=-orbit.torque)) for x, orbit in zip(SPEEDS, orbits)
-    ]
-    ((figure, _),) = locate(
-        [(map_plane.line(0.05), LAG, reversed_orbits)], STEP_MULTIPLES, "rad/s", RUNNER
-    )
-    assert figure.reason == NOT_IN_RANGE
+    map_plane, _, orbits = mapped
+    reversed_orbits = replace(orbits, torque=-orbits.torque)[:11]
+    assert Response(map_plane.lines, 0, reversed_orbits).lag().reason == NOT_IN_RANGE
+    assert not Response(map_plane.lines, 0, orbits[:11]).lag().reason
 
 
 def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
@@ -133,7 +132,7 @@ def test_any_two_parameters_have_a_ridge_where_formula_22_has_it(
     x: str, y: str, speed: float
 ) -> None:
     map_plane = plane(x, y, speed)
-    ridges = resonance_map.ridges(map_plane, RUNNER)
+    ridges = ridges_of(map_plane)
     assert ridges["formula"].notna().all()
     assert ridges["lag_90"].to_list() == pytest.approx(ridges["formula"].to_list(), rel=1.5e-3)
     for row in ridges.itertuples():
@@ -146,10 +145,10 @@ def test_points_without_a_steady_orbit_are_reported_and_left_out(
 ) -> None:
     """A motor too weak to turn the crank over its spring stands still at every slow speed."""
     map_plane = plane("speed=4:60:4", "motor.T=0.05:0.06:2")._replace(machine=replace(A, B=2.0))
-    points = resonance_map.swept(map_plane, RUNNER, None)
+    points, orbits = resonance_map.swept(map_plane, DRIVE, None)
     assert points["ripple"].isna().any() and not points["ripple"].isna().all()
     assert "No steady orbit at motor.T = 0.05 s, speed of 4 rad/s" in caplog.text
-    assert math.isnan(resonance_map.ridges(map_plane, RUNNER)["lag_90"][0])
+    assert math.isnan(resonance_map.ridges(map_plane, DRIVE, orbits)["lag_90"][0])
 
 
 def test_a_tolerance_is_in_percent() -> None:
@@ -169,7 +168,7 @@ def test_parts_lie_evenly_within_their_tolerance(mapped: Points) -> None:
 
 def machines(mapped: Points, tolerances: Any = resonance_map.TOLERANCES) -> Built:
     """Machines like those of the map."""
-    map_plane, points = mapped
+    map_plane, points, _ = mapped
     ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(3, -1)
     return Built.within(map_plane, ratio, tolerances, 1024)
 
@@ -219,14 +218,13 @@ def test_probability_in_the_range_is_that_of_the_worst_speed(mapped: Points) -> 
     assert (over.expected >= np.max(at, axis=0) * (1 - 1e-12)).all()
     assert over.expected == pytest.approx(np.max(at, axis=0), rel=0.1)
     assert 40.0 <= over.x.min() < over.x.max() <= 60.0
-    points_ = [machines(mapped).at(0, over.x[k], k) for k in range(99)]
-    again = [abs(machine.torque_ripple(nu)) for machine, nu, _ in points_]
-    assert over.expected[:99] == pytest.approx(np.array(again), rel=0.01)
+    machine, nu = machines(mapped).at(0, over.x[:99], slice(99))
+    assert over.expected[:99] == pytest.approx(abs(machine.torque_ripple(nu)), rel=0.01)
 
 
 def test_cosimulated_machines_agree_with_the_probability(mapped: Points) -> None:
     samples = [built(mapped, 44.0), built(mapped, np.linspace(48.0, 60.0, 61))]
-    for check in machines(mapped).check(samples, 32, LIMIT, RUNNER):
+    for check in machines(mapped).check(samples, 32, LIMIT, DRIVE):
         assert check["samples"] == 32
         assert check["interval"][0] <= check["probability"] <= check["interval"][1]
         assert 0.0 < check["off_max"] < 4e-3
@@ -236,9 +234,9 @@ def test_cosimulated_machines_agree_with_the_probability(mapped: Points) -> None
 
 def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points) -> None:
     sample = built(mapped, 44.0)
-    orbits = [Orbit(44.0, torque=complex(value)) for value in sample.expected[:8]]
-    orbits[2] = Orbit(44.0, problem="it does not turn")
-    check = judged(sample, orbits, LIMIT)
+    torques = sample.expected[:8].astype(complex)
+    torques[2] = math.nan
+    check = judged(sample, torques, LIMIT)
     names = ("samples", "not_steady", "judged_above", "judged_below", "off_max")
     assert [check[name] for name in names] == [7, 1, 0, 0, 0.0]
 
@@ -246,7 +244,7 @@ def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points)
 def test_check_sees_a_prediction_that_is_wrong(mapped: Points) -> None:
     right = built(mapped, 44.0)
     wrong = right._replace(expected=0.8 * right.expected)
-    (check,) = machines(mapped).check([wrong], 32, LIMIT, RUNNER)
+    (check,) = machines(mapped).check([wrong], 32, LIMIT, DRIVE)
     assert check["judged_above"] > 5 and check["judged_below"] == 0
     assert check["off_rms"] == pytest.approx(1 / 0.8 - 1, abs=5e-3)
     more = check["judged_above"] / 32

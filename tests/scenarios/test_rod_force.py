@@ -12,12 +12,12 @@ import sympy
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
+from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.first_order import ANGLES, SETS, Machine, rod_force
-from scenarios.conveyor.orbits import OrbitRunner
 from scenarios.conveyor.parameter_plane import coupling_error
 from scenarios.conveyor.questions import rod_force as page
-from scenarios.conveyor.rod_waveform import ORDER, largest_force_of, peak, unloading, waveform
-from scenarios.conveyor.rows import SPEEDS
+from scenarios.conveyor.rod_waveform import largest_forces, peak, unloading, waveform
+from scenarios.conveyor.speed_sweep import SPEEDS
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, orbit
 from tests.scenarios.test_mechanisms import drive, weakened
@@ -25,7 +25,7 @@ from workbench import Context
 from workbench.answer import Answer
 
 QUICK = {"speeds": "30:60:4", "springs": "1e5:1e6:4"}
-RUNNER = OrbitRunner(Context(fmus_of(page)), {}, "strang", 256)
+DRIVE = drive_orbits.Drive(Context(fmus_of(page)), {}, "strang", 256)
 
 
 class Short(Drive):
@@ -106,7 +106,7 @@ def test_cosimulated_forces_are_those_of_exact_orbits_and_of_theory(
     """At every point of a map, within the errors that are told."""
     rows, figures = answers[name].tables["rod_force.csv"].frame, answers[name].figures
     data, allowed = answers[name].data, abs(figures["theory_off"].value) / 100
-    error = coupling_error(data.plane, data.runner, largest_force_of, ORDER)
+    error = coupling_error(data.plane, data.drive, largest_forces, drive_orbits.FORCE_ORDER)
     # the factor of safety is 3 where the observed order is not within a tenth of the expected one
     assert 0.0 < error < 6e-3 and allowed < 0.01
     exact = [0.0]
@@ -117,7 +117,8 @@ def test_cosimulated_forces_are_those_of_exact_orbits_and_of_theory(
         assert row.f_rod == pytest.approx(true, rel=error)
         assert row.f_rod_theory == pytest.approx(row.f_rod, rel=allowed + 1e-12)
         assert row.f_rod_formula == pytest.approx(abs(rod_force(machine, row.nu)), rel=1e-12)
-        assert row.tau2_theory == abs(machine.torque_ripple(row.nu))
+        ripple = abs(machine.torque_ripple(row.nu))
+        assert row.tau2_theory == pytest.approx(ripple, rel=1e-14)
     assert abs(100 * max(exact) - figures["theory_off"].value) < figures["theory_off"].error
 
 
@@ -165,7 +166,7 @@ def test_the_spring_that_unloads_the_rod_is_that_of_exact_orbits(
     """Within its error; (17) misses it where the speed swings, and no spring near by is better."""
     finite = {"finite": True, "l": rod} if math.isfinite(rod) else {}
     start = {"conveyor.rod.finite": True, "conveyor.rod.l": rod} if finite else {}
-    stated = unloading(replace(RUNNER, start=start, cache={}), machine, nu)
+    stated = unloading(replace(DRIVE, start=start), machine, nu)
     formula = machine.m * nu**2
 
     def exact(c: float) -> float:

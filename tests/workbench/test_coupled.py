@@ -9,7 +9,6 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from cosim import Estimate, Result, limit
-from cosim.accuracy.extrapolation import extrapolate
 from cosim.accuracy.judge import Function, judge_function
 from cosim.accuracy.nested import NestedRuns
 from cosim.accuracy.trajectories import divergence
@@ -127,27 +126,6 @@ def test_revolutions_near_a_speed_add_up_over_all_visits() -> None:
     assert near == pytest.approx(4 * math.asin(0.1) / (2 * math.pi), rel=1e-6)
 
 
-@pytest.mark.parametrize("order", [1.0, 2.0])
-def test_a_limit_lies_within_its_error_and_an_error_is_never_nothing(order: float) -> None:
-    rng = np.random.default_rng(7)
-    missed = 0
-    for _ in range(300):
-        main, more, *_ = rng.normal(size=2) * [1e-2, 10 ** rng.uniform(-5, -2)]
-        values = [3.0 + main * h**order + more * h ** (order + 1) for h in (0.25, 0.5, 1.0)]
-        got = extrapolate(values, order)
-        if got.error is not None:
-            assert got.error > 0.0
-            missed += abs(got.value - 3.0) > got.error
-    assert missed <= 3
-
-
-@pytest.mark.parametrize("power", [0.6, 0.7, 0.8, 0.9, 1.0])
-def test_a_limit_that_is_approached_slowly_lies_within_its_error(power: float) -> None:
-    """The finer pair extrapolates to 2^q - 1 of its own distance from the coarser one's."""
-    got = extrapolate([1.0 + 2 ** (power * k) for k in range(3)], 1.0)
-    assert got.error is not None and abs(got.value - 1.0) <= got.error
-
-
 @pytest.mark.parametrize("values", [(1.0, 1.1, 1.11), (2.0, 1.0, 0.99), (1.0, 1.5, 1.2)])
 def test_what_certify_refuses_is_no_figure_of_a_question_either(
     values: tuple[float, float, float],
@@ -168,13 +146,6 @@ def test_a_coupling_error_holds_whatever_the_order_and_is_not_much_too_wide(
     values = [5.0 + 0.1 * h**power for h in (1.0, 2.0, 4.0)]
     error = float(limit(values, order).error)
     assert 0.1 < error < (1.3 if power == order else 14.1) * 0.1
-
-
-def test_values_in_no_order_are_not_extrapolated() -> None:
-    assert extrapolate([1.0, 1.2, 1.1], 2.0).error is None
-    assert extrapolate([1.0], 2.0).error is None
-    got = extrapolate([1.0, 1.0 + 2e-6, 1.0 + 1e-6], 2.0)
-    assert got.value == 1.0 and got.error == pytest.approx(8e-6)
 
 
 def result_of_steps(steps: float = 1.0, first_order: Sequence[str] = ()) -> Result:

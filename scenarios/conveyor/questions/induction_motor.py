@@ -35,14 +35,14 @@ from workbench import (
 from workbench.charts.model import LIFT, THEORY
 
 from .. import motion
-from ..features import LAG, NoFeatureError, ResponseLine, locate
+from ..drive_orbits import ALGORITHMS, STEP_MULTIPLES, Drive
 from ..first_order import SETS, Machine, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised
 from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
-from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
 from ..papers import cited
-from ..rows import LARGEST_PEAKED_ZETA, rows_of
+from ..response import Lines, Response, locate
+from ..speed_sweep import LARGEST_PEAKED_ZETA, columns_of
 
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 #: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
@@ -158,7 +158,7 @@ class InductionMotor(Question, NameplateOptions):
             ),
             over_speed(f, r),
         ]
-        drive = r.motor.runner(kloss=True).drive
+        drive = r.motor.drive(kloss=True)
         return Show(charts, *motion.revolution(drive, r.motor.tangent, r.motor.nu_res))
 
 
@@ -189,10 +189,11 @@ class Motor(NamedTuple):
         return replace(self.machine, B=2 * self.tau_b / self.breakdown)
 
     @property
-    def line(self) -> ResponseLine:
+    def lines(self) -> Lines:
         """The machine with the slope at its slip, over speeds around the resonance without slip."""
         first, last = (share * float(self.stiff.nu_res) for share in RANGE)
-        return ResponseLine(lambda nu: (linearised(self.machine, self.start, nu), nu), first, last)
+        nus = np.linspace(first, last, GUIDE_SPEEDS)
+        return Lines(lambda nu, _: (linearised(self.machine, self.start, nu), nu), nus)
 
     def slip(self, nu: Any) -> Any:
         """The slip at the load of nu [rad/s], in shares of the breakdown slip."""
@@ -202,11 +203,11 @@ class Motor(NamedTuple):
     @property
     def nu_res(self) -> float:
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
-        try:
-            return self.line.expected(LAG).x
-        except NoFeatureError as reason:
-            where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
-            raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {reason}") from None
+        lag = Response(self.lines).lag()
+        if lag.reason:
+            where = f"{self.lines.x[0]:.4g} .. {self.lines.x[-1]:.4g} rad/s"
+            raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {lag.reason}")
+        return lag.x
 
     @property
     def tangent(self) -> Machine:
@@ -221,13 +222,13 @@ class Motor(NamedTuple):
             through = flux_lag(m, self.slip(nu), stiff, nu)
             return float((1 + (2j * nu * m.theta0 + m.load_slope) / through).real)
 
-        first, last = self.line.first, self.line.last
+        first, last = self.lines.x[[0, -1]].tolist()
         return brentq(behind, first, last) if behind(first) > 0 > behind(last) else math.nan
 
-    def runner(self, *, kloss: bool) -> OrbitRunner:
+    def drive(self, *, kloss: bool) -> Drive:
         """How it is run, or the linear motor of the machine in its place."""
         start = {x: y for x, y in self.start.items() if kloss or not x.startswith("motor.")}
-        return OrbitRunner(Context(self.fmus), start, self.algorithm, self.steps_per_rev)
+        return Drive(Context(self.fmus), start, self.algorithm, self.steps_per_rev)
 
 
 LagSpeeds = tuple[Figure, Figure]
@@ -237,19 +238,16 @@ def located(motor: Motor) -> LagSpeeds:
     """The speeds of 90 degrees lag with Kloss's characteristic, and with a line of the slope at the
     speed where formula (22) holds.
     """
-    tangent = motor.tangent
-    lines = {True: motor.line, False: replace(motor.line, at=lambda nu: (tangent, nu))}
+    tangent, nus = motor.tangent, motor.lines.x
     speeds = []
-    for kloss, line in lines.items():
-        runner, nus = (
-            motor.runner(kloss=kloss),
-            np.linspace(line.first, line.last, GUIDE_SPEEDS).tolist(),
-        )
-        for nu in (line.first, line.last):
-            runner.check(*line.at(nu), STEP_MULTIPLES[-1])
-        guides = list(zip(nus, runner.orbits([line.point(nu) for nu in nus], "orbits")))
-        steady = [(nu, point) for nu, point in guides if not point.problem]
-        ((figure, _),) = locate([(line, LAG, steady)], STEP_MULTIPLES, "rad/s", runner)
+    for kloss in (True, False):
+        lines = motor.lines if kloss else Lines(lambda nu, _: (tangent, nu), nus)
+        drive = motor.drive(kloss=kloss)
+        for nu in nus[[0, -1]].tolist():
+            drive.check(*lines.at(nu, 0), STEP_MULTIPLES[-1])
+        guides = drive.orbits(*lines.at(nus[None], 0), "orbits")[0]
+        sought = [Response(lines, 0, guides).lag()]
+        ((figure, _),) = locate(drive, lines, sought).figures(sought, "rad/s")
         speeds.append(figure)
     return speeds[0], speeds[1]
 
@@ -278,17 +276,17 @@ def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
 
 def swept(motor: Motor) -> Table:
     """Ripple and lag over the speed, with the characteristic and with the line of its slope."""
-    tangent = motor.tangent
-    nus = np.linspace(motor.line.first, motor.line.last, 2 * GUIDE_SPEEDS + 1).tolist()
-    units, rows = {"nu": "rad/s"}, [[nu] for nu in nus]
+    tangent, guides = motor.tangent, motor.lines.x
+    nus = np.linspace(guides[0], guides[-1], 2 * GUIDE_SPEEDS + 1)
+    units, columns = {"nu": "rad/s"}, [nus]
     for name, kloss in (("kloss", True), ("linear", False)):
-        runner = motor.runner(kloss=kloss)
-        machines = [(motor.line.at(nu)[0] if kloss else tangent, nu) for nu in nus]
-        for cells, row in zip(rows, rows_of(machines, runner, STEP_MULTIPLES)):
-            cells += [row[column] for column in ("tau2", "tau2_error", "lag", "lag_error")]
+        drive, machine = motor.drive(kloss=kloss), motor.lines.at(nus, 0)[0] if kloss else tangent
+        orbits = drive.orbits(machine, drive.each(nus), "speeds")
+        of_motor = columns_of(drive, machine, nus, orbits)
+        columns += [of_motor[column] for column in ("tau2", "tau2_error", "lag", "lag_error")]
         units |= {f"tau2_{name}{x}": "N.m" for x in ("", "_error")}
         units |= {f"lag_{name}{x}": "deg" for x in ("", "_error")}
-    return Table.of_rows(rows, units)
+    return Table.of_rows(np.transpose(columns).tolist(), units)
 
 
 def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
@@ -379,7 +377,7 @@ def dependence(column: str, name: str, x: str, rows: Any) -> Chart:
 
 def over_speed(f: Mapping[str, Figure], r: MotorData) -> Chart:
     """Ripple and lag of both motors, and first-order theory."""
-    nu, tangent = np.linspace(r.motor.line.first, r.motor.line.last, 300), r.motor.tangent
+    nu, tangent = np.linspace(r.motor.lines.x[0], r.motor.lines.x[-1], 300), r.motor.tangent
     torque = tangent.torque_ripple(nu)
     lag = np.angle(tangent.load_ripple(nu) / torque, deg=True) % 360.0
     panels = []

@@ -10,13 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-import cosim
 from workbench import (
     Chart,
     Context,
@@ -32,23 +29,22 @@ from workbench import (
     option,
 )
 from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
-from workbench.measure import Measured, Samples, measured
-from workbench.periodic import TURN, NoOrbitError, Revolutions
+from workbench.measure import Samples
+from workbench.steady import TURN
 
 from .. import motion
-from ..features import converged
+from ..drive_orbits import STEP_MULTIPLES, Drive, at_zero_step, figure_of
 from ..first_order import Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive
-from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
-from ..orbits import EDGE_ROWS, OrbitRunner, OrbitTask, run_to_orbit
+from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_drive, speeds_of
 from ..papers import cited
-from ..rows import SPEEDS
 from ..second_order import Means, means
+from ..speed_sweep import MEAN_SPEED_ERROR, SPEEDS
 from ..step_response import DRIFT, STARTS, drifts
 
 TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
-RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
+LOSS = "conveyor.P_loss"
 #: Band of a settled step response [%], by which textbooks of control define its settling time.
 SETTLED = 2.0
 MEANT = {
@@ -69,7 +65,6 @@ class MeanValues(Question, SweepOptions):
     decisive = ("torque", "supply_more")
     sources = cited(16, 18, 19, 22, 24)
     is_parallel = True
-    record = RECORD
 
     speed: float | None = option(
         None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
@@ -81,38 +76,27 @@ class MeanValues(Question, SweepOptions):
         This replaces the single certified run, because the figures come from steady orbits at many speeds, and
         those of the step from several starts that are averaged.
         """
-        machine, runner = linear_runner(self, context)
-        nus, operating = (
-            self.speeds or speeds_of(SPEEDS[self.set]),
-            self.speed or float(machine.nu_res),
-        )
+        machine, drive = linear_drive(self, context)
+        nus = self.speeds or speeds_of(SPEEDS[self.set])
+        operating = self.speed or float(machine.nu_res)
         for nu in nus:
-            runner.check(machine, nu)
-        multiples = runner.step_multiples(machine, nus[0])
-        runner.check(machine, operating, multiples[-1])
-        wanted = sorted({*nus, operating})
-        cases = [runner.task(machine, nu, k) for nu in wanted for k in multiples]
-        orbits = context.each(balance, cases, "orbits")
-        rows = {
-            nu: mean_figures(list(islice(orbits, len(multiples))), self.algorithm) for nu in wanted
-        }
+            drive.check(machine, nu)
+        drive = drive.checked(machine, nus[0])
+        drive.check(machine, operating, STEP_MULTIPLES[drive.multiples - 1])
+        rows = mean_figures(drive, machine, sorted({*nus, operating}))
         units = {"nu": "rad/s"}
         for name, (unit, _) in MEANT.items():
-            units |= {
-                name: unit,
-                f"{name}_error": unit,
-                f"{name}_theory": unit,
-                f"{name}_plain": unit,
-            }
+            units |= {name: unit, f"{name}_error": unit}
+            units |= {f"{name}_theory": unit, f"{name}_plain": unit}
         table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
-        step_response, figures = drifts(machine, runner, multiples, operating)
+        step_response, figures = drifts(machine, drive, operating)
         torque = rows[operating]["torque"]
         for name in DRIFT:
             if torque.error is None:  # nothing that the mean speed could settle at
                 figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
         return Findings(
             compared(machine, operating, rows[operating]) | figures,
-            MeanData(machine, runner, operating, table.frame, step_response.frame),
+            MeanData(machine, drive, operating, table.frame, step_response.frame),
             conveyor_drive(context.fmus, {**machine.start(operating), **self.start}),
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
@@ -147,7 +131,7 @@ class MeanValues(Question, SweepOptions):
         return Show(
             charts,
             *motion.revolution(
-                r.runner.drive,
+                r.drive,
                 r.machine,
                 r.operating,
             ),
@@ -158,7 +142,7 @@ class MeanData(NamedTuple):
     """The machine and how it is run, the operating speed [rad/s], rows of both tables."""
 
     machine: Machine
-    runner: OrbitRunner
+    drive: Drive
     operating: float
     rows: Any
     step_response: Any
@@ -170,48 +154,37 @@ class MeanData(NamedTuple):
         return bool(mean[-1] > self.operating and np.argmax(mean) == len(mean) - 1)
 
 
-def balance(task: OrbitTask) -> dict[str, Measured] | str:
-    """The means of a steady orbit by name, with what rows and settling leave open, or why none is."""
-    try:
-        turns = run_to_orbit(task, RECORD)
-    except NoOrbitError as problem:
-        return str(problem)
-    now, before = (revolution(turns, task.start, back) for back in (0, 1))
-    left = {name: turns.settling_error(abs(now[name].value - before[name].value)) for name in now}
-    return {name: Measured(x, error + left[name]) for name, (x, error) in now.items()}
+def mean_figures(
+    drive: Drive, machine: Machine, speeds: Sequence[float]
+) -> dict[float, dict[str, Figure]]:
+    """Return the means of the steady orbits of speeds, with what settling leaves open, by speed and name.
 
+    Means over time are those over the angle of what is divided by the speed: dt = d phi / w.
+    """
+    nu = drive.each(speeds)
+    turns = drive.turns(machine, nu.ravel(), (LOSS,), steps_per_rev=drive.steps(nu.shape).ravel())
+    tau, w, loss = (turns.of(name) for name in ("motor.tau", "conveyor.w", LOSS))
 
-def revolution(turns: Revolutions, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
-    """The means of the last revolution, or of one so many before it."""
-    second_order, r = turns.window(back), turns.result
-    rows = slice(max(0, second_order.start - EDGE_ROWS), second_order.stop + EDGE_ROWS)
-    t, tau, phi, w, loss = (r[name][rows] for name in ("time", *RECORD))
-    B, times = float(start["motor.B"]), turns.times[[-2 - back, -1 - back]]
+    def over_time(x: Samples) -> Samples:
+        return np.asarray((x / w).mean(axis=-1) * TURN / turns.periods)
 
-    def over(x: Samples, ends: Any, y: Samples) -> Measured:
-        return measured(lambda x, y: CubicSpline(x, y).integrate(*ends) / np.ptp(ends), x, y)
-
-    torque = over(t, times, tau)
-    field = float(start["motor.A"]) / B
+    speed, torque = TURN / turns.periods, over_time(tau)
+    field = np.ravel(machine.A(nu))[:, None] / machine.B
+    of_both = {
+        "speed": speed, "angle": w.mean(axis=-1), "torque": torque, "supply": field * torque,
+        "trough": over_time(loss), "motor": over_time(tau**2) / machine.B,
+    }  # fmt: skip
+    limits = {}
+    for name, x in of_both.items():
+        left = turns.settling_error(x) + MEAN_SPEED_ERROR * speed[:, 1] * (name == "speed")
+        limits[name] = at_zero_step(x[:, 1].reshape(nu.shape), drive.order, left.reshape(nu.shape))
+    problems = np.array(turns.problems, object).reshape(nu.shape)
     return {
-        "speed": Measured(TURN / turns.period(back), 2e-9 * TURN / turns.period(back)),
-        "angle": over(phi, turns.ends[[-2 - back, -1 - back]], w),
-        "torque": torque,
-        "supply": Measured(field * torque.value, field * torque.error),
-        "trough": over(t, times, loss),
-        "motor": over(t, times, tau**2 / B),
-    }
-
-
-def mean_figures(runs: Sequence[dict[str, Measured] | str], algorithm: str) -> dict[str, Figure]:
-    """The figures of orbits of one speed with N, N/2, N/4 steps."""
-    return {
-        name: converged(
-            [x if isinstance(x, str) else x[name] for x in runs],
-            cosim.CONVERGENCE_ORDERS[algorithm],
-            *meant,
-        )
-        for name, meant in MEANT.items()
+        nu: {
+            name: figure_of(limits[name], k, *meant, next(filter(None, problems[:, k]), ""))
+            for name, meant in MEANT.items()
+        }
+        for k, nu in enumerate(speeds)
     }
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,12 +26,11 @@ from workbench.files import stream
 from workbench.options import check_fixed_starts
 
 from .. import motion
-from ..features import LAG, TORQUE_PEAK, locate
+from ..drive_orbits import AT_ONCE, STEP_MULTIPLES, Drive, Orbits, picked
 from ..first_order import FIELDS, SETS
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions
-from ..orbits import STEP_MULTIPLES, OrbitRunner
 from ..papers import cited
 from ..parameter_plane import (
     SPEED,
@@ -44,6 +44,7 @@ from ..parameter_plane import (
     shares,
     span,
 )
+from ..response import TORQUE, Response, locate
 from ..risk_map import NEARLY_ALL, SURE, Map, chart_of_rows, maps, stretches
 
 if TYPE_CHECKING:
@@ -117,20 +118,21 @@ class ResonanceMap(Question, RippleOptions):
                 f"check_runs = {self.check_runs} must be at most samples = {self.samples}"
             )
         other_starts = {key: value for key, value in self.start.items() if key not in FIELDS}
-        runner = OrbitRunner(context, other_starts, self.algorithm, self.steps_per_rev)
-        machine, nu, _ = max(plane.points(), key=lambda point: point.machine.nu_res / point.nu)
-        runner.check(machine, nu, STEP_MULTIPLES[-1])
+        drive = Drive(context, other_starts, self.algorithm, self.steps_per_rev)
+        machine, nu = plane.points()
+        worst = int(np.argmax(machine.nu_res / nu))
+        drive.check(picked(machine, nu.shape, worst), float(nu[worst]), STEP_MULTIPLES[-1])
 
-        points = swept(plane, runner, context.out and context.out / TABLE)
-        rows, error = ridges(plane, runner), coupling_error(plane, runner)
-        map_ = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
+        points, orbits = swept(plane, drive, context.out and context.out / TABLE)
+        rows, error = ridges(plane, drive, orbits), coupling_error(plane, drive)
+        map_ = Map(plane, drive, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
         ratio = map_.field("ripple") / map_.field("ripple_theory")
         built = Built.within(plane, ratio, spread, self.samples)
         checks = built.check(
             risk(map_, built, self.checks, self.ripple_limit),
             self.check_runs,
             self.ripple_limit,
-            runner,
+            drive,
         )
         y = {plane.y.name: plane.y.along.unit}
         return Findings(
@@ -201,7 +203,7 @@ class ResonanceMap(Question, RippleOptions):
     def show(self, f: Mapping[str, Figure], r: Map) -> Show:
         """Both maps, the rows, and one revolution where the torque swings most."""
         worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
-        turn = motion.revolution(r.runner.drive, *r.plane.at(*worst))
+        turn = motion.revolution(r.drive, *r.plane.at(*worst))
         return Show([*maps(r, self.ripple_limit), *chart_of_rows(r, self.ripple_limit)], *turn)
 
 
@@ -221,29 +223,39 @@ def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, floa
     return plane, span("range", o.range or RANGE, across.along)
 
 
-def swept(plane: Plane, runner: OrbitRunner, path: Path | None) -> DataFrame:
-    """The rows of the table of all points, which are kept on the way, too.
+def swept(plane: Plane, drive: Drive, path: Path | None) -> tuple[DataFrame, Orbits]:
+    """The rows of the table of all points, which are kept on the way, too, and their orbits, shape (points,).
 
     Raises SetupError where no orbit is steady.
     """
-    points_, units = plane.points(), plane.units | VALUES
-    rows: list[tuple[float, ...]] = []
+    machine, nu = plane.points()
+    nodes, units = np.array(plane.nodes()), plane.units | VALUES
+    rows: list[list[float]] = []
+    parts: list[Orbits] = []
     try:
         with stream(path, list(units)) as keep:
-            for node, point, orbit in zip(
-                plane.nodes(), points_, runner.each(points_, "map"), strict=True
-            ):
-                machine, nu, _ = point
-                load, ripple = machine.load_ripple(nu), abs(orbit.torque)
-                lag = float(np.angle(load / orbit.torque, deg=True)) % 360.0
-                theory, left = abs(machine.torque_ripple(nu)), orbit.torque_error / ripple
-                rows.append((*node, ripple, ripple / abs(load), lag, left, theory))
-                keep(rows[-1:])
+            for some in np.array_split(np.arange(len(nu)), math.ceil(len(nu) / AT_ONCE)):
+                machines, speeds = picked(machine, nu.shape, some), nu[some]
+                parts.append(drive.orbits(machines, speeds[None], "map"))
+                torque, left = parts[-1].torque[0], parts[-1].torque_error[0]
+                load, ripple = machines.load_ripple(speeds), np.abs(torque)
+                lag = (np.angle(load, deg=True) - np.angle(torque, deg=True)) % 360.0
+                theory = np.abs(machines.torque_ripple(speeds))
+                columns = (
+                    *nodes[some].T,
+                    ripple,
+                    ripple / np.abs(load),
+                    lag,
+                    left / ripple,
+                    theory,
+                )
+                keep(np.transpose(columns).tolist())
+                rows += np.transpose(columns).tolist()
     except KeyboardInterrupt:
         if not path:
-            raise KeyboardInterrupt(f"{len(rows)} of {len(points_)} points") from None
+            raise KeyboardInterrupt(f"{len(rows)} of {len(nu)} points") from None
         done = len(partial(path).read_text(encoding="utf-8").splitlines()) - 1
-        raise KeyboardInterrupt(f"{done} of {len(points_)} points in {partial(path)}") from None
+        raise KeyboardInterrupt(f"{done} of {len(nu)} points in {partial(path)}") from None
     points = Table.of_rows(rows, units).frame
     if points["ripple"].isna().all():
         raise SetupError("no orbit of the map is steady")
@@ -253,28 +265,25 @@ def swept(plane: Plane, runner: OrbitRunner, path: Path | None) -> DataFrame:
             logging.getLogger("cosim").warning(
                 f"No steady orbit at {ridge_name} of {stretches(plane.x.along, unsteady)}"
             )
-    return points
+    return points, reduce(Orbits.beside, parts)[0]
 
 
-def ridges(plane: Plane, runner: OrbitRunner) -> DataFrame:
+def ridges(plane: Plane, drive: Drive, orbits: Orbits) -> DataFrame:
     """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
-    has none.
+    has none. The orbits are those of all points.
     """
-    x, levels, sought = plane.x.along, plane.y.along.values.tolist(), []
-    orbits = runner.orbits(plane.points(), "map")
-    for line in map(plane.line, levels):
-        steady_orbits = [
-            (at, orbit) for at, orbit in zip(x.values.tolist(), orbits) if not orbit.problem
-        ]
-        sought += [(line, feature, steady_orbits) for feature in (LAG, TORQUE_PEAK)]
-    located = [
-        (figure.value, math.nan if figure.error is None else figure.error, line.theory(feature))
-        for (line, feature, _), (figure, _) in zip(
-            sought, locate(sought, STEP_MULTIPLES, x.unit, runner)
-        )
+    lines, levels = plane.lines, plane.y.along.values
+    of_rows = [orbits[k : k + len(lines.x)] for k in range(0, len(orbits.mean), len(lines.x))]
+    responses = [Response(lines, k, row) for k, row in enumerate(of_rows)]
+    sought = [x for response in responses for x in (response.lag(), response.peak(TORQUE))]
+    figures = locate(drive, lines, sought).figures(sought, plane.x.along.unit)
+    located = [(x.value, math.nan if x.error is None else x.error) for x, _ in figures]
+    theory = [Response(lines, k) for k in range(len(levels))]
+    rows = [
+        (level, *lag, by_theory.lag().x, *peak, by_theory.peak(TORQUE).x)
+        for level, lag, peak, by_theory in zip(levels, located[::2], located[1::2], theory)
     ]
-    rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, located[::2], located[1::2])]
-    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
+    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], plane.x.along.unit)).frame
 
 
 def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:
@@ -339,11 +348,11 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
     )
     if not checks:
         return {"misjudged": Figure.undetermined("%", "no machine is co-simulated", wrong)}
-    samples = [int(check["samples"]) for check in checks]
-    total = sum(samples)
-    otherwise = int(sum(check["judged_above"] + check["judged_below"] for check in checks))
+    names = ("samples", "judged_above", "judged_below", "off_rms")
+    samples, above, below, off = np.array([[check[name] for name in names] for check in checks]).T
+    total, otherwise = int(samples.sum()), int((above + below).sum())
     share, ends = otherwise / total, interval(otherwise, total)
-    rms = math.sqrt(np.average([check["off_rms"] ** 2 for check in checks], weights=samples))
+    rms = math.sqrt(np.average(off**2, weights=samples))
     worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
     brute, chance = worst["brute_force"], worst["probability"]
     reach = max(abs(end - brute) for end in worst["interval"])

@@ -11,39 +11,38 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import CONVERGENCE_ORDERS, SetupError
-from cosim.accuracy.limit import limit
+from cosim import SetupError
 from workbench import Context, Figure, Findings, Judgement, Question, Show, option
 from workbench.answer import parameters
 from workbench.charts.model import Direction, Picture
 
 from .. import motion
-from ..features import LAG, TORQUE_PEAK, ResponseLine, locate
-from ..first_order import FIELDS, SETS, Machine, rod_force
+from ..drive_orbits import (
+    AT_ONCE,
+    FORCE_ORDER,
+    STEP_MULTIPLES,
+    Drive,
+    Orbits,
+    at_zero_step,
+    orbit_figure,
+    picked,
+)
+from ..first_order import FIELDS, SETS, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
-from ..orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
 from ..papers import cited
-from ..parameter_plane import SPEED, Axis, Plane, coupling_error
+from ..parameter_plane import SPEED, Axis, Plane, coupling_error, torque_ripple
+from ..response import LAG, TORQUE, Lines, Response, locate
 from ..rod_force_map import SPRINGS, RodForceData, maps, over_angle, over_speed
-from ..rod_waveform import (
-    CLOSE,
-    ORDER,
-    around,
-    largest_force_of,
-    least,
-    peak,
-    unloading,
-    unloading_points,
-    waveform,
-)
-from ..rows import LARGEST_PEAKED_ZETA, OPERATING, no_orbit, orbit_figure, speed_row
+from ..rod_waveform import CLOSE, around, largest_forces, least, peak, unloading, waveform
+from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, columns_of, no_orbit
 
 Real = NDArray[np.float64]
 TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
@@ -92,27 +91,25 @@ class RodForce(Question, RippleOptions):
         system = conveyor_drive(context.fmus, {**present.start(nu), **shifted_machine})
         held = {key: parameter.value for key, parameter in parameters(system).items()}
         length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-        runner = OrbitRunner(context, shifted_machine, self.algorithm, self.steps_per_rev)
-        runner.check(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
+        drive = Drive(context, shifted_machine, self.algorithm, self.steps_per_rev)
+        drive.check(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
         across = Direction("operating speed", "rad/s", np.array(self.speeds))
         up = Direction("stiffness of the spring", "N/m", np.array(self.springs))
         plane = Plane(Axis(SPEED, across), Axis(SPRING, up), present, nu)
 
-        def runs(machine: Machine) -> list[OperatingPoint]:
-            return [
-                *(OperatingPoint(machine, x) for x in self.speeds),
-                *(OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES),
-            ]
-
-        more = [*unloading_points(present, nu), *runs(present)]
-        table = context.record_rows(TABLE, UNITS, rows(runner, length, plane, more))
+        parts: list[Orbits] = []
+        table = context.record_rows(TABLE, UNITS, rows(drive, length, plane, parts))
         if table.frame["f_rod"].isna().all():
             raise SetupError("no orbit of the map is steady")
-        spring, machines = unloading(runner, present, nu), {"": present}
+        spring, machines = unloading(drive, present, nu), {"": present}
         if spring.error is not None:
             machines["_unloaded"] = replace(present, c=spring.value)
-            runner.orbits(runs(machines["_unloaded"]), "unloaded")
-        data = RodForceData(runner, length, plane, table.frame, machines)
+        swept, turned = np.array([self.speeds]), drive.each(nu)
+        data = RodForceData(
+            drive, length, plane, table.frame, reduce(Orbits.beside, parts)[0], machines,
+            {name: drive.orbits(x, swept, "speeds")[0] for name, x in machines.items()},
+            {name: drive.orbits(x, turned, "operating speed") for name, x in machines.items()},
+        )  # fmt: skip
         return Findings(
             {**springs(data, spring), **loads(data, spring), **agreement(data)},
             data,
@@ -164,29 +161,37 @@ class RodForce(Question, RippleOptions):
         """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
         best, nu = list(r.machines.values())[-1], r.plane.speed
         pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, self.ripple_limit)]
-        turn = motion.revolution(r.runner.drive, best, nu)
+        turn = motion.revolution(r.drive, best, nu)
         return Show(pictures, *turn)
 
 
 def rows(
-    runner: OrbitRunner, length: float, plane: Plane, more: Sequence[OperatingPoint]
+    drive: Drive, length: float, plane: Plane, parts: list[Orbits]
 ) -> Iterator[Sequence[float]]:
-    """Those of the table, one by one; `more` orbits are run with them."""
-    points = plane.points()
-    orbits = runner.each([*points, *more], "map")
-    for (machine, nu, _), orbit in zip(points, orbits):
-        force, ripple = largest_force_of(orbit), torque_amplitude(orbit)
-        formula, theory = abs(rod_force(machine, nu)), peak(waveform(machine, length, nu))
-        settling = orbit.torque_error / ripple if ripple else math.nan
-        expected = abs(machine.torque_ripple(nu))
-        yield nu, machine.c, force, formula, theory, ripple, expected, settling
-    list(orbits)
+    """Those of the table, one by one; their orbits go to `parts`."""
+    machine, nu = plane.points()
+    for some in np.array_split(np.arange(len(nu)), math.ceil(len(nu) / AT_ONCE)):
+        machines, speeds = picked(machine, nu.shape, some), nu[some]
+        parts.append(drive.orbits(machines, speeds[None], "map"))
+        orbits = parts[-1][0]
+        ripple = torque_ripple(orbits)
+        settling = np.where(ripple > 0.0, orbits.torque_error / ripple, np.nan)
+        theory = [
+            peak(waveform(picked(machines, speeds.shape, k), length, float(speeds[k])))
+            for k in range(len(some))
+        ]
+        columns: tuple[Any, ...] = (
+            speeds, np.broadcast_to(machines.c, speeds.shape), largest_forces(orbits),
+            np.abs(rod_force(machines, speeds)), theory, ripple,
+            np.abs(machines.torque_ripple(speeds)), settling,
+        )  # fmt: skip
+        yield from np.transpose(columns).tolist()
 
 
 def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """The spring of the machine, and the one that unloads the rod: measured, by formula, by theory."""
     present, nu = r.plane.machine, r.plane.speed
-    low, *_, high = around(present, nu)
+    low, high = around(present, nu)[[0, -1]].tolist()
     theory = least(lambda c: waveform(replace(present, c=c), r.length, nu), low, high)
     meaning = "that by theory to first order in the speed ripple"
     return {
@@ -203,17 +208,13 @@ def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
 
 def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
-    nu, order, sought = r.plane.speed, CONVERGENCE_ORDERS[r.runner.algorithm], []
-    all_figures: dict[str, Figure] = {}
+    nu, all_figures = r.plane.speed, dict[str, Figure]()
     span, shifts = np.linspace(r.speeds[0], r.speeds[-1], 1000), []
     for name, machine in r.machines.items():
         label = f"with the {SPRINGS[name][0]}"
-        orbits = list(
-            r.runner.orbits(
-                [OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES], "operating speed"
-            )
-        )
-        at, why = speed_row(machine, orbits, order), no_orbit(orbits[0])
+        orbits = r.operating[name][:, None]
+        columns = columns_of(r.drive, machine, np.array([nu]), orbits)
+        at, why = {x: float(y[0]) for x, y in columns.items()}, no_orbit(orbits.problem[0, 0], nu)
         shifted_machine = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
         force_error = at["f_rod_peak_error"] + machine.r * (shifted_machine.c - machine.c)
         unsure = at["tau2_error"] + abs(
@@ -232,12 +233,11 @@ def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
             f"f_rod_formula{name}": expected,
             f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {label}", why),
         }
-        line = ResponseLine(partial(turning, machine), r.speeds[0], r.speeds[-1])
-        steady_orbits = [
-            (x, orbit) for x, orbit in zip(r.speeds, r.sweep(machine)) if abs(orbit.torque) > 0.0
-        ]
-        sought += [(line, feature, steady_orbits) for feature in (LAG, TORQUE_PEAK)]
-    located = locate(sought, STEP_MULTIPLES, "rad/s", r.runner)
+    c = np.array([machine.c for machine in r.machines.values()])
+    lines = Lines(lambda x, line: (replace(r.plane.machine, c=c[line]), x), np.array(r.speeds))
+    responses = [Response(lines, k, orbits) for k, orbits in enumerate(r.sweeps.values())]
+    sought = [x for response in responses for x in (response.lag(), response.peak(TORQUE))]
+    located = locate(r.drive, lines, sought).figures(sought, "rad/s")
     lags, tops = located[::2], located[1::2]
     for name, (lag, _), (_, high), more in zip(r.machines, lags, tops, shifts):
         label = f"with the {SPRINGS[name][0]}"
@@ -249,11 +249,6 @@ def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     return all_figures
 
 
-def turning(machine: Machine, nu: float) -> tuple[Machine, float]:
-    """A machine at a speed [rad/s]."""
-    return machine, nu
-
-
 def agreement(r: RodForceData) -> dict[str, Figure]:
     """How far formula and theory are off anywhere on the map."""
     all_figures = {}
@@ -263,18 +258,18 @@ def agreement(r: RodForceData) -> dict[str, Figure]:
             "f_rod",
             "f_rod_formula",
             "rod force of formula (17)",
-            largest_force_of,
-            ORDER,
+            largest_forces,
+            FORCE_ORDER,
         ),
         (
             "theory_off",
             "f_rod",
             "f_rod_theory",
             "rod force of theory with the ripple",
-            largest_force_of,
-            ORDER,
+            largest_forces,
+            FORCE_ORDER,
         ),
-        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_amplitude),
+        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_ripple),
     ):
         ratio = (r.points[theory] / r.points[simulated]).to_numpy()
         meaning = f"largest deviation of the {what} from co-simulation on the map"
@@ -283,7 +278,7 @@ def agreement(r: RodForceData) -> dict[str, Figure]:
 
 
 def deviation(
-    r: RodForceData, ratio: Real, quantity: Callable[[Orbit], float], order: float | None = None
+    r: RodForceData, ratio: Real, quantity: Callable[[Orbits], Real], order: float | None = None
 ) -> Figure:
     """The largest deviation of a `ratio` from 1 at the points of the map, in %, with its error.
 
@@ -293,14 +288,12 @@ def deviation(
     """
     sizes = np.abs(ratio - 1.0)
     top = float(np.nanmax(sizes))
-    margin = MARGIN * coupling_error(r.plane, r.runner, quantity, order)
+    margin = MARGIN * coupling_error(r.plane, r.drive, quantity, order)
     points = np.flatnonzero(sizes >= top - margin).tolist()
-    every = r.plane.points()
-    orbits = r.runner.orbits(
-        [every[k]._replace(step_multiple=n) for k in points for n in STEP_MULTIPLES], "deviation"
-    )
-    runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(STEP_MULTIPLES))
-    of_runs = limit(runs.T, order or CONVERGENCE_ORDERS[r.runner.algorithm])
+    machine, nu = r.plane.points()
+    machine = picked(machine, nu.shape, points)
+    orbits = r.drive.orbits(machine, r.drive.each(nu[points]), "deviation")
+    of_runs = at_zero_step(quantity(orbits), order or r.drive.order)
     if not of_runs.is_stated.all():  # an orbit may be lost with the longest steps only
         return Figure.undetermined(
             "%", "the coupling error is not known; take more steps per revolution"

@@ -29,7 +29,7 @@ from workbench.measure import (
     since,
     smallest,
 )
-from workbench.periodic import TURN
+from workbench.steady import TURN
 
 from .. import live_theory
 from ..first_order import SETS, Machine
@@ -38,7 +38,7 @@ from ..machine import PARTS as DRIVE
 from ..motion import live_motion, moving
 from ..options import NameplateOptions
 from ..papers import cited
-from ..rows import LARGEST_PEAKED_ZETA
+from ..speed_sweep import LARGEST_PEAKED_ZETA
 
 MOTORS = {"linear": 0, "kloss": 1}
 LABELS = {"linear": "linear motor", "kloss": "induction motor"}

@@ -40,7 +40,7 @@ from workbench.context import captured_warnings
 from workbench.figure import listed
 from workbench.judgement import Verdict
 from workbench.measure import Measured, Samples, harmonics, measured
-from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
+from workbench.steady import Turns, steady_turns
 
 from .. import machine as iron
 from .. import motion
@@ -49,8 +49,9 @@ Frame = Any
 FIXED_STARTS = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
 #: Orders of the cam angle that are reported; a convention.
 ORDERS = 12
-#: Highest order that is fitted, so that higher ones do not pass for those reported.
-HIGHEST = 60
+#: Even cam angles at which the steady motion is read, two for a degree: an order does not pass for one of those
+#: reported unless it is above 700.
+ANGLES = 720
 LAGS = (12, 80, 200)
 #: Communication steps per revolution of the cam, four for a degree; a convention.
 PER_REV = 1440
@@ -200,39 +201,31 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     """
     T, nu, per_rev = case
     system, excitation = machine.system(T, nu), machine.torque(nu)
-
-    def at(states: Mapping[str, float]) -> System:
-        return replace(system, start={**system.start, **states})
-
-    def amplitudes(column: str, back: int = 0) -> Any:
-        rows = turns.window(back)
-        phi, x = turns.result["iron.phi"][rows], turns.result[column][rows]
-        return harmonics(phi, x, HIGHEST)[:ORDERS]
-
-    states = {name: float(system.start[name]) for name in ("iron.w_cam", "motor.tau")}
-    torque = speed = before = np.full(ORDERS, complex(math.nan, math.nan))
-    left = 0.0
-    try:
-        with captured_warnings() as warnings:
-            turns = periodic_orbit(
-                at, states, "iron.phi", nu, per_rev, record=FORCES, algorithm=ALGORITHM
-            )
-        warn(turns, T, nu, warnings())
-        torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
-        speed, left = amplitudes("iron.w_cam"), turns.settling_error(1.0)
-    except NoOrbitError as problem:
+    states = {name: np.array([system.start[name]], float) for name in ("iron.w_cam", "motor.tau")}
+    with captured_warnings() as warnings:
+        turns = steady_turns(
+            system, states, list(states), "iron.phi", np.array([nu]), steps_per_rev=per_rev,
+            record=FORCES, algorithm=ALGORITHM, angles=ANGLES,
+        )  # fmt: skip
+    if turns.problems[0]:
         where = f"{nu:g} rad/s with a lag of {1e3 * T:g} ms"
-        logging.getLogger("cosim").warning(f"no steady motion at {where}: {problem}")
+        logging.getLogger("cosim").warning(f"no steady motion at {where}: {turns.problems[0]}")
+    else:
+        warn(turns, T, nu, warnings())
+    orders = range(1, ORDERS + 1)
+    both = machine.i_g * np.array([turns.amplitudes("motor.tau", k)[0] for k in orders])
+    torque, left = both[:, 1], turns.settling_error(both)
+    speed = np.array([turns.amplitudes("iron.w_cam", k)[0, 1] for k in orders])
     tau = harmonics(machine.phi, excitation, ORDERS)
     M, excited, behind = np.abs(torque), np.abs(tau), np.angle(tau) - np.angle(torque)
     columns = [
         M, np.degrees(np.angle(torque)), np.abs(speed), excited, np.degrees(behind) % 360.0,
-        M / excited, left * np.abs(torque - before), 100 * (M - excited) / machine.most(nu).value,
+        M / excited, left, 100 * (M - excited) / machine.most(nu).value,
     ]  # fmt: skip
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
 
-def warn(turns: Revolutions, T: float, nu: float, warnings: Sequence[str]) -> None:
+def warn(turns: Turns, T: float, nu: float, warnings: Sequence[str]) -> None:
     """Name what lets go in the steady motion of a lag [s] at a mean speed [rad/s], once; other warnings
     of the runs are passed on.
     """
@@ -240,9 +233,8 @@ def warn(turns: Revolutions, T: float, nu: float, warnings: Sequence[str]) -> No
     for warning in warnings:
         if LET_GO not in warning:
             log.warning(warning)
-    rows = turns.window()
     events = [
-        event for force, event, _ in iron.LETS_GO.values() if turns.result[force][rows].min() < 0.0
+        event for force, event, _ in iron.LETS_GO.values() if turns.of(force)[0, 1].min() < 0.0
     ]
     if events:
         log.warning(
