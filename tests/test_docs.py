@@ -34,9 +34,8 @@ SLOW = {
     ".venv/bin/scenarios run resonance && .venv/bin/python build_fmus.py",
     ".venv/bin/scenarios run resonance --set B",
     ".venv/bin/scenarios run resonance --start conveyor.spring.c=7e5",
-    ".venv/bin/scenarios run resonance --speed 420rpm --rated-torque 125 --speeds 30:60:16 --start "
-    "motor.characteristic=kloss --start motor.kloss.tau_b=350 --start motor.kloss.s_b=0.2166 --start "
-    "motor.kloss.w_s=45.8 --start motor.T=0.0147",
+    '.venv/bin/scenarios run resonance --speed 420rpm --nameplate "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, '
+    '3.43:1, 0.02 kg.m2"',
     ".venv/bin/scenarios run run_up",
     ".venv/bin/scenarios run resonance_map",
     ".venv/bin/scenarios run resonance_map --y conveyor.rotor.J=0.2:1.2:40",
