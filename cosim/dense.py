@@ -422,11 +422,15 @@ def _lay_splines(c: Array, widths: Array, x: Array, cut: Mask) -> None:
         w, v, m, n = widths[one], widths[two], slope[of, one], slope[of, two]
         with np.errstate(all="ignore"):
             knot = ((w + 2.0 * (w + v)) * v * m + w**2 * n) / (w + v)
-        kinds = [alone, is_line, is_parabola]
-        diagonal[of, row] = np.select(kinds, [1.0, 1.0, 1.0], v)
-        inward[of, row] = np.select(kinds, [0.0, 0.0, 1.0], w + v)
-        right[of, row] = np.select(kinds, [0.0, m, 2.0 * m], knot)
-        outward[of, row] = 0.0
+        diagonal[of, row], inward[of, row], outward[of, row], right[of, row] = v, w + v, 0.0, knot
+        for short, slope_inward, rise in (
+            (is_parabola, 1.0, 2.0 * m),
+            (is_line, 0.0, m),
+            (alone, 0.0, 0.0 * m),
+        ):
+            if short.any():
+                at = of[short], row[short]
+                diagonal[at], inward[at], right[at] = 1.0, slope_inward, rise[short]
     wrong = ~np.isfinite(right).all(axis=1)
     right[wrong] = 0.0
     *_, solved, _ = dgtsv(

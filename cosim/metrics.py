@@ -579,11 +579,12 @@ def _near_level(
     A cubic is between the least and the largest of its Bezier points; what is on one side of the level is only
     represented by its first and its last piece.
     """
-    _, b, c, d = p.c[:, curve]
+    a, b, c, d = p.c[:, curve]
     third = p.widths / 3.0
     inner = d + c * third
-    after = x[p.first + 1 : p.first + 1 + len(p.t)]
-    points = np.stack([x[p.first : p.first + len(p.t)], d, inner, inner + third * (c + b * p.widths), p.at(p.widths)[curve], after])  # fmt: skip
+    end = ((a * p.widths + b) * p.widths + c) * p.widths + d
+    before, after = (x[p.first + k : p.first + k + len(p.t)] for k in (0, 1))
+    points = np.stack([before, d, inner, inner + third * (c + b * p.widths), end, after])
     near = (points.min(axis=0) <= level + tolerance) & (points.max(axis=0) >= level - tolerance)
     near[:1] = near[-1:] = True
     k = np.flatnonzero(near)
