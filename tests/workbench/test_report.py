@@ -29,8 +29,6 @@ from cosim.system import connect
 from scenarios.conveyor import motion as conveyor
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
-from scenarios.conveyor.questions import resonance
-from scenarios.conveyor.ripple_limit import RippleLimit
 from scenarios.iron import motion as iron_mechanism
 from scenarios.project import PROJECT
 from tests.conftest import SAMPLED, ask, fmus_of, plain
@@ -433,45 +431,24 @@ def test_theory_runs_through_the_points_of_the_resonance() -> None:
         assert np.interp(points.x, theory.x, theory.y) == near
 
 
-def test_the_resonance_answers_its_question_in_the_title() -> None:
-    machine, nu = SETS["A"], np.linspace(20.0, 60.0, 41)
-    rest = {f"{name}_error": 0.5 for name in ("tau2", "w2", "lag")} | {"w2": 1.0, "lag": 90.0}
-    theory_rows = [{"nu": x, "tau2": abs(machine.torque_ripple(x)), **rest} for x in nu.tolist()]
-    rows = {row["nu"]: {name: (x, "") for name, x in row.items()} for row in theory_rows}
-    line: Any = SimpleNamespace(at=lambda nu: (machine, nu), first=20.0, last=60.0)
-    measured: Any = SimpleNamespace(line=line, speeds=(*nu,), frame=pd.DataFrame(theory_rows))
-    band: Any = [
-        SimpleNamespace(is_upward=is_upward, speed=at, figure=Figure(at, "rad/s", 0.1))
-        for is_upward, at in ((True, 27.0), (False, 45.0))
-    ]
-    figures = {
-        "nu_res": Figure(40.0, "rad/s", 0.0),
-        "zeta": Figure(0.1, "1", 0.0),
-        "nu_90": Figure(40.0034, "rad/s", 0.0012),
-        "nu_peak_tau": Figure.undetermined("rad/s", "no peak"),
-        "nu_peak_w": Figure.undetermined("rad/s", "no peak"),
-    }
-    charts = []
-    for speed, lag in ((40.0, 90.0), (57.0, 160.0)):
-        o, figures_with_lag = (
-            resonance.Resonance(),
-            figures | {"lag_operating": Figure(lag, "deg", 0.1)},
-        )
-        figures_with_lag |= {"tau2_operating": Figure(rows[speed]["tau2"][0], "N.m", 0.1)}
-        operating: Any = SimpleNamespace(rows=[row for row in theory_rows if row["nu"] == speed])
-        limit = RippleLimit(o.ripple_limit, measured, band)
-        sweep = resonance.ResonanceData(measured, speed, operating, limit)
-        charts.append(resonance.ripple(o, figures_with_lag, sweep))
-    at_resonance, clear_of_resonance = charts
-    assert list(at_resonance.spans) == [Span(27.0, 45.0, "avoid", "red")]
-    assert [mark.text for mark in at_resonance.marks] == [
-        "formula 40.00 rad/s", "90 deg lag 40.0034 ± 0.0012 rad/s", "operating speed 40 rad/s",
-    ]  # fmt: skip
-    torque = at_resonance.panels[0]
+def test_the_picture_of_the_resonance_marks_the_figures_of_its_answer() -> None:
+    answer, show = answered("resonance")
+    chart, figures = show.charts[0], answer.figures
+    assert isinstance(chart, Chart)
+    marked = {figures[name].value for name in ("nu_res", "nu_90", "nu_peak_tau", "nu_peak_w")}
+    assert {mark.at for mark in chart.marks} == {x for x in marked if math.isfinite(x)} | {40.0}
+    assert {(span.text, span.color) for span in chart.spans} <= {("avoid", "red")}
+    torque = chart.panels[0]
     assert isinstance(torque, Panel)
     assert [level.at for level in torque.levels] == [100.0, 50.0]
-    error = torque.curves[1].error
-    assert error is not None and list(error) == [0.5] * 41
+    points = [curve for curve in torque.curves if curve.look == "points"]
+    values = np.concatenate([np.asarray(curve.y, float) for curve in points])
+    assert_allclose(np.sort(values), np.sort(answer.table["tau2"]))
+    errors = np.concatenate(
+        [np.asarray(curve.error, float) for curve in points if curve.error is not None]
+    )
+    known = answer.table["tau2_error"].dropna()
+    assert_allclose(np.sort(errors), np.sort(known))
 
 
 def arm(frames: int) -> Motion:
