@@ -208,7 +208,7 @@ def enter(
                 continue
             facts["seconds"][result.stem] = answer["seconds"]
             if answer["versions"]:
-                facts["version"] = ", ".join(answer["versions"].values())
+                facts["version"] = ", ".join(f"{k} {v}" for k, v in answer["versions"].items())
             rows = np.array(answer["rows"], float)
             write_rows(result, rows[:, 0], dict(zip(reference.signals, rows[:, 1:].T)))
     (out / "master.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
