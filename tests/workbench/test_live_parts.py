@@ -353,6 +353,13 @@ def with_number(value: Any, **more: Any) -> list[Number]:
 def test_a_declaration_that_does_not_fit_is_a_clear_line() -> None:
     part = built(PLAIN)
     assert part.data["columns"] == ["orientator.phi1"]
+    counted = built(
+        replace(
+            PLAIN,
+            charts=with_panel(curves={"orientator.stage": ("stage", "red", "step")}, unit="1"),
+        )
+    )
+    assert "tickvals" not in counted.data["charts"][0]["picture"]["wide"]["yaxis1"]
     assert built(None) is None
     with pytest.raises(SetupError, match=r"must return a workbench.live.Live"):
         built((3,))

@@ -343,8 +343,9 @@ class Content:
         """Return plotly's traces and layouts without data, with the texts of marks."""
         panels = []
         for panel in chart.panels:
+            # from 0 to 2, since what steps between 0 and 1 is no and yes
             curves = [
-                Curve(x.name, [0.0, 1.0], [0.0, 1.0], x.color, x.look) for x in panel.looks(runs)
+                Curve(x.name, [0.0, 1.0], [0.0, 2.0], x.color, x.look) for x in panel.looks(runs)
             ]
             levels = [Mark(0.5, text) for text in panel.levels]
             panels.append(
