@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -136,3 +138,39 @@ def test_a_master_that_was_not_run_has_its_reason(board: Path) -> None:
         s.master: (s.verdict, s.reason) for s in scoreboard(board, cause_seconds=0.0).standings
     }
     assert found["a"] == ("not run", "no wheel") and found["b"] == ("fails", "1 ms: refused")
+
+
+MISTAKES = {
+    "late": ("put(rows[n])", "put(rows[max(0, n - 1)])", "inputs come a step late: over each step of 0.001 s"),
+    "start": (
+        'value = float(parameter[0].get("value"))',
+        'value = float(parameter[0].get("value")) * (0.95 if parameter.get("name") == "w" else 1.0)',
+        "the start value conveyor.w seems to be 38, not 40",
+    ),
+    "unit": (
+        "*row.values()]",
+        "row['motor.tau'], 30.0 / 3.141592653589793 * row['conveyor.w']]",
+        "conveyor.w is in rpm, not in rad/s",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_in_the_toy_master_of_the_page_is_named(
+    board: Path, tmp_path: Path, mistake: str
+) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "test_your_master.md").read_text()
+    toy = page.partition("```python results/toy_master.py\n")[2].partition("```")[0]
+    right, wrong, said = MISTAKES[mistake]
+    assert toy.count(right) == 1
+    program = tmp_path / "toy.py"
+    program.write_text(toy.replace(right, wrong))
+    shutil.rmtree(board / "results")
+    (board / "results" / "toy").mkdir(parents=True)
+    result = board / "results" / "toy" / f"{KEY}_1ms.csv"
+    subprocess.run(
+        [sys.executable, program, board / KEY / f"{KEY}.ssp", "1e-3", result], check=True
+    )
+    (standing,) = scoreboard(board).standings
+    assert standing.verdict == "differs" and said in standing.cause
+    assert "not certain" not in standing.cause
