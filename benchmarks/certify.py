@@ -347,7 +347,7 @@ def machines(
             {"iron.direction": 0.0},
         ),
         "exciter": (
-            of(exciter.PARTS, exciter.WIRES, {"motor.R": 5.0, "motor.v": draw(20.0, 28.0)}), 0.6,
+            of(exciter.Sommerfeld.parts, exciter.WIRES, {"motor.R": 5.0, "motor.v": draw(20.0, 28.0)}), 0.6,
             4e-3, ["exciter.w", "exciter.x"], {},
         ),
         "orientator": (
