@@ -413,7 +413,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     write(GRID)
     page.write_text(f"{before}# changed\n")
     assert "0 of them now" in study.run(study.load(tmp_path / "some.toml"), out=out).verdict
-    page.write_text(before.replace("3.0 * o.x", "4.0 * o.x"))
+    page.write_text(before.replace("3.0 * self.x", "4.0 * self.x"))
     with pytest.raises(SetupError, match="runs: question has changed; remove it, or choose"):
         study.run(study.load(tmp_path / "some.toml"), out=out)
     page.write_text(before)
