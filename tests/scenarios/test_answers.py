@@ -251,7 +251,7 @@ def test_warnings_of_fmus_are_reported_once_after_the_answer(
     output, errors = capfd.readouterr()
     assert errors == ""
     assert output.splitlines()[-3] == f"Warning: {warning}"
-    assert output.startswith("Within 0.6 s the cam does not complete a turn")
+    assert output.startswith("The cam does not complete a turn within 0.6 s: ")
     assert json.loads((tmp_path / "iron_start.json").read_text())["warnings"] == [warning]
     assert "cam follower lifts off" in (tmp_path / "report.html").read_text()
     assert plain("orientation_time").warnings == []
