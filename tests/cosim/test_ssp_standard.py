@@ -197,4 +197,4 @@ def test_what_is_no_file_of_ssp_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SetupError, match="no file"):
         check_standard(tmp_path / "a.ssp")
     report = check_standard(written(tmp_path, "<html/>"))
-    assert not report.passed and "no root of a file of SSP" in report.text()
+    assert not report.passed and "not the root of an SSP file" in report.text()

@@ -160,7 +160,8 @@ def expected(result: Result, kind: str, column: str, begin: float, level: float)
         "max": Largest(column), "min": Smallest(column), "mean": Mean(column),
         "first_crossing": Crossing(column, level=level), "last": Last(column), "change": Last(column),
     }[kind]  # fmt: skip
-    return metric(window) - (window.x[0] if kind == "change" else 0.0)
+    [value] = metric(window)
+    return float(value - (window.x[0, 0] if kind == "change" else 0.0))
 
 
 @pytest.mark.parametrize("name", READ)
