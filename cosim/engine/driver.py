@@ -6,7 +6,6 @@ import math
 import time as clock
 from bisect import bisect_left, insort
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -208,7 +207,11 @@ class Driver:
         before = wired_values(self.parts) | dict(zip(self.row.names, row[1:]))
         for change in jump.changes:
             change.instance.set(change.variable, change.value)
-        read, held = partial(self._read, t), self.row.held
+
+        def read() -> dict[str, float]:
+            return dict(zip(self.row.names, self.row(t)[1:]))
+
+        held = self.row.held
         after, answered = values_at_once(self.parts, read, t, jump, before)
         if not answered and self._can_probe:
             probed = values_by_probe(self.parts, self._plain_advance, read, (t, h), held=held)
@@ -258,26 +261,11 @@ class Driver:
         self.controller = Controller(self._order, settings, times, self._instant)
         method = doubling if self.control == "doubling" else by_energy
         for t in method(self.parts, self._advance, self.controller):
-            row = self._row_at(t)
+            row = self.row(t)
             self.accepted, self.t = self.accepted + 1, t
             self._arrive(t)
             self._show(row)
             yield (t - start) / (stop - start)
-
-    def _read(self, t: float) -> dict[str, float]:
-        """The present values of the columns by name."""
-        return dict(zip(self.row.names, self.row(t)[1:]))
-
-    def _row_at(self, t: float) -> list[float]:
-        """The row at the end of an adaptive step [s], with outputs that follow what inputs have come to.
-
-        Otherwise one with direct feedthrough would show the mean of an input over the step, and what wires brought at its
-        begin: an error of the first order in the length of a step, which is as long in all runs of `certify` where it ends
-        at a jump. A part that computes outputs in its steps only shows these values nevertheless.
-        """
-        end = math.nextafter(t, -math.inf)  # before a jump
-        shown, _ = values_at_once(self.parts, partial(self._read, t), end, Jump(end, (), ()), {})
-        return self.row(t) if shown is None else [t, *shown.values()]
 
     def _fixed(self, step: float) -> Iterator[float]:
         start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
