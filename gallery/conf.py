@@ -31,7 +31,13 @@ html_copy_source = html_use_index = html_domain_indices = False
 html_show_sphinx = html_show_copyright = False
 html_show_search_summary = False  # it fetches pages, which a browser refuses for a local file
 html_theme_options = {"navigation_with_keys": False}
-include_patterns = ["*.md", "docs/**", "questions/**", "reference/**"]
+include_patterns = [
+    "*.md",
+    "docs/**",
+    "questions/**",
+    "reference/**",
+    "reference_systems/README.md",
+]
 
 
 def formula(writer: Any, node: nodes.math | nodes.math_block) -> None:

@@ -48,9 +48,14 @@ def write(answers: Sequence[Answered], folder: Path) -> None:
     for path in ROOT.iterdir():
         if path.suffix in (".md", ".py", ".toml") or path.name == "LICENSE":
             copyfile(path, folder / path.name)
-        elif path.is_dir() and path.name not in ("docs", "results") and path.name[0] != ".":
+        elif (
+            path.is_dir()
+            and path.name not in ("docs", "reference_systems", "results")
+            and path.name[0] != "."
+        ):
             (folder / path.name).symlink_to(path)
     copytree(ROOT / "docs", folder / "docs")
+    copytree(ROOT / "reference_systems", folder / "reference_systems")
     for answer in answers:
         extra = folder / EXTRA / "questions" / answer.name
         copytree(answer.folder, extra, ignore=ignore_patterns("*.txt"))
@@ -111,7 +116,7 @@ def landing(answers: Sequence[Answered], machines: Sequence[Path], folder: Path)
     guides = [f"docs/{name}" for name in dict.fromkeys(guides) if "/" not in name]
     trees = {
         "Explore": ["machines", "questions"],
-        "Guides": ["The project <README>", "All guides <docs/README>", *guides],
+        "Guides": ["The project <README>", "All guides <docs/README>", *guides, "reference_systems/README"],
         "Reference": ["commands", *(f"reference/{name}" for name in reference.API), "CONTRIBUTING",
                       "SECURITY", "CHANGELOG"],
     }  # fmt: skip

@@ -73,7 +73,7 @@ def test_the_sentence_under_its_figures_is_that_of_a_fit(answer: Answer) -> None
 def test_every_question_that_fits_a_record_says_what_its_errors_are() -> None:
     for name in names(PROJECT.home):
         question = PROJECT.load(name)
-        fits = issubclass(question.options, RecordOptions)
+        fits = issubclass(question, RecordOptions)
         assert ("95 % interval of the fit" in question.error_scope) == fits, name
 
 
