@@ -548,7 +548,7 @@ def test_a_single_product_by_the_command_line(
 ) -> None:
     assert main("run", "orientator_cycle", "--out", tmp_path, *NATIVE) == 0
     output = capsys.readouterr().out
-    assert output.startswith("The product is oriented after 0.2638 s. ")
+    assert output.startswith("The product is oriented: after 0.2638 s\n")
     assert "0.263805 ± 0.000001 s" in output
     for kind in ("png", "csv", "json"):
         assert (tmp_path / f"orientator_cycle.{kind}").is_file()

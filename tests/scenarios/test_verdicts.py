@@ -229,7 +229,7 @@ def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_form
         (free, {}, False),
     ):
         assert is_refused(page, figures) is wanted  # type: ignore[arg-type]
-    with pytest.raises(SetupError, match="DECISIVE names 'a', which is no figure"):
+    with pytest.raises(SetupError, match="decisive names 'a', which is no figure"):
         is_refused(declared, {"b": determined})  # type: ignore[arg-type]
 
 
