@@ -145,7 +145,7 @@ class OrientatorCycle(Question, Run):
                 note=f"after {f['orientation_time'].brief()}" if oriented else ending(r[0]),
             ),
             Judgement(
-                "the wall only pushes; a real cup leaves one that would have to pull",
+                "the wall pushes at all times, as a real one must",
                 f["wall_least"],
                 least=0.0,
             ),
