@@ -396,7 +396,7 @@ def test_without_webassembly_the_page_is_still(page_browser: Browser, folder: Pa
     _, file = page("orientator_cycle", folder)
     page_browser.open(file, 1000)
     display = f"getComputedStyle({PART}).display"
-    page_browser.until(f"{display} === 'block'")
+    page_browser.until(f"{display} !== 'none'")
     page_browser.call("Page.addScriptToEvaluateOnNewDocument", source="delete window.WebAssembly")
     page_browser.events.clear()
     page_browser.call("Page.reload")
