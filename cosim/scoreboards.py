@@ -36,6 +36,8 @@ SUFFIXES = (".csv", ".parquet", ".mat")
 #: Longest processor time for the search for the cause of one result [s]. It ends by itself in 1 s to 10 s where a coupling
 #: at the known step is the cause; half of this or twice it changes which of several causes at a time are found.
 CAUSE_SECONDS = 30.0
+#: Steps from one row to the next, and from the last row to the stop time, at most: one, but for the rounding of both.
+LATEST = 1.5
 #: The verdict of a result that is none.
 UNREADABLE = "cannot be read"
 #: Differences above so many ranges are called "grows": 10 ranges are no answer to any question.
@@ -161,14 +163,10 @@ class Scoreboard:
         from .picture import Picture
 
         masters = list(dict.fromkeys(s.master for s in self.standings if s.steps))
-        columns = min(3, len(self.systems))
-        figure = Picture(
-            figsize=(5.0 * columns, 4.0 * math.ceil(len(self.systems) / columns)),
-            layout="constrained",
-        )
-        axes = figure.subplots(
-            math.ceil(len(self.systems) / columns), columns, squeeze=False
-        ).ravel()
+        columns = max(1, min(3, len(self.systems)))
+        rows = max(1, math.ceil(len(self.systems) / columns))
+        figure = Picture(figsize=(5.0 * columns, 4.0 * rows), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for axis, system in zip(axes, self.systems):
             for s in self.standings:
                 if s.system == system and s.steps:
@@ -263,7 +261,7 @@ def scoreboard(
     if not systems:
         raise SetupError(f"{folder} has no reference system: NAME/NAME.ssp with NAME/NAME_ref.csv")
     results = folder / "results"
-    masters = sorted(p for p in results.glob("*") if p.is_dir())
+    masters = sorted(p for p in results.glob("*") if p.is_dir() and any(p.iterdir()))
     if not masters:
         raise SetupError(
             f"{results} has no results: write {results}/MASTER/{next(iter(systems))}_1ms.csv"
@@ -295,7 +293,7 @@ def scoreboard(
                 if package is None:
                     package = read_ssp(reference.with_name(f"{name}.ssp"), Path(unpacked) / name)
                     rows = Series.read(reference)
-                    ranges = {n: float(np.ptp(rows.numbers(n))) or 1.0 for n in rows.names}
+                    ranges = {n: float(np.ptp(rows.numbers(n))) or 1.0 for n in rows.names[1:]}
                 judge = _Judge(package, reference, ranges, tolerance, cause_seconds)
                 standings.append(
                     judge.standing(
@@ -364,6 +362,18 @@ class _Judge:
             tolerance=self.tolerance, cause_seconds=seconds,
         )  # fmt: skip
 
+    def require_whole(self, report: RefereeReport, path: Path, step: float) -> None:
+        """Raise SetupError if a result lacks a column, its end, or the rows of its steps."""
+        if missing := self.ranges.keys() - {s.name for s in report.signals}:
+            raise SetupError(f"{path} has no column {', '.join(sorted(missing))}")
+        t, stop = report.signals[0].t, self.package.stop
+        if stop is not None and t[-1] < stop - LATEST * step:
+            raise SetupError(f"{path} ends at {t[-1]:g} s, not at {stop:g} s")
+        if (apart := float(np.diff(t).max())) > LATEST * step:
+            raise SetupError(
+                f"{path} has rows {apart:g} s apart, and a step of {step:g} s in its name"
+            )
+
     def standing(self, entry: Standing, files: Mapping[float, Path]) -> Standing:
         """The entry with what its results, by step [s], are."""
         steps = sorted(files, reverse=True)
@@ -372,6 +382,7 @@ class _Judge:
             seconds = self.cause_seconds if step == steps[-1] else 0.0
             try:
                 report = self.report(files[step], step, seconds)
+                self.require_whole(report, files[step], step)
             except SetupError as error:
                 return Standing(
                     entry.master,
@@ -404,6 +415,8 @@ def _order(steps: Sequence[float], differences: Sequence[float]) -> float:
 
 
 def _share(difference: float) -> str:
+    if not math.isfinite(difference):
+        return "no number"
     return f"{100.0 * difference:.2g} %" if difference < GROWS else "grows"
 
 

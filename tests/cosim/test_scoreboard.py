@@ -113,11 +113,61 @@ def test_what_is_no_result_gets_one_line(
     assert len(lines) == 1 and said in lines[0]
 
 
-def test_a_cell_that_is_no_number_is_named(board: Path) -> None:
-    text = "time,motor.tau\n0,1\n0.1,two\n0.2,1\n"
-    (board / "results/held" / f"{KEY}_1ms.csv").write_text(text)
+@pytest.mark.parametrize("name", ["motor.tau", "conveyor.w"])
+def test_a_cell_that_is_no_number_is_named(board: Path, answer: Answer, name: str) -> None:
+    """Also where everything else is exact, so that nothing but the cell is wrong."""
+    frame = pd.DataFrame({"time": answer.time, **answer.values}).astype(object)
+    frame.loc[40, name] = "two"
+    frame.to_csv(board / "results/held" / f"{KEY}_1ms.csv", index=False)
     (standing,) = scoreboard(board).standings
-    assert standing.verdict == "differs" and "no finite number in 1 row" in standing.cause
+    assert (
+        standing.verdict == "differs" and f"{name} has no finite number in 1 row" in standing.cause
+    )
+
+
+def changed(answer: Answer, change: str) -> pd.DataFrame:
+    """Rows of the exact answer that are no whole result."""
+    frame = pd.DataFrame({"time": answer.time, **answer.values})
+    match change:
+        case "a column":
+            return frame.rename(columns={"conveyor.w": "conveyor.omega"})
+        case "the end":
+            return frame[frame["time"] < 0.4]
+        case "rows":
+            return frame[::8]
+    frame = frame.astype(object)
+    frame.loc[40, "time"] = "abc"
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("a column", "has no column conveyor.w"),
+        ("the end", "not at 0.5 s"),
+        ("rows", "has rows 0.002 s apart, and a step of 0.001 s in its name"),
+        ("a time", "row 41 below the heading has no time"),
+    ],
+)
+def test_a_result_that_is_not_whole_is_none(
+    board: Path, answer: Answer, change: str, said: str
+) -> None:
+    """It would agree, and a missing column would make it the better."""
+    changed(answer, change).to_csv(board / "results/held" / f"{KEY}_1ms.csv", index=False)
+    found = scoreboard(board, cause_seconds=0.0)
+    (standing,) = found.standings
+    assert standing.verdict == "cannot be read" and said in standing.reason
+    assert not found.best(KEY)
+
+
+def test_a_page_is_written_where_nothing_can_be_read(
+    board: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in (board / "results/held").glob("*.csv"):
+        path.rename(path.with_stem("quartercar_1ms"))
+    page = tmp_path / "board.html"
+    assert main(["referee", "--scoreboard", str(board), "--out", str(page)]) == 1
+    assert "is of no system here" in capsys.readouterr().out and page.is_file()
 
 
 def test_an_empty_folder_and_one_without_results_are_refused(board: Path, tmp_path: Path) -> None:
@@ -126,6 +176,7 @@ def test_an_empty_folder_and_one_without_results_are_refused(board: Path, tmp_pa
     with pytest.raises(SetupError, match="has no reference system"):
         scoreboard(empty)
     shutil.rmtree(board / "results")
+    (board / "results" / "mine").mkdir(parents=True)
     with pytest.raises(SetupError, match=r"write .*results/MASTER/conveyor_drive_b_1ms.csv"):
         scoreboard(board)
 

@@ -141,7 +141,7 @@ def judge_signal(
     distance = np.maximum(0.0, np.maximum(values - high, low - values))
     distance = np.where(finite, distance, np.inf)
     beyond = distance > allowed + errors
-    since = _lasting_since(t, beyond)
+    since = min([_lasting_since(t, beyond), *t[~finite][:1].tolist()])
     vague = np.count_nonzero(errors > allowed) > LASTING * len(t)
     verdict = Verdict.AGREES if since == math.inf else Verdict.DIFFERS
     if verdict is Verdict.AGREES and vague:

@@ -75,6 +75,10 @@ def read_foreign(source: Source) -> Series:
     try:
         time = scale * whole.numbers(clock, finite=False)
         finite = np.isfinite(time)
+        if not finite[: np.flatnonzero(finite).max(initial=0)].all():
+            raise SetupError(
+                f"{whole.label}: row {np.argmin(finite) + 1} below the heading has no time"
+            )
         time = time[finite]
         if (falls := np.flatnonzero(np.diff(time) < 0.0)).size:
             before, after = time[falls[0] :][:2].tolist()
