@@ -366,6 +366,8 @@ def start_causes(reproduction: Reproduction) -> Iterator[Cause]:
                 if closer is None or abs(closer[2] - value) <= FITTED * abs(value):
                     break
                 value = closer[2]
+            if abs(value) < FITTED * abs(values[name]):
+                value = 0.0
             text = f"the start value {name} seems to be {value:.6g}, not {values[name]:.6g}"
             text += f"; and {coupling.text()}" if coupling else ""
             cause = reproduction.cause("wrong start value", text, columns(name, value))
