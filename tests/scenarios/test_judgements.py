@@ -51,7 +51,7 @@ TURNS: list[tuple[str, str, dict[Verdict, dict[str, Any]]]] = [
     ("iron_orders", "a motor lag of 80 ms", {YES: {"speeds": "2"}, NO: {"speeds": "5"},
                                              OPEN: {"speeds": "0.3", "start": {"motor.B": 1e-4}}}),
     ("orientator_cycle", "the product is oriented", {YES: {}, NO: JAMMED}),
-    ("orientator_cycle", "the wall only pushes", {YES: JAMMED, NO: {}}),
+    ("orientator_cycle", "the wall pushes at all times", {YES: JAMMED, NO: {}}),
     ("packing_line", "the line keeps pace", {YES: QUICK["packing_line"], NO: QUICK["packing_line"] | {"gear": 2.2}}),
     ("speed_step", "the load reaches", {YES: {"stop": 0.2}, NO: {"stop": 0.2, "speed": 200.0}}),
     ("speed_step", "the mean speed over a turn", {YES: {}, NO: {"start": {"controller.T_i": 0.05}},
