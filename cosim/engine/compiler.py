@@ -25,6 +25,7 @@ WINDOWS_LINK_OPTIONS = (
     "-nostdlib",
     "-Wl,--no-entry",
     "-lapi-ms-win-crt-private-l1-1-0",
+    "-lapi-ms-win-crt-string-l1-1-0",
 )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.engine import members
+from cosim.engine import compiler, members
 from cosim.engine.compiler import MEMBERS, SOURCE
 from cosim.engine.structures import structures
 from cosim.fmu.fmi3 import Answer
@@ -81,3 +81,10 @@ def test_a_table_that_differs_is_noticed(old: str, new: str, wrong: list[str]) -
     text = SOURCE.read_text()
     assert old in text
     assert differences(text.replace(old, new, 1)) == wrong
+
+
+def test_the_loop_is_compiled_for_every_platform_of_a_release(tmp_path: Path) -> None:
+    """Each links against what its system has: what the compiler puts in place of a loop in C must be there, too."""
+    compiler.compile_every_loop(tmp_path)
+    names = {compiler.file_name(*platform) for platform in compiler.TARGETS}
+    assert {path.name for path in tmp_path.iterdir()} == names
