@@ -17,7 +17,7 @@ STATES = {
 
 
 class Call(NamedTuple):
-    """A call, by FMPy's name after `set` or `get` of what, and the states that allow it in each version."""
+    """A call, by FMPy's name or by what it sets or gets, the states that allow it, and the state that it leads to."""
 
     name: str
     allowed2: str | None
