@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dense import MOST_POINTS, Curves
+from .engine.energy import balance
 from .errors import SetupError, pluralize
 from .metrics import Metric
-from .report import BondEnergy, Outcome, RunReport
 from .result import Result
 from .series import NO_BREAKS, Column
 from .system import Network, Port, Value
@@ -119,8 +119,8 @@ class Ensemble:
         By power bond, energy given, taken and exchanged [J], shape (members, 3).
     breaks
         Intervals in which columns may jump, as of `Result`.
-    report
-        What a run of a member says of itself; None if every member failed.
+    provenance
+        What a run of a member says of itself; empty if every member failed.
     notes
         What is worth to know of how they were run.
     figures
@@ -135,7 +135,7 @@ class Ensemble:
     reasons: list[str]
     warnings: Mapping[str, list[int]]
     energy: Mapping[str, Array]
-    report: RunReport | None
+    provenance: Mapping[str, Any]
     breaks: Array = field(default_factory=lambda: NO_BREAKS)
     notes: tuple[str, ...] = ()
     figures: Mapping[str, Array] = field(default_factory=dict)
@@ -165,22 +165,20 @@ class Ensemble:
 
     def result(self, k: int) -> Result:
         """The result of the member at position k, as `run` gives it; raises KeyError if none has run."""
-        if self.report is None:
+        if not self.provenance:
             raise KeyError(f"no run of the {pluralize(len(self), 'member')} came to its end")
-        n, reason = int(self.counts[k]), self.reasons[k]
-        rows = self.rows[k, :n]
-        reached = float(rows[-1, 0]) if n else self.report.setup.start
-        number = int(self.members[k])
-        start = {**self.report.setup.start_values, **self.cases.case(number).start}
-        report = replace(
-            self.report,
-            setup=replace(self.report.setup, start_values=start),
-            outcome=Outcome("failed" if reason else "complete", reason, reached, n),
-            bonds={bond: _balance(values[k]) for bond, values in self.energy.items()},
-            warnings=[text for text, members in self.warnings.items() if number in members],
-        )
-        load = rows.T.__getitem__
-        return Result(self.columns, report.to_json(), load, report=report, breaks=self.breaks)
+        n, number, rows = int(self.counts[k]), int(self.members[k]), self.rows[k, : self.counts[k]]
+        provenance = {
+            **self.provenance,
+            "start_values": self.provenance["start_values"] | self.cases.case(number).start,
+            "status": "failed" if self.reasons[k] else "complete",
+            "reason": self.reasons[k],
+            "reached": float(rows[-1, 0]) if n else self.provenance["start"],
+            "rows": n,
+            "bonds": {bond: balance(*values[k].tolist()) for bond, values in self.energy.items()},
+            "warnings": [text for text, members in self.warnings.items() if number in members],
+        }
+        return Result(self.columns, provenance, rows.T.__getitem__, breaks=self.breaks)
 
     def evaluate(self, metrics: Mapping[str, Metric]) -> dict[str, Array]:
         """The numbers that metrics make of the members, shape (members,) each; nan for one that failed."""
@@ -229,12 +227,6 @@ class Ensemble:
         )  # fmt: skip
 
 
-def _balance(energy: Array) -> BondEnergy:
-    """The balance of a bond of energy given, taken and exchanged [J]."""
-    given, taken, exchanged = energy.tolist()
-    return BondEnergy(given, taken, given - taken, exchanged)
-
-
 def joined(blocks: Sequence[Ensemble]) -> Ensemble:
     """All members of some ensembles of the same cases, in the order of their numbers."""
     if len(blocks) == 1:
@@ -253,7 +245,7 @@ def joined(blocks: Sequence[Ensemble]) -> Ensemble:
     for block in blocks:
         for text, numbers in block.warnings.items():
             warnings[text] = sorted([*warnings.get(text, ()), *numbers])
-    with_report = next((block for block in blocks if block.report is not None), blocks[0])
+    with_report = next((block for block in blocks if block.provenance), blocks[0])
     energy = {
         bond: np.concatenate([block.energy[bond] for block in blocks])[order]
         for bond in with_report.energy

@@ -126,17 +126,14 @@ class Prepared:
                 stack.callback(simulation.all_rows.close)
             path = None if csv is None else Path(csv).absolute()
             result = simulation.finish(interrupts, began, csv=path, progress=progress)
-        assert result.report is not None
-        outcome = result.report.outcome
+        ran = result.provenance
+        if ran["status"] == "complete":
+            return result
         stopped = (
-            f"{outcome.reason}; stopped at t = {outcome.reached!r} s, "
-            f"{pluralize(outcome.rows, 'row')} kept"
+            f"{ran['reason']}; stopped at t = {ran['reached']!r} s, "
+            f"{pluralize(ran['rows'], 'row')} kept"
         )
-        if outcome.status == "failed":
-            raise SimulationError(stopped, result)
-        if outcome.status == "interrupted":
-            raise Interrupted(stopped, result)
-        return result
+        raise (SimulationError if ran["status"] == "failed" else Interrupted)(stopped, result)
 
     def begin(self) -> None:
         """Bring new instances to the start, and end them there; raises SetupError."""

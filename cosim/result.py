@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from .dense import Curves
 from .errors import RunError, SetupError
-from .report import RunReport
 from .series import NO_BREAKS, TIME, Column, Kind, Series, column_facts
 from .table_file import TableFile, facts_path, read_file
 
@@ -30,6 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Rows = NDArray[np.float64]
+#: The entries of the JSON file beside rows: what was run, what it took, how it ended.
+Provenance = dict[str, Any]
 #: Whole numbers below this one are all doubles. Derived: 2^53.
 MOST_EXACT = 2.0**53
 #: Curves that a notebook shows unasked. A convention: more do not fit on a screen.
@@ -48,8 +49,6 @@ class Result(Series):
         What each column is; the first is the time.
     provenance
         The entries of the JSON file beside the rows.
-    report
-        The same in types, where `run` made the result in this process.
     breaks
         Intervals, begin and end [s], in which columns may jump, shape (breaks, 2): of length zero where two
         rows show the jump, else from a row before it to the first that what is behind it reaches.
@@ -58,14 +57,13 @@ class Result(Series):
     def __init__(
         self,
         columns: Sequence[Column],
-        provenance: dict[str, Any],
+        provenance: Provenance,
         load: Callable[[int], Rows],
         *,
-        report: RunReport | None = None,
         breaks: Rows = NO_BREAKS,
     ) -> None:
         super().__init__(columns, load, breaks=breaks, label="the result")
-        self.provenance, self.report = provenance, report
+        self.provenance = provenance
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A column, shape (rows,); whole numbers as such, where doubles tell them apart. Raises KeyError."""

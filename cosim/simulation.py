@@ -11,6 +11,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from .engine.changes import discrete_changes
 from .engine.driver import Driver, RowReader
@@ -23,7 +24,6 @@ from .engine.row_file import RowFile
 from .engine.settings import RunSettings
 from .errors import FmuError, SetupError, SimulationTerminated
 from .fmu.instance import CoSimulation
-from .report import Outcome, PartIdentity, RunReport, RunSetup
 from .result import Result
 from .system import Network
 from .system.graph import stepping_order
@@ -55,32 +55,31 @@ class Simulation:
         except FmuError as error:
             raise SetupError(str(error)) from error
 
-    def _setup(self) -> RunSetup:
-        """What is run."""
+    def _setup(self) -> dict[str, Any]:
+        """What is run, complete enough to run it again: the first entries of the JSON file beside the rows."""
         system, settings = self.network.system, self.settings
-        identities = {
-            name: _identity(part, system.parts[name], settings.tolerance)
-            for name, part in self.parts.items()
+        return {
+            "algorithm": settings.algorithm,
+            "communication": settings.text(),
+            "order": self.sequence,
+            "input_order": settings.input_order,
+            "substeps": settings.substeps,
+            "start": settings.start,
+            "stop": settings.stop,
+            "tolerance": settings.tolerance,
+            "stop_time_defined": settings.stop_time_defined,
+            "wires": [str(wire) for wire in system.wires],
+            "inputs": {port.name: profile.provenance() for port, profile in self.network.inputs},
+            "changes": list(system.changes),
+            "start_values": dict(system.start),
+            "open_inputs": {port.name: value for port, value in self.network.open},
+            "unrecorded": settings.unrecorded(self.network),
+            "parts": {
+                name: _identity(part, system.parts[name], settings.tolerance)
+                for name, part in self.parts.items()
+            },
+            "versions": versions(),
         }
-        return RunSetup(
-            algorithm=settings.algorithm,
-            communication=settings.text(),
-            order=self.sequence,
-            input_order=settings.input_order,
-            substeps=settings.substeps,
-            start=settings.start,
-            stop=settings.stop,
-            tolerance=settings.tolerance,
-            stop_time_defined=settings.stop_time_defined,
-            wires=[str(wire) for wire in system.wires],
-            inputs={port.name: profile.provenance() for port, profile in self.network.inputs},
-            changes=list(system.changes),
-            start_values=dict(system.start),
-            open_inputs={port.name: value for port, value in self.network.open},
-            unrecorded=settings.unrecorded(self.network),
-            parts=identities,
-            versions=versions(),
-        )
 
     def finish(
         self,
@@ -104,9 +103,15 @@ class Simulation:
         except FmuError as failure:
             reason = str(failure)
         finally:
-            outcome = Outcome(status, reason, driver.t, recorder.count)
-            report = self._report(driver, outcome, began)
-            result = recorder.finish(report, driver.breaks)
+            outcome = {
+                "status": status,
+                "reason": reason,
+                "reached": driver.t,
+                "rows": recorder.count,
+            }
+            provenance = {**self.setup, **driver.statistics(), **outcome, **self._balance()}
+            provenance["wall_time"] = clock.perf_counter() - began
+            result = recorder.finish(provenance, driver.breaks)
         return result
 
     def _drive(
@@ -133,38 +138,32 @@ class Simulation:
             return "complete", f"{end}; the last row is at t = {driver.t!r} s"
         return "complete", ""
 
-    def _report(self, driver: Driver, outcome: Outcome, began: float) -> RunReport:
+    def _balance(self) -> dict[str, Any]:
+        """What the coupling made of the energy, and all warnings."""
         parts = self.parts.values()
-        balance = energy_balance(side for part in parts for side in part.bond_sides)
+        bonds = energy_balance(side for part in parts for side in part.bond_sides)
         warnings = list(self.network.flaw_texts())
         warnings += [f"{part.name}: {text}" for part in parts for text in part.messages.warnings]
         warnings += self.process.warnings
         if not self.ports:
             warnings.append("no FMU has an output to record: the rows contain only the time")
-        return RunReport(
-            setup=self.setup,
-            statistics=driver.statistics(),
-            outcome=outcome,
-            bonds=balance,
-            warnings=[*warnings, *bond_warnings(balance)],
-            wall_time=clock.perf_counter() - began,
-        )
+        return {"bonds": bonds, "warnings": [*warnings, *bond_warnings(bonds)]}
 
 
-def _identity(part: Part, path: Path, tolerance: float | None) -> PartIdentity:
+def _identity(part: Part, path: Path, tolerance: float | None) -> dict[str, Any]:
     """What a result says of a part, with every parameter's value."""
     description = part.description
     if tolerance is None:
         tolerance = description.defaultExperiment.tolerance
     parameters = [v for v in description.modelVariables if v.causality == "parameter"]
-    return PartIdentity(
-        fmu=Path(path).name,
-        model=description.modelName,
-        guid=description.guid,
-        tolerance=tolerance,
-        tool=description.generationTool,
-        parameters=part.instance.access.values(parameters),
-    )
+    return {
+        "fmu": Path(path).name,
+        "model": description.modelName,
+        "guid": description.guid,
+        "tolerance": tolerance,
+        "tool": description.generationTool,
+        "parameters": part.instance.access.values(parameters),
+    }
 
 
 @cache

@@ -24,7 +24,6 @@ from .ensemble import Array, Case, Cases, Ensemble, Numbers
 from .errors import FmuError, SetupError
 from .fmu.instance import CoSimulation
 from .fmu.messages import FATAL
-from .report import RunReport
 from .series import NO_BREAKS, TIME
 from .simulation import Simulation
 from .system import Network, Value, connect
@@ -112,7 +111,7 @@ class Member:
     reason: str
     warnings: Sequence[str] = ()
     energy: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    report: RunReport | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)
 
 
 def keeps_nothing(network: Network) -> bool:
@@ -157,7 +156,7 @@ class Worker:
         self._first: First | None = None
         self._is_fresh = not keeps_nothing(network)
         self._deadline = 0.0
-        self._report: RunReport | None = None
+        self._provenance: dict[str, Any] = {}
         self._breaks = NO_BREAKS
         self.abandoned = self.stopped = False
 
@@ -227,7 +226,7 @@ class Worker:
             self._drop()
             driven[k], simulation = self._drive(cases, chunk, k)
             if simulation is not None and not driven[k].reason:
-                self._names, self._report = cases.names, driven[k].report
+                self._names, self._provenance = cases.names, driven[k].provenance
                 self._breaks = np.array(simulation.driver.breaks, float).reshape(-1, 2)
                 if not self._is_fresh:
                     self._first = First(
@@ -325,13 +324,11 @@ class Worker:
         self._instances = {name: part.instance for name, part in simulation.parts.items()}
         result = simulation.finish(self.interrupts, began)
         self._find_abandoned()
-        report = result.report
-        assert report is not None
-        of_bonds = set(bond_warnings(report.bonds))
-        reason = "" if report.outcome.status == "complete" else report.outcome.reason
-        warnings = [text for text in report.warnings if text not in of_bonds]
-        energy = {bond: (e.given, e.taken, e.exchanged) for bond, e in report.bonds.items()}
-        return Member(result.data, reason, warnings, energy, report), simulation
+        ran, of_bonds = result.provenance, set(bond_warnings(result.energy))
+        reason = "" if ran["status"] == "complete" else ran["reason"]
+        warnings = [text for text in result.warnings if text not in of_bonds]
+        energy = {b: (e["given"], e["taken"], e["exchanged"]) for b, e in result.energy.items()}
+        return Member(result.data, reason, warnings, energy, ran), simulation
 
     def _find_abandoned(self) -> None:
         """Note that an FMU may not be called any more."""
@@ -389,7 +386,7 @@ class Worker:
         return Ensemble(
             cases, chunk.numbers[done], self.columns, rows, counts, reasons,
             {text: sorted(members) for text, members in warnings.items() if members}, energy,
-            self._report, self._breaks, (FRESH,) if self._is_fresh else (),
+            self._provenance, self._breaks, (FRESH,) if self._is_fresh else (),
         )  # fmt: skip
 
 

@@ -6,13 +6,13 @@ import math
 import time as clock
 from bisect import bisect_left, insort
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.buffers import Slot
 from ..fmu.times import coincide
-from ..report import Statistics
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
 from .algorithms import find_algorithm
@@ -400,15 +400,18 @@ class Driver:
 
         return go
 
-    def statistics(self) -> Statistics:
-        """What the run took."""
-        return Statistics(
-            control=self.control,
-            convergence_order=self._order,
-            first_order=self._first_order,
-            steps=self.accepted,
-            rejected=self.controller.rejected if self.controller else 0,
-            discarded=self.discarded,
-            do_steps={part.name: part.do_steps for part in self.parts},
-            loop=self.loop,
-        )
+    def statistics(self) -> dict[str, Any]:
+        """What the run took, and the orders with which its results converge.
+
+        Those `first_order` are the recorded outputs that converge with order 1 whatever the order of the states.
+        """
+        return {
+            "control": self.control,
+            "convergence_order": self._order,
+            "first_order": self._first_order,
+            "steps": self.accepted,
+            "rejected": self.controller.rejected if self.controller else 0,
+            "discarded": self.discarded,
+            "do_steps": {part.name: part.do_steps for part in self.parts},
+            "loop": self.loop,
+        }

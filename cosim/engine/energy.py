@@ -11,9 +11,10 @@ from typing import NamedTuple
 from ..errors import SetupError
 from ..fmu.buffers import Slot, address
 from ..fmu.operations import Code, Layout, Operation
-from ..report import BondEnergy
 from ..system import Connection, Network, Port, unit_exponents
 
+#: Of a power bond, energies [J] by what they are.
+Balance = dict[str, float]
 ENERGY, EXCHANGED, BEFORE = range(3)
 #: The powers of the base units in a W, without angles.
 POWER = (1, 2, -3, 0, 0, 0, 0)
@@ -140,30 +141,37 @@ def watts_per_product(network: Network, output: Port, entry: Port) -> float:
     return math.prod(1.0 if unit is None else unit.factor for unit in units)
 
 
-def energy_balance(sides: Iterable[BondSide]) -> dict[str, BondEnergy]:
+def balance(given: float, taken: float, exchanged: float) -> Balance:
+    """What the sides of a bond gave and took, and how much went to and fro [J].
+
+    The residual is what the coupling removed, or created where it is below 0.
+    """
+    return {"given": given, "taken": taken, "residual": given - taken, "exchanged": exchanged}
+
+
+def energy_balance(sides: Iterable[BondSide]) -> dict[str, Balance]:
     """The energy of each bond, from both of its sides."""
     pairs: dict[str, list[BondSide]] = {}
     for side in sides:
         pairs.setdefault(side.bond, []).append(side)
-    balance = {}
+    balances = {}
     for bond, pair in pairs.items():
         first, second = sorted(pair, key=lambda side: side.side)
         exchanged = max(first.totals[EXCHANGED], second.totals[EXCHANGED])
-        output, intake = first.energy, second.energy
-        balance[bond] = BondEnergy(output, intake, output - intake, exchanged)
-    return balance
+        balances[bond] = balance(first.energy, second.energy, exchanged)
+    return balances
 
 
-def bond_warnings(balance: Mapping[str, BondEnergy]) -> Iterator[str]:
+def bond_warnings(balances: Mapping[str, Balance]) -> Iterator[str]:
     """A sentence for every bond on which the coupling changed a noticeable share of the energy carried.
 
     Amounts that are negligible compared with the energy exchanged to and fro are not reported.
     """
-    for bond, energy in balance.items():
-        change = abs(energy.residual)
-        carried = max(abs(energy.given), abs(energy.taken))
-        if change > NOTICEABLE * carried and change > NEGLIGIBLE * energy.exchanged:
-            verb = "removed" if energy.residual > 0.0 else "created"
+    for bond, energy in balances.items():
+        change = abs(energy["residual"])
+        carried = max(abs(energy["given"]), abs(energy["taken"]))
+        if change > NOTICEABLE * carried and change > NEGLIGIBLE * energy["exchanged"]:
+            verb = "removed" if energy["residual"] > 0.0 else "created"
             yield (
                 f"bond {bond}: the coupling {verb} {change:.3g} J, {change / carried:.0%} of the "
                 f"{carried:.3g} J carried: use smaller steps or another algorithm; see diagnose"

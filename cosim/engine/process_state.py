@@ -8,7 +8,6 @@ import os
 import sys
 import time as clock
 from contextlib import suppress
-from pathlib import Path
 
 from ..errors import FmuError
 from ..signals import reinstall_handlers
@@ -78,8 +77,8 @@ def _flushes() -> tuple[bool, bool]:
     return smallest * half == 0.0, SUBNORMAL == 0.0
 
 
-def _folder() -> Path | None:
+def _folder() -> str | None:
     """The working directory; None if it has been removed."""
     with suppress(FileNotFoundError):
-        return Path.cwd()
+        return os.getcwd()
     return None

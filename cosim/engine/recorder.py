@@ -12,7 +12,6 @@ import time as clock
 from array import array
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +19,8 @@ import numpy as np
 from ..dense import CUBIC_ROWS
 from ..errors import FmuError, SetupError
 from ..fmu.times import coincide
-from ..json_values import Json
-from ..report import RunReport, RunSetup, Statistics
 from ..result import (
+    Provenance,
     Result,
     Rows,
     file_columns,
@@ -54,7 +52,7 @@ class Recorder:
         self,
         columns: Sequence[Column],
         path: Path | None = None,
-        setup: RunSetup | None = None,
+        setup: Provenance | None = None,
     ) -> None:
         self.columns = [TIME, *columns]
         self.names = [column.name for column in self.columns]
@@ -68,9 +66,8 @@ class Recorder:
             require_names(path)
             self._stream = Stream(partial(path))
             self._write(self.names)
-            facts = setup.to_json() if setup else {}
-            facts |= {"status": "running", **table_facts(self.columns, NO_BREAKS)}
-            write_json(partial(path).with_suffix(".json"), facts)
+            facts = {"status": "running", **table_facts(self.columns, NO_BREAKS)}
+            write_json(partial(path).with_suffix(".json"), {**(setup or {}), **facts})
 
     def add(self, row: Sequence[float]) -> None:
         """Append one row, or several one after the other: the time, then the columns' values."""
@@ -96,22 +93,22 @@ class Recorder:
         self._stream.append(text.getvalue())
         self._flushed = clock.perf_counter()
 
-    def finish(self, report: RunReport, breaks: Sequence[tuple[float, float]] = ()) -> Result:
+    def finish(self, provenance: Provenance, breaks: Sequence[tuple[float, float]] = ()) -> Result:
         """Close the file; only a run of status "complete" gets the name that was asked for.
 
         `breaks` are the intervals, begin and end [s], in which columns may jump.
         """
-        width, rows, provenance = len(self.columns), self.rows, report.to_json()
-        columns = [_with_order(column, report.statistics) for column in self.columns]
+        width, rows = len(self.columns), self.rows
+        columns = [_with_order(column, provenance) for column in self.columns]
         intervals = np.array(breaks, dtype=float).reshape(-1, 2)
         if self._stream is None or self._path is None:
             load = np.asarray(rows).reshape(-1, width).T.__getitem__
-            return Result(columns, provenance, load, report=report, breaks=intervals)
+            return Result(columns, provenance, load, breaks=intervals)
         with suppress(FmuError):
             self.flush()
         target = partial(self._path)
         content = provenance | table_facts(columns, intervals)
-        if report.outcome.status == "complete":
+        if provenance["status"] == "complete":
             try:
                 target = self._take_names(target, content)
             finally:
@@ -120,9 +117,9 @@ class Recorder:
             with suppress(OSError):
                 write_json(target.with_suffix(".json"), content)
             self._stream.close()
-        return Result(columns, provenance, file_columns(target), report=report, breaks=intervals)
+        return Result(columns, provenance, file_columns(target), breaks=intervals)
 
-    def _take_names(self, rows: Path, content: dict[str, Json]) -> Path:
+    def _take_names(self, rows: Path, content: Provenance) -> Path:
         """Give the complete file and its JSON their names, so that old facts never stand beside new rows.
 
         Raises OSError if the JSON cannot have its name; the rows are then left where they are.
@@ -140,12 +137,13 @@ class Recorder:
         return self._path
 
 
-def _with_order(column: Column, statistics: Statistics) -> Column:
+def _with_order(column: Column, statistics: Provenance) -> Column:
     """A column with its convergence order; adaptive steps keep the error per time, of order 1."""
-    if column == TIME or column.kind.is_held:
+    if column is TIME or column.kind.is_held:
         return column
-    is_first = statistics.control != "fixed" or column.name in statistics.first_order
-    return replace(column, order=1 if is_first else statistics.convergence_order)
+    is_first = statistics["control"] != "fixed" or column.name in statistics["first_order"]
+    order = 1 if is_first else statistics["convergence_order"]
+    return Column(column.name, column.unit, column.kind, order, column.source)
 
 
 class Stream:

@@ -224,9 +224,8 @@ def test_streamed_rows_do_not_stay_in_memory(fmus: Path, tmp_path: Path) -> None
     for n in range(50_000):
         recorder.add([n, n / 3])
     assert len(recorder.rows) < 3 * CHUNK
-    nothing = run(System({"motor": fmus / "DriveMotor.fmu"}), stop=1e-3, step=1e-3).report
-    assert nothing is not None
-    result = recorder.finish(nothing)
+    nothing = run(System({"motor": fmus / "DriveMotor.fmu"}), stop=1e-3, step=1e-3)
+    result = recorder.finish(nothing.provenance)
     assert_array_equal(result["x"], np.arange(50_000) / 3)
     streamed = from_rest(fmus, step=1e-3, csv=tmp_path / "deep" / "run.csv")
     assert_array_equal(streamed.data, from_rest(fmus, step=1e-3).data)

@@ -14,8 +14,7 @@ import pytest
 
 from cosim import SimulationError, System, certify, quiet, run, run_isolated, write_ssp
 from cosim.cli.main import main
-from cosim.engine.energy import bond_warnings
-from cosim.report import BondEnergy
+from cosim.engine.energy import balance, bond_warnings
 from cosim.verification.systems import SPRING_AND_MASS, couple
 from tests.cosim.foreign import pack, single_fmu_system
 from tests.cosim.test_cosim import WIRES
@@ -55,8 +54,7 @@ def test_energy_that_the_coupling_created_is_warned_of(fmus: Path) -> None:
 def test_a_warning_says_whether_the_coupling_created_or_removed_energy(
     delivered: float, received: float, verb: str
 ) -> None:
-    energy = BondEnergy(delivered, received, delivered - received, 5.0)
-    assert list(bond_warnings({"a.u * b.y": energy})) == [
+    assert list(bond_warnings({"a.u * b.y": balance(delivered, received, 5.0)})) == [
         f"bond a.u * b.y: the coupling {verb} 1 J, 20% of the 5 J carried: use smaller steps or "
         "another algorithm; see diagnose"
     ]
