@@ -162,7 +162,7 @@ def _identity(part: Part, path: Path, tolerance: float | None) -> dict[str, Any]
         "guid": description.guid,
         "tolerance": tolerance,
         "tool": description.generationTool,
-        "parameters": part.instance.access.values(parameters),
+        "parameters": part.instance.session.values(parameters),
     }
 
 

@@ -284,7 +284,7 @@ def linearize(
             K = np.linalg.inv(ode.closure(blocks))
             rates = ode.slopes(ode.t, ode.x).tolist()
             variables = [*ode.states, *ode.inputs, *ode.outputs]
-            values = {name: model.instance.access.values for name, model in ode.models.items()}
+            values = {name: model.instance.session.values for name, model in ode.models.items()}
             point = {p.name: float(*values[p.part]([p.variable]).values()) for p in variables}
     except FmuError as failure:
         raise SetupError(str(failure)) from failure

@@ -55,7 +55,7 @@ class RowReader:
             if port.name not in slots:
                 unread[port.part][port.name] = port.variable
         self.extra = [
-            b for p in parts for b in p.instance.access.blocks("Get", [*unread[p.name].values()])
+            b for p in parts for b in p.instance.session.blocks("Get", [*unread[p.name].values()])
         ]
         for block in self.extra:
             slots |= block.slots()

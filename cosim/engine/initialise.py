@@ -17,7 +17,7 @@ from ..errors import FmuError, SetupError
 from ..fmu.buffers import Slot
 from ..fmu.fmi2 import CoSimulation2
 from ..fmu.fmi3 import CoSimulation3
-from ..fmu.instance import CoSimulation, Instance, Opener
+from ..fmu.instance import CoSimulation, Instance
 from ..fmu.library import Library, borrow
 from ..fmu.session import CO_SIMULATION
 from ..system import Network, Port, Value, declared_start, feedthrough
@@ -35,15 +35,14 @@ Vector = NDArray[np.float64]
 #: Relative difference up to which a start value counts as kept: a convention of this project, which allows for an
 #: FMU that converts units.
 START_ROUNDING = 1e-9
-#: What makes a part that steps, by the version of its FMU.
-OPENERS: dict[str, Opener[CoSimulation]] = {"2.0": CoSimulation2, "3.0": CoSimulation3}
 
 
 def open_cosimulation(
     name: str, description: ModelDescription, fmu: Library, within: Sequence[Variable] = ()
 ) -> CoSimulation:
-    """An instance that steps; raises FmuError."""
-    return OPENERS[description.fmiVersion](name, description, fmu, within)
+    """An instance that steps, and shows the variables `within` its steps if it can; raises FmuError."""
+    kind = CoSimulation2 if description.fmiVersion == "2.0" else CoSimulation3
+    return kind(name, description, fmu, within)
 
 
 def initialise(
@@ -64,7 +63,7 @@ def initialise(
 
     def opener(name: str, description: ModelDescription, fmu: Library) -> CoSimulation:
         watched = [port.variable for port in within if port.part == name]
-        return OPENERS[description.fmiVersion](name, description, fmu, watched)
+        return open_cosimulation(name, description, fmu, watched)
 
     parts, slots = prepare(network, settings, sequence, stack, opener, used=used)
     if settings.input_order:
@@ -185,7 +184,7 @@ def _warn_of_other_starts(
             by_part.setdefault(port.part, []).append((port, value))
     for name, fixed in by_part.items():
         instance = instances[name]
-        now = instance.access.values([port.variable for port, _ in fixed])
+        now = instance.session.values([port.variable for port, _ in fixed])
         for port, value in fixed:
             has = now[port.variable.name]
             real = port.type == "Real" and isclose(float(value), float(has), rel_tol=START_ROUNDING)
@@ -211,8 +210,8 @@ def _wire(
         targets[port.part].append(port)
     parts: dict[str, WiredPart[I]] = {}
     for name, instance in instances.items():
-        outputs = instance.access.blocks("Get", [port.variable for port in sources[name]])
-        inputs = instance.access.blocks("Set", [port.variable for port in targets[name]])
+        outputs = instance.session.blocks("Get", [port.variable for port in sources[name]])
+        inputs = instance.session.blocks("Set", [port.variable for port in targets[name]])
         for block in inputs:
             if block.real:
                 block.cells[:] = [float(v.start or 0.0) for v in block.variables]

@@ -113,11 +113,11 @@ class InputPolynomials(Operation):
         if self.capable and inputs:
             orders = range(1, degree + 1)
             variables = [v for v in inputs.variables for _ in orders]
-            self._derivatives = instance.access.derivative_block(
+            self._derivatives = instance.session.derivative_block(
                 "Set", variables, [*orders] * len(inputs.variables)
             )
         if ability.maxOutputDerivativeOrder and outputs:
-            self._rates = instance.access.derivative_block(
+            self._rates = instance.session.derivative_block(
                 "Get", outputs.variables, [1] * len(outputs.variables)
             )
 

@@ -177,14 +177,14 @@ class SystemLayout:
 
     def _start(self, port: Port, value: Value) -> Iterator[tuple[Layout, Any]]:
         """What sets a start value: of an element of an array, after the others have been read."""
-        access = self._parts[port.part].instance.access
-        [block] = access.blocks("Set", [port.variable])
+        session = self._parts[port.part].instance.session
+        [block] = session.blocks("Set", [port.variable])
         layout = block.exchange_layout()
         if layout is None:
             raise NeedsPythonError(f"{port} is not set by one call in C")
         self._keep.append(block)
         if len(block.cells) > 1:
-            [present] = access.blocks("Get", [port.variable])
+            [present] = session.blocks("Get", [port.variable])
             reading = present.exchange_layout()
             assert reading is not None
             self._keep.append(present)
@@ -203,7 +203,7 @@ class SystemLayout:
         reads, promises = [], []
         for name, ports in by_part.items():
             variables: list[Variable] = [port.variable for port, _ in ports.values()]
-            for block in self._parts[name].instance.access.blocks("Get", variables):
+            for block in self._parts[name].instance.session.blocks("Get", variables):
                 reads.append(self._layout(block))
                 for slot, variable in zip(block.slots().values(), block.variables):
                     if variable.name in ports:

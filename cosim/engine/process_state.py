@@ -80,5 +80,5 @@ def _flushes() -> tuple[bool, bool]:
 def _folder() -> str | None:
     """The working directory; None if it has been removed."""
     with suppress(FileNotFoundError):
-        return os.getcwd()
+        return os.getcwd()  # noqa: PTH109 (a Path takes twenty calls)
     return None

@@ -10,7 +10,7 @@ from math import isfinite
 from typing import Any
 
 from ..errors import NonFiniteValueError
-from ..system.description import Variable
+from ..system.description import Value, Variable
 from .buffers import Slot, address
 from .messages import OK
 from .operations import NOT_FINITE, Code, Layout, Operation
@@ -154,3 +154,16 @@ def block2(
     run: Callable[[], int] = partial(function, session.component, *arguments, cells)
     transfer = Transfer(name, run, function, references, Code.EXCHANGE)
     return VariableBlock(session, variables, cells, transfer, reads=action == "Get")
+
+
+def read_blocks(
+    blocks: Sequence[VariableBlock], variables: Sequence[Variable], part: str
+) -> dict[str, Value]:
+    """The values of variables of a part, read by blocks that have them all."""
+    by_name: dict[str, Any] = {}
+    for block in blocks:
+        block.move()
+        by_name |= zip(block.names, block.cells)
+    values = [by_name[f"{part}.{v.name}"] for v in variables]
+    texts = (x.decode("utf-8", "replace") if isinstance(x, bytes) else x for x in values)
+    return dict(zip((v.name for v in variables), texts))

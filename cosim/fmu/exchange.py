@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from ..errors import FmuError
 from ..system import Port, is_continuous_input
-from ..system.description import ModelDescription, Value, Variable
-from .access3 import Access3, open3
-from .blocks import VariableBlock
-from .fmi2 import Access2, open2
-from .instance import VariableAccess
+from ..system.description import ModelDescription, Variable
+from .instance import Instance
 from .library import Library
 from .messages import DISCARD, OK
 from .session import MODEL_EXCHANGE
+from .session2 import Session2
+from .session3 import Session3
 
 Array = NDArray[np.float64]
 #: The change of a variable over its size by which differences give derivatives. Derived: the cube root of
@@ -40,28 +39,18 @@ class Perturbation(NamedTuple):
     hand_over: Callable[[], None]
 
 
-class ModelExchange:
+class ModelExchange(Instance):
     """A part by model exchange: continuous states `x`, rates `dx`, event indicators `z`.
 
     `is_started` once continuous-time mode has been entered; `next_time` is the next event that the FMU
     knows in advance [s].
     """
 
-    def __init__(
-        self,
-        name: str,
-        description: ModelDescription,
-        fmu: Library,
-        within: Sequence[Variable] = (),
-    ) -> None:
-        """Open an instance; there are no steps `within` which it could show variables."""
-        self.access: VariableAccess
+    def __init__(self, name: str, description: ModelDescription, fmu: Library) -> None:
         if description.fmiVersion == "2.0":
-            self.session = open2(name, description, fmu, MODEL_EXCHANGE)
-            self.access = Access2(self.session)
+            super().__init__(Session2(name, description, fmu, MODEL_EXCHANGE))
         else:
-            self.session = open3(name, description, fmu, MODEL_EXCHANGE)
-            self.access = Access3(self.session, event_mode=True)
+            super().__init__(Session3(name, description, fmu, MODEL_EXCHANGE, event_mode=True))
         self.rates: list[Variable] = [u.variable for u in description.derivatives]
         self.states: list[Variable] = [
             rate.derivative for rate in self.rates if rate.derivative is not None
@@ -71,25 +60,6 @@ class ModelExchange:
         self.z = (ctypes.c_double * (description.numberOfEventIndicators or 0))()
         self.is_started = False
         self.next_time = math.inf
-
-    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
-        """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
-        self.access.set_up(tolerance, start, stop)
-
-    def set(self, variable: Variable, value: Value) -> None:
-        """Set one variable, in event mode if it has begun."""
-        self.access.set(variable, value)
-
-    def connect_inputs(self, blocks: Sequence[VariableBlock]) -> None:
-        """Nothing: whoever integrates sets inputs in the modes that take them."""
-
-    def begin(self) -> None:
-        """Leave initialisation mode for event mode."""
-        self.session.begin()
-
-    def reset(self) -> None:
-        """Be as if made anew."""
-        self.session.reset()
 
     def array(self, function: str, cells: Any) -> None:
         """Call "SetContinuousStates" and the like with this array; raises EvaluationError, FmuError."""
@@ -113,14 +83,14 @@ class ModelExchange:
 
     def get_rates(self) -> None:
         """Get the rates of the states."""
-        self.array(self.session.names.derivatives, self.dx)
+        self.array(self.session.derivatives, self.dx)
 
     def update(self) -> tuple[bool, bool]:
         """Iterate event mode once, and learn when the next event is due.
 
         Returns whether it is to be iterated again, and whether the FMU wants to end the simulation.
         """
-        again, end, _, _, timed, time = self.session.call(self.session.names.update)
+        again, end, _, _, timed, time = self.session.call(self.session.update)
         self.next_time = time if timed else math.inf
         return bool(again), bool(end)
 
@@ -150,7 +120,7 @@ class ModelExchange:
         self.get_states()
         columns: list[Array] = []
         if unknown and self.session.interface.providesDirectionalDerivative:
-            slopes = (self.access.slopes(unknown, p.variable) for p in perturbations)
+            slopes = (self.session.slopes(unknown, p.variable) for p in perturbations)
             columns = [np.array(column) for column in slopes]
         elif unknown:
             columns = [self._difference(unknown, p) for p in perturbations]
@@ -163,8 +133,8 @@ class ModelExchange:
             Perturbation(v, self.x, i, self.set_states) for i, v in enumerate(self.states)
         ]
         inputs = self.continuous_inputs()
-        for block in self.access.blocks("Set", inputs):
-            block.cells[:] = list(self.access.values(block.variables).values())
+        for block in self.session.blocks("Set", inputs):
+            block.cells[:] = list(self.session.values(block.variables).values())
             elements = {v.name: i for i, v in enumerate(block.variables)}
             perturbations += [
                 Perturbation(v, block.cells, elements[v.name], block.move) for v in inputs
@@ -179,7 +149,7 @@ class ModelExchange:
         for side in (value - h, value + h):
             by.cells[by.element] = side
             by.hand_over()
-            values = self.access.values(unknown)
+            values = self.session.values(unknown)
             sides.append(np.array([values[v.name] for v in unknown]))
         by.cells[by.element] = value
         by.hand_over()

@@ -8,16 +8,17 @@ from contextlib import suppress
 
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..system.description import ModelDescription, Value, Variable
-from .access3 import Access3, open3
 from .blocks import VariableBlock
 from .blocks3 import block3
 from .buffers import address
 from .clocks import is_reached
 from .events3 import MOST_AT_ONCE, EventMode
+from .instance import CoSimulation
 from .library import Library
 from .messages import DISCARD, OK
 from .operations import Code, Layout
 from .session import CO_SIMULATION, SavedState, Session
+from .session3 import Session3
 from .times import coincide
 
 #: The status of a function of ours that raised, for loop.c. A convention: FMI has none below 0.
@@ -80,12 +81,14 @@ class IntermediateObserver:
             self.values.pop()
 
 
-class CoSimulation3:
+class CoSimulation3(CoSimulation):
     """A part of FMI 3.0 that steps.
 
     A step that meets an event ends there, goes through event mode, and goes on to its end; so it does
     where a clock ticks.
     """
+
+    session: Session3
 
     def __init__(
         self,
@@ -95,20 +98,24 @@ class CoSimulation3:
         within: Sequence[Variable] = (),
     ) -> None:
         interface = description.interface(CO_SIMULATION)
-        shows = interface.providesIntermediateUpdate
+        shows, has_events = interface.providesIntermediateUpdate, interface.hasEventMode
         observed = [v for v in within if shows and v.intermediateUpdate and v.type == "Real"]
         self._observer = IntermediateObserver(observed)
-        self.session = self._open(name, description, fmu)
-        self.watched: Sequence[str] = self._observer.open(self.session)
+        options: dict[str, object] = {
+            "eventModeUsed": has_events,
+            "earlyReturnAllowed": bool(interface.mightReturnEarlyFromDoStep),
+        }
+        if observed:
+            options["intermediateUpdate"] = self._observer.on_update
+            references = dict.fromkeys(v.valueReference for v in observed)
+            options["requiredIntermediateVariables"] = list(references)
+        session = Session3(name, description, fmu, CO_SIMULATION, event_mode=has_events, **options)
+        super().__init__(session, ctypes.c_bool())
+        self.watched = self._observer.open(session)
         self.intermediate_values = self._observer.values
-        self.access = Access3(self.session, event_mode=interface.hasEventMode)
-        self.events = EventMode(
-            self.session, used=interface.hasEventMode, observe=self._observer.observe
-        )
+        self.events = EventMode(session, used=has_events, observe=self._observer.observe)
         self._inputs: Sequence[VariableBlock] = ()
         self._stops = False
-        self._forward = ctypes.c_bool()
-        self._begin, self._size = ctypes.c_double(), ctypes.c_double()
         self._answer = Answer()
         self._raised: Exception | None = None
         self._step = self._step_call()
@@ -117,18 +124,6 @@ class CoSimulation3:
             lambda t, h, stepped: self._status(lambda: self._go(t, h, stepped=bool(stepped)))
         )
         self._take = FINISH(lambda t, _, __: self._status(lambda: self.take_inputs(t)))
-
-    def _open(self, name: str, description: ModelDescription, fmu: Library) -> Session:
-        interface, observed = description.interface(CO_SIMULATION), self._observer.variables
-        options: dict[str, object] = {
-            "eventModeUsed": interface.hasEventMode,
-            "earlyReturnAllowed": bool(interface.mightReturnEarlyFromDoStep),
-        }
-        if observed:
-            options["intermediateUpdate"] = self._observer.on_update
-            references = dict.fromkeys(v.valueReference for v in observed)
-            options["requiredIntermediateVariables"] = list(references)
-        return open3(name, description, fmu, CO_SIMULATION, **options)
 
     def _step_call(self) -> Callable[[], int]:
         """The prepared call of a step of the size and from the time that are set."""
@@ -151,7 +146,7 @@ class CoSimulation3:
     def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
         """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
         self.events.now = start
-        self.access.set_up(tolerance, start, stop)
+        super().set_up(tolerance, start, stop)
 
     def connect_inputs(self, blocks: Sequence[VariableBlock]) -> None:
         """Note the blocks by which wires set inputs; event mode takes some of them."""
@@ -161,9 +156,9 @@ class CoSimulation3:
     def set(self, variable: Variable, value: Value) -> None:
         """Set one variable, in event mode if steps have begun."""
         if variable.type == "Binary":
-            self.access.set_binary(variable, str(value))
+            self.session.set_binary(variable, str(value))
             return
-        block = self.access.element_block(variable, value)
+        block = self.session.element_block(variable, value)
         if block.held and self.session.is_stepping:
             self.events.enter([block])
         else:
@@ -185,20 +180,6 @@ class CoSimulation3:
         self.session.reset()
         self.events.reset()
         self.intermediate_values.clear()
-
-    @property
-    def forward(self) -> bool:
-        """Whether the FMU may forget its past, since no step will be taken again."""
-        return bool(self._forward.value)
-
-    def go_forward_only(self, *, forward: bool) -> None:
-        """Promise that no step will be taken again, or do so no longer."""
-        self._forward.value = forward
-
-    def step_status(self, t: float, h: float) -> int:
-        """The status of a step from t by h [s], whatever it is."""
-        self._begin.value, self._size.value = t, h
-        return self._step()
 
     def advance(self, t: float, h: float) -> None:
         """Step from t by h [s]; raises FmuError, StepDiscarded, EventReached, SimulationTerminated."""
@@ -302,18 +283,14 @@ class CoSimulation3:
             Code.ENTER, size, function=function, cells=address(cells), source=address(entered)
         )
 
-    def state(self) -> SavedState:
-        """A place for a state of the FMU, freed with it."""
-        return self.session.state()
-
     def save(self, state: SavedState) -> None:
         """Put the FMU's state into a place, instead of what was there, and what is known of its events."""
-        self.session.save(state)
+        super().save(state)
         state.events = self.events.state()
 
     def restore(self, state: SavedState) -> None:
         """Return to a saved state."""
-        self.session.restore(state)
+        super().restore(state)
         if state.events is not None:
             self.events.restore(state.events)
 

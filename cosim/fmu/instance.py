@@ -2,104 +2,104 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol, TypeVar
+import ctypes
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from ..system.description import ModelDescription, Value, Variable
+from ..system.description import Value, Variable
 from .blocks import VariableBlock
-from .library import Library
+from .messages import OK
 from .operations import Layout
-from .session import SavedState, Session
+from .session import SavedState
+from .session2 import Session2
+from .session3 import Session3
 
 
-class VariableAccess(Protocol):
-    """How a version of FMI gets and sets variables, and begins."""
+class Instance:
+    """An instance of an FMU by one of its interfaces; raises FmuError where a call fails.
 
-    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
-        """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
+    The `session` gets and sets variables by one call; what begins with `set` here also does what events need.
+    """
 
-    def blocks(self, action: str, variables: Sequence[Variable]) -> list[VariableBlock]:
-        """One block per type, in the order of the variables; `action` is "Get" or "Set"."""
-
-    def derivative_block(
-        self, action: str, variables: Sequence[Variable], orders: Sequence[int]
-    ) -> VariableBlock:
-        """A block of derivatives of Real outputs or inputs over time, with an order for each."""
-
-    def set(self, variable: Variable, value: Value) -> None:
-        """Set one variable."""
-
-    def values(self, variables: Sequence[Variable]) -> dict[str, Value]:
-        """The values of variables, by their names and in their order."""
-
-    def slopes(self, unknown: Sequence[Variable], by: Variable) -> list[float]:
-        """The directional derivatives of variables by one, as the FMU has them."""
-
-
-class Instance(Protocol):
-    """An instance of an FMU by one of its interfaces; raises FmuError where a call fails."""
-
-    @property
-    def session(self) -> Session:
-        """The instance in its C library."""
-
-    @property
-    def access(self) -> VariableAccess:
-        """How its variables are got and set; what begins with `set` here also does what events need."""
+    def __init__(self, session: Session2 | Session3) -> None:
+        self.session = session
 
     def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
         """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
+        self.session.set_up(tolerance, start, stop)
 
     def set(self, variable: Variable, value: Value) -> None:
         """Set one variable, at a time when the FMU allows it."""
+        self.session.set(variable, value)
 
     def connect_inputs(self, blocks: Sequence[VariableBlock]) -> None:
-        """Note the blocks by which wires set inputs."""
+        """Note the blocks by which wires set inputs, if some of them take more than setting."""
 
     def begin(self) -> None:
         """Leave initialisation mode for the first step."""
+        self.session.begin()
 
     def reset(self) -> None:
         """Be as if made anew."""
+        self.session.reset()
 
 
-class CoSimulation(Instance, Protocol):
-    """An instance that steps.
+class CoSimulation(Instance):
+    """An instance that steps; one whose events stay within its steps need not know of them.
 
     `watched` are the names of variables whose values it shows within a step, and `intermediate_values`
     these values, in that sequence, each with its time [s].
     """
 
-    watched: Sequence[str]
-    intermediate_values: list[tuple[float, list[float]]]
+    watched: Sequence[str] = ()
+
+    def __init__(self, session: Session2 | Session3, forward: Any) -> None:
+        """The cell `forward` says whether the FMU may forget its past, as a truth value of its version."""
+        super().__init__(session)
+        self.intermediate_values: list[tuple[float, list[float]]] = []
+        self._forward = forward
+        self._begin, self._size = ctypes.c_double(), ctypes.c_double()
+        self._step: Callable[[], int]  # a step of this size and from this time
 
     @property
     def forward(self) -> bool:
         """Whether the FMU may forget its past, since no step will be taken again."""
+        return bool(self._forward.value)
 
     def go_forward_only(self, *, forward: bool) -> None:
         """Promise that no step will be taken again, or do so no longer."""
-
-    def advance(self, t: float, h: float) -> None:
-        """Step from t by h [s]; raises FmuError, StepDiscarded, EventReached, SimulationTerminated."""
-
-    def stepped(self, t: float, h: float, status: int) -> None:
-        """Keep a warning of a step from t by h [s]; raise FmuError for a worse status."""
-
-    def step_layout(self) -> Layout:
-        """What loop.c does in place of `advance`."""
-
-    def due_address(self) -> int | None:
-        """Where the time of the next event [s] that is known in advance stands, for members.c."""
+        self._forward.value = forward
 
     def step_status(self, t: float, h: float) -> int:
         """The status of a step from t by h [s], whatever it is."""
+        self._begin.value, self._size.value = t, h
+        return self._step()
+
+    def advance(self, t: float, h: float) -> None:
+        """Step from t by h [s]; raises FmuError, StepDiscarded, EventReached, SimulationTerminated."""
+        status = self.step_status(t, h)
+        if status != OK:
+            self.stepped(t, h, status)
+
+    def stepped(self, t: float, h: float, status: int) -> None:
+        """Keep a warning of a step from t by h [s]; raise FmuError for a worse status."""
+        raise NotImplementedError
+
+    def step_layout(self) -> Layout:
+        """What loop.c does in place of `advance`."""
+        raise NotImplementedError
 
     def last_success(self) -> tuple[int, float, bool]:
         """Of a discarded step: the status of the answer, the time reached [s], whether that is the end."""
+        raise NotImplementedError
 
-    def shows_events(self, outputs: Sequence[VariableBlock]) -> bool:
+    def due_address(self) -> int | None:
+        """Where the time of the next event [s] that is known in advance stands, for members.c."""
+        return None
+
+    def shows_events(self, outputs: Sequence[VariableBlock]) -> bool:  # noqa: ARG002
         """Whether one of these outputs is changed by its events alone, and a step can end there."""
+        return False
 
     def stop_at_events(self, *, stops: bool) -> None:
         """Refuse steps across an event from now on, or take them; the system then steps to the event."""
@@ -107,30 +107,18 @@ class CoSimulation(Instance, Protocol):
     def take_inputs(self, t: float) -> None:
         """Enter the inputs that are not set before a step, if one has changed."""
 
-    def input_layout(self, block: VariableBlock) -> Layout | None:
+    def input_layout(self, block: VariableBlock) -> Layout | None:  # noqa: ARG002
         """What loop.c does in place of `take_inputs`, if this block has changed; None if it cannot."""
+        return None
 
     def state(self) -> SavedState:
         """A place for a state of the FMU, freed with it."""
+        return self.session.state()
 
     def save(self, state: SavedState) -> None:
         """Put the FMU's state into a place, instead of what was there."""
+        self.session.save(state)
 
     def restore(self, state: SavedState) -> None:
         """Return to a saved state."""
-
-
-I_co = TypeVar("I_co", bound=Instance, covariant=True)
-
-
-class Opener(Protocol[I_co]):
-    """Makes an instance of an FMU by one of its interfaces."""
-
-    def __call__(
-        self,
-        name: str,
-        description: ModelDescription,
-        fmu: Library,
-        within: Sequence[Variable] = (),
-    ) -> I_co:
-        """The instance, which shows the variables `within` its steps if it can; raises FmuError."""
+        self.session.restore(state)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 from fmpy.fmi1 import FMICallException
@@ -19,46 +17,6 @@ from .messages import DISCARD, ERROR, FATAL, OK, STATUS, WARNING, MessageLog
 #: The interfaces of an FMU, by the names of the model description.
 CO_SIMULATION = "coSimulation"
 MODEL_EXCHANGE = "modelExchange"
-
-
-@dataclass(frozen=True)
-class FunctionNames:
-    """How a version of FMI names what both versions have.
-
-    `serialize`, `deserialize` and `update` are methods of FMPy, the others functions of the C library
-    after the `prefix`.
-    """
-
-    prefix: str
-    get_state: str
-    set_state: str
-    free_state: str
-    serialize: str
-    deserialize: str
-    derivatives: str
-    update: str
-
-
-FMI2 = FunctionNames(
-    prefix="fmi2",
-    get_state="GetFMUstate",
-    set_state="SetFMUstate",
-    free_state="FreeFMUstate",
-    serialize="serializeFMUstate",
-    deserialize="deSerializeFMUstate",
-    derivatives="GetDerivatives",
-    update="newDiscreteStates",
-)
-FMI3 = FunctionNames(
-    prefix="fmi3",
-    get_state="GetFMUState",
-    set_state="SetFMUState",
-    free_state="FreeFMUState",
-    serialize="serializeFMUState",
-    deserialize="deserializeFMUState",
-    derivatives="GetContinuousStateDerivatives",
-    update="updateDiscreteStates",
-)
 
 
 #: What to do where a call is refused or answered so.
@@ -80,8 +38,11 @@ class Session:
     """An instance of an FMU from its instantiation to `close`; raises FmuError where a call fails.
 
     `component` is the instance for functions of `library`, `binding` the same for those of FMPy. One that `is_told_stop`
-    does not initialise without a stop time.
+    does not initialise without a stop time. How a version of FMI names what both have stands in the class: functions of
+    the C library come after the `prefix`; `deserialize` and `update` are methods of FMPy.
     """
+
+    prefix = state_name = deserialize = derivatives = update = ""
 
     def __init__(
         self,
@@ -89,14 +50,12 @@ class Session:
         description: ModelDescription,
         fmu: Library,
         side: str,
-        names: FunctionNames,
-        *,
-        options: Mapping[str, Any],
+        **options: object,
     ) -> None:
         """Instantiate with these options of FMPy; raises FmuError, and then releases the library."""
         self.name, self.messages = messages.name, messages
         self.description, self.interface = description, description.interface(side)
-        self.fmu, self.side, self.names = fmu, side, names
+        self.fmu, self.side = fmu, side
         self.closed = False
         self._states: list[SavedState] = []
         self._worst = OK
@@ -125,7 +84,7 @@ class Session:
 
     def function(self, name: str) -> Any:
         """The C function of this name after the prefix of the version."""
-        return getattr(self.library, self.names.prefix + name)
+        return getattr(self.library, self.prefix + name)
 
     def call(self, method: str, *arguments: Any) -> Any:
         """A method of FMPy with its status checked; for what is not called every step."""
@@ -185,27 +144,27 @@ class Session:
     def save(self, state: SavedState) -> None:
         """Put the FMU's state into a place, instead of what was there."""
         self._free(state)
-        status = self.function(self.names.get_state)(self.component, ctypes.byref(state.pointer))
+        status = self.function(f"Get{self.state_name}")(self.component, ctypes.byref(state.pointer))
         if status != OK:
             self.answered("GetFMUstate", status)
 
     def restore(self, state: SavedState) -> None:
         """Return to a saved state."""
-        status = self.function(self.names.set_state)(self.component, state.pointer)
+        status = self.function(f"Set{self.state_name}")(self.component, state.pointer)
         if status != OK:
             self.answered("SetFMUstate", status)
 
     def transfer(self, state: SavedState, other: Session) -> tuple[SavedState, int]:
         """A saved state as one of another session, by way of bytes; how many these are."""
         copy = other.state()
-        content = self.call(self.names.serialize, state.pointer)
-        other.call(self.names.deserialize, content, copy.pointer)
+        content = self.call(f"serialize{self.state_name}", state.pointer)
+        other.call(self.deserialize, content, copy.pointer)
         copy.events = state.events
         return copy, len(content)
 
     def _free(self, state: SavedState) -> None:
         if state.pointer:
-            free = self.function(self.names.free_state)
+            free = self.function(f"Free{self.state_name}")
             free(self.component, ctypes.byref(state.pointer))
             state.pointer.value = None
 
@@ -227,7 +186,7 @@ class Session:
                 with suppress(Exception):
                     self.terminate()
             with suppress(Exception):
-                free = getattr(self.binding, f"{self.names.prefix}FreeInstance")
+                free = getattr(self.binding, f"{self.prefix}FreeInstance")
                 free(self.binding.component)
         self.fmu.release()
         if self.side == MODEL_EXCHANGE and not self.fmu.abandoned:

@@ -266,7 +266,7 @@ def test_going_back_brings_back_the_elements_of_an_array_that_no_wire_brings(thi
         instance.set(element, 7)
         snapshot.restore()
         instance.events.enter(parts["A"].inputs)
-        assert instance.access.values([shown])["Int8_outs[1,2]"] == 0
+        assert instance.session.values([shown])["Int8_outs[1,2]"] == 0
 
 
 def test_binary_values_are_hexadecimal_digits(third: Path) -> None:
@@ -274,7 +274,7 @@ def test_binary_values_are_hexadecimal_digits(third: Path) -> None:
     with ExitStack() as stack:
         part = initialise(network, RunSettings(1.0, 0.1), ["A"], stack)["A"]
         variables = [network.port(f"A.{name}_out").variable for name in ("Binary", "String")]
-        assert part.instance.access.values(variables) == {
+        assert part.instance.session.values(variables) == {
             "Binary_out": "dead00beef",
             "String_out": "grün",
         }

@@ -57,9 +57,9 @@ def starts(s: Subject) -> str:
     parameters = [v for v in exact if v.causality == "parameter"]
     with s.instance() as part:
         s.enter(part)
-        values = part.access.values(outputs)
+        values = part.session.values(outputs)
         part.begin()
-        values |= part.access.values(parameters)
+        values |= part.session.values(parameters)
     for v in [*outputs, *parameters]:
         value, start = values[v.name], declared_start(v)
         match value, start:
@@ -99,9 +99,9 @@ def getting(s: Subject) -> str:
             rows += s.go(part, k, k + 1)
             s.same([s.row(part)], rows[-1:], "when it is got again", k)
             if k in (0, s.steps // 2, s.steps - 1):
-                back = tuple(part.access.values(s.observed[::-1]).values())[::-1]
+                back = tuple(part.session.values(s.observed[::-1]).values())[::-1]
                 s.same([back], rows[-1:], "when the values are got in the opposite order", k)
-                single = tuple(part.access.values([v])[v.name] for v in s.observed)
+                single = tuple(part.session.values([v])[v.name] for v in s.observed)
                 s.same([single], rows[-1:], "when it is got alone", k)
     s.same(rows, s.reference, "where values are got twice")
     return f"{s.steps} rows got twice, three of them in the opposite order and one value at a time"

@@ -105,7 +105,7 @@ def unknowns(s: Subject) -> str:
                 s.enter(part)
                 if v is not None:
                     part.set(v, value)
-                return part.access.values(unknown_variables)
+                return part.session.values(unknown_variables)
 
         return s.in_process(work)
 

@@ -66,7 +66,7 @@ def _initial_slopes(s: Subject) -> Iterator[Slope]:
         s.enter(part)
         for v in drivers if real else ():
             start = float(declared_start(v) or 0.0)
-            stated, middle = part.access.slopes(real, v), reals(part, real)
+            stated, middle = part.session.slopes(real, v), reals(part, real)
             middles, sides = [], []
             for step in (INITIAL_CHANGE * s.size(v), 2.0 * INITIAL_CHANGE * s.size(v)):
                 above, below = (bounded(v, start + change) for change in (step, -step))
@@ -110,7 +110,7 @@ def _later_slopes(s: Subject) -> Iterator[Slope]:
                 with s.running(n) as part:
                     s.set_inputs(part, u)
                     part.advance(s.start + n * s.h, s.h / SHORT_STEP_DIVISOR)
-                    return part.access.slopes(real, v)
+                    return part.session.slopes(real, v)
 
             for x, value in zip(real, s.in_process(work)):
                 middle, coarse_middle = sum(fine[x.name]) / 2, sum(coarse[x.name]) / 2

@@ -152,13 +152,13 @@ def _make(s: Subject, part: CoSimulation, name: str) -> None:
             session.call(name, s.start + (s.steps // 2) * s.h, s.h)
         case "get an output":
             assert v is not None
-            part.access.values([v])
+            part.session.values([v])
         case "set an input" | "set a fixed parameter" | "set an output":
             assert v is not None
-            part.access.set(v, nudged(v) or 0.0)
+            part.session.set(v, nudged(v) or 0.0)
         case "getDirectionalDerivative":
             assert v is not None
-            part.access.slopes([v], s.inputs[0])
+            part.session.slopes([v], s.inputs[0])
         case "evaluateDiscreteStates":
             if session.function("EvaluateDiscreteStates")(session.component):
                 raise FmuError(f"{name} is refused")

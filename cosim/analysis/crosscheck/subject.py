@@ -158,7 +158,7 @@ class Subject:
 
     def row(self, part: CoSimulation) -> Row:
         """What the FMU shows now."""
-        return tuple(part.access.values(self.observed).values())
+        return tuple(part.session.values(self.observed).values())
 
     @cached_property
     def steps(self) -> int:
@@ -301,7 +301,7 @@ def smooth(v: Variable) -> bool:
 
 def reals(part: CoSimulation, variables: Sequence[Variable]) -> dict[str, float]:
     """The values of Real variables."""
-    return {name: float(value) for name, value in part.access.values(variables).items()}
+    return {name: float(value) for name, value in part.session.values(variables).items()}
 
 
 def bounded(v: Variable, value: float) -> float:
