@@ -69,6 +69,10 @@ class Journal:
                 f"{self._path} cannot be written: {error.strerror or error}"
             ) from error
 
+    def close(self) -> None:
+        """Keep what is added from now on in memory alone."""
+        self._file = None
+
     def read(self, content: bytes) -> int:
         """Take the records of a file; how many of its bytes are up to the end of the last sound one."""
         begin, sound = 0, 0
@@ -154,7 +158,10 @@ def open_journal(
                     drop(other)
             file.truncate(0)
             journal.write(first)
-        yield journal
+        try:
+            yield journal
+        finally:
+            journal.close()
     if not keep:
         path.unlink(missing_ok=True)
 

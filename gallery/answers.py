@@ -64,8 +64,8 @@ def answered(name: str, folder: Path) -> Answered:
         print(f"{name} ...", flush=True)
         if key_file.is_file():  # else the answer of a killed run, which goes on
             rmtree(folder)
-        options = ["--jobs", str(os.cpu_count()), "--out", str(folder)]
-        command = [sys.executable, "-m", "scenarios", *arguments, *options]
+        jobs = [] if question.is_sequential else ["--jobs", str(os.cpu_count())]
+        command = [sys.executable, "-m", "scenarios", *arguments, *jobs, "--out", str(folder)]
         process = done(command, check=False, capture_output=True, text=True)
         if process.returncode:
             raise SetupError(f"{answer.command}: {process.stderr.strip()}")

@@ -133,7 +133,7 @@ class Findings:
     run, or else `algorithm` and `communication` say how several runs were made. Tables and files are by
     file name without folder. Functions in `files` write what only this question has, such as a system,
     to a path. `facts` are further entries of the JSON. `defaults` are the values of options that were
-    left to the question (None, or no list), by name, in the options' units.
+    left to the question (None, or no list), by name, in the options' units. `warnings` are shown with those of FMUs.
     """
 
     figures: Mapping[str, Figure]
@@ -146,6 +146,7 @@ class Findings:
     facts: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
     defaults: Mapping[str, Any] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
 
 
 def _no_picture(answer: Answer) -> str:
@@ -171,7 +172,6 @@ class Answer(Findings):
     judgements: Sequence[Judgement] = ()
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     options: Mapping[str, Parameter] = field(default_factory=dict)
-    warnings: Sequence[str] = ()
     show: Callable[[], Show] = Show
     live: LivePart | None = None
     refused: bool = False

@@ -53,6 +53,22 @@ class Context:
     out: Path | None = None
     journal: Callable[[], Journal | None] = lambda: None
 
+    @property
+    def threads(self) -> int:
+        """How many runs at a time `cosim.Prepared.map` may do for a task in this process.
+
+        Raises
+        ------
+        SetupError
+            On a cluster, which has nothing to do then.
+        """
+        if isinstance(self.runner, LocalRunner):
+            return self.runner.width
+        raise SetupError(
+            "scheduler: this question does its runs together in one process; leave the scheduler out, "
+            "or write --jobs N for N at a time"
+        )
+
     def certify(
         self,
         system: System,
@@ -146,6 +162,7 @@ class Context:
         title: str,
         *,
         probes: bool = False,
+        here: bool = False,
     ) -> Iterator[Outcome]:
         """Give function(task) for every task, in their sequence, wherever the runner does its runs.
 
@@ -161,9 +178,11 @@ class Context:
             What the progress bar shows.
         probes : bool
             Whether the tasks look for what FMUs warn of.
+        here : bool
+            Whether they are done in this process, each on all `threads`.
         """
-        call = partial(_with_warnings, function)
-        for outcome, warnings in self.runner.map(call, tasks, title, self.journal()):
+        call, runner = partial(_with_warnings, function), IN_PROCESS if here else self.runner
+        for outcome, warnings in runner.map(call, tasks, title, self.journal()):
             for warning in () if probes else warnings:
                 logging.getLogger("cosim").warning(warning)
             yield outcome

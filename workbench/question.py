@@ -55,6 +55,11 @@ class Question(Options):
         What the errors of its figures cover, in sentences.
     is_parallel : bool
         Whether its runs are spread over all cores by default with native FMUs, too.
+    is_sequential : bool
+        Whether no two of its runs may be done at the same time, so that jobs and a scheduler are refused; by default that
+        of a question of certified runs alone.
+    at_once : int
+        How many cases of a study `solve_all` is given at a time.
     module, title, name, path, locator, own_files
         Where it is written, the first line of its module, the name by which it is asked, its file, what `load` takes to
         load it again, or in another process, and its file where it belongs to no package.
@@ -69,6 +74,8 @@ class Question(Options):
     sources: ClassVar[Sequence[tuple[str, str]]] = ()
     error_scope: ClassVar[str] = ERROR_SCOPE
     is_parallel: ClassVar[bool] = False
+    is_sequential: ClassVar[bool] = True
+    at_once: ClassVar[int] = 1
     module: ClassVar[ModuleType]
     title: ClassVar[str]
     name: ClassVar[str]
@@ -79,6 +86,8 @@ class Question(Options):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         dataclass(frozen=True, kw_only=True)(cls)
+        if "solve" in vars(cls) and "is_sequential" not in vars(cls):
+            cls.is_sequential = False
         cls.module = sys.modules[cls.__module__]
         cls.title = (cls.module.__doc__ or "").strip().partition("\n")[0]
         cls.name = cls.__module__.rpartition(".")[2]
@@ -168,6 +177,14 @@ class Question(Options):
             tables=tables | dict(self.tables(figures, results)),
             files=self.files(results),
         )
+
+    @classmethod
+    def solve_all(cls, context: Context, questions: Sequence[Self]) -> list[Findings | SetupError]:
+        """Return what each of several cases finds, or why it is refused; by default one after the other.
+
+        A question whose runs are arrays of members does those of all cases together, and sets `at_once`.
+        """
+        return [question.solve(context) for question in questions]
 
     def _certify(
         self, system: System, context: Context, csv: str

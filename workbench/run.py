@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from time import perf_counter
 from types import MappingProxyType
 from typing import Any
 
@@ -30,6 +31,7 @@ from .runs.folder import reservation
 from .runs.journal import Journal, open_journal
 from .runs.local import LocalRunner
 from .runs.runner import Runner, Setup
+from .runs.worker import OK, Outcome, failure
 
 
 def ask(
@@ -55,6 +57,11 @@ def ask(
     chosen = flavour or project.flavour(question)
     if chosen not in FLAVOURS:
         raise SetupError(f"flavour = {chosen!r} must be one of {', '.join(FLAVOURS)}")
+    if question.is_sequential and (scheduler is not None or jobs not in (None, 1)):
+        option = f"jobs = {jobs}" if scheduler is None else f"scheduler = {scheduler!r}"
+        raise SetupError(
+            f"{option} has no effect on {question.name}, whose runs follow one after the other; leave it out"
+        )
     is_parallel = chosen == PYTHON or question.is_parallel
     in_process = jobs is None and scheduler is None and not is_parallel
     return answer(
@@ -131,14 +138,17 @@ def answer(
         system, findings.algorithm, findings.communication
     )
     return Answer(
-        **vars(findings) | {"provenance": {**provenance, "flavour": flavour}},
+        **vars(findings)
+        | {
+            "provenance": {**provenance, "flavour": flavour},
+            "warnings": [*findings.warnings, *warnings()],
+        },
         scenario=question.name,
         question=question.title,
         verdict="\n".join(lines(judgements)),
         judgements=judgements,
         options=option_values(o, findings.defaults),
         parameters=values,
-        warnings=warnings(),
         show=show,
         live=live_part,
         refused=is_refused(question, findings.figures),
@@ -185,10 +195,14 @@ def found(
             fingerprint = _fingerprint(question, o, fmus, packages)
             return stack.enter_context(open_journal(out, fingerprint, passing=True))
 
-        findings = o.solve(Context(fmus, runner, out, journal))
-        if not isinstance(findings, Findings):
-            raise SetupError(f"{question.path}: solve must return workbench.Findings")
-        yield replace(findings, figures=checked(findings.figures, question.path))
+        yield _complete(question, o.solve(Context(fmus, runner, out, journal)))
+
+
+def _complete(question: type[Question], findings: Any) -> Findings:
+    """What `solve` has returned, as it was declared; raises SetupError for anything else."""
+    if not isinstance(findings, Findings):
+        raise SetupError(f"{question.path}: solve must return workbench.Findings")
+    return replace(findings, figures=checked(findings.figures, question.path))
 
 
 def is_refused(question: type[Question], figures: Mapping[str, Figure]) -> bool:
@@ -211,32 +225,66 @@ def is_refused(question: type[Question], figures: Mapping[str, Figure]) -> bool:
     return None in errors and not any(errors)
 
 
-def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the question of a file or a module finds for options and start values, which have a dot.
+def rows(
+    page: Path | str, fmus: Mapping[str, Path], cases: Sequence[Mapping[str, Any]]
+) -> list[Outcome]:
+    """Return what becomes of the question of a file or a module in each case: options, and start values, which have a dot.
 
-    It is {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Its errors name no folder.
+    The answer of an outcome is {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Cases that cannot be
+    solved together are solved in halves. Errors name no folder.
     """
-    start = {key: value for key, value in case.items() if "." in key}
-    options = {key: value for key, value in case.items() if key not in start}
+    began = perf_counter()
+    try:
+        found = _solved(page, fmus, cases)
+    except Exception as error:  # noqa: BLE001
+        if len(cases) > 1:
+            half = len(cases) // 2
+            return [*rows(page, fmus, cases[:half]), *rows(page, fmus, cases[half:])]
+        found = [error]
+    seconds = (perf_counter() - began) / len(cases)
+    return [
+        (failure(x) if isinstance(x, Exception) else Outcome(OK, x))._replace(seconds=seconds)
+        for x in found
+    ]
+
+
+def _solved(
+    page: Path | str, fmus: Mapping[str, Path], cases: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any] | Exception]:
+    """The answers to cases, or why they are refused; raises what `solve_all` does, and if it is not clear who warns."""
     try:
         question = read(catalog.load_cached(str(page)))
-        o = question.parse({**options, "start": start})
-        with (
-            captured_warnings() as warnings,
-            attribute_errors(question.module),
-            found(question, o, fmus) as findings,
-        ):
-            figures = findings.figures
+        with captured_warnings() as logged, attribute_errors(question.module):
+            asked = [
+                question.parse(
+                    {key: x for key, x in case.items() if "." not in key}
+                    | {"start": {key: x for key, x in case.items() if "." in key}}
+                )
+                for case in cases
+            ]
+            for o in asked:
+                check_fixed_starts(o.start, question.fixed_starts)
+            found = question.solve_all(Context(fmus), asked)
+            if len(cases) > 1 and logged():
+                raise SetupError(f"one of {len(cases)} cases warns: {logged()[0]}")
+            return [
+                x if isinstance(x, SetupError) else _row(_complete(question, x), logged())
+                for x in found
+            ]
     except (SetupError, QuestionError) as error:
         text = str(error)
         for folder in {path.parent for path in (page, *fmus.values()) if isinstance(path, Path)}:
             text = text.replace(f"{folder}{os.sep}", "")
         raise type(error)(text) from error
-    cells = {
+
+
+def _row(findings: Findings, logged: Sequence[str]) -> dict[str, Any]:
+    """What a row of a study has of what was found."""
+    figures = {
         key: (float(f.value), f.unit, None if f.error is None else float(f.error), f.reason)
-        for key, f in figures.items()
+        for key, f in findings.figures.items()
     }
-    return {"figures": cells, "warnings": warnings()}
+    return {"figures": figures, "warnings": [*findings.warnings, *logged]}
 
 
 def _fingerprint(

@@ -16,13 +16,15 @@ import pytest
 from cosim import SetupError, SimulationError
 from cosim.cli.options import exit_code
 from cosim.journal import DIGEST
+from scenarios.project import PROJECT
 from tests.conftest import ROOT, restore_ctrl_c, until
 from tests.hosts import light, plane
-from workbench import Context
+from workbench import Context, catalog
 from workbench.catalog import load_module
 from workbench.question import read
-from workbench.run import answer
+from workbench.run import answer, ask
 from workbench.runs import fingerprint, journal
+from workbench.runs.cluster import ClusterRunner
 from workbench.runs.local import LocalRunner
 from workbench.runs.transport import Bundle, Call, pickled_call
 from workbench.runs.worker import Worker
@@ -153,7 +155,7 @@ def test_a_users_question_that_was_changed_takes_no_rows_of_its_predecessor(
         with pytest.raises(KeyboardInterrupt):
             answer(read(page), page.Twice(), {}, out=tmp_path)
     goes_on, dropped = capsys.readouterr().err.splitlines()
-    assert goes_on == f"{tmp_path}: 1 run already done"
+    assert goes_on == f"{tmp_path}: 1 row already there"
     assert dropped.endswith("runs: question has changed; they are dropped")
 
 
@@ -191,7 +193,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     sweep(who, 0.0)
     assert set(lines(ledger)) <= {"4.0", "5.0"}
     assert lines(ledger) == ["4.0", "5.0"] or jobs == 2
-    assert "runs already done" in capsys.readouterr().err
+    assert "rows already there" in capsys.readouterr().err
     assert not (tmp_path / journal.NAME).exists()
     with pytest.raises(KeyboardInterrupt):
         sweep(who, 9.0)
@@ -209,6 +211,7 @@ import sys
 from cosim.cli.options import exit_code
 from cosim.journal import DIGEST
 from tests.hosts import light, plane
+from workbench.runs.cluster import ClusterRunner
 from workbench.runs.local import LocalRunner
 ledger = sys.argv[1]
 tasks = [("good", ledger), ("hang", ledger), ("hang", ledger)]
@@ -322,6 +325,17 @@ def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
         after = fingerprint.code.__wrapped__("some")
         assert [key for key in before if before[key] != after[key]] == [name]
         (tmp_path / name).write_text("x = 1")
+
+
+def test_an_option_without_effect_is_refused() -> None:
+    with pytest.raises(
+        SetupError, match=r"^scheduler: this question does its runs together in one"
+    ):
+        assert Context({}, ClusterRunner("tcp://x:1")).threads
+    for name in catalog.names(PROJECT.home):
+        if PROJECT.load(name).is_sequential:
+            with pytest.raises(SetupError, match=f"^jobs = 2 has no effect on {name}, whose runs"):
+                ask(PROJECT, name, {}, jobs=2)
 
 
 def test_no_process_for_runs_is_a_sentence(worker: Worker, monkeypatch: pytest.MonkeyPatch) -> None:

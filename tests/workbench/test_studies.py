@@ -242,6 +242,58 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
     assert "ZeroDivisionError" in rows(out)[4][3]
 
 
+SQUARES = """
+'How large are squares?'
+import logging, os, signal
+from cosim import SetupError
+from workbench import Figure, Findings, Question, option
+class Squares(Question):
+    at_once = 8
+    x: float = option(0.0, "length", "m")
+    @classmethod
+    def solve_all(cls, context, questions):
+        with open("LEDGER", "a") as file:
+            file.write(f"{len(questions)}\\n")
+        return [question.solve(context) for question in questions]
+    def solve(self, context):
+        if self.x == 3.0:
+            return SetupError("three is refused")
+        if self.x == 5.0:
+            raise ZeroDivisionError("five")
+        if self.x == 7.0:
+            os.kill(os.getpid(), signal.SIGSEGV)
+        if self.x == 9.0:
+            logging.getLogger("cosim").warning("nine is large")
+        return Findings({"area": Figure(self.x**2, "m2", 0.0)}, warnings=["four"] * (self.x == 4.0))
+"""
+
+
+def test_cases_that_are_solved_together_give_the_rows_of_each_alone(tmp_path: Path) -> None:
+    """One that is refused, fails, warns or ends its process costs the others nothing."""
+    tables, ledger = [], tmp_path / "ledger"
+    for at_once in (8, 1):
+        source = SQUARES.replace("LEDGER", str(ledger)).replace("= 8", f"= {at_once}")
+        (tmp_path / "squares.py").write_text(source)
+        (tmp_path / "some.toml").write_text(
+            "scenario = 'squares.py'\n[grid]\nx = { from = 1.0, to = 16.0, number = 16 }"
+        )
+        out = tmp_path / f"out{at_once}"
+        study.run(study.load(tmp_path / "some.toml"), out=out, jobs=1)
+        tables.append((out / "table.csv").read_bytes())
+        if at_once > 1:
+            assert ledger.read_text().split().count("8") == 2
+    assert tables[0].replace(b"squares.py:19", b"") == tables[1].replace(b"squares.py:19", b"")
+    found = {float(row["x"]): row for row in table(tmp_path / "out8")}
+    assert [row["status"] for row in found.values()].count("ok") == 13
+    assert (found[7.0]["message"], found[3.0]["message"]) == (
+        "the run ended its process: SIGSEGV", "three is refused"
+    )  # fmt: skip
+    assert "ZeroDivisionError: five" in found[5.0]["message"]
+    assert {x: row["warnings"] for x, row in found.items() if row["warnings"]} == {
+        4.0: "four", 9.0: "nine is large"
+    }  # fmt: skip
+
+
 def test_what_many_runs_report_is_written_once_with_a_sensible_number_of_digits(
     write: Write, tmp_path: Path
 ) -> None:
@@ -381,7 +433,7 @@ def test_an_ended_study_goes_on_with_the_missing_runs(
     if number == signal.SIGINT:
         assert process.returncode == 130
         assert errors == (
-            f"interrupted; what was computed is kept: {len(before)} runs in {out / NAME}; "
+            f"interrupted; what was computed is kept: {len(before)} rows in {out / NAME}; "
             "the same command continues\n"
         )
     (tmp_path / "gate").unlink()
@@ -612,7 +664,7 @@ def test_an_interruption_behind_the_last_run_says_what_is_kept(
 
     if part == "conclude":
         monkeypatch.setitem(vars(sys.modules["workbench.study.run"]), "conclude", interrupted)
-    with pytest.raises(KeyboardInterrupt, match=r"^10 runs in .*; the same command continues$"):
+    with pytest.raises(KeyboardInterrupt, match=r"^10 rows in .*; the same command continues$"):
         study.run(study.load(write(GRID)), out=tmp_path / "out", jobs=1, end=interrupted)
 
 
@@ -628,7 +680,7 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
 
     def answers() -> list[dict[str, Any]]:
         return [
-            run.row(PROJECT.locate(name), fmus_of(page(name), "python"), o)
+            run.rows(PROJECT.locate(name), fmus_of(page(name), "python"), [o])[0].answer
             for name, o in cases.items()
         ]
 

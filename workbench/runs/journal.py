@@ -11,6 +11,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,25 +36,37 @@ class Form(NamedTuple):
     together: Callable[[list[float], Any], Any]
 
 
-def _plain(value: Any) -> Any:
-    """A value of numbers, texts, lists and tuples for JSON; raises TypeError for another one."""
+def _plain(value: Any, numbers: list[float]) -> Any:
+    """A value for JSON, without its arrays of numbers, which go to `numbers`; raises TypeError for one of other types."""
+    if isinstance(value, np.ndarray) and value.dtype == float:
+        numbers.extend(value.ravel().tolist())
+        return {"array": list(value.shape)}
     if type(value) in (list, tuple):
-        items = [_plain(item) for item in value]
+        items = [_plain(item, numbers) for item in value]
         return {"tuple": items} if isinstance(value, tuple) else items
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise TypeError(type(value))
 
 
-def _again(tree: Any) -> Any:
+def _again(tree: Any, numbers: Iterator[float]) -> Any:
     """The value that `_plain` made a tree of."""
+    if isinstance(tree, dict) and "array" in tree:
+        values = list(islice(numbers, math.prod(tree["array"])))
+        return np.array(values, float).reshape(tree["array"])
     if isinstance(tree, dict):
-        return tuple(map(_again, tree["tuple"]))
-    return list(map(_again, tree)) if isinstance(tree, list) else tree
+        return tuple(_again(item, numbers) for item in tree["tuple"])
+    return [_again(item, numbers) for item in tree] if isinstance(tree, list) else tree
 
 
-#: Answers of numbers, texts, lists and tuples; others are not kept.
-PLAIN = Form(lambda answer: ([], _plain(answer)), lambda _, tree: _again(tree))
+def _apart(answer: Any) -> tuple[list[float], Any]:
+    numbers: list[float] = []
+    tree = _plain(answer, numbers)
+    return numbers, tree
+
+
+#: Answers of numbers, texts, arrays of numbers, lists and tuples; others are not kept.
+PLAIN = Form(_apart, lambda numbers, tree: _again(tree, iter(numbers)))
 
 
 class Journal:
@@ -111,8 +124,8 @@ class Journal:
 
     def interrupt(self) -> KeyboardInterrupt:
         """An interruption that says what is kept."""
-        runs = pluralize(len(self), "run")
-        return KeyboardInterrupt(f"{runs} in {self.path}; the same command continues")
+        rows = pluralize(len(self), "row")
+        return KeyboardInterrupt(f"{rows} in {self.path}; the same command continues")
 
     def forget(self, keys: Iterable[Key]) -> None:
         """Let runs be done again; their rows count until then, if this session ends before."""
@@ -140,7 +153,7 @@ def open_journal(
     ) as file:
         journal = Journal(path, file, form)
         if passing and len(journal):
-            print(f"{folder}: {pluralize(len(journal), 'run')} already done", file=sys.stderr)
+            print(f"{folder}: {pluralize(len(journal), 'row')} already there", file=sys.stderr)
         yield journal
 
 

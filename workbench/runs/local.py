@@ -29,6 +29,11 @@ class LocalRunner(Runner):
         if self.jobs is not None:
             at_least("jobs", self.jobs, 1)
 
+    @property
+    def width(self) -> int:
+        """How many processes it has."""
+        return self.jobs or available_cores()
+
     def stream(self, batch: Batch) -> Outcomes:
         """Give key and outcome of each task; one job that need not be isolated is done in this process."""
         if self.jobs == 1 and not batch.is_isolated:
@@ -36,7 +41,7 @@ class LocalRunner(Runner):
                 yield key, Outcome(OK, batch.function(task))
             return
         waiting = iter(batch.tasks.items())
-        count = min(self.jobs or available_cores(), len(batch.tasks))
+        count = min(self.width, len(batch.tasks))
         workers = [Worker() for _ in range(count)]
         key_of: dict[Worker, Key] = {}
 

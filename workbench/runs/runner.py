@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import reprlib
 import signal
 from abc import ABC, abstractmethod
@@ -92,6 +93,11 @@ class Runner(ABC):
 
     setup: Setup = NO_SETUP
 
+    @property
+    def width(self) -> int:
+        """How many calls it does at a time, 1 where that is not known."""
+        return 1
+
     @abstractmethod
     def stream(self, batch: Batch) -> Outcomes:
         """Give key and outcome of each task of a batch, as they are done."""
@@ -108,18 +114,19 @@ class Runner(ABC):
         journal: Journal | None = None,
         *,
         timeout: float | None = None,
-        failures: bool = True,
+        at_once: int = 0,
     ) -> Outcomes:
         """Give key and outcome of each task: first what the journal has, then the others as they are done.
 
-        A journal keeps failures, too, and they count as done; without `failures` it does not, and what
-        the function raises may come through. What is a fault of the machine is never kept: a file of the
-        runs is gone, or room, memory or open files ran out.
+        With `at_once` the function takes a list of at most so many tasks, in another process, and gives their outcomes;
+        then a journal keeps failures, too, and they count as done. Else it takes one, and what it raises may come
+        through. What is a fault of the machine is never kept: a file of the runs is gone, or room, memory or open files
+        ran out.
 
         Raises
         ------
         SimulationError
-            With `failures`, for a fault of the machine.
+            With `at_once`, for a fault of the machine.
         SetupError
             If no process can be started, or the cluster is another one.
         KeyboardInterrupt
@@ -128,20 +135,23 @@ class Runner(ABC):
         done = {} if journal is None else {key: journal[key] for key in tasks if key in journal}
         yield from done.items()
         missing = {key: task for key, task in tasks.items() if key not in done}
-        fresh = self.stream(Batch(function, missing, timeout, is_isolated=failures))
+        if at_once:
+            fresh = self._together(function, missing, timeout, at_once)
+        else:
+            fresh = self.stream(Batch(function, missing, timeout, is_isolated=False))
         failed = sum(outcome.status != OK for outcome in done.values())
         with (
             handle_stop_signals(signal.default_int_handler),
             closing(fresh),
-            _progress() as progress,
+            _progress(len(tasks)) as progress,
         ):
             bar = progress.add_task(title, total=len(tasks), completed=len(done), failed=failed)
             try:
                 for key, outcome in fresh:
                     failed += outcome.status != OK
-                    if failures:
+                    if at_once:
                         _check_machine(self.setup.files, title, key, outcome)
-                    if journal is not None and (failures or outcome.status == OK):
+                    if journal is not None and (at_once or outcome.status == OK):
                         journal[key] = outcome
                     progress.update(bar, advance=1, failed=failed)
                     yield key, outcome
@@ -149,6 +159,30 @@ class Runner(ABC):
                 if journal is None:
                     raise
                 raise journal.interrupt() from None
+
+    def _together(
+        self,
+        function: Callable[[list[Any]], list[Outcome]],
+        tasks: Mapping[Key, Any],
+        timeout: float | None,
+        at_once: int,
+    ) -> Outcomes:
+        """Give key and outcome of tasks in calls of several; those of a call that ends its process have one each."""
+        count = self.width * math.ceil(len(tasks) / (at_once * self.width))
+        waiting = [block.tolist() for block in np.array_split(list(tasks), count)] if count else []
+        while waiting:
+            calls = {k: [tasks[key] for key in block] for k, block in enumerate(waiting) if block}
+            alone: list[list[Key]] = []
+            with closing(self.stream(Batch(function, calls, timeout))) as stream:
+                for k, outcome in stream:
+                    block = waiting[k]
+                    if outcome.status == OK:
+                        yield from zip(block, outcome.answer)
+                    elif len(block) == 1:
+                        yield block[0], outcome
+                    else:
+                        alone += [[key] for key in block]
+            waiting = alone
 
     def map(
         self,
@@ -167,7 +201,7 @@ class Runner(ABC):
         """
         keys = range(len(tasks)) if journal is None else journal.numbers(len(tasks))
         task_of, answers = dict(zip(keys, tasks)), {}
-        with closing(self.outcomes(function, task_of, title, journal, failures=False)) as outcomes:
+        with closing(self.outcomes(function, task_of, title, journal)) as outcomes:
             for wanted in keys:
                 while wanted not in answers:
                     key, outcome = next(outcomes)
@@ -206,8 +240,8 @@ def _failure(number: str, task: object, outcome: Outcome) -> Exception:
     return RunFailedError(f"{number} ({name}): {outcome.message}{trace}")
 
 
-def _progress() -> Progress:
-    """Return a bar of runs on a terminal, done, failed, time left; nothing anywhere else."""
+def _progress(number: int) -> Progress:
+    """Return a bar of several runs on a terminal, done, failed, time left; nothing anywhere else."""
     console = Console(stderr=True)
     return Progress(
         "{task.description}",
@@ -217,5 +251,5 @@ def _progress() -> Progress:
         TimeRemainingColumn(),
         console=console,
         redirect_stdout=False,
-        disable=not console.is_terminal,
+        disable=number <= 1 or not console.is_terminal,
     )

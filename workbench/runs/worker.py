@@ -254,12 +254,12 @@ def _answer(pipe: Connection, call: Call) -> None:
         answer = function(task)
         reply = ForkingPickler.dumps(Outcome(OK, answer, "", time.perf_counter() - began))
     except BaseException as error:  # noqa: BLE001
-        failed = _failure(error)._replace(seconds=time.perf_counter() - began)
+        failed = failure(error)._replace(seconds=time.perf_counter() - began)
         reply = ForkingPickler.dumps(failed)
     pipe.send_bytes(reply)
 
 
-def _failure(error: BaseException) -> Outcome:
+def failure(error: BaseException) -> Outcome:
     """What an exception makes of a call; cosim may not be loaded."""
     if _is_fault(error):
         name = "" if isinstance(error, OSError | ValueError) else f"{type(error).__name__}: "

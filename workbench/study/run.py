@@ -20,7 +20,7 @@ from ..answer import Answer
 from ..export import write
 from ..files import remove, replacement
 from ..options import declared
-from ..run import row, select_runner
+from ..run import rows, select_runner
 from ..runs.fingerprint import computation
 from ..runs.folder import reservation
 from ..runs.journal import FIGURES, Journal, open_journal
@@ -66,10 +66,15 @@ def run(
             remove(unfinished)
         home = inputs.unpacked(folder / "inputs")
         page = home / question_files[0].name if question_files else study.question.locator
-        answers = partial(row, page, {part: home / path.name for part, path in fmus.items()})
+        answers = partial(rows, page, {part: home / path.name for part, path in fmus.items()})
         runner = runner.prepared(str(page), [home / name for name in inputs.files])
         cases = dict(enumerate(study.cases()))
-        outcomes = dict(runner.outcomes(answers, cases, study.name, journal, timeout=study.timeout))
+        at_once = study.question.at_once
+        outcomes = dict(
+            runner.outcomes(
+                answers, cases, study.name, journal, timeout=study.timeout, at_once=at_once
+            )
+        )
         session = len(cases) - before, time.perf_counter() - began
         done = [outcomes[number] for number in cases]
         try:

@@ -51,6 +51,7 @@ class IronCycle(Question):
 
     parts = {"iron": "IronDrive"}
     fixed_starts = iron.IMPOSED
+    is_sequential = False  # the runs of the comparison are many
 
     speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
     samples: int = option(1440, "rows per turn", least=180)

@@ -69,6 +69,7 @@ class IronIdentify(Question, RecordOptions):
     parts = iron.PARTS
     fixed_starts = (SUPPLY, *STATES[1:])
     error_scope = fitting.ERROR_SCOPE
+    is_sequential = True
 
     rated_torque: float = option(
         2.0,

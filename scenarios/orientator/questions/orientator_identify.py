@@ -59,6 +59,7 @@ class OrientatorIdentify(Question, RecordOptions):
     parts = orientator.PARTS
     fixed_starts = (SPEED, DROP, FRICTION)
     error_scope = fitting.ERROR_SCOPE
+    is_sequential = True
 
     def solve(self, context: Context) -> Findings:
         """Fit, and ask the machine that fits.
