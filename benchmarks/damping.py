@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cosim import Diagnosis, SetupError, System, diagnose
-from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
+from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
 from cosim.verification.systems import couple
 
 NATIVE = ROOT / "fmus" / "native"
@@ -74,8 +74,8 @@ def linear_case(seed: int) -> Case:
         for stiffness, mass in ((c, m), (k, n), (between, m))
     )
     units = {
-        "a": Unit([[0, 1], [-c / m, -d / m]], [[0], [1 / m]], np.eye(2), [0.1, 0], ["b.1"]),
-        "b": Unit(
+        "a": LinearPart([[0, 1], [-c / m, -d / m]], [[0], [1 / m]], np.eye(2), [0.1, 0], ["b.1"]),
+        "b": LinearPart(
             [[0, 1], [-(k + between) / n, -(e + both) / n]], [[0, 0], [between / n, both / n]],
             [[between, both]], [0, 0.2], ["a.1", "a.2"], D=[[-between, -both]],
         ),

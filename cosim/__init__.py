@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .accuracy.reference import Judged, oracle, true_errors
     from .analysis.compare import Comparison, Deviation, compare
     from .analysis.crosscheck import crosscheck
-    from .analysis.crosscheck.checks import Verdict
+    from .analysis.crosscheck.checks import CheckResult
     from .analysis.crosscheck.report import Crosscheck
     from .analysis.damping import Diagnosis, diagnose
     from .analysis.linearize import Linear, linearize
@@ -55,7 +55,7 @@ _HOMES = {
         "accuracy.reference": "Judged, oracle, true_errors",
         "analysis.compare": "Comparison, Deviation, compare",
         "analysis.crosscheck": "crosscheck",
-        "analysis.crosscheck.checks": "Verdict",
+        "analysis.crosscheck.checks": "CheckResult",
         "analysis.crosscheck.report": "Crosscheck",
         "analysis.damping": "Diagnosis, diagnose",
         "analysis.linearize": "Linear, linearize",
@@ -95,6 +95,7 @@ __all__ = [
     "Advice",
     "Case",
     "Certified",
+    "CheckResult",
     "Column",
     "Comparison",
     "Crosscheck",
@@ -123,7 +124,6 @@ __all__ = [
     "Standing",
     "System",
     "Table",
-    "Verdict",
     "Wire",
     "advise",
     "certify",

@@ -29,7 +29,7 @@ from .system import System
 
 #: Longest wait for a message before signals and time limits are looked at [s]: a convention of this project,
 #: which limits how soon Ctrl-C is passed on.
-PATIENCE = 0.1
+PIPE_PATIENCE = 0.1
 #: Least time between two messages on the progress [s]: a convention of this project, which limits their number.
 BETWEEN = 0.05
 
@@ -187,7 +187,7 @@ def _messages(
     """What the child sends until it ends, or that it is silent; passes Ctrl-C on until it reacts."""
     stop_requested_at = last_message_at = math.inf
     while True:
-        ready = wait([pipe, process.sentinel], PATIENCE)
+        ready = wait([pipe, process.sentinel], PIPE_PATIENCE)
         silent = clock.monotonic() - last_message_at
         if ready:
             last_message_at = clock.monotonic()

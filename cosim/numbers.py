@@ -16,7 +16,7 @@ REAL = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 SPECIAL = {"INF": math.inf, "+INF": math.inf, "-INF": -math.inf, "NaN": math.nan}
 FALSE_TRUE = {"false": False, "0": False, "true": True, "1": True}
 #: Digits of a whole number. A convention: Python takes no longer ones by default, and no type has half as many.
-MOST_DIGITS = 4000
+LONGEST_NUMBER = 4000
 
 
 def real(text: str) -> float:
@@ -35,7 +35,7 @@ def real(text: str) -> float:
 def whole(text: str) -> int:
     """The number of an xs:integer, "12" or "-3"; raises ValueError for other texts."""
     text = text.strip(BLANKS)
-    if WHOLE.fullmatch(text) is None or len(text) > MOST_DIGITS:
+    if WHOLE.fullmatch(text) is None or len(text) > LONGEST_NUMBER:
         raise ValueError(f"{text[:40]!r} is not a whole number, written as 12 or -3")
     return int(text)
 

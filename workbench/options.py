@@ -23,7 +23,12 @@ from cosim.units import QUANTITY, multiples
 
 Start = dict[str, Value]
 HOLDS = {"above": gt, "at least": ge, "at most": le}
-KINDS = {float: "a finite number", int: "a whole number", str: "a string", bool: "true or false"}
+TYPE_NAMES = {
+    float: "a finite number",
+    int: "a whole number",
+    str: "a string",
+    bool: "true or false",
+}
 
 
 def option(
@@ -126,7 +131,7 @@ class Option:
                 f"{key} = {quoted(raw)} must be one of {', '.join(self.choices)}{start}"
             )
         if type(value) is not self.kind:
-            raise SetupError(f"{key} = {quoted(raw)} must be {KINDS[self.kind]}")
+            raise SetupError(f"{key} = {quoted(raw)} must be {TYPE_NAMES[self.kind]}")
         return self._checked(value, key)
 
     def _number(self, raw: Any, key: str) -> float:
@@ -144,7 +149,7 @@ class Option:
             raw = raw.split(",")
         if not isinstance(raw, str):
             if not isinstance(raw, Iterable):
-                raise SetupError(f"{prefix} must be a list, each {KINDS[self.kind]}")
+                raise SetupError(f"{prefix} must be a list, each {TYPE_NAMES[self.kind]}")
             return [self._single(x, key) for x in raw]
         match raw.split(":"):
             case [values]:
@@ -182,7 +187,9 @@ class Option:
             return value
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
         limits = " and ".join(f"{word} {bound:g}{unit}" for word, bound in self.bounds.items())
-        raise SetupError(f"{key} = {value:g}{unit} must be {KINDS[self.kind]} {limits}".rstrip())
+        raise SetupError(
+            f"{key} = {value:g}{unit} must be {TYPE_NAMES[self.kind]} {limits}".rstrip()
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,7 +230,7 @@ def declared(kind: type[Options]) -> dict[str, Option]:
                 (hint,) = (x for x in get_args(hint) if x is not NoneType)
             many = get_origin(hint) is tuple
             bare = get_args(hint)[0] if many else hint
-            if bare not in KINDS:
+            if bare not in TYPE_NAMES:
                 raise SetupError(
                     f"option {entry.name!r} must be a float, int, str or bool, or a tuple of one of them"
                 )

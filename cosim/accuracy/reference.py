@@ -31,7 +31,7 @@ from .estimate import Estimate
 METHODS = ("DOP853", "Radau", "LSODA")
 #: Relative tolerance of the integration. A convention: somewhat above the least that SciPy takes, which is
 #: 100 times the machine precision, 2e-14, and leaves no room for the rounding of the rates.
-TOLERANCE = 1e-12
+DEFAULT_TOLERANCE = 1e-12
 #: Least tolerance that may be asked for: a convention of this project, five times what SciPy takes at least.
 LEAST_TOLERANCE = 1e-13
 #: Largest tolerance that may be asked for: a convention of this project, which limits how rough a reference may be.
@@ -45,7 +45,7 @@ ROW_INTERVALS = 1000
 MOST_AT_ONCE = 100
 
 
-class Piece(NamedTuple):
+class SolutionPiece(NamedTuple):
     """The states over time from `begin` to `end` [s]; no curve at an event, just before it and once more just after."""
 
     begin: float
@@ -80,7 +80,7 @@ def oracle(
     output_step: float | None = None,
     record: Sequence[str] | None = None,
     method: str = "DOP853",
-    tolerance: float = TOLERANCE,
+    tolerance: float = DEFAULT_TOLERANCE,
     timeout: float = math.inf,
 ) -> Result:
     """Integrate the coupled system from `start` to `stop` [s] as one ordinary differential equation.
@@ -247,7 +247,7 @@ def true_errors(
     return Judged(exact, {name: Compared(e, float(truth[name])) for name, e in certified.items()})
 
 
-def travel(ode: CoupledOde, stop: float, method: str, tolerance: float) -> Iterator[Piece]:
+def travel(ode: CoupledOde, stop: float, method: str, tolerance: float) -> Iterator[SolutionPiece]:
     """Integrate to `stop` [s], piece by piece; after an event, the state that it left."""
     from scipy import integrate
 
@@ -268,7 +268,7 @@ def travel(ode: CoupledOde, stop: float, method: str, tolerance: float) -> Itera
             curve = solver.dense_output()
             event_time = _crossing(ode, signs, curve, float(solver.t_old), float(solver.t))
             last = float(solver.t) if event_time is None else event_time
-            yield Piece(float(solver.t_old), last, curve)
+            yield SolutionPiece(float(solver.t_old), last, curve)
             ode.at(last, solver.y if event_time is None else curve(last))
             if event_time is None and ode.completed():
                 event_time = last
@@ -276,10 +276,10 @@ def travel(ode: CoupledOde, stop: float, method: str, tolerance: float) -> Itera
             at_once = at_once + 1 if ode.t - begin <= 64 * math.ulp(ode.t) else 0
             if at_once > MOST_AT_ONCE:
                 raise FmuError(f"events follow each other without end at t = {ode.t!r} s")
-            yield Piece(ode.t, ode.t, None)
+            yield SolutionPiece(ode.t, ode.t, None)
             ode.until = math.inf
             ode.jump(ode.t)
-            yield Piece(ode.t, ode.t, None)
+            yield SolutionPiece(ode.t, ode.t, None)
 
 
 def _crossing(
@@ -304,7 +304,11 @@ def _crossing(
 
 
 def _rows(
-    ode: CoupledOde, row: RowReader, plan: RunSettings, pieces: Iterable[Piece], events: list[float]
+    ode: CoupledOde,
+    row: RowReader,
+    plan: RunSettings,
+    pieces: Iterable[SolutionPiece],
+    events: list[float],
 ) -> Iterator[list[float]]:
     """The rows of a plan, and those before and after a jump."""
     assert not isinstance(plan.step, Adaptive)

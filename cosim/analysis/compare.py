@@ -37,7 +37,7 @@ PLOT_POINTS = 2000
 
 
 @dataclass(frozen=True)
-class Band:
+class ToleranceBand:
     """Where a column may be: within `width` [s] and `height` of the reference, plus its error there."""
 
     t: Rows
@@ -93,7 +93,7 @@ class Deviation:
     t: Rows = field(repr=False)
     y: Rows = field(repr=False)
     outside: NDArray[np.bool_] = field(repr=False)
-    band: Band = field(repr=False)
+    band: ToleranceBand = field(repr=False)
 
     @property
     def passed(self) -> bool:
@@ -247,7 +247,7 @@ def compare(
         height = value * (float(np.ptp(y)) or abs(float(y[0]))) + _error(name, stated_errors, unit)
         rows = (ours.time, *ours.column(name, unit))
         t, measured, row_error = (values[shared & ~in_gap] for values in rows)
-        band = Band(theirs.time, y, error, width, height)
+        band = ToleranceBand(theirs.time, y, error, width, height)
         low, high = band.around(t)
         distance = np.maximum(0.0, np.maximum(measured - high, low - measured))
         allowed = band.room(t) + row_error

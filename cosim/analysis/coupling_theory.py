@@ -57,7 +57,7 @@ INTERPOLATE = 2
 
 
 @dataclass(frozen=True)
-class Unit:
+class LinearPart:
     """A part x' = A x + B u, y = C x + D u.
 
     Parameters
@@ -123,7 +123,7 @@ class Exchange(NamedTuple):
     u_last: Matrix
 
 
-class Line(NamedTuple):
+class OutputLines(NamedTuple):
     """Straight lines through two values of each output, which belong to times [s], shape (k,)."""
 
     y: Matrix
@@ -183,7 +183,7 @@ class Ideal:
         The names of the outputs, "part.output".
     """
 
-    def __init__(self, units: Mapping[str, Unit]) -> None:
+    def __init__(self, units: Mapping[str, LinearPart]) -> None:
         parts = list(units.values())
         self.A, self.B, self.C, self.D = (
             block_diag(*blocks) for blocks in zip(*((u.A, u.B, u.C, u.feedthrough) for u in parts))
@@ -313,10 +313,10 @@ class Ideal:
         for stage in stages:
             y, t = progress.y, progress.t
             if algorithm.is_implicit:
-                line = Line(y_end, np.full(k, h), y, t)
+                line = OutputLines(y_end, np.full(k, h), y, t)
                 fixed = algorithm.end_weight * y_end + (1.0 - algorithm.end_weight) * y
             else:
-                line, fixed = Line(y, t, progress.y_old, progress.t_old), y
+                line, fixed = OutputLines(y, t, progress.y_old, progress.t_old), y
             after = progress.copy()
             for name, begin, fraction in stage:
                 part = int(name)

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy.coupled_ode import opened
-from ..accuracy.reference import TOLERANCE, travel
+from ..accuracy.reference import DEFAULT_TOLERANCE, travel
 from ..errors import FmuError, SetupError
 from ..fmu.exchange import Array
 from ..system import System, connect
@@ -278,7 +278,7 @@ def linearize(
             raise SetupError(f"{port} is not a Real input")
     try:
         with opened(network, start, start + at) as ode:
-            for _ in travel(ode, start + at, "DOP853", TOLERANCE):
+            for _ in travel(ode, start + at, "DOP853", DEFAULT_TOLERANCE):
                 pass
             A, B, C, D, F = blocks = ode.blocks()
             K = np.linalg.inv(ode.closure(blocks))

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 MOST_ITERATIONS = 20
 #: The residual of a signal over its size, below which it is solved. Derived: FMUs that solve equations
 #: inside do so to about 1e-10, and a smaller residual cannot be asked of their outputs.
-TOLERANCE = 1e-10
+NEWTON_TOLERANCE = 1e-10
 #: The step of a difference over the size of its signal. Derived: the square root of what is left of 16
 #: digits after FMUs have lost four, (1e-12) ** 0.5.
 DIFFERENCE = 1e-6
@@ -37,7 +37,7 @@ def solve_fixed_point(
     names: Sequence[str],
     *,
     derivative: Callable[[], Array] | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = NEWTON_TOLERANCE,
 ) -> str:
     """Find z = response(z), and leave the system at the solution.
 

@@ -31,7 +31,7 @@ PAST = 1e-9
 FINISH = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_double, ctypes.c_int)
 
 
-class Answer(ctypes.Structure):
+class StepAnswer(ctypes.Structure):
     """The structure `answer` of loop.c: the time [s] that a step has reached, and why it ended there.
 
     It may have met an event, the end of the simulation, or its own end early.
@@ -116,7 +116,7 @@ class CoSimulation3(CoSimulation):
         self.events = EventMode(session, used=has_events, observe=self._observer.observe)
         self._inputs: Sequence[VariableBlock] = ()
         self._stops = False
-        self._answer = Answer()
+        self._answer = StepAnswer()
         self._raised: Exception | None = None
         self._step = self._step_call()
         # for loop.c: finish a step that meets events, and take inputs that have changed
@@ -129,10 +129,10 @@ class CoSimulation3(CoSimulation):
         """The prepared call of a step of the size and from the time that are set."""
         answer = ctypes.addressof(self._answer)
         offsets = (
-            Answer.event.offset,
-            Answer.ended.offset,
-            Answer.early.offset,
-            Answer.reached.offset,
+            StepAnswer.event.offset,
+            StepAnswer.ended.offset,
+            StepAnswer.early.offset,
+            StepAnswer.reached.offset,
         )
         results = [ctypes.c_void_p(answer + offset) for offset in offsets]
         function, component = self.session.fmu.free.fmi3DoStep, self.session.component

@@ -34,7 +34,7 @@ from ..system import (
 from .ssp.files import LINK, Budget, load, locate, plain, require_root
 from .ssp.files import Element as SourceElement
 from .ssp.parameters import Parameter
-from .ssp.plan import Arrow, Connector, Node, Plan, dotted
+from .ssp.plan import Connector, Flow, Node, Plan, dotted
 from .ssp.read import Package
 from .ssp.units import Step, chain
 from .ssp.write import archived, scaled
@@ -141,7 +141,7 @@ class _Reader:
             factor = real(attributes.get("factor", "1"))
             offset = real(attributes.get("offset", "0"))
             step = Step(tag, None, convert=False, factor=factor, offset=offset)
-            self.plan.add_arrow(Arrow(entry, leave, step))
+            self.plan.add_arrow(Flow(entry, leave, step))
         elif tag in ("Sum", "VectorSum"):
             inputs, width = whole(attributes["inputCount"]), whole(attributes.get("dimension", "1"))
             if min(inputs, width) < 1:
@@ -278,7 +278,7 @@ class _Reader:
             named = " and ".join(f"{kind} {dotted(end)}" for kind, end in zip(kinds, ends))
             raise ValueError(f"{named} cannot be connected")
         self.plan.add_arrow(
-            Arrow(sources[0], sinks[0], Step(plain(element.tag), None, convert=False))
+            Flow(sources[0], sinks[0], Step(plain(element.tag), None, convert=False))
         )
         if "powerBond" in element.attrib:
             self.bonds[element.get("powerBond")].extend(sources)

@@ -15,7 +15,7 @@ from .parameters import Array
 FREQUENCY_MARGIN = 3.0
 #: Largest deviation of a spacing from the mean one, over this, of rows that a Fourier transform takes as even. Chosen:
 #: rounding of times in a file.
-UNEVENNESS = 1e-3
+LARGEST_UNEVENNESS = 1e-3
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def spectrum(times: Array, residual: Array) -> tuple[Array, Array]:
     (Astrophys. J. 263, 1982).
     """
     gaps = np.diff(times)
-    is_even = bool(np.abs(gaps / gaps.mean() - 1.0).max() < UNEVENNESS)
+    is_even = bool(np.abs(gaps / gaps.mean() - 1.0).max() < LARGEST_UNEVENNESS)
     spacing = float(gaps.mean() if is_even else np.median(gaps))
     span = float(times[-1] - times[0]) + spacing
     number = (min(len(times), round(span / spacing)) + 1) // 2

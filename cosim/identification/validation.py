@@ -40,7 +40,7 @@ class Validation:
     runs: int
 
 
-class Finding(NamedTuple):
+class ResidualFinding(NamedTuple):
     """Where a residual is not white noise, in a sentence, and whether this counts against the fit by itself."""
 
     sentence: str
@@ -125,7 +125,7 @@ def _far_from_prior(problem: Problem, linearisation: Linearisation) -> Iterator[
             )
 
 
-def locate_misfit(column: Measurement, residual: ColumnResidual) -> Iterator[Finding]:
+def locate_misfit(column: Measurement, residual: ColumnResidual) -> Iterator[ResidualFinding]:
     """The frequency at which a residual oscillates, and the pieces of the record in which it is large.
 
     The power of white noise at a frequency is exponentially distributed, so that its maximum over n frequencies
@@ -138,7 +138,7 @@ def locate_misfit(column: Measurement, residual: ColumnResidual) -> Iterator[Fin
         amplitude = 2.0 * math.sqrt(float(residual.power[k]) / len(normalised))
         oscillation = f"oscillates at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an amplitude of"
         size = f"{residual.sigma * amplitude:.3g} {residual.unit}".rstrip()
-        yield Finding(f"{name}: the residual {oscillation} {size}", is_certain=True)
+        yield ResidualFinding(f"{name}: the residual {oscillation} {size}", is_certain=True)
     variance = max(column.noise.chi2_variance, CHI2_VARIANCE)
     for rows in segments(column.times, SEGMENTS):
         x = normalised[rows]
@@ -146,7 +146,7 @@ def locate_misfit(column: Measurement, residual: ColumnResidual) -> Iterator[Fin
         if excess > SEGMENT_DEVIATIONS:
             first, last = column.times[rows][[0, -1]]
             ratio, span = math.sqrt(float(np.mean(x**2))), f"from {first:.4g} s to {last:.4g} s"
-            yield Finding(
+            yield ResidualFinding(
                 f"{name}: {span} the residual is {ratio:.1f} times the noise", is_certain=False
             )
 

@@ -13,7 +13,7 @@ from .declarations import WIDTHS
 from .description import Item, SimpleType, Variable
 
 #: The types of FMI 2.0 that those of FMI 3.0 are.
-KINDS = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")
+CLASSIC_TYPES = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")
 TRUE = ("true", "1")
 #: Elements that the arrays of an FMU may have in all: a convention. Each takes about a kilobyte here.
 MOST_ELEMENTS = 1_000_000
@@ -84,7 +84,7 @@ class Elements:
         declared = self._type(original.declaredType)
         common = {
             "valueReference": original.valueReference,
-            "type": KINDS.get(native, native),
+            "type": CLASSIC_TYPES.get(native, native),
             "native": native,
             "causality": str(original.causality),
             "variability": str(original.variability),

@@ -126,7 +126,7 @@ class Interface:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class DefaultExperiment:
     """The default experiment of an FMU: times [s] and relative tolerance, None for what it does not state.
 
     A step or a tolerance that is not above 0, which no run can have, counts as not stated.
@@ -149,7 +149,7 @@ class ModelDescription:
     generationTool: str | None
     coSimulation: Interface | None
     modelExchange: Interface | None
-    defaultExperiment: Experiment
+    defaultExperiment: DefaultExperiment
     unitDefinitions: tuple[Unit, ...]
     modelVariables: tuple[Variable, ...]
     outputs: tuple[Unknown, ...]

@@ -23,7 +23,7 @@ from .arrays import TRUE, Elements
 from .base_units import BaseUnit, DisplayUnit, Unit
 from .declarations import Declarations, unreadable
 from .description import (
-    Experiment,
+    DefaultExperiment,
     Fmu,
     Interface,
     ModelDescription,
@@ -224,13 +224,13 @@ def _interface(original: Any, *, provides_derivatives: bool | None) -> Interface
     return Interface(**stated)
 
 
-def _experiment(original: Any) -> Experiment:
+def _experiment(original: Any) -> DefaultExperiment:
     if original is None:
-        return Experiment()
+        return DefaultExperiment()
     names = ("startTime", "stopTime", "stepSize", "tolerance")
     texts = (getattr(original, name) for name in names)
     start, stop, step, tolerance = (None if text is None else real(text) for text in texts)
-    return Experiment(
+    return DefaultExperiment(
         start,
         stop,
         step if is_positive(step) else None,

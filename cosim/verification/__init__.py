@@ -7,16 +7,16 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from .checks import Row, verify
+from .checks import SchemeCheck, verify
 
-__all__ = ["Row", "main", "verify"]
+__all__ = ["SchemeCheck", "main", "verify"]
 
 
 def main(fmu: Path) -> bool:
     """Run all checks with an exact FMU, see `verify`, print them as a table; whether all passed."""
     console = Console()
     table = Table("system", "scheme", "deviation", "quantity", "measured", "theory", "")
-    rows: list[Row] = []
+    rows: list[SchemeCheck] = []
     with console.status(fmu.name) as status:
         for row in verify(fmu):
             rows.append(row)

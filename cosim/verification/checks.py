@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from ..analysis.coupling_theory import Ideal, Matrix, Scheme, Unit
+from ..analysis.coupling_theory import Ideal, LinearPart, Matrix, Scheme
 from ..engine.algorithms import ALGORITHMS, CouplingContext, Feedthrough, find_algorithm
 from ..engine.control import Adaptive
 from ..engine.settings import RunSettings
@@ -64,7 +64,7 @@ EXPLICIT = {
 MOTOR = lagging_motor(lag=0.06, inertia=0.9, slope=0.9 / 2.565e-3)
 
 
-class Row(NamedTuple):
+class SchemeCheck(NamedTuple):
     """How far a scheme is off its ideal, relative, and what else theory says of a quantity."""
 
     system: str
@@ -76,7 +76,7 @@ class Row(NamedTuple):
     passed: bool
 
 
-def verify(fmu: Path) -> Iterator[Row]:
+def verify(fmu: Path) -> Iterator[SchemeCheck]:
     """Run all checks with an FMU of x' = A x + B u, y = C x, z = C x + D u that is exact."""
     for name, benchmark in BENCHMARKS.items():
         more = HOLDING if benchmark.feedthrough else SUBSTEPS
@@ -101,7 +101,7 @@ def verify(fmu: Path) -> Iterator[Row]:
 
 def simulate(
     fmu: Path,
-    units: Mapping[str, Unit],
+    units: Mapping[str, LinearPart],
     scheme: Scheme,
     stop: float,
     steps: Sequence[float | Adaptive],
@@ -128,7 +128,7 @@ def deviation(actual: Matrix, expected: Matrix) -> float:
     return float((np.abs(actual - expected).max(axis=0) / np.abs(expected).max(axis=0)).max())
 
 
-def order(scheme: Scheme, units: Mapping[str, Unit]) -> int:
+def order(scheme: Scheme, units: Mapping[str, LinearPart]) -> int:
     """The order of the states that the algorithm states; FMUs that move their inputs have order 2."""
     if scheme.hold:
         return 2
@@ -143,7 +143,7 @@ def order(scheme: Scheme, units: Mapping[str, Unit]) -> int:
     return find_algorithm(scheme.algorithm).convergence_order(context)
 
 
-def residual_order(scheme: Scheme, units: Mapping[str, Unit]) -> int:
+def residual_order(scheme: Scheme, units: Mapping[str, LinearPart]) -> int:
     """The order of what a power bond makes.
 
     Held old values against new ones leave a term of first order. A symmetric schedule, which has order
@@ -166,7 +166,9 @@ def slope(errors: Sequence[float], theory: float) -> float:
     return float(slopes[np.abs(slopes - theory).argmax()])
 
 
-def orders(fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Scheme) -> Iterator[Row]:
+def orders(
+    fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Scheme
+) -> Iterator[SchemeCheck]:
     """States, and energies over a bond, against the ideal and its order over halved steps."""
     ideal = Ideal(benchmark.units)
     bond = None if scheme.hold else benchmark.bond
@@ -222,11 +224,11 @@ def judge(
     *,
     theory: float,
     within: float,
-) -> Row:
+) -> SchemeCheck:
     """The row, passed if all runs match the ideal and the measured value is within this of theory."""
     match = float(np.max(matches))
     passed = match < SAME and abs(measured - theory) <= within
-    return Row(system, scheme, match, quantity, measured, theory, passed)
+    return SchemeCheck(system, scheme, match, quantity, measured, theory, passed)
 
 
 def longest_step(ideal: Ideal, scheme: Scheme) -> float:
@@ -241,7 +243,9 @@ def longest_step(ideal: Ideal, scheme: Scheme) -> float:
     return float(brentq(growth, h / STEP_RATIO, h, xtol=LIMIT_ACCURACY))
 
 
-def limit(fmu: Path, name: str, units: Mapping[str, Unit], title: str, scheme: Scheme) -> Row:
+def limit(
+    fmu: Path, name: str, units: Mapping[str, LinearPart], title: str, scheme: Scheme
+) -> SchemeCheck:
     """Where the master turns unstable, from its growth below and above the ideal's limit."""
     ideal = Ideal(units)
     theory = longest_step(ideal, scheme)
@@ -262,7 +266,7 @@ def limit(fmu: Path, name: str, units: Mapping[str, Unit], title: str, scheme: S
     return row._replace(passed=row.passed and below < 0.0 < above)
 
 
-def spring_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
+def spring_energy(fmu: Path, title: str, scheme: Scheme) -> SchemeCheck:
     """A spring drives a mass: what the bond makes is what their energy changes by, exactly.
 
     Spring and mass only exchange energy, and under a held input the output of either is linear in
@@ -287,7 +291,7 @@ def spring_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
     )
 
 
-def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
+def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> SchemeCheck:
     """Two inertias: what the bond makes is what their energy changes by, up to second order.
 
     The shaft's torque bends within a step; the trapezoids miss h^2 / 12 times its curvature.
@@ -315,7 +319,7 @@ def tolerance(
     control: str,
     *,
     tolerances: Sequence[float],
-) -> Row:
+) -> SchemeCheck:
     """The largest error of adaptive runs is proportional to the tolerance.
 
     By energy that holds where the power that the bond makes keeps its sign, as it does under Jacobi

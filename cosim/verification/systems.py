@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.coupling_theory import Rows, Unit
+from ..analysis.coupling_theory import LinearPart, Rows
 from ..system import System, Value
 
 SIZE = range(1, 5)
@@ -23,7 +23,7 @@ class Benchmark:
     A bond names two outputs that are wired there and back and multiply to a power.
     """
 
-    units: Mapping[str, Unit]
+    units: Mapping[str, LinearPart]
     stop: float
     steps: int
     bond: tuple[str, str] | None = None
@@ -43,32 +43,32 @@ PI2 = math.pi**2
 SPRINGS: Rows = [[0, 1], [-20 * PI2, 0]]
 # Two masses between three springs, of the preCICE tutorials, after Schüller.
 OSCILLATOR = {
-    "a": Unit(SPRINGS, [[0], [16 * PI2]], [[1, 0]], [1, 0], ["b.1"]),
-    "b": Unit(SPRINGS, [[0], [16 * PI2]], [[1, 0]], [0, 0], ["a.1"]),
+    "a": LinearPart(SPRINGS, [[0], [16 * PI2]], [[1, 0]], [1, 0], ["b.1"]),
+    "b": LinearPart(SPRINGS, [[0], [16 * PI2]], [[1, 0]], [0, 0], ["a.1"]),
 }
 # Two masses with dampers, force against place and speed, of OMSimulator's tests.
 DUAL_MASS = {
-    "a": Unit([[0, 1], [-10, -0.2]], [[0], [1]], [[1, 0], [0, 1]], [0, 0], ["b.1"]),
-    "b": Unit(
+    "a": LinearPart([[0, 1], [-10, -0.2]], [[0], [1]], [[1, 0], [0, 1]], [0, 0], ["b.1"]),
+    "b": LinearPart(
         [[0, 1], [-30, -0.8]], [[0, 0], [10, 0.5]], [[10, 0.5]], [0.5, 0], ["a.1", "a.2"],
         D=[[-10, -0.5]],
     ),
 }  # fmt: skip
 # A quarter car that drives onto a step of 0.1 m, after Schierz, Arnold and Clauß.
 QUARTER_CAR = {
-    "chassis": Unit(
+    "chassis": LinearPart(
         [[0, 1], [-37.5, -2.5]], [[0, 0], [37.5, 2.5]], [[1, 0], [0, 1]], [0, 0],
         ["wheel.1", "wheel.2"],
     ),
-    "wheel": Unit(
+    "wheel": LinearPart(
         [[0, 1], [-4125, -25]], [[0, 0, 0], [375, 25, 3750]], [[1, 0], [0, 1]], [0, 0],
         ["chassis.1", "chassis.2", 0.1],
     ),
 }  # fmt: skip
 # A DC motor switched on under load, a stiff armature circuit against a slow shaft.
 DC_MOTOR = {
-    "electric": Unit([[-1000]], [[-10, 1000]], [[0.01]], [0], ["shaft.1", 12.0]),
-    "shaft": Unit([[-0.5]], [[500, -500]], [[1]], [0], ["electric.1", 0.05]),
+    "electric": LinearPart([[-1000]], [[-10, 1000]], [[0.01]], [0], ["shaft.1", 12.0]),
+    "shaft": LinearPart([[-0.5]], [[500, -500]], [[1]], [0], ["electric.1", 0.05]),
 }
 
 
@@ -80,42 +80,42 @@ SECOND_INERTIA = 2.2
 SHAFT_STIFFNESS = 1e4
 
 
-def drive(damping: float) -> dict[str, Unit]:
+def drive(damping: float) -> dict[str, LinearPart]:
     """Two inertias on an elastic shaft [N.m.s/rad], torque against angle and speed."""
     J_1, J_2, c, d = FIRST_INERTIA, SECOND_INERTIA, SHAFT_STIFFNESS, damping
     return {
-        "shaft": Unit(
+        "shaft": LinearPart(
             [[0, 1], [-c / J_1, -d / J_1]], [[0, 0], [c / J_1, d / J_1]],
             [[c, d]], [0, 1], ["load.1", "load.2"], D=[[-c, -d]],
         ),
-        "load": Unit([[0, 1], [0, 0]], [[0], [1 / J_2]], [[1, 0], [0, 1]], [0, 0], ["shaft.1"]),
+        "load": LinearPart([[0, 1], [0, 0]], [[0], [1 / J_2]], [[1, 0], [0, 1]], [0, 0], ["shaft.1"]),
     }  # fmt: skip
 
 
-def lagging_motor(lag: float, inertia: float, slope: float) -> dict[str, Unit]:
+def lagging_motor(lag: float, inertia: float, slope: float) -> dict[str, LinearPart]:
     """A motor whose torque follows -slope * speed with a lag [s], and the inertia it drives."""
     return {
-        "motor": Unit([[-1 / lag]], [[-slope / lag]], [[1]], [1.0], ["load.1"]),
-        "load": Unit([[0]], [[1 / inertia]], [[1]], [0.3], ["motor.1"]),
+        "motor": LinearPart([[-1 / lag]], [[-slope / lag]], [[1]], [1.0], ["load.1"]),
+        "load": LinearPart([[0]], [[1 / inertia]], [[1]], [0.3], ["motor.1"]),
     }
 
 
-def twisting_drive(damping: float) -> dict[str, Unit]:
+def twisting_drive(damping: float) -> dict[str, LinearPart]:
     """The two inertias, torque against speed: the shaft keeps its twist to itself."""
     J_1, J_2, c, d = FIRST_INERTIA, SECOND_INERTIA, SHAFT_STIFFNESS, damping
     return {
-        "shaft": Unit(
+        "shaft": LinearPart(
             [[0, 1], [-c / J_1, -d / J_1]], [[-1], [d / J_1]], [[c, d]], [0, 1], ["load.1"],
             D=[[-d]] if d else None,
         ),
-        "load": Unit([[0]], [[1 / J_2]], [[1]], [0], ["shaft.1"]),
+        "load": LinearPart([[0]], [[1 / J_2]], [[1]], [0], ["shaft.1"]),
     }  # fmt: skip
 
 
 # Force of a spring against speed of a mass: each is linear in time while it hears a constant.
 SPRING_AND_MASS = {
-    "spring": Unit([[0]], [[1]], [[-50]], [0.1], ["mass.1"]),
-    "mass": Unit([[0]], [[0.5]], [[1]], [1.0], ["spring.1"]),
+    "spring": LinearPart([[0]], [[1]], [[-50]], [0.1], ["mass.1"]),
+    "mass": LinearPart([[0]], [[0.5]], [[1]], [1.0], ["spring.1"]),
 }
 
 BENCHMARKS = {
@@ -131,7 +131,7 @@ UNDAMPED = Benchmark(twisting_drive(0.0), 0.03, 40, bond=("shaft.1", "load.1"))
 
 
 def couple(
-    units: Mapping[str, Unit],
+    units: Mapping[str, LinearPart],
     fmu: Path,
     *,
     input_hold: int = 0,
@@ -167,7 +167,7 @@ def couple(
     return System(dict.fromkeys(units, fmu), wires, start, bonds)
 
 
-def states(units: Mapping[str, Unit]) -> list[str]:
+def states(units: Mapping[str, LinearPart]) -> list[str]:
     """The names of the states, in the order of the units."""
     return [f"{name}.x[{i + 1}]" for name, unit in units.items() for i in range(len(unit.x))]
 

@@ -25,11 +25,11 @@ COLUMNS = ("phi", "alpha", "beta", "H", "lift", "motion")
 ANGLES = ("phi", "alpha", "beta")
 #: points of the chain on its sprocket
 ARC = 16
-PHASES = ("dwell", "up", "down", "stuck")
+MOTION_PHASES = ("dwell", "up", "down", "stuck")
 NOTE = f"The radius of the roller, {1e3 * ROLLER:g} mm, is chosen for the drawing."
 CAPTIONS = (
     Caption("cam", "mod(iron.phi * 180 / pi, 360)", "deg"),
-    Caption("iron", "iron.motion", texts=PHASES),
+    Caption("iron", "iron.motion", texts=MOTION_PHASES),
     Caption("lift", "1e3 * iron.lift", "mm"),
 )
 
@@ -49,7 +49,7 @@ def draw_rows(
     p = result.provenance["parts"]["iron"]["parameters"]
     since = result["time"][picked] - result["time"][picked[0]]
     captions = [
-        f"{t:.3f} s: cam {phi % 360:.1f} deg, iron {PHASES[int(phase)]}, lift {1e3 * lift:.1f} mm"
+        f"{t:.3f} s: cam {phi % 360:.1f} deg, iron {MOTION_PHASES[int(phase)]}, lift {1e3 * lift:.1f} mm"
         for t, phi, phase, lift in zip(since, np.degrees(at["phi"]), at["motion"], at["lift"])
     ]
     return iron_drive(p, at, cam(p, system)), captions

@@ -52,7 +52,7 @@ CHANGE = 2e-3
 UNITS = {"dimension": "1", "function": "1", "change": "%", "change_error": "%"}
 
 
-class Share(NamedTuple):
+class DimensionEffect(NamedTuple):
     """By how much of its largest value [%] a function changes at most with a dimension 1 % longer."""
 
     dimension: str
@@ -62,13 +62,13 @@ class Share(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Transfer:
+class TransferFunctions:
     """The functions over the cam angle [deg], of shape (functions, rows), and the share of each dimension."""
 
     result: Result
     phi: Samples
     values: Samples
-    shares: Sequence[Share]
+    shares: Sequence[DimensionEffect]
     tops: Sequence[Peak]
 
     @property
@@ -126,7 +126,7 @@ class Transfer:
         ]
 
 
-def measure(context: Context, system: System, samples: int) -> Transfer:
+def measure(context: Context, system: System, samples: int) -> TransferFunctions:
     """Run a turn, and four more for each dimension: by 0.2 % and by 0.4 % longer and shorter.
 
     Raises
@@ -148,8 +148,10 @@ def measure(context: Context, system: System, samples: int) -> Transfer:
         for name, top, fine, coarse in zip(FUNCTIONS, tops, near, far):
             share, coarse_share = (largest(phi, y) for y in (fine, coarse))
             error = abs(share.value - coarse_share.value) + share.error
-            shares.append(Share(dimension, name, share.value / top.value, error / top.value))
-    return Transfer(result, phi, function_values, shares, tops)
+            shares.append(
+                DimensionEffect(dimension, name, share.value / top.value, error / top.value)
+            )
+    return TransferFunctions(result, phi, function_values, shares, tops)
 
 
 def turn(system: System, samples: int) -> Result:
@@ -175,12 +177,12 @@ def functions(system: System, r: Result) -> Samples:
     return np.asarray(CubicSpline(r["iron.phi"], columns, axis=1)(even))
 
 
-def ranked(shares: Sequence[Share], name: str) -> list[Share]:
+def ranked(shares: Sequence[DimensionEffect], name: str) -> list[DimensionEffect]:
     """The dimensions of a function, the one that changes it most first."""
     return sorted((x for x in shares if x.function == name), key=lambda x: -x.change)
 
 
-def change(shares: Sequence[Share], name: str, rank: int) -> Figure:
+def change(shares: Sequence[DimensionEffect], name: str, rank: int) -> Figure:
     """The change of a function by the dimension at this place of the ranking."""
     of_function, text = ranked(shares, name), FUNCTIONS[name][0]
     meaning = f"largest change of {text} for 1 % of {DIMENSIONS[of_function[rank].dimension]}"

@@ -20,11 +20,11 @@ from workbench.charts.motion import Motion
 
 from . import machine as orientator
 from . import motion
-from .limit_formula import Machine, rpm
+from .limit_formula import OrientatorParameters, rpm
 from .products import fastest, run_product, simulated_limit
 
 PLANE, RAISE = "orientator_limit.csv", "orientator_limit_dimensions.csv"
-COLUMNS = {
+LIMIT_COLUMNS = {
     "d": "m", "h": "m", "mu": "1", "limit": "rpm", "error": "rpm", "formula": "rpm", "joint": "rpm",
 }  # fmt: skip
 RAISED = {"dimension": "1", "gain": "%", "gain_error": "%"}
@@ -144,7 +144,7 @@ def compare(
     cups = [replace(base, start={**base.start, **cup}) for cup, _ in CUPS.values()]
     cases = [(system, mu) for system in cups for mu in frictions]
     rows = context.each(limits, cases, "limits", probes=True)
-    plane = context.record_rows(PLANE, COLUMNS, rows)
+    plane = context.record_rows(PLANE, LIMIT_COLUMNS, rows)
     ((machine, located),) = context.each(
         partial(simulated_limit, base), [friction], "limit", probes=True
     )
@@ -184,7 +184,9 @@ def gain(base: System, mu: float, speeds: Sequence[float], name: str) -> Sequenc
     return name, percent, half_width + abs(percent - other)
 
 
-def figures(plane: Any, raised: Any, machine: Machine, limit_figure: Figure) -> dict[str, Figure]:
+def figures(
+    plane: Any, raised: Any, machine: OrientatorParameters, limit_figure: Figure
+) -> dict[str, Figure]:
     """The limit of the FMU's cup, how far formula and bound are off, and what each dimension gains."""
     shares = [plane[x] / plane["limit"] for x in ("formula", "joint")]
     difference, over = (100 * (share - 1) for share in shares)

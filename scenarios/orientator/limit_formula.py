@@ -29,7 +29,7 @@ POINTS = POINTS + 0.5
 FREE, HELD = (SHARES * np.sqrt(POINTS) * (1 - POINTS) ** power for power in (0.5, 1.0))
 
 
-class Path(NamedTuple):
+class TurningPath(NamedTuple):
     """A path of stage turning: what is left of its equation at the points, a + W b, of shape (2, 24);
     W at which the cup stops in the end.
     """
@@ -39,7 +39,7 @@ class Path(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Machine:
+class OrientatorParameters:
     """The parameters of the FMU in SI units, index 1 the catcher's, index 2 the cup's."""
 
     d: float
@@ -59,7 +59,7 @@ class Machine:
     g: float
 
     @classmethod
-    def of(cls, system: System) -> Machine:
+    def of(cls, system: System) -> OrientatorParameters:
         """The machine of a system with the part `orientator`."""
         names = (
             "cup.d", "cup.h", "cup.l", "cup.m", "cup.J", "catcher.l", "catcher.h", "catcher.m",
@@ -176,7 +176,7 @@ class Machine:
         got = cumulative_trapezoid(grown * rate * self.forces[1], phi, initial=0)
         return float(-got.min())
 
-    def path(self, slope: float, bend: float) -> Path | None:
+    def path(self, slope: float, bend: float) -> TurningPath | None:
         """The parabola with this slope and second derivative, to where the tip leaves the cup; None
         where it stays.
         """
@@ -217,7 +217,7 @@ class Machine:
         left = (across(np.array(on_catcher), np.array(on_cup)) + bent * square)[:, :-1]
         released = square[:, -1]
         stops = released[0] / (self.needed(float(phi2[-1])) - released[1])
-        return Path(left, float(stops))
+        return TurningPath(left, float(stops))
 
     def limit(self) -> tuple[float, int]:
         """W above which a product jams first, and the reason; nan where the formula finds none.

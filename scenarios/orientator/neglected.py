@@ -24,7 +24,7 @@ from workbench.measure import ROUNDING, Measured
 
 from . import machine as orientator
 from . import motion
-from .limit_formula import Machine, rpm
+from .limit_formula import OrientatorParameters, rpm
 from .products import STEP, fastest, run_product, simulate
 
 NEGLECTED = "orientator.neglected."
@@ -42,7 +42,7 @@ SLOWEST = 0.3
 #: Their end, over the same speed: where friction holds every cup.
 FASTEST = 1.0
 #: Speeds at which the limit with another creep is sought, over the first limit, and their number; a convention.
-NEAR_LIMIT = (0.98, 1.02, 3)
+CREEP_SPEEDS = (0.98, 1.02, 3)
 EFFECTS = {
     "coriolis": "Coriolis forces",
     "hook": "friction on the hook",
@@ -190,9 +190,9 @@ def ending(mu: float, system: System) -> Figure:
     is the bracket, and what is left of the creep.
     """
     first, *more_machines = with_slower_creep(system)
-    speeds = np.arange(SLOWEST, FASTEST, SPACING) * rpm(Machine.of(system).sticks)
+    speeds = np.arange(SLOWEST, FASTEST, SPACING) * rpm(OrientatorParameters.of(system).sticks)
     fastest_rotor = fastest(first, speeds.tolist(), mu)
-    near = (np.linspace(*NEAR_LIMIT) * fastest_rotor.value).tolist()
+    near = (np.linspace(*CREEP_SPEEDS) * fastest_rotor.value).tolist()
     ends = [
         fastest_rotor,
         *(fastest(machine, near, mu) for machine in more_machines if fastest_rotor.error),

@@ -16,14 +16,14 @@ from workbench import Figure
 from workbench.roots import bisect_flag
 
 from . import machine as orientator
-from .limit_formula import Machine, rpm
+from .limit_formula import OrientatorParameters, rpm
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 #: Start values that a run of one product sets: friction on the wall, speed of the rotor, release.
 PRODUCT_STARTS = ("orientator.chute.mu", "orientator.w", "orientator.release")
-UNITS = {
+PRODUCT_UNITS = {
     "mu": "1", "n": "rpm", "stage": "1", "reason": "1", "orientation_time": "s", "t_falling": "s",
     "t_joint": "s", "t_turning": "s", "t_released": "s",
 }  # fmt: skip
@@ -38,7 +38,7 @@ CHECKS = 10
 #: bracket is halved afterwards.
 SPACING = 0.03
 #: The slowest of these speeds, over that bound; a convention.
-SLOWEST = 0.5
+SLOWEST_PRODUCT = 0.5
 
 
 class Product(NamedTuple):
@@ -110,7 +110,7 @@ def run_product(machine: System, mu: float, n: float, step: float) -> Result:
 def simulate(machine: System, mu: float, n: float, step: float = STEP) -> Product:
     """Return how one product ends."""
     result = run_product(machine, mu, n, step)
-    stage, reason, *times = (float(result[f"orientator.{x}"][-1]) for x in [*UNITS][2:])
+    stage, reason, *times = (float(result[f"orientator.{x}"][-1]) for x in [*PRODUCT_UNITS][2:])
     return Product(mu, n, int(stage), int(reason), *(time or math.nan for time in times))
 
 
@@ -142,8 +142,10 @@ def fastest(machine: System, speeds: Sequence[float], mu: float) -> Figure:
     return ProductsUntilJam.of(sweep(machine, speeds, mu)).limit()
 
 
-def simulated_limit(system: System, mu: float) -> tuple[Machine, Figure]:
+def simulated_limit(system: System, mu: float) -> tuple[OrientatorParameters, Figure]:
     """Return a machine with a friction, and its simulated limit, which the bound of stage joint is above."""
-    machine = Machine.of(replace(system, start={**system.start, "orientator.chute.mu": mu}))
-    speeds = np.arange(SLOWEST, 1.0 + SPACING, SPACING) * rpm(machine.lies_down)
+    machine = OrientatorParameters.of(
+        replace(system, start={**system.start, "orientator.chute.mu": mu})
+    )
+    speeds = np.arange(SLOWEST_PRODUCT, 1.0 + SPACING, SPACING) * rpm(machine.lies_down)
     return machine, fastest(system, speeds.tolist(), mu)

@@ -30,7 +30,7 @@ TURN = 2 * math.pi
 MEASURED = 2
 #: Even angles of a turn at which a power is taken, ten for each of the orders; a convention.
 EVEN = 120
-UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
+ORDER_UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
 #: Amplitude of an order over the largest one of its drive above which it counts as strong; a convention.
 MAIN = 0.1
 Quantities = dict[str, tuple[float, str, str]]
@@ -62,7 +62,7 @@ class Order(NamedTuple):
     supply: float
 
 
-class Turns(NamedTuple):
+class LastTurns(NamedTuple):
     """The last whole turns of a drive: how long they last [s], their number; power of the motor [W]:
     mean, ripple, least, most, orders.
     """
@@ -73,7 +73,7 @@ class Turns(NamedTuple):
     orders: list[Order]
 
 
-def turns(r: Result, drive: str) -> Turns:
+def turns(r: Result, drive: str) -> LastTurns:
     """Those of the last cycles, of the cam from release to release, of the crank from where the trough is
     farthest; raises SetupError where there are none.
     """
@@ -96,7 +96,7 @@ def turns(r: Result, drive: str) -> Turns:
     angles = begin + TURN * np.arange(first * EVEN, last * EVEN) / EVEN
     sizes = np.abs(harmonics(angles, CubicSpline(phi, power)(angles), HIGHEST[drive])).tolist()
     orders = [Order(drive, k, k * number / lasted, x, x) for k, x in enumerate(sizes, 1)]
-    return Turns(lasted, number, [mean, math.sqrt(square), low, high], orders)
+    return LastTurns(lasted, number, [mean, math.sqrt(square), low, high], orders)
 
 
 def cycle_figures(r: Result) -> dict[str, Figure]:
@@ -149,7 +149,7 @@ def cycles(r: Result) -> dict[str, Figure]:
     return all_figures | products(r, cycle)
 
 
-def powers(both: Sequence[Turns]) -> Quantities:
+def powers(both: Sequence[LastTurns]) -> Quantities:
     """Return the powers of the drives and of their supply.
 
     Cam and crank have no common period, so that their powers add in the long run: means and ends as they
@@ -166,7 +166,7 @@ def powers(both: Sequence[Turns]) -> Quantities:
     }
 
 
-def strongest_orders(both: Sequence[Turns]) -> Quantities:
+def strongest_orders(both: Sequence[LastTurns]) -> Quantities:
     """Return the largest order of each drive, and the two strong ones that are nearest in frequency."""
     orders, quantities = ripple(both), Quantities()
     for drive in sorted(HIGHEST):
@@ -208,12 +208,12 @@ def products(r: Result, cycle: float) -> dict[str, Figure]:
     }
 
 
-def drives(r: Result) -> list[Turns]:
+def drives(r: Result) -> list[LastTurns]:
     """The cam and the crank in the last cycles."""
     return [turns(r, drive) for drive in HIGHEST]
 
 
-def ripple(both: Sequence[Turns]) -> list[Order]:
+def ripple(both: Sequence[LastTurns]) -> list[Order]:
     """The orders of cam and crank."""
     orders = [x for drive in both for x in drive.orders]
     return [

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cosim import ALGORITHMS, CONVERGENCE_ORDERS, SetupError, System, diagnose, run, write_container
-from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
+from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
 from cosim.engine.algorithms import (
     REGISTRY,
     Algorithm,
@@ -66,7 +66,7 @@ class HalfIterated(Algorithm):
         return [(Turn(part),) for part in parts]
 
 
-def verified(fmus: Path, system: str, name: str) -> list[checks.Row]:
+def verified(fmus: Path, system: str, name: str) -> list[checks.SchemeCheck]:
     fmu, benchmark = fmus / "LinearSystem.fmu", BENCHMARKS[system]
     return list(checks.orders(fmu, system, benchmark, name, Scheme(name)))
 
@@ -175,8 +175,8 @@ def test_a_loop_of_different_units_is_solved_like_a_loop_of_equal_units(
 ) -> None:
     """y_a = 1 + gain * y_b and y_b = 2 - y_a / (2 * gain) act on each other directly; their product is -1/2."""
     units = {
-        "a": Unit([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[gain]]),
-        "b": Unit([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[-0.5 / gain]]),
+        "a": LinearPart([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[gain]]),
+        "b": LinearPart([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[-0.5 / gain]]),
     }
     result = run(
         couple(units, fmus / "LinearSystem.fmu"),
@@ -192,8 +192,8 @@ def test_a_loop_of_different_units_is_solved_like_a_loop_of_equal_units(
 
 def test_a_loop_without_a_solution_is_refused(fmus: Path) -> None:
     units = {
-        "a": Unit([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[1e6]]),
-        "b": Unit([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[1e-6]]),
+        "a": LinearPart([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[1e6]]),
+        "b": LinearPart([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[1e-6]]),
     }
     with pytest.raises(SetupError, match=r"start values of an algebraic loop.*still off: .* by "):
         run(couple(units, fmus / "LinearSystem.fmu"), stop=0.1, step=0.1, algorithm="iterated")

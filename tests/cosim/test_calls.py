@@ -19,7 +19,7 @@ from tests.cosim.faulty import pack
 LENIENT = "takes wrong calls"
 
 
-def found(path: Path) -> checks.Verdict:
+def found(path: Path) -> checks.CheckResult:
     with quiet():
         return checks.checked(Subject(path), "call order")
 

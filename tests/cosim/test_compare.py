@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from cosim import Result, SetupError, compare, run
-from cosim.analysis.compare import Band
+from cosim.analysis.compare import ToleranceBand
 from cosim.series import TIME, Column
 from examples import measured_drive as drive
 from tests.cosim.conftest import CommandOutput
@@ -64,7 +64,7 @@ def test_the_band_is_that_of_a_rectangle_led_along_the_curve() -> None:
     random = np.random.default_rng(3)
     t = np.sort(np.append(random.uniform(0.0, 10.0, 40), [5.0, 5.0]))
     y = random.normal(size=len(t))
-    band = Band(t, y, 0.0 * t, 0.11, 0.0)
+    band = ToleranceBand(t, y, 0.0 * t, 0.11, 0.0)
     at = random.uniform(t[0] + 0.11, t[-1] - 0.11, 200)
     low, high = band.around(at)
     first, last = (int(k) for k in np.flatnonzero(t == 5.0))

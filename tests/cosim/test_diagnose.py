@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cosim import SetupError, System, diagnose, linearize
-from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
+from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
 from cosim.verification.systems import DC_MOTOR, OSCILLATOR, couple, drive, twisting_drive
 from fmukit.fmu.make import make_all
 from scenarios.conveyor.first_order import SETS
@@ -29,12 +29,12 @@ LOOSE = 1e4
 
 INERTIA = [[0, 1], [0, 0]]
 THREE = {
-    "drive": Unit(INERTIA, [[0], [-1 / J_1]], np.eye(2), [0, 1], ("shaft.1",)),
-    "shaft": Unit(
+    "drive": LinearPart(INERTIA, [[0], [-1 / J_1]], np.eye(2), [0, 1], ("shaft.1",)),
+    "shaft": LinearPart(
         [[0]], [[0] * 4], [[0]], [0], ("drive.1", "drive.2", "load.1", "load.2"),
         D=[[STIFF, DAMP, -STIFF, -DAMP]],
     ),
-    "load": Unit(INERTIA, [[0], [1 / J_2]], np.eye(2), [0, 0], ("shaft.1",)),
+    "load": LinearPart(INERTIA, [[0], [1 / J_2]], np.eye(2), [0, 0], ("shaft.1",)),
 }  # fmt: skip
 
 
@@ -52,18 +52,20 @@ def damping_ratio(d: float) -> float:
     return d * RESONANCE / (2 * STIFF)
 
 
-def coupled(fmus: Path, units: dict[str, Unit], hold: int = 0) -> System:
+def coupled(fmus: Path, units: dict[str, LinearPart], hold: int = 0) -> System:
     """The units as FMUs."""
     return couple(units, fmus / "LinearSystem.fmu", input_hold=hold)
 
 
-def rates(units: dict[str, Unit], scheme: Scheme, h: float) -> Any:
+def rates(units: dict[str, LinearPart], scheme: Scheme, h: float) -> Any:
     """ln z / h [1/s] of the eigenvalues z of the ideal step."""
     z = Ideal(units).eigenvalues(scheme, h)
     return np.log(z[np.abs(z) > 1e-3]) / h
 
 
-def ideal_damping(units: dict[str, Unit], algorithm: str, h: float, input_order: int = 0) -> float:
+def ideal_damping(
+    units: dict[str, LinearPart], algorithm: str, h: float, input_order: int = 0
+) -> float:
     """The damping ratio of the shaft's oscillation as the ideal algorithm shows it."""
     s = min(rates(units, Scheme(algorithm, input_order), h), key=lambda s: abs(s - 1j * RESONANCE))
     return float(-s.real / abs(s))
@@ -214,7 +216,7 @@ def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
     assert "does not damp it" in got.text()
 
 
-def random_masses(draw: random.Random) -> tuple[dict[str, Unit], Any]:
+def random_masses(draw: random.Random) -> tuple[dict[str, LinearPart], Any]:
     """Two masses with springs and dampers to the ground and between them, in two parts, and the
     matrix A of x' = A x of the whole.
     """
@@ -224,8 +226,8 @@ def random_masses(draw: random.Random) -> tuple[dict[str, Unit], Any]:
     pairs = ((c, m), (k, n), (between, m))
     d, e, both = (share * draw.uniform(0.0, 2.0) * math.sqrt(c * m) for c, m in pairs)
     units = {
-        "a": Unit([[0, 1], [-c / m, -d / m]], [[0], [1 / m]], np.eye(2), [0.1, 0], ["b.1"]),
-        "b": Unit(
+        "a": LinearPart([[0, 1], [-c / m, -d / m]], [[0], [1 / m]], np.eye(2), [0.1, 0], ["b.1"]),
+        "b": LinearPart(
             [[0, 1], [-(k + between) / n, -(e + both) / n]], [[0, 0], [between / n, both / n]],
             [[between, both]], [0, 0.2], ["a.1", "a.2"], D=[[-between, -both]],
         ),

@@ -13,7 +13,7 @@ import pytest
 from cosim.engine import compiler, members
 from cosim.engine.compiler import MEMBERS, SOURCE
 from cosim.engine.structures import structures
-from cosim.fmu.fmi3 import Answer
+from cosim.fmu.fmi3 import StepAnswer
 from cosim.fmu.operations import NOT_FINITE, Code, Layout
 
 
@@ -27,7 +27,7 @@ def enumeration(text: str) -> list[str]:
 def differences(text: str) -> list[str]:
     """What of the tables in Python is not as in this C."""
     wrong = [] if enumeration(text) == [*(code.name for code in Code), "NOT_FINITE"] else ["enum"]
-    made, pairs = structures(text), {"operation": Layout, "answer": Answer}
+    made, pairs = structures(text), {"operation": Layout, "answer": StepAnswer}
     return wrong + [n for n, kind in pairs.items() if made[n]._fields_ != list(kind._fields_)]
 
 

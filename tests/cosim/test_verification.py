@@ -19,11 +19,19 @@ import pytest
 import cosim.engine.driver
 import cosim.engine.initialise
 from cosim import ALGORITHMS, SetupError, System, run, verification
-from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
+from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
 from cosim.engine.algorithms import REGISTRY
 from cosim.engine.energy import BondSide
 from cosim.verification import checks
-from cosim.verification.checks import HOLDING, MOTOR, SCHEMES, SUBSTEPS, Row, orders, simulate
+from cosim.verification.checks import (
+    HOLDING,
+    MOTOR,
+    SCHEMES,
+    SUBSTEPS,
+    SchemeCheck,
+    orders,
+    simulate,
+)
 from cosim.verification.systems import BENCHMARKS, SPRING_AND_MASS, couple, states
 
 ALL = SCHEMES | HOLDING | SUBSTEPS
@@ -115,7 +123,7 @@ def test_the_suite_detects_a_wrong_master(
 def test_main_reports_whether_all_passed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fmus: Path
 ) -> None:
-    good = Row("drive", "strang", 1e-14, "order of the states", 2.001, 2, True)
+    good = SchemeCheck("drive", "strang", 1e-14, "order of the states", 2.001, 2, True)
     for rows, verdict in [([good], True), ([good, good._replace(passed=False)], False)]:
         monkeypatch.setattr(verification, "verify", lambda fmu, rows=rows: iter(rows))
         assert verification.main(fmus / "LinearSystem.fmu") is verdict
@@ -285,12 +293,12 @@ def test_the_ledger_of_jacobi_is_the_cross_product(fmus: Path) -> None:
 
 
 LOOP = {
-    "a": Unit([[-1.0]], [[1.0]], [[1.0]], [1.0], ["b.1"], D=[[0.5]]),
-    "b": Unit([[-2.0]], [[1.0]], [[1.0]], [0.0], ["a.1"], D=[[-3.0]]),
+    "a": LinearPart([[-1.0]], [[1.0]], [[1.0]], [1.0], ["b.1"], D=[[0.5]]),
+    "b": LinearPart([[-2.0]], [[1.0]], [[1.0]], [0.0], ["a.1"], D=[[-3.0]]),
 }
 
 
-def loop(fmus: Path, units: dict[str, Unit]) -> System:
+def loop(fmus: Path, units: dict[str, LinearPart]) -> System:
     return couple(units, fmus / "LinearSystem.fmu", input_hold=2)
 
 
@@ -317,7 +325,7 @@ def test_direct_feedthrough_in_both_directions_is_solved_by_iteration(fmus: Path
 
 
 def test_a_loop_without_solution_is_an_error_with_its_signals(fmus: Path) -> None:
-    hopeless = LOOP | {"b": Unit([[-2.0]], [[1.0]], [[1.0]], [5.0], ["a.1"], D=[[2.0]])}
+    hopeless = LOOP | {"b": LinearPart([[-2.0]], [[1.0]], [[1.0]], [5.0], ["a.1"], D=[[2.0]])}
     with pytest.raises(
         SetupError, match=r"start values of an algebraic loop were not found; still off: .*u\[1\]"
     ):

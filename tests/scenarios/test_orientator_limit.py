@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from cosim import System
 from scenarios.orientator import formula_comparison, neglected
 from scenarios.orientator import machine as orientator
-from scenarios.orientator.limit_formula import DOWN, UP, Machine, rpm
+from scenarios.orientator.limit_formula import DOWN, UP, OrientatorParameters, rpm
 from scenarios.orientator.products import fastest, run_product, simulate
 from scenarios.orientator.questions import orientation_time
 from tests.conftest import ask, fmus_of
@@ -31,20 +31,20 @@ def system(mu: float, **start: Any) -> System:
     return orientator.system(fmus_of(orientation_time), 0.0, mu, start)
 
 
-def relative_difference(machine: Machine, limit: float) -> float:
+def relative_difference(machine: OrientatorParameters, limit: float) -> float:
     """How far the formula is from a limit [%]."""
     return 100 * (rpm(machine.limit()[0]) / limit - 1)
 
 
 def test_the_formula_is_within_two_percent_of_the_reference_limits() -> None:
     for mu, limit in LIMITS.items():
-        machine = Machine.of(system(mu))
+        machine = OrientatorParameters.of(system(mu))
         assert abs(relative_difference(machine, limit)) < WITHIN
         assert machine.limit()[1] == (6 if mu <= 0.25 else 7)
         assert rpm(machine.sticks) > rpm(machine.lies_down) > limit
 
 
-class Upside(Machine):
+class Upside(OrientatorParameters):
     """Friction that moves with the height of the contact, as printed."""
 
     def energy(self, phi1: Any, phi2: Any, yc: Any) -> tuple[Any, Any]:
@@ -52,7 +52,7 @@ class Upside(Machine):
         return still, turning - self.forces[1] * self.mu * self.r * phi2
 
 
-class Outwards(Machine):
+class Outwards(OrientatorParameters):
     """The centrifugal force on the cup with the other sign, as printed."""
 
     @property
@@ -62,13 +62,13 @@ class Outwards(Machine):
 
 @pytest.mark.parametrize("wrong", [Upside, Outwards])
 def test_a_wrong_sign_or_a_term_that_is_missing_leaves_the_limits(wrong: Any) -> None:
-    machine = wrong(**vars(Machine.of(system(0.35))))
+    machine = wrong(**vars(OrientatorParameters.of(system(0.35))))
     assert not abs(relative_difference(machine, LIMITS[0.35])) < 5.0
 
 
 @pytest.mark.parametrize("mu", JOINT)
 def test_joint_fails_where_its_closed_bound_has_it(mu: float) -> None:
-    bound = rpm(Machine.of(system(mu)).lies_down)
+    bound = rpm(OrientatorParameters.of(system(mu)).lies_down)
     assert bound == pytest.approx(JOINT[mu], abs=6e-4)
     below, above = (simulate(system(mu), mu, bound + x) for x in (-1e-5, 1e-5))
     assert below[3] != orientator.REASONS.index("catcher stopped")
@@ -76,12 +76,12 @@ def test_joint_fails_where_its_closed_bound_has_it(mu: float) -> None:
 
 
 def test_friction_holds_the_cup_in_the_chute_where_the_bound_has_it() -> None:
-    bound = rpm(Machine.of(system(0.35)).sticks)
+    bound = rpm(OrientatorParameters.of(system(0.35)).sticks)
     assert simulate(system(0.35), 0.35, bound - 1e-6)[3] != 1
     assert simulate(system(0.35), 0.35, bound + 1e-6)[3] == 1
 
 
-def jacobi(m: Machine, W: float) -> tuple[float, float, float] | None:
+def jacobi(m: OrientatorParameters, W: float) -> tuple[float, float, float] | None:
     """Angles of catcher and cup and the square of the cup's speed at its release, from the equation
     of motion over phi2 and the energy at the hook contact; None where the catcher comes back first.
     """
@@ -124,7 +124,7 @@ def jacobi(m: Machine, W: float) -> tuple[float, float, float] | None:
 
 @pytest.mark.parametrize("mu", [0.2, 0.5])
 def test_an_integration_over_the_angle_jams_where_the_simulation_does(mu: float) -> None:
-    machine = Machine.of(system(mu))
+    machine = OrientatorParameters.of(system(mu))
 
     def orients(n: float) -> bool:
         W = (n * math.pi / 30) ** 2
@@ -136,7 +136,7 @@ def test_an_integration_over_the_angle_jams_where_the_simulation_does(mu: float)
 
 
 def test_the_release_is_that_of_the_simulation() -> None:
-    n, machine = 60.0, Machine.of(system(0.5))
+    n, machine = 60.0, OrientatorParameters.of(system(0.5))
     result = run_product(system(0.5), 0.5, n, 1e-4)
     W = (n * math.pi / 30) ** 2
     phi1, phi2, square = jacobi(machine, W) or (0.0, 0.0, 0.0)

@@ -200,7 +200,7 @@ def test_the_image_draws_the_elements_of_the_layout() -> None:
         for line, element in zip(lines, elements, strict=True):
             assert_allclose(line.get_ydata(), element.y)
             assert line.get_drawstyle() == ("steps-mid" if element.is_step else "default")
-            assert line.get_marker() == mpl.MARKERS[element.marker]
+            assert line.get_marker() == mpl.MATPLOTLIB_MARKERS[element.marker]
         assert len(axis.lines) == len(lines) + len(layout.marks)
         widths = [bar.get_width() for bars in axis.containers for bar in bars]
         assert widths == [x.width for x in row.elements if isinstance(x, Bars)]

@@ -12,12 +12,12 @@ import numpy as np
 from .axes import Axis, color_axis, direction_axis, y_axis
 from .model import Curve, Field, Lanes, Panel, Samples
 from .style import (
+    COLOR_SCALES,
     COLORS,
     CURVE_DASHES,
     LETTERS_BY_SCREEN,
     LEVEL_DASHES,
     MARKERS,
-    SCALES,
     STYLE,
     Dash,
     Marker,
@@ -323,5 +323,5 @@ def _heat(field: Field) -> Heat:
     hover.append(f"{field.quantity} {{value:.4g}}")
     x, y = (np.asarray(side.values, float) for side in (field.x, field.y))
     levels = np.log10(values) if field.log else values
-    colors, text = SCALES[field.scale], "<br>".join(hover)
+    colors, text = COLOR_SCALES[field.scale], "<br>".join(hover)
     return Heat(field.quantity, x, y, levels, values, colors, color_axis(field), hover=text)

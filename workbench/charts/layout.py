@@ -40,7 +40,7 @@ class PlacedRow:
 
 
 @dataclass(frozen=True)
-class Layout:
+class ChartLayout:
     """A picture for one kind of screen or for paper.
 
     Attributes
@@ -94,7 +94,9 @@ class Layout:
         return foot, 1 - placed.top_px / self.plot_px
 
 
-def layout_of(picture: Picture, screen: Screen = "wide", max_height_px: float = math.inf) -> Layout:
+def layout_of(
+    picture: Picture, screen: Screen = "wide", max_height_px: float = math.inf
+) -> ChartLayout:
     """Return the layout of a picture.
 
     Parameters
@@ -129,7 +131,7 @@ def layout_of(picture: Picture, screen: Screen = "wide", max_height_px: float = 
         beside_row = names_of(row, x, height, NAME_LETTERS[screen], is_plane=is_plane)
         placed.append(PlacedRow(row, label, top + free, height, beside_row))
         top += free + height
-    return Layout(
+    return ChartLayout(
         picture.title,
         x,
         second,

@@ -14,7 +14,7 @@ import numpy as np
 from .axes import Axis
 from .elements import ArrowElement, Band, Bars, Element, Heat, Line
 from .labels import Label, Name
-from .layout import Layout, PlacedRow, layout_of
+from .layout import ChartLayout, PlacedRow, layout_of
 from .model import Picture
 from .motion import Motion
 from .style import COLORS, PT_PER_INCH, PX_PER_INCH, STYLE, color_of
@@ -29,7 +29,7 @@ RC_PARAMETERS: dict[str, object] = {
 }  # fmt: skip
 #: The dashes of matplotlib; a long dash is 8 times as long as the line is wide, and so is no dash of theory.
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 2))}
-MARKERS = {
+MATPLOTLIB_MARKERS = {
     "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
     "pentagon": "p", "cross": "X",
 }  # fmt: skip
@@ -82,14 +82,14 @@ def render(pictures: Sequence[Picture | Motion], title: str) -> Figure:
     return figure
 
 
-def _height_in(layout: Layout | None) -> float:
+def _height_in(layout: ChartLayout | None) -> float:
     """The height of a subfigure."""
     if layout is None:
         return STYLE.still_height_in
     return layout.height_px / PX_PER_INCH + STYLE.title_height_in
 
 
-def _picture(subfigure: SubFigure, layout: Layout) -> None:
+def _picture(subfigure: SubFigure, layout: ChartLayout) -> None:
     """Rows below each other with spans through all of them, and labels on top."""
     heights = [placed.height_px for placed in layout.rows]
     count = len(heights)
@@ -108,7 +108,7 @@ def _picture(subfigure: SubFigure, layout: Layout) -> None:
         second.set_xlabel(f"[{layout.second.unit}]")
 
 
-def _row(axes: Axes, placed: PlacedRow, layout: Layout) -> None:
+def _row(axes: Axes, placed: PlacedRow, layout: ChartLayout) -> None:
     """Draw the elements, arrows, spans, marks and names of a row."""
     row = placed.row
     for element in row.elements:
@@ -198,7 +198,7 @@ def _line(axes: Axes, line: Line) -> None:
         line.x, line.y, color=line.color, label=line.name,
         linewidth=_pt(line.width_px), linestyle=DASHES[line.dash] if line.width_px else "none",
         drawstyle="steps-mid" if line.is_step else "default",
-        marker=MARKERS[line.marker], markersize=_pt(line.marker_px),
+        marker=MATPLOTLIB_MARKERS[line.marker], markersize=_pt(line.marker_px),
     )  # fmt: skip
 
 

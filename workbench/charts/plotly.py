@@ -11,7 +11,7 @@ from cosim.json_values import Json
 
 from .axes import Axis
 from .elements import Band, Bars, Element, Heat, Line
-from .layout import Layout, layout_of
+from .layout import ChartLayout, layout_of
 from .model import Picture, Samples
 from .style import COLORS, LETTERS_BY_SCREEN, STYLE, color_of
 
@@ -36,7 +36,7 @@ SILENT: PlotlyDict = {"hoverinfo": "skip"}
 #: Where a label is from its line, by the end of it that is there.
 SIDES = {"left": 1, "center": 0, "right": -1}
 #: The symbols of plotly for shapes of points that have another name there.
-SYMBOLS = {"cross": "x"}
+PLOTLY_SYMBOLS = {"cross": "x"}
 
 
 def figure(picture: Picture, max_paper_px: float = math.inf) -> dict[str, Json]:
@@ -75,7 +75,7 @@ def template(picture: Picture) -> dict[str, Json]:
     return {"data": [trace | empty for trace in traces(layouts["wide"])], **by_screen}
 
 
-def traces(layout: Layout) -> list[PlotlyDict]:
+def traces(layout: ChartLayout) -> list[PlotlyDict]:
     """Return the traces of a layout, each on the axis of its row."""
     traces_of_rows = [
         trace | {"yaxis": f"y{k}"}
@@ -94,7 +94,7 @@ def traces(layout: Layout) -> list[PlotlyDict]:
     return traces_of_rows
 
 
-def plotly_layout(layout: Layout, *, has_ranges: bool = True) -> PlotlyDict:
+def plotly_layout(layout: ChartLayout, *, has_ranges: bool = True) -> PlotlyDict:
     """Return the layout of plotly; without ranges of the axes for a picture that is filled in later."""
     last = f"y{len(layout.rows)}"
     x: PlotlyDict = _axis(layout.x, layout.x.label, has_range=has_ranges) | {
@@ -185,7 +185,7 @@ def _line(line: Line) -> PlotlyDict:
         },
         "marker": {
             "color": line.color, "size": line.marker_px,
-            "symbol": SYMBOLS.get(line.marker, line.marker),
+            "symbol": PLOTLY_SYMBOLS.get(line.marker, line.marker),
         },
     }  # fmt: skip
 
@@ -260,7 +260,7 @@ def _axis(axis: Axis, label: str, *, has_range: bool) -> PlotlyDict:
     }  # fmt: skip
 
 
-def _labels(layout: Layout) -> Iterable[PlotlyDict]:
+def _labels(layout: ChartLayout) -> Iterable[PlotlyDict]:
     """The texts above the first row."""
     for label in layout.labels:
         yield {
@@ -272,7 +272,7 @@ def _labels(layout: Layout) -> Iterable[PlotlyDict]:
         }  # fmt: skip
 
 
-def _names(layout: Layout) -> Iterable[PlotlyDict]:
+def _names(layout: ChartLayout) -> Iterable[PlotlyDict]:
     """The names of elements beside their ends; a click on one hides what it names."""
     for k, placed in enumerate(layout.rows, 1):
         for name in placed.names:
@@ -286,7 +286,7 @@ def _names(layout: Layout) -> Iterable[PlotlyDict]:
             }  # fmt: skip
 
 
-def _arrows(layout: Layout) -> Iterable[PlotlyDict]:
+def _arrows(layout: ChartLayout) -> Iterable[PlotlyDict]:
     """The arrows of jumps."""
     for k, placed in enumerate(layout.rows, 1):
         for arrow in placed.row.arrows:
@@ -298,7 +298,7 @@ def _arrows(layout: Layout) -> Iterable[PlotlyDict]:
             }  # fmt: skip
 
 
-def _shapes(layout: Layout) -> Iterable[PlotlyDict]:
+def _shapes(layout: ChartLayout) -> Iterable[PlotlyDict]:
     """Spans and marks through all rows; the lines of marks lead up to their texts."""
     plane = layout.is_plane
     edge = STYLE.plane_span_edge_px if plane else STYLE.span_edge_px

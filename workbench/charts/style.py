@@ -33,7 +33,7 @@ MARKERS: MappingProxyType[str, Marker] = MappingProxyType({
     "white": "circle",
 })  # fmt: skip
 #: The colours of planes: "size" is perceptually uniform (Smith and van der Walt, 2015), "risk" grows from none.
-SCALES = MappingProxyType(
+COLOR_SCALES = MappingProxyType(
     {
         "size": ("#0b0724", "#3b0f70", "#8c2981", "#de4968", "#fe9f6d", "#fcfdbf"),
         "risk": ("#ffffff", "#fde3b0", "#f9b36b", "#ea7a3f", "#c23b2c", "#7f1128"),

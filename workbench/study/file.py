@@ -20,7 +20,7 @@ from scipy.stats import qmc
 from cosim import SetupError
 from cosim.units import QUANTITY
 
-from ..options import KINDS, Option, declared, quoted, unknown_option
+from ..options import TYPE_NAMES, Option, declared, quoted, unknown_option
 from ..project import NO_PROJECT, Project
 from ..question import Question
 
@@ -283,7 +283,7 @@ def ends(distribution: Any) -> list[float]:
 
 def _distribution(option: Option, spec: Any, key: str) -> Any:
     if option.kind is not float or option.many:
-        expected = "a list" if option.many else KINDS[option.kind]
+        expected = "a list" if option.many else TYPE_NAMES[option.kind]
         raise SetupError(f"{key}: the option takes {expected}; vary it in [grid]")
     form = sorted(spec) if isinstance(spec, dict) else []
     if form in (["from", "to"], ["from", "spacing", "to"]):

@@ -43,11 +43,11 @@ DENSITY = 4
 MOST_ROWS = 20_000
 #: Differences of two runs that are rounding, as a share of the largest value: a thousand units of double precision
 #: (2.2e-16), and of several operations in each step.
-ROUNDING = 1e-12
+RELATIVE_ROUNDING = 1e-12
 #: Runs of which `limit` makes errors.
 THREE = 3
 #: Most times that the step of certified runs is halved: each doubles the time; 2^8 steps in place of one.
-MOST_HALVINGS = 8
+MOST_STEP_HALVINGS = 8
 #: Share of a run over which an error is the largest nearby: differences of two runs cross zero, errors do not.
 ENVELOPE = 0.01
 
@@ -282,7 +282,7 @@ def _refine(system: System, request: SolutionRequest, refusal: str) -> Reference
     errors: dict[str, Array] = {
         name: np.full(len(request.times), math.inf) for name in request.names
     }
-    for _ in range(MOST_HALVINGS):
+    for _ in range(MOST_STEP_HALVINGS):
         step *= 0.5
         result = _run(system, request, algorithm, step, spacing)
         order = float(result.provenance["convergence_order"])
@@ -335,7 +335,7 @@ def _row_errors(
 ) -> Array:
     """The errors of a column in the finest of three runs: the largest nearby, since differences cross zero."""
     values = np.array([values[name] for values, _ in reversed(runs)])
-    rounding = ROUNDING * max(1.0, float(np.abs(values[0]).max()))
+    rounding = RELATIVE_ROUNDING * max(1.0, float(np.abs(values[0]).max()))
     of_runs = limit(values, order, noise=rounding, scale=float(np.ptp(values[0])))
     return _envelope(of_runs.error, request.times)
 
@@ -380,7 +380,7 @@ def reproduce(
         return None
     if not held:
         return interpolate(result, request)[0]
-    row = np.searchsorted(result["time"], request.times * (1.0 + ROUNDING), "right") - 1
+    row = np.searchsorted(result["time"], request.times * (1.0 + RELATIVE_ROUNDING), "right") - 1
     return {name: result[name][np.maximum(row, 0)] for name in request.names}
 
 

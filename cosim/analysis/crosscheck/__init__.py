@@ -12,7 +12,7 @@ from pathlib import Path
 from ...child import child, death
 from ...errors import SetupError
 from ...fmu.messages import quiet
-from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Verdict, checked
+from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, CheckResult, checked
 from .report import Crosscheck
 from .subject import Subject
 
@@ -48,7 +48,7 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
             raise SetupError(f"{name} = {number!r} s must be a finite number above 0")
     subject = Subject(path, step)
     version = subject.description.fmiVersion
-    verdicts: list[Verdict] = []
+    verdicts: list[CheckResult] = []
     while names := list(CHECKS)[len(verdicts) :]:
         finished = _some(path, version, step, names, timeout)
         verdicts += finished
@@ -64,9 +64,9 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
 
 def _some(
     path: Path, version: str, step: float | None, names: Sequence[str], timeout: float
-) -> list[Verdict]:
+) -> list[CheckResult]:
     """Verdicts of these checks, up to the first that does not come to its end."""
-    verdicts: list[Verdict] = []
+    verdicts: list[CheckResult] = []
     with child(_work, path, step, names) as (process, pipe):
         for name in names:
             detail = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"

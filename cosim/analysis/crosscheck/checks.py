@@ -37,7 +37,7 @@ NOT_RUN = "not run"
 STANDARD = {"2.0": "FMI 2.0.4", "3.0": "FMI 3.0.2"}
 
 
-class Verdict(NamedTuple):
+class CheckResult(NamedTuple):
     """A check, the clause it is based on, how it ended, what was found, and how to repeat it by hand."""
 
     check: str
@@ -56,10 +56,10 @@ class Check(NamedTuple):
     function: Callable[[Subject], str]
     instructions: str
 
-    def verdict(self, version: str, status: str, detail: str) -> Verdict:
+    def verdict(self, version: str, status: str, detail: str) -> CheckResult:
         """How the check of an FMU of a version ended."""
         clause = self.clause3 if version == "3.0" else self.clause2
-        return Verdict(self.name, clause, status, detail, self.instructions)
+        return CheckResult(self.name, clause, status, detail, self.instructions)
 
 
 CHECKS = {check.name: check for check in (
@@ -97,7 +97,7 @@ CHECKS = {check.name: check for check in (
 )}  # fmt: skip
 
 
-def checked(s: Subject, name: str) -> Verdict:
+def checked(s: Subject, name: str) -> CheckResult:
     """The verdict of one check; what needs a run is not tried where there is none."""
     status, prefix = NOT_RUN, "it does not run: "
     try:

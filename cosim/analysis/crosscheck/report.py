@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 from ...describe import table
 from ...errors import SetupError
 from ...files import replacement
-from .checks import FAILED, NOT_OFFERED, NOT_RUN, PASSED, Verdict
+from .checks import FAILED, NOT_OFFERED, NOT_RUN, PASSED, CheckResult
 
 COLORS = {PASSED: "#1a7f37", FAILED: "#cf222e", NOT_OFFERED: "#6e7781", NOT_RUN: "#9a6700"}
 PAGE = """<!DOCTYPE html>
@@ -47,14 +47,14 @@ class Crosscheck:
     model: str
     standard: str
     how: str
-    verdicts: tuple[Verdict, ...]
+    verdicts: tuple[CheckResult, ...]
 
     @property
     def passed(self) -> bool:
         """Whether no check failed."""
         return all(verdict.status != FAILED for verdict in self.verdicts)
 
-    def __getitem__(self, check: str) -> Verdict:
+    def __getitem__(self, check: str) -> CheckResult:
         """The verdict of the check of this name."""
         return next(verdict for verdict in self.verdicts if verdict.check == check)
 

@@ -48,7 +48,7 @@ def _connectors_of(description: ModelDescription) -> dict[str, Connector]:
     }
 
 
-class Arrow(NamedTuple):
+class Flow(NamedTuple):
     """Flow of values from one connector to another."""
 
     source: Node
@@ -72,9 +72,9 @@ class Plan:
     fmus: dict[str, Path] = field(default_factory=dict)
     descriptions: dict[str, ModelDescription] = field(default_factory=dict)
     variables: dict[Node, Variable] = field(default_factory=dict)
-    into: dict[Node, Arrow] = field(default_factory=dict)
+    into: dict[Node, Flow] = field(default_factory=dict)
     declared: set[Node] = field(default_factory=set)
-    out: dict[Node, list[Arrow]] = field(default_factory=lambda: defaultdict(list))
+    out: dict[Node, list[Flow]] = field(default_factory=lambda: defaultdict(list))
     start: dict[Node, Value] = field(default_factory=dict)
     bonds: list[str] = field(default_factory=list)
 
@@ -100,7 +100,7 @@ class Plan:
             {(path, name): connector for name, connector in _connectors_of(description).items()}
         )
 
-    def add_arrow(self, arrow: Arrow) -> None:
+    def add_arrow(self, arrow: Flow) -> None:
         """A connection; raises SetupError if its target has one already or is its own source."""
         self.budget.take(arrow.step.where, LINK)
         if arrow.target in self.into:
@@ -113,7 +113,7 @@ class Plan:
         if any(before.source == arrow.target for before in self._back(arrow.target)):
             raise SetupError(f"{arrow.step.where}: {dotted(arrow.target)} is connected to itself")
 
-    def _back(self, node: Node) -> Iterator[Arrow]:
+    def _back(self, node: Node) -> Iterator[Flow]:
         """The arrows that lead to a connector, the last one first."""
         for _ in range(LONGEST):
             if node not in self.into:

@@ -32,7 +32,7 @@ from .files import (
 )
 from .geometry import Geometry, geometry
 from .parameters import bound, linear
-from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted
+from .plan import DOWNWARD, Connector, Flow, Node, Plan, dotted
 from .units import Definitions, definitions, same
 
 FMU = "application/x-fmu-sharedlibrary"
@@ -380,7 +380,7 @@ def _connection(plan: Plan, document: Document, connection: Element, path: str) 
     for content in children(connection, "ssc:*"):
         if plain(content.tag) != "LinearTransformation":
             raise SetupError(f"{plain(content.tag)} of a connection is not supported")
-    plan.add_arrow(Arrow(source, sink, linear(connection, document.at(connection))))
+    plan.add_arrow(Flow(source, sink, linear(connection, document.at(connection))))
 
 
 def _bind(

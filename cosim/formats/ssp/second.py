@@ -10,7 +10,7 @@ from math import prod
 from typing import Any
 
 from ...errors import SetupError
-from ...system.arrays import KINDS
+from ...system.arrays import CLASSIC_TYPES
 from ...system.declarations import WIDTHS
 
 Element = Any
@@ -57,8 +57,8 @@ def make_1_0(root: Element, name: str) -> list[tuple[Element, str]]:
     for parameter in list(root.iter("{*}Parameter")):
         _expand_parameter(parameter, name)
     wide = list(_wide(root, name))
-    for element in root.iter(*(f"{{*}}{kind}" for kind in KINDS)):
-        element.tag = element.tag.replace(_plain(element.tag), KINDS[_plain(element.tag)])
+    for element in root.iter(*(f"{{*}}{kind}" for kind in CLASSIC_TYPES)):
+        element.tag = element.tag.replace(_plain(element.tag), CLASSIC_TYPES[_plain(element.tag)])
     for parameters, parent in inline:
         parent.append(parameters)
     return wide

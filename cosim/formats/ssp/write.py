@@ -77,7 +77,7 @@ def write_ssp(
     network = connect_for_export(system, "an .ssp")
     files = archived(network)
     has_fmi3 = any(d.fmiVersion == "3.0" for d in network.descriptions.values())
-    task = Task(network, files, "2.0" if has_fmi3 else "1.0", geometry or Geometry())
+    task = Content(network, files, "2.0" if has_fmi3 else "1.0", geometry or Geometry())
     structure = _structure(task, path.stem, (start, stop, step))
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         package = Path(folder) / path.name
@@ -100,7 +100,7 @@ def archived(network: Network) -> dict[Path, str]:
     return files
 
 
-class Task(NamedTuple):
+class Content(NamedTuple):
     """What is written: a network and its files, in the types of which version, drawn how."""
 
     network: Network
@@ -108,17 +108,19 @@ class Task(NamedTuple):
     version: str
     geometry: Geometry
 
-    def element(self, port: Port) -> Variable:
+    def element(self, port: Port) -> WrittenVariable:
         """The variable of the FMU that a port is or is an element of."""
         name = port.variable.name
         base, _, indices = name.rpartition("[")
         shape = self.network.fmus[port.part].shapes.get(base)
         if shape is None:
-            return Variable(port.part, name)
-        return Variable(port.part, base, shape, tuple(map(int, indices.rstrip("]").split(","))))
+            return WrittenVariable(port.part, name)
+        return WrittenVariable(
+            port.part, base, shape, tuple(map(int, indices.rstrip("]").split(",")))
+        )
 
 
-class Variable(NamedTuple):
+class WrittenVariable(NamedTuple):
     """A variable of an FMU and, of an array, its dimensions and the indices of one element from 1."""
 
     part: str
@@ -127,12 +129,12 @@ class Variable(NamedTuple):
     indices: tuple[int, ...] = ()
 
     @property
-    def unindexed(self) -> Variable:
+    def unindexed(self) -> WrittenVariable:
         """The variable without the indices."""
         return self._replace(indices=())
 
 
-def _structure(task: Task, name: str, times: tuple[float, float | None, float | None]) -> bytes:
+def _structure(task: Content, name: str, times: tuple[float, float | None, float | None]) -> bytes:
     for prefix, uri in {**NAMESPACES, "osp": OSP, "oms": OMS, "cosim": "urn:cosim"}.items():
         ElementTree.register_namespace(prefix, uri)
     network, drawing, (start, stop, step) = task.network, task.geometry, times
@@ -196,7 +198,7 @@ def _omsimulator(notes: Element, network: Network, step: float | None) -> None:
     SubElement(information, f"{{{OMS}}}FixedStepMaster", master)
 
 
-def _component(elements: Element, task: Task, part: str, enumerations: Enumerations) -> None:
+def _component(elements: Element, task: Content, part: str, enumerations: Enumerations) -> None:
     network, drawing = task.network, task.geometry
     source = f"resources/{quote(task.files[Path(network.system.parts[part])])}"
     component = SubElement(elements, qualified("ssd:Component"), name=part, type=FMU, source=source)
@@ -214,9 +216,9 @@ def _component(elements: Element, task: Task, part: str, enumerations: Enumerati
     _start_values(component, task, part)
 
 
-def _start_values(component: Element, task: Task, part: str) -> None:
+def _start_values(component: Element, task: Content, part: str) -> None:
     """The start values of a part as a parameter set; raises SetupError for a Binary."""
-    variables: dict[Variable, list[tuple[Port, Value]]] = {}
+    variables: dict[WrittenVariable, list[tuple[Port, Value]]] = {}
     for port, value in task.network.start:
         if port.part != part:
             continue
@@ -250,7 +252,7 @@ def _type(prefix: str, port: Port, enumerations: Enumerations) -> Element:
     return element
 
 
-def _dimensions(parent: Element, variable: Variable) -> None:
+def _dimensions(parent: Element, variable: WrittenVariable) -> None:
     for size in variable.shape:
         SubElement(parent, qualified("ssc:Dimension"), size=str(size))
 
@@ -273,8 +275,8 @@ def _enumerations(parent: Element, prefix: str, items_by_name: Enumerations) -> 
 
 def _parameter(
     parameters: Element,
-    task: Task,
-    variable: Variable,
+    task: Content,
+    variable: WrittenVariable,
     start: list[tuple[Port, Value]],
     enumerations: Enumerations,
 ) -> None:
@@ -314,9 +316,9 @@ def scaled(wire: Connection) -> bool:
     return (wire.factor, wire.offset) != (1.0, 0.0)
 
 
-def _connections(connections: Element, task: Task) -> None:
+def _connections(connections: Element, task: Content) -> None:
     """The wires, those between all elements of two arrays as one connection."""
-    arrays: dict[tuple[Variable, Variable, float, float], list[Connection]] = {}
+    arrays: dict[tuple[WrittenVariable, WrittenVariable, float, float], list[Connection]] = {}
     for wire in task.network.wires:
         source, target = task.element(wire.source), task.element(wire.target)
         key = (source.unindexed, target.unindexed, wire.factor, wire.offset)
@@ -336,7 +338,10 @@ def _connections(connections: Element, task: Task) -> None:
 
 
 def _connection(
-    connections: Element, task: Task, wire: Connection, variables: tuple[Variable, Variable]
+    connections: Element,
+    task: Content,
+    wire: Connection,
+    variables: tuple[WrittenVariable, WrittenVariable],
 ) -> None:
     """Numbers as our master makes them: no reading tool is to convert units once more."""
     ends: dict[str, str] = {}

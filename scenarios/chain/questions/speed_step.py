@@ -202,7 +202,7 @@ class SpeedStep(Question, Run):
         )
 
 
-class Turn(NamedTuple):
+class CrankTurn(NamedTuple):
     """A turn of the crank: mean speed, ripple (half of largest less smallest speed) [rad/s], and the
     strongest order of the ripple.
     """
@@ -244,14 +244,14 @@ def means(o: SpeedStep, r: Result) -> dict[str, Figure]:
     return {"mean_max": peak.figure(rad, meaning), "mean_max_time": at}
 
 
-def last_turn(t: Samples, phi: Samples, w: Samples, back: int) -> Turn:
+def last_turn(t: Samples, phi: Samples, w: Samples, back: int) -> CrankTurn:
     """What the last turn of the crank, or one so many before it, shows."""
     ends = phi[-1] - TURN * np.array([back + 1.0, float(back)])
     began, ended = CubicSpline(phi, t)(ends).tolist()
     inside = (phi >= ends[0]) & (phi <= ends[1])
     sizes = np.abs(harmonics(phi[inside], w[inside]))
     high, low = largest(t[inside], w[inside]).value, smallest(t[inside], w[inside]).value
-    return Turn(TURN / (ended - began), (high - low) / 2, 1 + int(np.argmax(sizes)))
+    return CrankTurn(TURN / (ended - began), (high - low) / 2, 1 + int(np.argmax(sizes)))
 
 
 def ripples(o: SpeedStep, r: Result) -> dict[str, Figure]:

@@ -70,12 +70,12 @@ class IronCycle(Question):
         period = 2 * math.pi / self.speed
         return Run(stop=period, step=period / self.samples)
 
-    def more_runs(self, context: Context, system: System) -> Turns:
+    def more_runs(self, context: Context, system: System) -> CycleAnalysis:
         """Run two more turns for the limits, and those of other dimensions."""
         is_compared = self.compare == DIMENSIONS
         plain = System(context.fmus, start=self.start)
         varied = transfer.measure(context, plain, self.samples) if is_compared else None
-        return Turns(system, iron.limits(system), varied)
+        return CycleAnalysis(system, iron.limits(system), varied)
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
         """Return cycles per minute, the limits, the share of the first, and the transfer functions."""
@@ -179,12 +179,12 @@ class IronCycle(Question):
         )
 
 
-class Turns(NamedTuple):
+class CycleAnalysis(NamedTuple):
     """What stands beside the turn: the system, the speeds at which something lets go, the dimensions."""
 
     system: System
     limits: Mapping[str, Figure]
-    transfer: transfer.Transfer | None
+    transfer: transfer.TransferFunctions | None
 
 
-Data = tuple[Result, Turns]
+Data = tuple[Result, CycleAnalysis]

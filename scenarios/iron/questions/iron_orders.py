@@ -51,7 +51,7 @@ FIXED_STARTS = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
 ORDERS = 12
 #: Even cam angles at which the steady motion is read, two for a degree: an order does not pass for one of those
 #: reported unless it is above 700.
-ANGLES = 720
+TURN_ANGLES = 720
 LAGS = (12, 80, 200)
 #: Communication steps per revolution of the cam, four for a degree; a convention.
 PER_REV = 1440
@@ -62,7 +62,7 @@ IMPORTANT = 10.0
 #: Excitation over the largest one below which the gain of an order is not drawn; a convention.
 SMALL = 0.1
 ALGORITHM = "strang"
-FORCES = [force for force, _, _ in iron.LETS_GO.values()]
+RELEASED_FORCES = [force for force, _, _ in iron.LETS_GO.values()]
 NO_ORDER = "the lag adds to no order"
 LET_GO = "the results are not valid until all is loaded again"
 UNITS = {
@@ -129,7 +129,7 @@ class IronOrders(Question):
         answers.sort(key=lambda x: first.index(x.answer or Verdict.OPEN))
         return [*answers, Judgement("the follower lifts off at", f["follower_limit"])]
 
-    def show(self, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
+    def show(self, f: Mapping[str, Figure], r: tuple[MeasuredDrive, Frame]) -> Show:
         """Gains and torques of the orders, and a turn of the mechanism."""
         machine, orders = r
         nu = self.speeds[len(self.speeds) // 2]
@@ -138,7 +138,7 @@ class IronOrders(Question):
         return Show([gain(f, orders), *(torque(lag, f, orders) for lag in LAGS)], [moving])
 
 
-class Machine(NamedTuple):
+class MeasuredDrive(NamedTuple):
     """The drive with the user's start values; slope of the motor's line and gear ratio; at the cam's
     shaft mean inertia, friction work per turn, and a turn's torque at constant speed, `still` +
     `moving` nu^2, over its angles phi.
@@ -176,7 +176,7 @@ class Machine(NamedTuple):
         return replace(self.drive, start={**self.drive.start, **fixed})
 
 
-def measure(drive: System) -> Machine:
+def measure(drive: System) -> MeasuredDrive:
     """The mechanism from turns at constant speed, whose last rows are the first again: two tell the
     torque; the inertia, beside that of the rotor, is known to more digits with a light one.
     """
@@ -192,10 +192,10 @@ def measure(drive: System) -> Machine:
     spread = max(abs(float(theta.mean() - mean)) for mean in fewer)
     spread += 4 * math.ulp(LIGHT * i_g**2)
     mean = Measured(float(theta.mean()), spread)
-    return Machine(drive, slope, i_g, mean, work, slow["iron.phi"][:-1], still, moving)
+    return MeasuredDrive(drive, slope, i_g, mean, work, slow["iron.phi"][:-1], still, moving)
 
 
-def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[float]]:
+def simulate(machine: MeasuredDrive, case: tuple[float, float, int]) -> list[Sequence[float]]:
     """The orders of the steady motion with a lag [s] at a mean speed [rad/s], in so many steps per
     revolution; a warning and nan where it does not settle.
     """
@@ -205,7 +205,7 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     with captured_warnings() as warnings:
         turns = steady_turns(
             system, states, list(states), "iron.phi", np.array([nu]), steps_per_rev=per_rev,
-            record=FORCES, algorithm=ALGORITHM, angles=ANGLES,
+            record=RELEASED_FORCES, algorithm=ALGORITHM, angles=TURN_ANGLES,
         )  # fmt: skip
     if turns.problems[0]:
         where = f"{nu:g} rad/s with a lag of {1e3 * T:g} ms"
@@ -243,7 +243,7 @@ def warn(turns: Turns, T: float, nu: float, warnings: Sequence[str]) -> None:
         )
 
 
-def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
+def figures(machine: MeasuredDrive, orders: Frame, runs: Frame) -> dict[str, Figure]:
     """Inertia, slope and limit of the mechanism; of each lag the formula, and where it adds most.
 
     `runs` are the order that each lag adds most to, with all, a half and a quarter of the steps;

@@ -43,8 +43,8 @@ from .. import formula_comparison, motion, neglected
 from .. import machine as orientator
 from ..products import (
     PRODUCT_STARTS,
+    PRODUCT_UNITS,
     STEP,
-    UNITS,
     Product,
     ProductsUntilJam,
     run_product,
@@ -109,7 +109,7 @@ class OrientationTime(Question):
         connect(machine)
         run = partial(sweep, machine, speeds)
         rows = chain.from_iterable(context.each(run, frictions, "frictions", probes=True))
-        table, steps = context.record_rows(TABLE, UNITS, rows), f"steps of {STEP} s"
+        table, steps = context.record_rows(TABLE, PRODUCT_UNITS, rows), f"steps of {STEP} s"
         series = {mu: ProductsUntilJam.of_frame(table.frame, mu) for mu in frictions}
         all_figures, tables = figures(machine, table.frame, series), {TABLE: table}
         comparison = compared(self, context, machine, frictions, speeds)
@@ -167,7 +167,7 @@ class OrientationTime(Question):
         return Show(charts, motions)
 
 
-class Comparison(Protocol):
+class OrientationComparison(Protocol):
     """What the orientation times and limits are compared with."""
 
     @property
@@ -193,7 +193,7 @@ class OrientationData(NamedTuple):
 
     machine: System
     series: Mapping[float, ProductsUntilJam]
-    comparison: Comparison | None
+    comparison: OrientationComparison | None
 
 
 def chosen(o: OrientationTime) -> tuple[Sequence[float], Sequence[float]]:
@@ -216,7 +216,7 @@ def compared(
     machine: System,
     frictions: Sequence[float],
     speeds: Sequence[float],
-) -> Comparison | None:
+) -> OrientationComparison | None:
     """Return the comparison that the options choose."""
     if o.compare == FORMULA:
         return formula_comparison.compare(context, machine, o.friction, frictions)

@@ -48,7 +48,7 @@ BEFORE = 0.25
 #: Smallest friction of which the limit is asked; the formulas divide by it.
 LEAST = 1e-3
 #: Frictions of which the nearest begins the fit; a convention.
-FRICTIONS = np.linspace(0.0, 1.0, 21)
+FIRST_FRICTIONS = np.linspace(0.0, 1.0, 21)
 #: Speeds of records that are advised, over the limit; a convention.
 NEXT = (0.5, 0.8, 0.9, 0.95)
 
@@ -198,7 +198,9 @@ def guess(system: System, data: Mapping[str, Measured]) -> System:
         ]
         return float(np.nansum(np.square(each)))
 
-    machines = [replace(system, start={FRICTION: mu, **system.start}) for mu in FRICTIONS.tolist()]
+    machines = [
+        replace(system, start={FRICTION: mu, **system.start}) for mu in FIRST_FRICTIONS.tolist()
+    ]
     return min(machines, key=deviation)
 
 

@@ -38,7 +38,17 @@ from ...iron import machine as iron
 from ...orientator import machine as orientator
 from .. import line, motion
 from ..line import I_G, POWERS, WIRES, supplied
-from ..power import HIGHEST, MEASURED, UNITS, cycle_figures, drives, meet, nearest, releases, ripple
+from ..power import (
+    HIGHEST,
+    MEASURED,
+    ORDER_UNITS,
+    cycle_figures,
+    drives,
+    meet,
+    nearest,
+    releases,
+    ripple,
+)
 
 #: Time before and after a cycle that a chart shows, over the cycle; a convention.
 AROUND = 0.05
@@ -92,7 +102,7 @@ class PackingLine(Question, Run):
 
     def tables(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> dict[str, Table]:
         """Return the orders of both drives."""
-        return {"packing_line_orders.csv": Table.of_rows(ripple(drives(r[0])), UNITS)}
+        return {"packing_line_orders.csv": Table.of_rows(ripple(drives(r[0])), ORDER_UNITS)}
 
     def files(self, r: tuple[Result, System]) -> dict[str, partial[None]]:
         """Write the line as an SSP."""
