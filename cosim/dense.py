@@ -309,10 +309,12 @@ class Curves:
         """The values of the rows, of which those behind a gap may be higher (or lower, for a sign of -1).
 
         Where a polynomial that fills a gap rises above both its rows, the row behind the gap has the largest
-        value of it. The start counts as a gap, see `filled`.
+        value of it. The start counts as a gap, see `filled`. What is held has changed a row earlier, for a sign of 1.
         """
         x = self.x.copy()
         if self.is_held:
+            if sign > 0.0:
+                x[:, :-1] = self.x[:, 1:]
             return x
         for side in (Side.AFTER, Side.BEFORE):
             filled = self.filled(side)

@@ -40,7 +40,7 @@ MOST_HALVINGS = 10
 #: Halvings after which the error of a figure must have fallen for another one.
 PATIENCE = 2
 #: The reason why figures are refused that depend on what no run shows.
-UNSEEN = "the input changes within the finest step: {} differs from its mean over the step by up to {}, in the step from {:.6g} s on"
+UNSEEN = "the input changes within the finest step: {} moves by {} and back within two steps, from {:.6g} s on; write a shorter step"
 #: What the errors cover, and what they do not.
 COVERS = (
     "errors cover coupling, steps and rows; those of the solvers inside the FMUs, of the models and of their "
@@ -214,7 +214,7 @@ def estimates_of(metrics: Metrics, runs: NestedRuns, system: System) -> dict[str
         estimates = {name: estimates[name] for name in metrics}
     else:
         estimates = judge_function(metrics, runs, diverged)
-    unseen = unseen_inputs(system, runs.dense)
+    unseen = unseen_inputs(system, runs)
     if unseen:
         for name, x in estimates.items():
             metric = metrics.get(name) if isinstance(metrics, Mapping) else None
@@ -230,15 +230,16 @@ def _by_name(name: str, function: Callable[[Result], float], result: Result) -> 
     return {name: function(result)}
 
 
-def unseen_inputs(system: System, result: Result) -> dict[str, str]:
-    """The columns that an input reaches which changes within the steps of a run, each with the sentence that says so."""
+def unseen_inputs(system: System, runs: NestedRuns) -> dict[str, str]:
+    """The columns that an input reaches which changes within the finest steps, each with the sentence that says so."""
     if not system.inputs:
         return {}
     network = connect(system)
-    times = np.unique(result["time"])
+    times, breaks = np.unique(runs.dense["time"]), runs.results[-1].breaks
+    exact = breaks[breaks[:, 0] == breaks[:, 1], 0]
     unseen: dict[str, str] = {}
     for port, profile in continuous_profiles(network):
-        most, time = change_within_steps(profile, times)
+        most, time = change_within_steps(profile, times, exact)
         if not most:
             continue
         reached = {port.part}
@@ -246,7 +247,7 @@ def unseen_inputs(system: System, result: Result) -> dict[str, str]:
             reached |= more
         unit = f" {port.unit}" if port.unit else ""
         why = UNSEEN.format(port.name, f"{most:.3g}{unit}", time)
-        for name in result.names[1:]:
+        for name in runs.finest.names[1:]:
             if name.rpartition(".")[0].split(".")[0] in {p.split(".")[0] for p in reached}:
                 unseen.setdefault(name, why)
     return unseen

@@ -10,9 +10,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dense import GAP_RATIO, NOISE_FRACTION, Array, Curves, separate
+from ..dense import NOISE_FRACTION, Array, Curves, separate
 from ..result import Result
-from .limit import CONFIRMED_FACTOR, LOWEST_ORDER, ROUNDING_SHARE, RUNS, STEP_RATIO, limit
+from .limit import (
+    CONFIRMED_FACTOR,
+    LOWEST_ORDER,
+    ROUNDING_SHARE,
+    RUNS,
+    STEP_RATIO,
+    UNCONFIRMED_FACTOR,
+    limit,
+)
 
 #: Parts of a run over which trajectories are compared: convention, a jump that one run makes a row later
 #: than another is a small share of such a part, and a run that has diverged fills many.
@@ -91,9 +99,19 @@ class ErrorBand:
 
 
 def error_band(
-    finest: Curves, times: Array, runs: Sequence[Array], orders: Array, ratio: float = STEP_RATIO
+    finest: Curves,
+    times: Array,
+    runs: Sequence[Array],
+    orders: Array,
+    ratio: float = STEP_RATIO,
+    *,
+    is_regular: bool = True,
 ) -> ErrorBand:
     """Extrapolate columns that are continuous to a step of zero, value by value.
+
+    Where runs are not regular, a difference that is small at one time is an accident: the largest one nearby counts, with
+    the factor of safety of an order that is not confirmed. A norm over part of the run in place of one value is what
+    Phillips and Roy (J. Fluids Eng. 136, 2014) found to be reliable for such orders.
 
     Parameters
     ----------
@@ -107,6 +125,8 @@ def error_band(
         The order of the algorithm for each column.
     ratio : float
         The ratio of the steps of two runs.
+    is_regular : bool
+        False where a part relaxes or an input jumps within a step.
     """
     lacks = [np.full_like(runs[0], math.nan)] * (RUNS - len(runs))
     values = np.array([*runs, *lacks])
@@ -115,14 +135,27 @@ def error_band(
     shift = of_runs.extrapolated - values[0]
     irregular = np.abs(values[0] - values[1]) / (math.pow(ratio, LOWEST_ORDER) - 1.0)
     widths = np.where(of_runs.is_stated, of_runs.error, irregular)
+    factor = CONFIRMED_FACTOR if is_regular else UNCONFIRMED_FACTOR
+    widths = np.where(shift != 0.0, factor * np.abs(shift) + rounding, widths)
     return ErrorBand(
         finest,
         times=times,
         shift=shift,
-        widths=np.where(shift != 0.0, CONFIRMED_FACTOR * np.abs(shift) + rounding, widths),
+        widths=widths if is_regular else largest_nearby(times, widths),
         regular=of_runs.is_stated,
         rounding=rounding,
     )
+
+
+def largest_nearby(times: Array, widths: Array) -> Array:
+    """The largest widths within NEIGHBOURS of PARTS of the run around that of each time [s]; at the start, which is exact, its own."""
+    share = (times - times[0]) / (times[-1] - times[0])
+    part = np.minimum((PARTS * share).astype(np.intp), PARTS - 1)
+    of_parts = np.zeros((PARTS, len(widths)))
+    np.maximum.at(of_parts, part, widths.T)
+    around = np.pad(of_parts.T, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))
+    largest = np.lib.stride_tricks.sliding_window_view(around, 2 * NEIGHBOURS + 1, axis=1)
+    return np.concatenate([widths[:, :1], largest.max(axis=2)[:, part[1:]]], axis=1)
 
 
 def shared_rows(times: Sequence[Array]) -> list[NDArray[np.intp]] | None:
@@ -163,10 +196,11 @@ def slow_orders(runs: Sequence[Array], ratio: float = STEP_RATIO) -> Array:
 
 
 def relaxes_within_a_step(t: Array, x: Array) -> bool:
-    """Whether a column moves in the first step, or in the first one after a jump, by far more than in the next ones.
+    """Whether a column moves in the first step, or in the first one after a jump, by more than e times as far as in the next ones.
 
-    A part then relaxes within a step. Errors that arise there fall with no power of the step before steps are much
-    shorter, and differences of runs show the order of the algorithm by chance.
+    A part then relaxes within a step. A step that holds what has relaxed before its end leaves an error in proportion to
+    the time constant, not to the step, so that it is in no difference of runs; and where what is in them vanishes by
+    chance, it is all of the error (the boundary layer of a singular perturbation, Hairer and Wanner, Solving ODEs II, VI.3).
 
     Parameters
     ----------
@@ -180,7 +214,7 @@ def relaxes_within_a_step(t: Array, x: Array) -> bool:
     moves = np.abs([x[:, begins + k + 1] - x[:, begins + k] for k in range(RELAXED + 1)])
     first, later = moves[0], moves[1:].max(axis=0)
     ranges = np.ptp(x, axis=1)[:, None] if x.size else np.zeros((len(x), 1))
-    return bool(((first > GAP_RATIO * later) & (first > NOISE_FRACTION * ranges)).any())
+    return bool(((first > math.e * later) & (first > NOISE_FRACTION * ranges)).any())
 
 
 def _is_in(times: Array, sorted_times: Array) -> NDArray[np.bool_]:

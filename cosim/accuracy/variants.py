@@ -87,8 +87,10 @@ class ColumnForms:
         """What remains to a step of zero; None for what holds its values, or without a run whose step is another."""
         if self.is_held or len(self.runs.results) <= 1 or not self.runs.refines:
             return None
-        ratio = self.runs.ratio
-        return error_band(self.finest, self._forms.times, self._shared, self.orders, ratio)
+        return error_band(
+            self.finest, self._forms.times, self._shared, self.orders, self.runs.ratio,
+            is_regular=self._forms.is_regular,
+        )  # fmt: skip
 
     @cached_property
     def width(self) -> Curves:
@@ -110,7 +112,12 @@ class ColumnForms:
 
     @cached_property
     def spacing(self) -> float:
-        """The largest distance of rows that the runs have in common [s], within which times are the same."""
+        """The largest distance of rows that the runs have in common [s], within which times are the same.
+
+        Where runs are irregular no time is: an error at a time says nothing of that which is missing there.
+        """
+        if not self._forms.is_regular:
+            return -1.0
         return float(np.diff(self.of_runs[-1].t).max())
 
     @cached_property
@@ -195,10 +202,10 @@ class Forms:
         """Whether nothing speaks against an order that a number shows: no part relaxes and no input jumps within a step."""
         if self.runs.have_jumps_inside:
             return False
-        dense = self.runs.dense
+        coarsest = self.runs.results[-1]
         return not any(
-            relaxes_within_a_step(dense["time"], rows_of(dense, names))
-            for names, is_held in self._batches(dense.names[1:])
+            relaxes_within_a_step(coarsest["time"], rows_of(coarsest, names))
+            for names, is_held in self._batches(coarsest.names[1:])
             if not is_held
         )
 

@@ -15,7 +15,7 @@ from cosim import Result, System, certify, diagnose, limit, run, smallest
 from cosim.accuracy.trajectories import divergence
 from cosim.analysis.coupling_theory import Ideal
 from cosim.dense import Curves
-from cosim.metrics import Largest, Mean, Smallest, TimeOfLargest, TimeOfSmallest
+from cosim.metrics import Largest, Last, Mean, Smallest, TimeOfLargest, TimeOfSmallest
 from cosim.series import TIME, Column, Kind
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
@@ -158,6 +158,39 @@ def test_no_number_of_a_column_is_stated_whose_error_hardly_falls(metric: Any) -
     assert "not converged: the error of x falls with order 0.2" in str(slow)
     noisy = certified_estimate(lambda t, h: np.sin(7 * t) + 1e-7 * np.sin(1e9 * (t + h)), metric)
     assert noisy.error is not None
+
+
+@pytest.mark.parametrize("metric", [Last("x"), lambda r: float(r["x"][-1])])
+def test_a_part_that_relaxes_within_a_step_leaves_an_error_where_runs_agree_by_chance(
+    metric: Any,
+) -> None:
+    """Each run holds the start for a step instead of 0.2 ms, and an error of the other sign lets differences vanish at the end."""
+
+    def x(t: Any, h: float) -> Any:
+        return (t > 0.0) * (1.0 + (h - 2e-4) * np.exp(-3.0 * t) - h * math.exp(-3.0) * t)
+
+    estimate = certified_estimate(x, metric)
+    assert estimate.error is not None
+    assert 2e-4 * math.exp(-3.0) < estimate.error < 50 * 2e-4 * math.exp(-3.0)
+
+
+@pytest.mark.parametrize("rate", [33.6947, 16.25, 33.0 / 0.98])
+def test_a_mean_over_rows_of_what_counts_is_as_exact_as_the_times_of_its_steps(rate: float) -> None:
+    """Steps of a count that are nearly a whole number of rows apart are all found late by the same share of a row."""
+
+    def runner(_: System, *, step: float, **__: Any) -> Result:
+        t = np.linspace(0.0, 1.0, round(1.0 / step) + 1)
+        rows = np.array([t, np.floor(rate * t + 1e-9)])
+        return Result(
+            [TIME, Column("n", kind=Kind.INTEGER)], {"convergence_order": 1}, rows.__getitem__
+        )
+
+    whole = math.floor(rate)
+    exact = whole - 0.5 * whole * (whole + 1) / rate
+    mean = lambda r: float(r["n"].mean())
+    estimate = certify(System({}), {"n": mean}, step=1 / 3200, runner=runner).figures["n"]
+    assert estimate.error is not None
+    assert abs(estimate.value - exact) < estimate.error < 2.0 * rate / 3200
 
 
 @pytest.mark.parametrize("metric", [Largest("x"), lambda r: float(r["x"].max())])
