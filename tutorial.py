@@ -21,9 +21,8 @@ from fmpy import read_model_description
 from scipy.optimize import brentq
 
 from cosim import System, certify, run
-from cosim.metrics import Largest
+from cosim.metrics import Largest, harmonics
 from scenarios.conveyor.first_order import SETS, Machine
-from workbench.measure import last_revolutions, order
 
 build = [sys.executable, "build_fmus.py", "drive_motor", "crank_conveyor"]
 subprocess.run(build, check=True, stdout=subprocess.DEVNULL)
@@ -73,8 +72,9 @@ def lag(machine: Machine, speed: float) -> float:
     step = 2 * math.pi / speed / 128
     system = System({"motor": motor, "conveyor": conveyor}, WIRES, machine.start(speed))
     end = run(system, stop=24 * 128 * step, step=step)
-    settled = last_revolutions(end["conveyor.phi"], 6)
-    ripple = order(end["conveyor.phi"][settled], end["motor.tau"][settled], 2)
+    phi = end["conveyor.phi"]
+    settled = phi >= phi[-1] - 6 * 2 * math.pi
+    ripple = harmonics(phi[settled], end["motor.tau"][settled])[1]
     return math.degrees(cmath.phase(machine.load_ripple(speed) / ripple)) % 360.0
 
 

@@ -14,6 +14,7 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .dense import Array, Curves, Polynomials, turns
 from .errors import SetupError
@@ -246,6 +247,19 @@ class Swing(PointValue):
     def deciding(self, curves: Curves) -> list[Array]:
         """Those of the peak and of the trough."""
         return [curves.largest().times, curves.smallest().times]
+
+
+@dataclass(frozen=True)
+class Change(PointValue):
+    """The last value less the first."""
+
+    def measure(self, curves: Curves) -> Array:
+        """The distance of both ends."""
+        return curves.x[:, -1] - curves.x[:, 0]
+
+    def deciding(self, curves: Curves) -> list[Array]:
+        """Both ends."""
+        return [np.full(len(curves), curves.t[k]) for k in (0, -1)]
 
 
 @dataclass(frozen=True)
@@ -680,6 +694,25 @@ def mean(t: Array, x: Array) -> float:
 def rms(t: Array, x: Array) -> float:
     """The square root of the mean of x squared, in the unit of x, over times t [s], both of shape (rows,)."""
     return float(Rms("").measure(Curves.of_rows(t, x))[0])
+
+
+def harmonics(phi: Array, x: Array, highest: int = HIGHEST_ORDER) -> NDArray[np.complex128]:
+    """Complex amplitudes of the orders 1..highest, X = Im(X_hat exp(i k phi)), fitted together, shape (highest,).
+
+    phi [rad] has shape (rows,), x too, or (rows, columns), which gives (highest, columns). They need more than
+    2 * highest rows a turn. Over whole turns the normal equations are nearly diagonal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> phi = np.linspace(0.0, 4 * np.pi, 200, endpoint=False)
+    >>> np.abs(harmonics(phi, 3.0 + 2.0 * np.sin(2 * phi), 3)).round(6).tolist()
+    [0.0, 2.0, 0.0]
+    """
+    turned = np.repeat(np.exp(1j * phi)[:, None], highest, axis=1).cumprod(axis=1)
+    design = np.hstack([np.ones((len(phi), 1)), turned.imag, turned.real])
+    fit = np.linalg.solve(design.T @ design, design.T @ x)
+    return np.asarray(fit[1 : highest + 1] + 1j * fit[highest + 1 :])
 
 
 def spline(t: Array, x: Array) -> CubicSpline:

@@ -7,7 +7,7 @@ import html
 import json
 import os
 import stat
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, cached_property
@@ -72,6 +72,19 @@ class Result(Series):
             is_whole = np.isfinite(values).all() and np.abs(values).max(initial=0.0) < MOST_EXACT
             return values.astype(np.int64) if is_whole else values
         return values
+
+    def with_columns(self, more: Mapping[Column, Rows], of: Sequence[str] = ()) -> Result:
+        """The result with further columns, each with its values, shape (rows,), which are made `of` these of its own.
+
+        Where one of those converges with order 1 only, so do the new ones.
+        """
+        columns, values, known = [*self.columns, *more], [*more.values()], len(self.columns)
+        first = self.provenance.get("first_order", ())
+        names = [column.name for column in more] if {*first} & {*of} else []
+        return Result(
+            columns, {**self.provenance, "first_order": [*first, *names]},
+            lambda k: self.load(k) if k < known else values[k - known], breaks=self.breaks,
+        )  # fmt: skip
 
     def solution(self, name: str) -> Curves:
         """A column as a function of time, one curve, of its kind and with its breaks; raises KeyError."""

@@ -1,8 +1,7 @@
 """How much sooner does the conveyor stop with a quicker motor?"""
 
 from cosim import System
-from workbench import Figure, Judgement, Question, Run, option
-from workbench.measure import crossing
+from workbench import Figure, Judgement, Number, Question, Reader, Run, option
 
 LAGS = {"quick": 0.005, "slow": 0.1}
 
@@ -15,16 +14,20 @@ class StopCompared(Question, Run):
     speed: float = option(40.0, "speed at the start", "rad/s", above=0.0)
     stop: float = option(0.5, "simulated time", "s", above=0.0)
 
+    numbers = (
+        Number(
+            "half",
+            Reader("first_crossing", "conveyor.w", level="0.5 * speed"),
+            meaning="until half the speed is left",
+        ),
+    )
+
     def system(self, fmus):
         start = {"motor.A": 0.0, "motor.B": 35.8, "conveyor.w": self.speed}
         return {
             x: System(fmus, self.wires, {**start, "motor.T": T, **self.start})
             for x, T in LAGS.items()
         }
-
-    def figures(self, r):
-        half = crossing(r["time"], r["conveyor.w"], 0.5 * self.speed)
-        return {"half": half.figure("s", "until half the speed is left")}
 
     def more_figures(self, f, results):
         quick, slow = f["quick_half"], f["slow_half"]

@@ -44,7 +44,7 @@ class Answered(NamedTuple):
     @property
     def lives(self) -> bool:
         """Whether its page has a live part."""
-        return self.question.live is not Question.live
+        return self.question.is_live()
 
 
 def answered(name: str, folder: Path) -> Answered:

@@ -6,12 +6,13 @@ machine that no question animates has a separate drawing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import cosim
 from cosim import Result, System
@@ -25,6 +26,7 @@ from scenarios.orientator import motion as orientator
 from workbench.charts import motion
 from workbench.charts.motion import Motion, Shape
 from workbench.charts.svg import Symbol, drawing
+from workbench.live import LiveMotion
 
 CONVEYOR = (
     Symbol("r", "crank", (0, 1), (-12, 2)),
@@ -80,7 +82,7 @@ def still(fmu: str, shapes: Callable[[Any, motion.Columns], list[Shape]], phi: f
 def lifting() -> Motion:
     """The iron drive while the iron goes up."""
     system, r = started("iron", "IronDrive", {"iron.phi": 1.0})
-    return posed(iron.draw_rows(r, system, np.array([0]))[0])
+    return posed(shapes_at(iron.live_motion("", r, system, 1.0), r, np.array([0])))
 
 
 def turning() -> Motion:
@@ -92,8 +94,13 @@ def turning() -> Motion:
     spans = {span.text: span for span in machine.stages(r)}
     now = (spans["turning"].first + spans["turning"].last) / 2
     picked = np.searchsorted(r["time"], [now, spans["joint"].first, r["time"][-1]])
-    shapes, _ = orientator.draw_rows(r, picked)
+    shapes = shapes_at(orientator.live_motion("", r, 1.0), r, picked)
     return posed(shapes, {1: "landing", 2: "oriented"})
+
+
+def shapes_at(moving: LiveMotion, r: Result, picked: NDArray[np.intp]) -> Sequence[Shape]:
+    """A mechanism at some rows."""
+    return moving.draw({x.column: r[x.column][picked] for x in moving.coordinates})
 
 
 def started(part: str, fmu: str, start: Mapping[str, float]) -> tuple[System, Result]:
@@ -102,6 +109,6 @@ def started(part: str, fmu: str, start: Mapping[str, float]) -> tuple[System, Re
     return system, cosim.run(system, stop=1e-3, step=1e-3)
 
 
-def posed(shapes: list[Shape], ghosts: Mapping[int, str] = MappingProxyType({})) -> Motion:
+def posed(shapes: Sequence[Shape], ghosts: Mapping[int, str] = MappingProxyType({})) -> Motion:
     """Shapes as a motion that stands still."""
     return Motion("", np.zeros(1), 1.0, [""], shapes, ghosts=ghosts)

@@ -22,7 +22,7 @@ from workbench.cli import main
 PROGRAM = "scenarios"
 API = {
     "cosim": ("The master", ()),
-    "workbench": ("Questions", ("measure", "live", "charts.motion")),
+    "workbench": ("Questions", ("live", "charts.motion")),
     "fmukit": ("Machines", ("runtime.hybrid", "runtime.flow", "runtime.jet")),
 }
 SCRIPTS = {
@@ -88,7 +88,8 @@ def api(package: str) -> str:
     for name in modules:
         qualified_name = f"{package}.{name}"
         rows.append(
-            f"## `{qualified_name}`\n\n```{{eval-rst}}\n.. automodule:: {qualified_name}\n```"
+            f"## `{qualified_name}`\n\n```{{eval-rst}}\n.. automodule:: {qualified_name}\n"
+            f"   :exclude-members: {', '.join(public)}\n```"
         )
     return "\n\n".join(rows) + "\n"
 

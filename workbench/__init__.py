@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .context import Context
     from .figure import Figure
     from .judgement import Judgement
+    from .live import Number, Reader, RunChart, RunPanel, Slider
     from .options import Options, Run, option
     from .question import Question
 
@@ -26,11 +27,11 @@ HOMES = {
     "Figure": "figure", "Judgement": "judgement", "Options": "options", "Run": "options", "option": "options",
     "Chart": "charts.model", "Curve": "charts.model", "Mark": "charts.model",
     "Question": "question",
-    "Panel": "charts.model",
+    "Panel": "charts.model", "Number": "live", "Reader": "live", "RunChart": "live", "RunPanel": "live", "Slider": "live",
 }  # fmt: skip
 __all__ = [
-    "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Judgement", "Mark", "Options", "Panel", "Question", "Run",
-    "Show", "Table", "option",
+    "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Judgement", "Mark", "Number", "Options", "Panel", "Question",
+    "Reader", "Run", "RunChart", "RunPanel", "Show", "Slider", "Table", "option",
 ]  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import cosim
 from cosim import Estimate, Result, SetupError, System
+from cosim.metrics import Metric
 from cosim.progress import bar
 
 from .answer import Table
@@ -72,16 +73,16 @@ class Context:
     def certify(
         self,
         system: System,
-        figures: Callable[[Result], Mapping[str, Figure]],
+        numbers: Mapping[str, Metric | Callable[[Result], Mapping[str, Figure]]],
         o: Run,
         record: Sequence[str] | None,
         csv: str = "",
+        *,
+        derive: Callable[[Result], Result] | None = None,
     ) -> tuple[Result, dict[str, Figure]]:
         """Run a system with steps of `o.step`, and return its result and its figures.
 
-        It is one call of `cosim.certify`: errors are those that `figures` gives for this result plus that of the
-        coupling, from runs with two and four times the step. Rows go to the CSV file of that name as they are
-        computed.
+        It is one call of `cosim.certify`. Rows go to the CSV file of that name as they are computed.
 
         Raises
         ------
@@ -94,30 +95,38 @@ class Context:
         ----------
         system : System
             What is run.
-        figures : callable
-            Gives the figures of a result by name.
+        numbers : mapping
+            By name, metrics, which become figures without a meaning, or functions from a result to figures by their
+            own names. Of those the error of the coupling is added, from runs with two and four times the step; that of
+            `Figure.measured` is determined.
         o : Run
             The options of the question, with its step and its stop [s].
         record : sequence of str or None
             The columns; None for all outputs.
         csv : str
             The name of the CSV file; "" for none.
+        derive : callable, optional
+            Gives results further columns, as in `cosim.certify`.
         """
         if o.step > o.stop / MIN_STEPS:
             raise SetupError(
                 f"step = {o.step:g} s must be at most {o.stop / MIN_STEPS:g} s, a {MIN_STEPS}th of stop = "
                 f"{o.stop:g} s: three runs with up to four times the step give the errors"
             )
+        made: dict[str, Figure] = {}
 
-        made: list[Mapping[str, Figure]] = []
-
-        def numbers(result: Result) -> dict[str, Estimate]:
+        def of_result(
+            function: Callable[[Result], Mapping[str, Figure]], result: Result
+        ) -> dict[str, float | Estimate]:
             """The figures with the errors that they have themselves; the first are those of the finest run."""
             with captured_warnings() if made else nullcontext():
-                made.append(figures(result))
+                now = function(result)
+            made.update({name: x for name, x in now.items() if name not in made})
             return {
-                name: Estimate(x.value, x.error, reason=x.reason, unit=x.unit)
-                for name, x in made[-1].items()
+                name: x.value
+                if x.is_measured
+                else Estimate(x.value, x.error, reason=x.reason, unit=x.unit)
+                for name, x in now.items()
             }
 
         with (
@@ -126,7 +135,11 @@ class Context:
         ):
             certified = cosim.certify(
                 system,
-                numbers,
+                {
+                    name: x if isinstance(x, Metric) else partial(of_result, x)
+                    for name, x in numbers.items()
+                },
+                derive=derive,
                 stop=o.stop,
                 step=o.step,
                 algorithm=o.algorithm,
@@ -135,9 +148,7 @@ class Context:
                 progress=progress_bar,
             )
         return certified.result, {
-            name: made[0][name]._replace(error=x.error)
-            if x.error is not None or made[0][name].error is None
-            else Figure.undetermined(x.unit, x.reason, made[0][name].meaning)
+            name: of_estimate(x, made.get(name, Figure.measured(x.value, x.unit or "1")))
             for name, x in certified.figures.items()
         }
 
@@ -209,6 +220,13 @@ class Context:
 
         with stream(self.out and self.out / csv, list(units)) as append:
             return Table.of_rows(written(), units)
+
+
+def of_estimate(x: Estimate, figure: Figure) -> Figure:
+    """The figure with the error of its estimate."""
+    if x.error is None and figure.error is not None:
+        return Figure.undetermined(figure.unit, x.reason, figure.meaning)
+    return figure._replace(error=x.error)
 
 
 def _with_warnings(function: Callable[[Task], Outcome], task: Task) -> tuple[Outcome, list[str]]:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import SetupError
 from cosim.rounding import LEAST_POWER, rounded
 
+if TYPE_CHECKING:
+    from cosim.dense import Array
+
+#: Smallest error of a value over its size: some thousand roundings of double precision.
+ROUNDING = 1e-12
 #: Significant digits of a value with its error, a convention of this project: more are never of use.
 MOST_DIGITS = 6
 #: Significant digits of a figure in a sentence, a convention of this project; tables have MOST_DIGITS.
@@ -58,6 +63,19 @@ class Figure(NamedTuple):
         'not determined (no speed of the sweep is steady)'
         """
         return cls(math.nan, unit, None, meaning, reason)
+
+    @classmethod
+    def measured(cls, value: float, unit: str, meaning: str = "") -> Figure:
+        """A number of a certified run, whose error the run determines: that of coupling, columns and rows.
+
+        It is refused for nan, which is what does not happen. Only `figures` of a question may return it.
+        """
+        return cls(value, unit, math.nan, meaning)
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether its error is still to be determined."""
+        return self.error is not None and math.isnan(self.error)
 
     def problem(self) -> str:
         """Return why this is no valid figure, as the end of a sentence about it; "" if it is one."""
@@ -108,8 +126,38 @@ class Figure(NamedTuple):
         return record | {"meaning": self.meaning, "reason": self.reason}
 
 
-def checked(figures: Any, path: Path) -> dict[str, Figure]:
+def of_rows(
+    function: Callable[..., float], *columns: Array, unit: str, meaning: str = ""
+) -> Figure:
+    """Return the number that a function makes of columns of shape (rows,), with the error that their spacing leaves.
+
+    It shows in every second and every third row alone, see `cosim.accuracy.judge.spacing_error`. The first and the
+    last row are always among them.
+    """
+    import numpy as np
+
+    from cosim.accuracy.judge import spacing_error
+    from cosim.dense import thinned_rows
+
+    value, rows = float(function(*columns)), np.arange(float(len(columns[0])))
+    second, third = (
+        max(abs(float(function(*(x[thinned_rows(rows, n, k)] for x in columns))) - value) for k in range(n))
+        for n in (2, 3)
+    )  # fmt: skip
+    error = float(spacing_error(np.array([second]), np.array([third]))[0])
+    return Figure(value, unit, max(error, ROUNDING * abs(value)), meaning)
+
+
+def scaled(figure: Figure, factor: float, unit: str, meaning: str) -> Figure:
+    """Return a multiple of a figure, in this unit; one that is not determined stays so."""
+    error = None if figure.error is None else abs(factor) * figure.error
+    return Figure(factor * figure.value, unit, error, meaning, figure.reason)
+
+
+def checked(figures: Any, path: Path, *, of_run: bool = False) -> dict[str, Figure]:
     """Return the figures of a question, those whose error has no bound as undetermined.
+
+    Those `of_run` may be measured.
 
     Raises
     ------
@@ -123,9 +171,10 @@ def checked(figures: Any, path: Path) -> dict[str, Figure]:
         prefix = f"{path}: figure {key!r}"
         if not isinstance(figure, Figure):
             raise SetupError(f"{prefix} must be a workbench.Figure(value, unit, error, meaning)")
-        if problem := figure.problem():
+        is_measured = of_run and figure.is_measured and figure.unit
+        if not is_measured and (problem := figure.problem()):
             raise SetupError(f"{prefix} {problem}")
-        is_bounded = figure.error is None or math.isfinite(figure.error)
+        is_bounded = is_measured or figure.error is None or math.isfinite(figure.error)
         unbounded = Figure.undetermined(figure.unit, "its error has no bound", figure.meaning)
         result[key] = figure if is_bounded else unbounded
     return result

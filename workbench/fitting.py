@@ -15,6 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
+from cosim.dense import Array as Samples
 from cosim.system import Value, connect
 from cosim.units import QUANTITY, multiples
 
@@ -22,7 +23,6 @@ from .answer import Table
 from .charts.model import Chart, Curve, Mark, Panel
 from .figure import Figure, listed
 from .judgement import Judgement
-from .measure import Samples
 from .options import Options, option
 
 #: Share by which the errors after two records may differ and both are as good; chosen: errors are not known better.

@@ -8,21 +8,24 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 
 from cosim import Result, SetupError, System
+from cosim.metrics import Metric
 
 from . import catalog
-from .answer import Findings, Show, Table
+from .answer import Findings, Show, Table, parameters
 from .figure import ERROR_SCOPE, Figure, checked
+from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
+from .live import Formulas, Live, LiveMotion, Number, Reader, RunChart, Slider, drawn, moved
 from .options import Options, Run, declared, option, parse_options
 
 if TYPE_CHECKING:
     from .context import Context
-    from .live import Live
 
 #: Names that the command line takes for every question.
 RESERVED_OPTIONS = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
@@ -32,8 +35,8 @@ RESERVED_OPTIONS = ("help", "start", "flavour", "jobs", "scheduler", "out", "ani
 class Question(Options):
     """A question, asked with the values of its options, which are its fields.
 
-    A question of certified runs defines `figures`, and `system` where it sets start values; it derives from `Run` as
-    well, or defines `run`. Any other question defines `solve`.
+    A question of certified runs has `numbers` or defines `figures`; it derives from `Run` as well, or defines `run`. Any
+    other question defines `solve`.
 
     Attributes
     ----------
@@ -53,6 +56,14 @@ class Question(Options):
         The papers whose formulas it names, and where they are described.
     error_scope : str
         What the errors of its figures cover, in sentences.
+    start_values : mapping of str to str or float
+        Start values, as formulas of options; those of the user come first.
+    numbers : sequence of Number
+        Figures that are read from a run, which are numbers of the live page, too.
+    charts : sequence of RunChart
+        Panels of columns, for picture and page.
+    sliders : sequence of Slider
+        What moves the live page; without one there is none.
     is_parallel : bool
         Whether its runs are spread over all cores by default with native FMUs, too.
     is_sequential : bool
@@ -73,6 +84,10 @@ class Question(Options):
     decisive: ClassVar[Sequence[str]] = ()
     sources: ClassVar[Sequence[tuple[str, str]]] = ()
     error_scope: ClassVar[str] = ERROR_SCOPE
+    start_values: ClassVar[Formulas] = MappingProxyType({})
+    numbers: ClassVar[Sequence[Number]] = ()
+    charts: ClassVar[Sequence[RunChart]] = ()
+    sliders: ClassVar[Sequence[Slider]] = ()
     is_parallel: ClassVar[bool] = False
     is_sequential: ClassVar[bool] = True
     at_once: ClassVar[int] = 1
@@ -101,7 +116,13 @@ class Question(Options):
 
     def system(self, fmus: Mapping[str, Path]) -> System | Mapping[str, System]:
         """Return the system, or several by name, each of which is run and certified."""
-        return System(dict(fmus), self.wires, self.start)
+        values = {n: Formula.read(text)(self.values) for n, text in self.start_values.items()}
+        return System(dict(fmus), self.wires, {**values, **self.start})
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """The options that are numbers, which formulas may name."""
+        return {name: float(x) for name in declared(type(self)) if isinstance(x := getattr(self, name), int | float)}  # fmt: skip
 
     def run(self) -> Run:
         """Return stop, step and algorithm of the certified runs."""
@@ -113,7 +134,7 @@ class Question(Options):
         return result
 
     def figures(self, result: Result) -> Mapping[str, Figure]:
-        """Return the figures of one run.
+        """Return the figures of one run besides its `numbers`.
 
         Those of several systems get the name of their system in front, and in their meaning what `labels` calls it.
         """
@@ -142,12 +163,41 @@ class Question(Options):
         return ()
 
     def show(self, figures: Mapping[str, Figure], results: Any) -> Show:
-        """Return charts and motions."""
-        return Show()
+        """Return charts and motions, by default those of `charts` and of `motion`."""
+        shown, moving = certified_results(results), self.motion(figures, results)
+        charts = [drawn(chart, shown, self, figures) for chart in self.charts]
+        return Show(charts, [moved(moving, shown[0])] if moving else [])
+
+    def motion(self, figures: Mapping[str, Figure], results: Any) -> LiveMotion | None:
+        """Return the mechanism in motion, for picture and live page."""
+        return None
 
     def live(self, figures: Mapping[str, Figure], results: Any) -> Live | None:
-        """Return the live part of the page."""
-        return None
+        """Return the live part of the page, by default `page` where there are `sliders`."""
+        return self.page(figures, results) if self.sliders else None
+
+    @classmethod
+    def is_live(cls) -> bool:
+        """Whether its page has a live part."""
+        return bool(cls.sliders) or cls.live is not Question.live
+
+    def page(
+        self,
+        figures: Mapping[str, Figure],
+        results: Any,
+        *,
+        more: Sequence[Number] = (),
+        **settings: Any,
+    ) -> Live:
+        """Return a live part of `sliders`, `numbers` and `more` of these, `charts`, `start_values` and `motion`.
+
+        Other settings of `Live` take the place of these.
+        """
+        numbers = [*(x for x in self.numbers if not isinstance(x.value, Metric)), *more]
+        return Live(**{
+            "sliders": self.sliders, "charts": self.charts, "start": self.start_values, "numbers": numbers,
+            "motion": self.motion(figures, results), **settings,
+        })  # fmt: skip
 
     def solve(self, context: Context) -> Findings:
         """Run and certify every system, and collect figures, tables and files."""
@@ -190,12 +240,49 @@ class Question(Options):
         self, system: System, context: Context, csv: str
     ) -> tuple[Result, dict[str, Figure]]:
         """Return the result of a system, processed, and its figures with their errors."""
+        results: list[Result] = []
+        has_columns = self.process.__func__ is not Question.process  # type: ignore[attr-defined]
+        texts = {x.value.column: x.unit for x in self.numbers if isinstance(x.value, Reader)}
+        values = {**(parameters_of(system) if texts else {}), **self.values}
+        metrics: dict[str, Metric] = {}
+        for x in self.numbers:
+            if isinstance(x.value, Reader | Metric):
+                value = x.value.metric(values) if isinstance(x.value, Reader) else x.value
+                metrics[x.name] = value
+
+        def derive(result: Result) -> Result:
+            results.append(self.process(result))
+            return with_formulas(results[-1], texts, values)
 
         def figures(result: Result) -> Mapping[str, Figure]:
-            return checked(self.figures(self.process(result)), self.path)
+            return checked(self.figures(result), self.path, of_run=True)
 
-        result, certified = context.certify(system, figures, self.run(), self.record, csv)
-        return self.process(result), certified
+        has_formulas = any(DOTTED.fullmatch(text) is None for text in texts)
+        own = {} if type(self).figures is Question.figures else {"figures": figures}
+        result, certified = context.certify(
+            system, {**metrics, **own}, self.run(), self.record, csv,
+            derive=derive if has_columns or has_formulas else None,
+        )  # fmt: skip
+        for x in self.numbers:
+            if x.name in metrics:
+                figure, meaning = certified[x.name], x.meaning.format(**vars(self))
+                certified[x.name] = figure._replace(unit=x.unit or figure.unit, meaning=meaning)
+        return results[0] if results else result, certified
+
+
+def certified_results(results: Any) -> list[Result]:
+    """The certified results among what methods of a question see."""
+    of_systems = results[0] if isinstance(results, tuple) else results
+    return [*of_systems.values()] if isinstance(of_systems, Mapping) else [of_systems]
+
+
+def parameters_of(system: System) -> dict[str, float]:
+    """The start values and parameters of a system that are numbers, which formulas may name."""
+    return {
+        name: float(x.value)
+        for name, x in parameters(system).items()
+        if isinstance(x.value, int | float)
+    }
 
 
 def load(locator: str) -> type[Question]:
@@ -246,9 +333,9 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
         raise SetupError(f"{prefix} must begin with its question as a docstring")
     if question.solve is not Question.solve:
         return question
-    if question.figures is Question.figures:
+    if question.figures is Question.figures and not question.numbers:
         raise SetupError(
-            f"{prefix}: {question.__name__} must define figures(self, r), or solve(self, context)"
+            f"{prefix}: {question.__name__} must have numbers, or define figures(self, r) or solve(self, context)"
         )
     is_run = issubclass(question, Run) or question.run is not Question.run
     if not is_run and "step" not in declared(question):

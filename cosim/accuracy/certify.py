@@ -34,7 +34,7 @@ SUMMARY: dict[str, Callable[[str], Metric]] = {
     ", mean": Mean,
 }
 #: What `certify` takes: metrics or functions of a result by name, or one function to several numbers.
-Metrics = Mapping[str, Metric | Callable[[Result], float]] | Function
+Metrics = Mapping[str, Metric | Callable[[Result], float] | Function] | Function
 #: Most times that a step is halved for the sake of an error: the run then has a thousand times as many steps.
 MOST_HALVINGS = 10
 #: Halvings after which the error of a figure must have fallen for another one.
@@ -92,6 +92,7 @@ def certify(
     *,
     step: float | Adaptive,
     error: float | Mapping[str, float] | None = None,
+    derive: Callable[[Result], Result] | None = None,
     runner: Callable[..., Result] = run,
     **settings: Any,
 ) -> Certified:
@@ -102,8 +103,8 @@ def certify(
     system : System
         What is run.
     metrics : mapping or function, optional
-        By name, metrics such as `cosim.metrics.Largest("motor.tau")`, or functions from a result to a number; or
-        one function from a result to several numbers by name. By default the last, smallest, largest and
+        By name, metrics such as `cosim.metrics.Largest("motor.tau")`, or functions from a result to a number, or to
+        several by their own names; or one such function. By default the last, smallest, largest and
         mean value of every column. A function is called several times: with the rows of each run, with
         fewer rows, and with values changed by their estimated errors. It must therefore select rows by
         their time, never by their index. A function may return an `Estimate` that has the error of the rows
@@ -113,6 +114,8 @@ def certify(
     error : float or mapping of str to float, optional
         The error wanted of every figure, over its value; or for some of them by name, in their units. The step is
         halved, or the tolerance divided by ten, until the figures have it; two of three runs are used again.
+    derive : callable, optional
+        Returns the result of a run with further columns, see `Result.with_columns`, of which there may be metrics.
     runner : callable
         Runs a system, as `run` does.
     **settings
@@ -144,7 +147,10 @@ def certify(
     >>> list(answer.figures)
     ['torque']
     """
-    _check(system, metrics, settings)
+    if derive is None:
+        _check(system, metrics, settings)
+    else:
+        runner = partial(_derived, derive, runner)
     lacks = partial(_lacks, error)
     known: dict[int, Result] = {}
     errors: list[dict[str, float]] = []
@@ -158,6 +164,13 @@ def certify(
             return Certified(runs.finest, figures, step, unmet)
         known = {k + 1: result for k, result in enumerate(runs.results[: RUNS - 1])}
         step = longer_step(step, -1)
+
+
+def _derived(
+    derive: Callable[[Result], Result], runner: Callable[..., Result], *args: Any, **settings: Any
+) -> Result:
+    """The result of a run with its further columns."""
+    return derive(runner(*args, **settings))
 
 
 def _check(system: System, metrics: Metrics | None, settings: Mapping[str, Any]) -> None:
@@ -211,7 +224,8 @@ def estimates_of(metrics: Metrics, runs: NestedRuns, system: System) -> dict[str
             if not isinstance(function, Metric):
                 of_result = partial(_by_name, name, function)
                 estimates |= judge_function(of_result, runs, diverged)
-        estimates = {name: estimates[name] for name in metrics}
+        first = [name for name in metrics if name in estimates]
+        estimates = {name: estimates[name] for name in dict.fromkeys([*first, *estimates])}
     else:
         estimates = judge_function(metrics, runs, diverged)
     unseen = unseen_inputs(system, runs)
@@ -225,9 +239,12 @@ def estimates_of(metrics: Metrics, runs: NestedRuns, system: System) -> dict[str
     return estimates
 
 
-def _by_name(name: str, function: Callable[[Result], float], result: Result) -> dict[str, float]:
-    """The number that a function makes of a result, by its name."""
-    return {name: function(result)}
+def _by_name(
+    name: str, function: Callable[[Result], Any], result: Result
+) -> Mapping[str, float | Estimate]:
+    """The number that a function makes of a result, by its name, or several by their own."""
+    x = function(result)
+    return x if isinstance(x, Mapping) else {name: x}
 
 
 def unseen_inputs(system: System, runs: NestedRuns) -> dict[str, str]:
@@ -266,12 +283,13 @@ def evaluate(metrics: Metrics, result: Result) -> dict[str, float]:
     curves = {
         c: result.solution(c) for m in metrics.values() if isinstance(m, Metric) for c in m.columns
     }
-    return {
-        name: float(metric(*(curves[column] for column in metric.columns))[0])
-        if isinstance(metric, Metric)
-        else metric(result)
-        for name, metric in metrics.items()
-    }
+    values: dict[str, Any] = {}
+    for name, metric in metrics.items():
+        if isinstance(metric, Metric):
+            values[name] = float(metric(*(curves[column] for column in metric.columns))[0])
+        else:
+            values |= _by_name(name, metric, result)
+    return values
 
 
 def summary(result: Result) -> dict[str, float]:

@@ -9,34 +9,13 @@ import numpy as np
 
 from cosim import Result
 from workbench.charts import motion
-from workbench.charts.motion import Motion, Shape, line
+from workbench.charts.motion import Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
 
 TITLE = "Both ends of the shaft"
 NOTE = "The thin hand is the gearbox end of the shaft, the crank the load end. Their angle is the twist."
-#: Frames of a run; a convention.
-FRAMES = 480
 #: How many times slower than the drive the motion runs; a convention.
 SLOWER = 5.0
-
-
-def moving(r: Result) -> Motion:
-    """The crank and the link that it moves, and the other end of the shaft as a second hand."""
-    t = r["time"]
-    picked = motion.rows(t, 0.0, float(t[-1]), FRAMES)
-    at = {
-        name: r[name][picked] for name in ("load.phi", "load.w", "load.x", "gear.phi_b", "gear.w_b")
-    }
-    rows = zip(t[picked], at["gear.w_b"], at["load.w"])
-    captions = [f"{s:.3f} s: gearbox {w:.1f} rad/s; load {v:.1f} rad/s" for s, w, v in rows]
-    return Motion(
-        TITLE,
-        t[picked],
-        SLOWER,
-        captions,
-        link_shapes(r.provenance["parts"]["load"]["parameters"], at),
-        NOTE,
-    )
 
 
 def link_shapes(p: Mapping[str, Any], at: motion.Columns) -> list[Shape]:
@@ -60,7 +39,7 @@ def link_shapes(p: Mapping[str, Any], at: motion.Columns) -> list[Shape]:
 
 
 def live_motion(r: Result) -> LiveMotion:
-    """Return the motion of the live page."""
+    """The crank and the link that it moves, and the other end of the shaft as a second hand."""
     p = r.provenance["parts"]["load"]["parameters"]
     a = p["crank.r"]
     return LiveMotion(

@@ -18,7 +18,6 @@ from scipy.interpolate import CubicSpline
 
 from workbench import Chart, Curve, Figure, Judgement, Mark, Panel, Table
 from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
-from workbench.measure import Measured, crossing_times
 from workbench.roots import secant
 
 from .first_order import Machine, Samples, classical, rod_force
@@ -126,8 +125,8 @@ def compare(machine: Machine, sweep: SpeedSweep, tolerance: float) -> Comparison
         what = f"{QUANTITIES[case.load].name} {LOAD_TEXTS[case.method]}"
         meaning = f"speed up to which the {what} is accurate enough"
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
-        errors = [Measured(*x) for x in zip(*deviation(case, machine, sweep.columns))]
-        figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
+        errors = deviation(case, machine, sweep.columns)
+        figures[f"worst_{case.key}"] = worst(*errors, f"largest error, {what}")
     figures["share"] = inertia_share(machine, limits[Case("spring", "torque")])
     return Comparison(figures, table_of(machine, sweep), machine, tolerance, sweep.speeds[0])
 
@@ -163,16 +162,16 @@ def table_of(machine: Machine, sweep: SpeedSweep) -> Table:
     return Table.of_rows(np.transpose(values).tolist(), units)
 
 
-def worst(errors: Sequence[Measured], meaning: str) -> Figure:
+def worst(values: Samples, errors: Samples, meaning: str) -> Figure:
     """Return the largest of errors of either sign; its own error covers others that may be as large."""
-    top = max(errors, key=lambda x: math.inf if math.isnan(x.value) else abs(x.value))
-    if math.isnan(top.value):
+    if np.isnan(values).any():
         return Figure.undetermined("%", "not every speed of the sweep has a steady orbit", meaning)
-    if any(math.isnan(x.error) for x in errors):
+    if np.isnan(errors).any():
         return Figure.undetermined("%", UNKNOWN, meaning)
-    as_large = [x for x in errors if abs(x.value) + x.error >= abs(top.value) - top.error]
-    error = max(abs(x.value - top.value) + x.error for x in as_large)
-    return Figure(top.value, "%", error, meaning)
+    sizes, top = np.abs(values), int(np.argmax(np.abs(values)))
+    as_large = sizes + errors >= sizes[top] - errors[top]
+    error = float((np.abs(values - values[top]) + errors)[as_large].max())
+    return Figure(float(values[top]), "%", error, meaning)
 
 
 class ErrorCurve(NamedTuple):
@@ -251,7 +250,7 @@ def first_guess(
     ends = [
         (float(x), s * tolerance)
         for s in (1, -1)
-        for x in crossing_times(curve.nu, curve.error, s * tolerance)
+        for x in spline.solve(s * tolerance, extrapolate=False)
     ]
     before = nus < min(ends, default=(math.inf, 0.0))[0]
     if (np.abs(np.abs(errors) - tolerance) <= unsure)[before].any():

@@ -20,8 +20,8 @@ from scipy.optimize import brentq
 
 import cosim
 from cosim import SimulationError, System
+from cosim.dense import Array as Samples
 from workbench.answer import parameters
-from workbench.measure import Samples
 
 STATES = ("motor.i", "exciter.w", "exciter.x", "exciter.v")
 PHI, SUPPLY = "exciter.phi", "motor.v"

@@ -4,7 +4,7 @@ Places in the plane are complex numbers x + i y [m], seen from the axis of the r
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cosim import Result, System
 from workbench.charts import motion as draw
-from workbench.charts.motion import Motion, Shape, line
+from workbench.charts.motion import Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
 
 from .machine import turn
@@ -32,27 +32,6 @@ CAPTIONS = (
     Caption("iron", "iron.motion", texts=MOTION_PHASES),
     Caption("lift", "1e3 * iron.lift", "mm"),
 )
-
-
-def motion(title: str, result: Result, system: System, last: float, slow: float) -> Motion:
-    """The mechanism up to a time [s] of a run."""
-    picked = draw.rows(result["time"], 0.0, last)
-    shapes, captions = draw_rows(result, system, picked)
-    return Motion(title, result["time"][picked], slow, captions, shapes, NOTE)
-
-
-def draw_rows(
-    result: Result, system: System, picked: NDArray[np.int64]
-) -> tuple[list[Shape], list[str]]:
-    """The lines at some rows, and what is to be said of each: time, cam, phase and lift."""
-    at = draw.columns(result, "iron", COLUMNS, picked)
-    p = result.provenance["parts"]["iron"]["parameters"]
-    since = result["time"][picked] - result["time"][picked[0]]
-    captions = [
-        f"{t:.3f} s: cam {phi % 360:.1f} deg, iron {MOTION_PHASES[int(phase)]}, lift {1e3 * lift:.1f} mm"
-        for t, phi, phase, lift in zip(since, np.degrees(at["phi"]), at["motion"], at["lift"])
-    ]
-    return iron_drive(p, at, cam(p, system)), captions
 
 
 def iron_drive(p: Mapping[str, Any], at: draw.Columns, cam: Positions) -> list[Shape]:
@@ -112,19 +91,14 @@ def cam(p: Mapping[str, Any], system: System) -> Positions:
 def live_motion(
     title: str, result: Result, system: System, slow: float, window: str = ""
 ) -> LiveMotion:
-    """The mechanism of a live page, in the range of angles and heights that a run has."""
-    return LiveMotion(
-        title, live_shapes(result, system), coordinates(result), CAPTIONS, slow, NOTE, window
-    )
-
-
-def live_shapes(result: Result, system: System) -> Callable[[draw.Columns], list[Shape]]:
-    """The lines by columns with the names of the system."""
+    """The mechanism, in the range of angles and heights that a run has."""
     p = result.provenance["parts"]["iron"]["parameters"]
     profile = cam(p, system)
-    return lambda at: iron_drive(
-        p, {name: at[f"iron.{name}"] for name in ANGLES} | {"H": at["iron.H"]}, profile
-    )
+
+    def shapes(at: draw.Columns) -> list[Shape]:
+        return iron_drive(p, {name: at[f"iron.{name}"] for name in (*ANGLES, "H")}, profile)
+
+    return LiveMotion(title, shapes, coordinates(result), CAPTIONS, slow, NOTE, window)
 
 
 def coordinates(result: Result) -> list[Coordinate]:

@@ -17,10 +17,12 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result, SetupError, System
+from cosim.dense import Array as Samples
+from cosim.metrics import largest, time_of_largest
 from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
-from workbench.measure import Peak, Samples, largest
+from workbench.figure import of_rows
 
 from . import machine as iron
 
@@ -63,13 +65,15 @@ class DimensionEffect(NamedTuple):
 
 @dataclass(frozen=True)
 class TransferFunctions:
-    """The functions over the cam angle [deg], of shape (functions, rows), and the share of each dimension."""
+    """The functions over the cam angle [deg], of shape (functions, rows), the share of each dimension, and of each
+    function the largest absolute value and its angle.
+    """
 
     result: Result
     phi: Samples
     values: Samples
     shares: Sequence[DimensionEffect]
-    tops: Sequence[Peak]
+    tops: Sequence[tuple[Figure, Figure]]
 
     @property
     def units(self) -> dict[str, str]:
@@ -79,10 +83,10 @@ class TransferFunctions:
     def figures(self) -> dict[str, Figure]:
         """Return the largest value of each function, its angle, and the largest change."""
         all_figures = {}
-        for name, top in zip(FUNCTIONS, self.tops):
+        for name, (top, angle) in zip(FUNCTIONS, self.tops):
             key, what = name.lower(), f"largest absolute value of {FUNCTIONS[name][0]}"
-            all_figures[f"{key}_max"] = top.figure(self.units[name], what)
-            all_figures[f"{key}_angle"] = top.at.figure("deg", f"cam angle of the {what}")
+            all_figures[f"{key}_max"] = top._replace(unit=self.units[name], meaning=what)
+            all_figures[f"{key}_angle"] = angle._replace(meaning=f"cam angle of the {what}")
             all_figures[f"{key}_change"] = change(self.shares, name, 0)
         return all_figures | {"h_1_next": change(self.shares, "H_1", 1)}
 
@@ -139,15 +143,18 @@ def measure(context: Context, system: System, samples: int) -> TransferFunctions
     cases = [(x, k * CHANGE * values[x]) for x in DIMENSIONS for k in (1, -1, 2, -2)]
     turns = context.each(run, cases, "dimensions", probes=True)
     phi, function_values = np.linspace(0.0, 360.0, samples + 1), functions(system, result)
-    tops = [largest(phi, abs(y)) for y in function_values]
-    if not all(top.value for top in tops):
+    tops = [
+        (of_rows(largest, phi, abs(y), unit="1"), of_rows(time_of_largest, phi, abs(y), unit="deg"))
+        for y in function_values
+    ]
+    if not all(top.value for top, _ in tops):
         raise SetupError("iron.cam.h = 0 m: a cam without a rise moves nothing")
     shares = []
     for dimension in DIMENSIONS:
         near, far = (abs(next(turns) - next(turns)) / (2 * k * CHANGE) for k in (1, 2))
-        for name, top, fine, coarse in zip(FUNCTIONS, tops, near, far):
-            share, coarse_share = (largest(phi, y) for y in (fine, coarse))
-            error = abs(share.value - coarse_share.value) + share.error
+        for name, (top, _), fine, coarse in zip(FUNCTIONS, tops, near, far):
+            share = of_rows(largest, phi, fine, unit="1")
+            error = abs(share.value - largest(phi, coarse)) + (share.error or 0.0)
             shares.append(
                 DimensionEffect(dimension, name, share.value / top.value, error / top.value)
             )

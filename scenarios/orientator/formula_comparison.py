@@ -17,8 +17,8 @@ from cosim.system import Value
 from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.motion import Motion
+from workbench.figure import scaled
 
-from . import machine as orientator
 from . import motion
 from .limit_formula import OrientatorParameters, rpm
 from .products import fastest, run_product, simulated_limit
@@ -77,19 +77,15 @@ class FormulaComparison:
         f, located = self.figures, self.tables[PLANE].frame["limit"].notna()
         pairs = f"{located.sum()} of {len(located)} pairs of cup and friction that have a limit"
         name, most = strongest(f, LENGTHS)
-        dimension = Judgement(
-            f"1 % more of {name}, the dimension that moves the limit most, changes it by", most
-        )
+        what = f"1 % more of {name}, the dimension that moves the limit most, changes it by"
         if most is None:
-            dimension = Judgement(
-                "dimension that moves the limit most",
-                Figure.undetermined("%", f"no limit of {', '.join(LENGTHS)} was found"),
-            )
+            what = "dimension that moves the limit most"
+            most = Figure.undetermined("%", f"no limit of {', '.join(LENGTHS)} was found")
         return [
             Judgement(f"with friction {self.friction:g} the rotor may turn at up to", f["limit"]),
             Judgement("by the limit formula", f["formula"]),
             Judgement(f"largest error of the formula for {pairs}", f["off"]),
-            dimension,
+            Judgement(what, most),
         ]
 
     def charts(self) -> list[Chart]:
@@ -133,8 +129,7 @@ class FormulaComparison:
             return []
         ends = (limit.value, limit.value + limit.error)
         runs = {f"{x:.2f} rpm": run_product(self.base, self.friction, x, 1e-3) for x in ends}
-        last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
-        return [motion.motion(f"{' works, '.join(runs)} does not", runs, last)]
+        return [motion.motion(f"{' works, '.join(runs)} does not", runs)]
 
 
 def compare(
@@ -188,52 +183,51 @@ def figures(
     plane: Any, raised: Any, machine: OrientatorParameters, limit_figure: Figure
 ) -> dict[str, Figure]:
     """The limit of the FMU's cup, how far formula and bound are off, and what each dimension gains."""
-    shares = [plane[x] / plane["limit"] for x in ("formula", "joint")]
-    difference, over = (100 * (share - 1) for share in shares)
-    error_band, over_wide = (100 * share * plane["error"] / plane["limit"] for share in shares)
-    formula = rpm(machine.limit()[0])
+    formula, bound = (100 * (plane[x] / plane["limit"] - 1) for x in ("formula", "joint"))
+    off, over = (
+        100 * plane[x] * plane["error"] / plane["limit"] ** 2 for x in ("formula", "joint")
+    )
+    by_formula = Figure(rpm(machine.limit()[0]), "rpm", 0.0, "the same by the formula")
+    if not by_formula.value > 0.0:
+        why = "the formula finds none"
+        by_formula = Figure.undetermined("rpm", why, by_formula.meaning)
+    joint = rpm(machine.lies_down)
     all_figures = {
         "limit": limit_figure,
-        "formula": Figure(formula, "rpm", 0.0, "the same by the formula")
-        if formula > 0.0
-        else Figure.undetermined("rpm", "the formula finds none", "the same by the formula"),
-        "joint": Figure(
-            rpm(machine.lies_down), "rpm", 0.0, "closed bound: stage joint comes to its end"
+        "formula": by_formula,
+        "joint": Figure(joint, "rpm", 0.0, "closed bound: stage joint comes to its end"),
+        "off": extreme(formula.abs(), off, "largest difference between formula and simulation"),
+        "above_least": scaled(
+            extreme(-bound, over, ""), -1.0, "%", "smallest excess of the closed bound over the limits"
         ),
-        "off": extreme(
-            difference.abs(), error_band, "largest difference between formula and simulation"
-        ),
-        "above_least": extreme(
-            -over, over_wide, "smallest excess of the closed bound over the limits"
-        ),
-        "above_most": extreme(
-            over, over_wide, "largest excess of the closed bound over the limits"
-        ),
-    }
-    all_figures["above_least"] = all_figures["above_least"]._replace(
-        value=-all_figures["above_least"].value
-    )
+        "above_most": extreme(bound, over, "largest excess of the closed bound over the limits"),
+    }  # fmt: skip
     for row in raised.itertuples():
         meaning = f"change of the limit for 1 % more of {row.dimension}"
-        key = f"gain_{row.dimension.replace('.', '_').lower()}"
-        refused = Figure.undetermined("%", "one of the limits was not found", meaning)
-        located = not math.isnan(row.gain + row.gain_error)
-        all_figures[key] = Figure(row.gain, "%", row.gain_error, meaning) if located else refused
+        is_found = not math.isnan(row.gain + row.gain_error)
+        all_figures[gain_name(row.dimension)] = (
+            Figure(row.gain, "%", row.gain_error, meaning)
+            if is_found
+            else Figure.undetermined("%", "one of the limits was not found", meaning)
+        )
     return all_figures
+
+
+def gain_name(dimension: str) -> str:
+    """The name of the figure of a dimension, "gain_cup_d"."""
+    return f"gain_{dimension.replace('.', '_').lower()}"
 
 
 def extreme(values: Any, errors: Any, meaning: str) -> Figure:
     """The largest of these values; its error is how much each of them might be further out, or its own."""
     if values.isna().all():
         return Figure.undetermined("%", "no limit was found", meaning)
-    cup_dimension, beyond = errors[values.idxmax()], (values + errors).max() - values.max()
-    return Figure(float(values.max()), "%", float(max(cup_dimension, beyond)), meaning)
+    own, beyond = errors[values.idxmax()], (values + errors).max() - values.max()
+    return Figure(float(values.max()), "%", float(max(own, beyond)), meaning)
 
 
 def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> tuple[str, Figure | None]:
     """Return the dimension of which 1 % more changes the limit most, and by how much; "" if none is known."""
-    gains = {name: f[f"gain_{name.replace('.', '_').lower()}"] for name in names}
-    located = {name: x for name, x in gains.items() if x.error is not None}
-    if not located:
-        return "", None
-    return max(located.items(), key=lambda item: abs(item[1].value))
+    gains = {name: f[gain_name(name)] for name in names}
+    found = [(name, x) for name, x in gains.items() if x.error is not None]
+    return max(found, key=lambda item: abs(item[1].value), default=("", None))

@@ -9,7 +9,6 @@ import numpy as np
 from cosim import Result, System
 from cosim.system import Value
 from workbench.charts.model import Span
-from workbench.measure import with_rows
 
 PARTS = {"orientator": "GravityOrientator"}
 #: Time after which a product that has not come out is given up [s]; a convention, five slow products long.
@@ -36,7 +35,7 @@ def system(fmus: Mapping[str, Path], w: float, mu: float, start: Mapping[str, Va
 def shortened(r: Result) -> Result:
     """The rows up to the first one after the end."""
     over = np.flatnonzero(r["orientator.stage"] >= ORIENTED)
-    return with_rows(r, r.data[: over[0] + 1]) if len(over) else r
+    return r.select(slice(over[0] + 1)) if len(over) else r
 
 
 def stages(r: Result, first: int = 0, last: int = -1) -> list[Span]:

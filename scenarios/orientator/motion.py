@@ -1,48 +1,35 @@
 """The orientator as lines in motion, from the outputs and parameters of its FMU; its y counts down."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim import Result
 from workbench.charts import motion as draw
 from workbench.charts.model import Span
 from workbench.charts.motion import Motion, Shape, line
-from workbench.live import Caption, Coordinate, LiveMotion
+from workbench.live import Caption, Coordinate, LiveMotion, moved
 
-from .machine import STAGES
+from .machine import STAGES, shortened
 
-COLUMNS = ("phi1", "phi2", "xc", "yc", "stage")
-
-
-def motion(
-    title: str, runs: Mapping[str, Result], last: float, ghosts: Sequence[Span] = ()
-) -> Motion:
-    """Catcher and cup of several runs of the same step side by side, up to a time [s]."""
-    t = next(iter(runs.values()))["time"]
-    picked = draw.rows(t, 0.0, last)
-    shapes, stage_texts = [], []
-    for k, (name, result) in enumerate(runs.items()):
-        more, stages = draw_rows(result, picked)
-        shapes += draw.shifted(more, 0.3 * k, 0.0)
-        stage_texts.append([f"{name} {stage}".strip() for stage in stages])
-    captions = [
-        f"{now:.3f} s: {'; '.join(row_texts)}" for now, *row_texts in zip(t[picked], *stage_texts)
-    ]
-    still = {int(np.searchsorted(t[picked], span.first)): span.text for span in ghosts}
-    if ghosts:
-        still[len(picked) - 1] = stages[-1]
-    return Motion(title, t[picked], 20.0, captions, shapes, ghosts=still)
+#: Angles and their multiples by which points turn, and places.
+COORDINATES: Mapping[str, tuple[float, ...]] = {"phi1": (1.0,), "phi2": (1.0,), "xc": (), "yc": ()}
+COLUMNS = (*COORDINATES, "stage")
 
 
-def draw_rows(result: Result, picked: NDArray[np.int64]) -> tuple[list[Shape], list[str]]:
-    """Wall, catcher and cup at some rows, and the stage of each; places are x - i y."""
-    at = draw.columns(result, "orientator", COLUMNS, picked)
-    p = result.provenance["parts"]["orientator"]["parameters"]
-    return orientator(p, at), [STAGES[int(x)] for x in at["stage"]]
+def motion(title: str, runs: Mapping[str, Result], ghosts: Sequence[Span] = ()) -> Motion:
+    """Catcher and cup of several runs of the same step side by side, until the last product ends."""
+    results = [*runs.values()]
+    last = max(float(shortened(result)["time"][-1]) for result in results)
+    moving = moved(live_motion(title, results[0], 20.0), *results, names=[*runs], last=last)
+    if not ghosts:
+        return moving
+    texts = {int(np.searchsorted(moving.times, span.first)): span.text for span in ghosts}
+    end = np.searchsorted(results[0]["time"], moving.times[-1])
+    texts[len(moving.times) - 1] = STAGES[int(results[0]["orientator.stage"][end])]
+    return moving._replace(ghosts=texts)
 
 
 def orientator(p: Mapping[str, Any], at: draw.Columns) -> list[Shape]:
@@ -65,23 +52,20 @@ def orientator(p: Mapping[str, Any], at: draw.Columns) -> list[Shape]:
 
 
 def live_motion(title: str, result: Result, slow: float) -> LiveMotion:
-    """One product of a live page."""
-    captions = [Caption("stage", "orientator.stage", texts=STAGES)]
-    return LiveMotion(title, live_shapes(result), coordinates(result), captions, slow)
-
-
-def live_shapes(result: Result) -> Callable[[draw.Columns], list[Shape]]:
-    """The lines by columns with the names of the system."""
+    """One product, and more of them beside it."""
     p = result.provenance["parts"]["orientator"]["parameters"]
-    names = ("phi1", "phi2", "xc", "yc")
-    return lambda at: orientator(p, {name: at[f"orientator.{name}"] for name in names})
+
+    def shapes(at: draw.Columns) -> list[Shape]:
+        return orientator(p, {name: at[f"orientator.{name}"] for name in COORDINATES})
+
+    captions = [Caption("", "orientator.stage", texts=STAGES)]
+    return LiveMotion(title, shapes, coordinates(result), captions, slow, offset=(0.3, 0.0))
 
 
 def coordinates(result: Result) -> list[Coordinate]:
     """What moves the lines, in the range that a run has."""
-    turns = {"phi1": (1.0,), "phi2": (1.0,), "xc": (), "yc": ()}
-    columns = {name: result[f"orientator.{name}"] for name in turns}
+    columns = {name: result[f"orientator.{name}"] for name in COORDINATES}
     return [
-        Coordinate(f"orientator.{name}", float(x.min()), float(x.max()), turns[name])
+        Coordinate(f"orientator.{name}", float(x.min()), float(x.max()), COORDINATES[name])
         for name, x in columns.items()
     ]

@@ -6,7 +6,6 @@ paper's equations.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,9 +19,8 @@ from workbench import Chart, Context, Curve, Figure, Judgement, Mark, Panel, Tab
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.charts.motion import Motion
-from workbench.measure import ROUNDING, Measured
+from workbench.figure import ROUNDING, scaled
 
-from . import machine as orientator
 from . import motion
 from .limit_formula import OrientatorParameters, rpm
 from .products import STEP, fastest, run_product, simulate
@@ -35,6 +33,7 @@ NEGLECTED_STARTS = tuple(
 )
 TABLE = "orientator_neglect.csv"
 PLAIN = "paper"
+JAMS = "a product jams"
 #: Spacing of the speeds at which a limit is sought, over that at which friction holds a cup; a convention.
 SPACING = 0.03
 #: The slowest of these speeds over that one; a convention, since limits are well above a third of it.
@@ -126,13 +125,7 @@ class NeglectedComparison:
             text: run_product(self.machines[name], self.friction, self.speed, 1e-3)
             for name, text in names.items()
         }
-        last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
-        return [motion.motion("Without and with the neglected effects", runs, last)]
-
-
-def capital(text: str) -> str:
-    """Begin a text with a capital."""
-    return f"{text[0].upper()}{text[1:]}"
+        return [motion.motion("Without and with the neglected effects", runs)]
 
 
 def compare(
@@ -162,10 +155,10 @@ def with_slower_creep(system: System) -> list[System]:
     """The machine with a quarter, a half and all of the speed below which what would stick creeps; the
     machine alone where nothing does.
     """
-    orientation_times = parameters(system)
-    if not any(orientation_times[f"{NEGLECTED}{mu}"].value for mu in ("mu_side", "mu_catcher")):
+    values = parameters(system)
+    if not any(values[f"{NEGLECTED}{mu}"].value for mu in ("mu_side", "mu_catcher")):
         return [system]
-    creeps = (float(orientation_times[CREEP].value) / n for n in (4, 2, 1))
+    creeps = (float(values[CREEP].value) / n for n in (4, 2, 1))
     return [replace(system, start={**system.start, CREEP: creep}) for creep in creeps]
 
 
@@ -174,15 +167,15 @@ def crept(values: Sequence[float]) -> float:
     return float(limit(values, 1.0).error) if len(values) > 1 else 0.0
 
 
-def takes(mu: float, case: tuple[System, float]) -> Measured:
+def takes(mu: float, case: tuple[System, float]) -> Figure:
     """A time of orientation; its error is what half the step changes, and what is left of the creep."""
     system, n = case
     machines = with_slower_creep(system)
     times = [simulate(machine, mu, n).orientation_time for machine in machines]
     halved = simulate(machines[0], mu, n, STEP / 2).orientation_time
     if not np.isfinite([*times, halved]).all():
-        return Measured(math.nan, math.nan)
-    return Measured(times[0], crept(times) + abs(times[0] - halved) + ROUNDING)
+        return Figure.undetermined("s", JAMS)
+    return Figure(times[0], "s", crept(times) + abs(times[0] - halved) + ROUNDING)
 
 
 def ending(mu: float, system: System) -> Figure:
@@ -197,33 +190,21 @@ def ending(mu: float, system: System) -> Figure:
         fastest_rotor,
         *(fastest(machine, near, mu) for machine in more_machines if fastest_rotor.error),
     ]
-    for end in ends:
-        if end.error is None:
-            return end
-    return fastest_rotor._replace(
-        error=(fastest_rotor.error or 0.0) + crept([end.value for end in ends])
-    )
+    refused = next((end for end in ends if end.error is None), None)
+    width = (fastest_rotor.error or 0.0) + crept([end.value for end in ends])
+    return refused or fastest_rotor._replace(error=width)
 
 
-def figures(orientation_times: Mapping[str, Measured]) -> dict[str, Figure]:
+def figures(times: Mapping[str, Figure]) -> dict[str, Figure]:
     """The time of orientation, and what each effect adds to it."""
-    plain = orientation_times[PLAIN]
-    meaning = "orientation time of the paper"
-    jams = Figure.undetermined("s", "a product jams", meaning)
-    all_figures = {
-        "orientation_time": jams if math.isnan(plain.value) else plain.figure("s", meaning)
-    }
+    plain = times[PLAIN]
+    result = {"orientation_time": plain._replace(meaning="orientation time of the paper")}
     for name, label in EFFECTS.items():
-        base, more = (
-            orientation_times["hook" if name == "corner" else PLAIN],
-            orientation_times[name],
-        )
-        cost, uncertainty = more.value - base.value, more.error + base.error
+        base, more = times["hook" if name == "corner" else PLAIN], times[name]
+        meaning = f"change of the orientation time due to {label}"
         for key, unit, scale in ((name, "ms", 1e3), (f"{name}_share", "%", 100 / plain.value)):
-            meaning = f"change of the orientation time due to {label}"
-            all_figures[key] = (
-                Figure.undetermined(unit, "a product jams", meaning)
-                if math.isnan(cost)
-                else Figure(scale * cost, unit, abs(scale) * uncertainty, meaning)
-            )
-    return all_figures
+            cost = Figure.undetermined("s", JAMS)
+            if base.error is not None and more.error is not None:
+                cost = Figure(more.value - base.value, "s", more.error + base.error)
+            result[key] = scaled(cost, scale, unit, meaning)
+    return result

@@ -1,8 +1,8 @@
 """The packing line: its FMUs, how they are coupled, and what is recorded of them."""
 
 from cosim import Result
+from cosim.series import Column
 from workbench.charts.model import POWER
-from workbench.measure import extended
 
 from ..iron import motion as iron_motion
 from ..orientator import motion as orientator_motion
@@ -41,4 +41,5 @@ POWERS = {
 def supplied(r: Result) -> Result:
     """Return the run with the power of the supply, which is that of both motors."""
     power = r["iron_motor.P"] + r["conveyor_motor.P"]
-    return extended(r, r.units["iron_motor.P"], {"P_supply": power})
+    of = ("iron_motor.P", "conveyor_motor.P")
+    return r.with_columns({Column("P_supply", r.units["iron_motor.P"]): power}, of)

@@ -11,8 +11,10 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result, SetupError
+from cosim.dense import thinned_rows
+from cosim.metrics import harmonics
 from workbench import Figure
-from workbench.measure import harmonics, with_row_errors, with_rows
+from workbench.figure import ROUNDING
 
 from ..orientator import machine as orientator
 from .line import POWERS
@@ -46,8 +48,8 @@ def releases(r: Result) -> list[int]:
             f"the cam stops or turns back, and ends at iron.phi = {phi[-1]:.4g} rad: at this "
             "speed its motor cannot lift the iron"
         )
-    all_figures: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.0) + 1).tolist()
-    return all_figures
+    rows: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.0) + 1).tolist()
+    return rows
 
 
 class Order(NamedTuple):
@@ -100,8 +102,8 @@ def turns(r: Result, drive: str) -> LastTurns:
 
 
 def cycle_figures(r: Result) -> dict[str, Figure]:
-    """Counts of products, and what the last cycles tell; what is not settled in them is at most what
-    they differ from those that end a cycle before. Raises SetupError where there are too few.
+    """Counts of products, and what the last cycles tell, with what every second row alone changes, and what they
+    differ from those that end a cycle before, which is not settled. Raises SetupError where there are too few.
     """
     begins = releases(r)
     if len(begins) < MEASURED + 2:
@@ -119,16 +121,16 @@ def cycle_figures(r: Result) -> dict[str, Figure]:
             "products released while another was under way",
         ),
     }
-    all_figures = {
-        name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()
-    }
-    before = cycles(with_rows(r, r.data[: begins[-2] + 1]))
-    for name, figure in with_row_errors(cycles, r).items():
-        all_figures[name] = figure
-        if figure.error is not None:
-            shifted = abs(figure.value - before[name].value)
-            all_figures[name] = figure._replace(error=figure.error + shifted)
-    return all_figures
+    others = [cycles(r.select(thinned_rows(r.t, 2, k))) for k in (0, 1)]
+    before = cycles(r.select(slice(begins[-2] + 1)))
+    figures = {name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()}
+    for name, x in cycles(r).items():
+        by_rows, shifted = (
+            max(abs(x.value - each[name].value) for each in some) for some in (others, [before])
+        )
+        error = None if x.error is None else by_rows + shifted + ROUNDING * abs(x.value)
+        figures[name] = x._replace(error=error)
+    return figures
 
 
 def cycles(r: Result) -> dict[str, Figure]:
@@ -143,10 +145,8 @@ def cycles(r: Result) -> dict[str, Figure]:
         **strongest_orders(both),
     }
     quantities["work"] = quantities["mean_supply"][0] * cycle, "J", "work of the supply in a cycle"
-    all_figures = {
-        name: Figure(float(x), unit, 0.0, what) for name, (x, unit, what) in quantities.items()
-    }
-    return all_figures | products(r, cycle)
+    figures = {n: Figure(float(x), unit, 0.0, what) for n, (x, unit, what) in quantities.items()}
+    return figures | products(r, cycle)
 
 
 def powers(both: Sequence[LastTurns]) -> Quantities:
@@ -196,13 +196,13 @@ def products(r: Result, cycle: float) -> dict[str, Figure]:
     why = "a product is still under way when the next is released"
     if reason:
         why = f"the orientator jams: {orientator.REASONS[int(reason)]}"
-    all_figures = {
+    figures = {
         name: Figure(x, "s", 0.0, meaning)
         if share == 1.0
         else Figure.undetermined("s", why, meaning)
         for name, (x, meaning) in times.items()
     }
-    return all_figures | {
+    return figures | {
         "products": Figure(60 / cycle * share, "1/min", 0.0, "oriented products"),
         "lost": Figure(60 / cycle * (1 - share), "1/min", 0.0, "products lost to jams"),
     }

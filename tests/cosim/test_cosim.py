@@ -19,13 +19,13 @@ from scipy.interpolate import CubicSpline
 from cosim import SetupError, System, Wire, linearize, oracle, run
 from cosim.describe import info
 from cosim.engine.energy import find_bonds
+from cosim.metrics import harmonics
 from cosim.system import connect, unit_conversion
 from cosim.system.base_units import BaseUnit, Unit
 from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import idle, pack
 from tests.oracle import monolithic
-from workbench.measure import last_revolutions, order
 
 NU = 40.0
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
@@ -57,8 +57,8 @@ def ripple(fmus: Path, algorithm: str, n: int, revolutions: int = 24, **start: i
     system = pair(fmus / "native", SETS["A"].start(NU) | held)
     result = run(system, stop=revolutions * n * h, step=h, algorithm=algorithm, record=RECORD)
     tau, _, phi, w, _ = result.data.T[1:]
-    settled = last_revolutions(phi, 8)
-    speed, torque = (order(phi[settled], x[settled], 2) for x in (w, tau))
+    settled = phi >= phi[-1] - 16 * math.pi
+    speed, torque = (harmonics(phi[settled], x[settled])[1] for x in (w, tau))
     return abs(speed), abs(torque), math.degrees(cmath.phase(torque))
 
 

@@ -17,6 +17,7 @@ from fmpy.model_description import read_model_description
 
 import scenarios
 from cosim import SetupError, System
+from cosim.metrics import harmonics
 from scenarios.conveyor.first_order import FIELDS, Machine
 from scenarios.iron import machine as iron
 from scenarios.iron.questions import iron_orders
@@ -27,7 +28,6 @@ from tests.conftest import COMPARED, LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.catalog import load_module, names
 from workbench.cli import main
 from workbench.export import content, finish, write
-from workbench.measure import harmonics
 
 QUESTIONS = [
     pytest.param(name, marks=pytest.mark.slow) if name in LONG else name

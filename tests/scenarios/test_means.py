@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from cosim import SetupError
+from cosim.metrics import harmonics
 from scenarios.conveyor.classical import worst
 from scenarios.conveyor.first_order import SETS, Machine, classical, flux_lag
 from scenarios.conveyor.questions import induction_motor
@@ -23,7 +24,6 @@ from scenarios.conveyor.second_order import drift, means, settling
 from tests.conftest import QUICK, ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, Orbit, angles, f_rod_peak, orbit
 from workbench.answer import Answer
-from workbench.measure import Measured, harmonics
 
 POINTS = {"A": "20,36,40,60", "B": "8,21,30,60"}
 
@@ -336,10 +336,10 @@ def test_what_steps_too_long_leave_of_the_classical_calculation_is_a_reason() ->
 
 def test_a_largest_error_covers_another_as_large() -> None:
     """Of the other sign, too: which is the largest is not known then."""
-    error = [Measured(5.0, 0.1), Measured(-4.9, 0.1), Measured(1.0, 0.3)]
-    assert worst(error, "").error == pytest.approx(10.0, rel=1e-12)
-    assert worst([error[0], error[2]], "").error == pytest.approx(0.1, rel=1e-12)
-    assert worst([error[0], Measured(math.nan, math.nan)], "").reason.endswith("has a steady orbit")
+    values, errors = np.array([5.0, -4.9, 1.0, math.nan]), np.array([0.1, 0.1, 0.3, math.nan])
+    assert worst(values[:3], errors[:3], "").error == pytest.approx(10.0, rel=1e-12)
+    assert worst(values[::2], errors[::2], "").error == pytest.approx(0.1, rel=1e-12)
+    assert worst(values, errors, "").reason.endswith("has a steady orbit")
 
 
 MOTOR = {"tau_b": 190.0, "s_b": 0.16, "w_s": 65.4}

@@ -22,6 +22,7 @@ from components.shaft_link import model as link
 from components.slotted_link import model as load
 from components.speed_controller import model as controller
 from cosim import SetupError
+from cosim.metrics import harmonics
 from fmukit.declare.record import declarations, start
 from scenarios.chain.questions import speed_step
 from scenarios.conveyor.first_order import SETS
@@ -31,7 +32,6 @@ from tests.components.test_iron_drive import quantities
 from tests.conftest import ask
 from tests.oracle import joined, monolithic, part, random_parameters, split
 from workbench import Figure
-from workbench.measure import harmonics
 
 SLOW, TURN = pytest.mark.slow, 2 * math.pi
 Comparison = tuple[Mapping[str, Figure], Mapping[str, float]]

@@ -5,8 +5,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 
 from cosim import Estimate, Result, limit
 from cosim.accuracy.judge import Function, judge_function
@@ -15,114 +13,25 @@ from cosim.accuracy.trajectories import divergence
 from cosim.series import TIME, Column
 from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
-from workbench import Figure, measure
+from workbench.figure import of_rows
 
 
-def test_the_largest_value_and_its_time_lie_between_the_rows() -> None:
-    t = np.arange(0.0, 3.0, 0.1)
-    peak = measure.largest(t, 5.0 * np.sin(t) - 1.0)
-    assert 0.0 < abs(peak.value - 4.0) < peak.error < 2e-3
-    assert 0.0 < abs(peak.at.value - math.pi / 2) < peak.at.error < 2e-3
-    assert abs(t - math.pi / 2).min() > 1e-2
-    low = measure.smallest(t, 1.0 - 5.0 * np.sin(t))
-    assert (low.value, low.error) == pytest.approx((-peak.value, peak.error))
-
-
-@pytest.mark.parametrize("end", [0.0, 1.0])
-def test_a_largest_value_at_an_end_is_that_row(end: float) -> None:
-    t = np.linspace(0.0, 1.0, 11)
-    assert measure.largest(t, 3.0 - (t - end) ** 2)[::2] == (3.0, (end, end * 1e-12))
-
-
-def test_crossings_are_located_up_and_down_with_their_errors() -> None:
-    t = np.linspace(0.0, 2 * math.pi, 60)
-    for which, exact in zip((0, 1, -1), np.pi / 6 * np.array([1, 5, 5])):
-        crossing = measure.crossing(t, np.sin(t), 0.5, which)
-        assert 0.0 < abs(crossing.value - exact) < crossing.error < 1e-3
-
-
-def test_where_x_hardly_moves_from_rest_it_crosses_nothing() -> None:
-    """A spline that is nearly zero there, 1e-319, has zeros of the level in SciPy's arithmetic."""
-    t = np.linspace(0.0, 1.0, 2001)
-    x = np.maximum(t - 0.5, 0.0) ** 3
-    assert len(CubicSpline(t, x).solve(0.1, extrapolate=False)) > 1
-    only = measure.crossing(t, x, 0.1)
-    assert measure.crossing(t, x, 0.1, -1) == only
-    assert abs(only.value - 0.5 - 0.1 ** (1 / 3)) < only.error < 1e-6
-
-
-def test_a_crossing_that_never_happens_is_a_refused_figure() -> None:
-    t = np.linspace(0.0, 2 * math.pi, 60)
-    for level, which in ((2.0, 0), (0.5, 2), (0.5, -3)):
-        figure = measure.crossing(t, np.sin(t), level, which).figure("s", "when")
-        assert (figure.error, figure.reason) == (None, "it does not happen during the run")
-
-
-@pytest.mark.parametrize("off", [-1e-8, 1e-8])
-def test_a_level_that_is_only_just_reached_or_missed_gives_no_time(off: float) -> None:
-    """x = 3 - cos(t) - t / 100 turns at 3.9686, 1.9371, 3.9058: what comes before the time sought decides.
-
-    The rows leave 1e-7 of x open.
-    """
-    t = np.linspace(0.0, 12.0, 400)
-    x = 3.0 - np.cos(t) - t / 100.0
-    turn = math.pi - math.asin(0.01)
-    level = 3.0 - math.cos(turn) - turn / 100.0 + off
-    crossings = [
-        measure.crossing(t, x, level, which).figure("s", "when") for which in (0, 1, -1, -2)
-    ]
-    assert {figure.reason for figure in crossings} == {
-        "the signal only touches the level, within its error"
-    }
-    final = t > 4.0
-    assert (
-        measure.crossing(t[final], x[final], level).figure("s", "when").reason.startswith("it does")
-    )
-    for low in (2.5, 3.5):
-        assert measure.crossing(t, x, low).figure("s", "when").error
-
-
-def test_only_turns_before_a_time_make_it_doubtful() -> None:
-    """t sin(t) turns at 1.820 and at 7.917: a level there is passed twice, and twice or not again."""
-    t = np.linspace(0.1, 12.0, 800)
-    x = t * np.sin(t)
-    turns = [float(brentq(lambda t: math.tan(t) + t, *span)) for span in ((1.8, 2.2), (7.9, 8.1))]
-    low, high = (turn * math.sin(turn) - 1e-9 for turn in turns)
-    for level, doubtful in ((low, {0, 1, 2, 3, -3, -4}), (high, {*range(-4, 4)})):
-        for which in range(-4, 4):
-            infinite = math.isinf(measure.crossing(t, x, level, which).error)
-            assert infinite == (which in doubtful), (level, which)
-
-
-@pytest.mark.parametrize(
-    ("level", "which", "clear"),
-    [(7.0, 0, 0.827), (7.0, -1, 0.827), (8.0, 0, 3.022), (8.0, -1, 0.173)],
-)
-def test_the_clearance_is_that_of_the_turns_which_decide(
-    level: float, which: int, clear: float
-) -> None:
-    """t + 3 sin(t) turns at 4.739, 1.544, 11.022, 7.827 and 17.305: it passes 7 once, and 8 three times."""
-    t = np.linspace(0.0, 15.0, 600)
-    near = measure.clearance(t, t + 3.0 * np.sin(t), level, which)
-    assert near.value == pytest.approx(clear, abs=1e-3) and near.error < 1e-5
-    passing = Figure(1.0, "s", 1e-6)
-    for error in (0.5 * near.value, 2.0 * near.value):
-        told = measure.passed_for_certain(passing, Figure(near.value, "rad", error))
-        assert (told == passing) == (error < near.value)
-    assert measure.passed_for_certain(passing, None) == passing
-
-
-def test_an_integral_states_what_its_rows_leave_open() -> None:
+def test_a_number_of_rows_states_what_their_spacing_leaves() -> None:
+    """A sum over rows is off by the square of their distance."""
     t = np.linspace(0.0, 3.0, 31)
-    integral = measure.integral(t, np.exp(-t) * np.sin(7 * t))
+    area = of_rows(
+        lambda t, x: float(np.trapezoid(x, t)), t, np.exp(-t) * np.sin(7 * t), unit="m.s"
+    )
     exact = (7 - math.exp(-3) * (math.sin(21) + 7 * math.cos(21))) / 50
-    assert 0.0 < abs(integral.value - exact) < integral.error < 1e-2
+    assert area.error and 0.0 < abs(area.value - exact) < area.error < 2e-2
 
 
 def test_revolutions_near_a_speed_add_up_over_all_visits() -> None:
     """w = 1 + cos t, phi = t + sin t: near 1 twice a period, 2 asin 0.1 rad each time."""
     t = np.linspace(0.0, 2 * math.pi, 2000)
-    near = run_up.revolutions_near(1.0, t, 1 + np.cos(t), t + np.sin(t))
+    columns = [TIME, Column("conveyor.w"), Column("conveyor.phi")]
+    rows = np.stack([t, 1 + np.cos(t), t + np.sin(t)])
+    near = run_up.revolutions_near(1.0, Result(columns, {}, rows.__getitem__))
     assert near == pytest.approx(4 * math.asin(0.1) / (2 * math.pi), rel=1e-6)
 
 
@@ -248,28 +157,6 @@ def test_the_cost_of_a_jam_and_its_error_follow_the_cycle() -> None:
     assert products.value == pytest.approx(60 / cycle.value, rel=1e-12)
     share = products.error / products.value
     assert share == pytest.approx(cycle.error / cycle.value, rel=0.2)
-
-
-def test_rows_of_a_result_are_thinned_together() -> None:
-    t = np.linspace(0.0, 1.0, 21)
-    r = Result([TIME, Column("a.x", "m")], {}, np.column_stack([t, t**2]).T.__getitem__)
-
-    def figures_of(r: Result) -> dict[str, Figure]:
-        area = float(np.trapezoid(r["a.x"], r["time"]))
-        return {"sum": Figure(area, "m.s", 0.0), "none": Figure.undetermined("m", "why")}
-
-    figures = measure.with_row_errors(figures_of, r)
-    assert figures["sum"].value == pytest.approx(1 / 3, abs=1e-3)
-    assert abs(figures["sum"].value - 1 / 3) < figures["sum"].error
-    assert figures["none"].reason == "why"
-
-
-@pytest.mark.parametrize("jump", [1.0, 1.0003])
-def test_a_largest_value_next_to_a_jump_is_not_that_of_a_spline(jump: float) -> None:
-    t = np.linspace(0.0, 2.0, 2001)
-    peak = measure.largest(t, np.where(t <= jump, 93.0 - (t - 1.2) ** 2, 80.0))
-    assert abs(peak.value - (93.0 - (jump - 1.2) ** 2)) <= peak.error < 1e-3
-    assert abs(peak.at.value - jump) <= peak.at.error < 3e-3
 
 
 def test_figures_after_the_runs_have_diverged_are_refused() -> None:

@@ -21,9 +21,9 @@ from .declare import (
     Slider,
     Steady,
 )  # fmt: skip
-from .still import drawn
+from .still import drawn, moved
 
 __all__ = [
     "REVOLUTION", "Caption", "Coordinate", "Formulas", "Live", "LiveMotion", "LivePart",
-    "LiveRun", "LiveSweep", "Number", "Reader", "RunChart", "RunPanel", "Slider", "Steady", "drawn", "of",
+    "LiveRun", "LiveSweep", "Number", "Reader", "RunChart", "RunPanel", "Slider", "Steady", "drawn", "moved", "of",
 ]  # fmt: skip

@@ -15,13 +15,13 @@ from cosim import SetupError
 from cosim.system import connect
 
 from ..answer import LivePart
+from ..formula import Formula
 from ..options import Options, declared
 from ..page.script import compact
 from .content import Content, numeric
 from .declare import (
     Live,
 )  # fmt: skip
-from .formula import Formula
 
 if TYPE_CHECKING:
     from ..answer import Findings

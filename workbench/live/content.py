@@ -18,6 +18,7 @@ from cosim.system.graph import stepping_order
 from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, Panel
 from ..charts.plotly import template
 from ..charts.svg import letter_sizes
+from ..formula import Formula
 from ..options import Options, declared
 from . import drawing
 from .declare import (
@@ -32,7 +33,6 @@ from .declare import (
     RunChart,
     RunPanel,
 )  # fmt: skip
-from .formula import Formula
 
 if TYPE_CHECKING:
     from ..answer import Findings

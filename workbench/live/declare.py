@@ -10,15 +10,33 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from cosim import SetupError
+from cosim.metrics import (
+    Change,
+    Crossing,
+    Largest,
+    Last,
+    LastTurn,
+    Mean,
+    Metric,
+    Smallest,
+    TimeOfLargest,
+    TimeOfSmallest,
+)
+
 from ..charts.model import CurveLook, NamedLook
 from ..charts.motion import Columns, Shape
+from ..formula import Formula
 
 Text = str | float
 Formulas = Mapping[str, Text]
 #: the window of the last revolution of `Live.angle`
 REVOLUTION = "revolution"
-#: how a number may be read from a column, each a function of js/readers.js
-READERS = ("last", "change", "max", "min", "mean", "first_crossing", "amplitude", "phase")
+#: How a number may be read from a column: a function of js/readers.js, and the metric that it has in an answer.
+READERS: Mapping[str, type[Metric] | None] = {
+    "last": Last, "change": Change, "max": Largest, "min": Smallest, "mean": Mean, "first_crossing": Crossing,
+    "time_of_max": TimeOfLargest, "time_of_min": TimeOfSmallest, "amplitude": None, "phase": None,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -68,19 +86,39 @@ class Reader:
     run: str = ""
     angle: str = ""
 
+    def metric(self, values: Mapping[str, float]) -> Metric:
+        """Return the same as a metric of the column of its formula, with the values of options and parameters.
+
+        Raises
+        ------
+        SetupError
+            For a kind that no metric has.
+        """
+        kind = READERS.get(self.kind)
+        if kind is None:
+            names = ", ".join(name for name, metric in READERS.items() if metric)
+            raise SetupError(f"reader {self.kind!r} of {self.column} must be one of {names}")
+        level = {"level": Formula.read(self.level)(values)} if kind is Crossing else {}
+        if self.window == REVOLUTION:
+            return LastTurn(kind(self.column, **level), over=self.angle)
+        begin = {} if self.window == "" else {"begin": Formula.read(self.window)(values)}
+        return kind(self.column, **level, **begin)
+
 
 @dataclass(frozen=True)
 class Number:
-    """A live number.
+    """A number of a run, which is read from it or follows from others.
 
     Attributes
     ----------
     name : str
-        The figure of the answer that stands beside it; any other identifier if there is none.
-    value : Reader, str or float
-        How it is read from the run, or a formula.
+        That of the figure of the answer which it is, or which stands beside it on the live page; any other identifier
+        if there is none.
+    value : Reader, Metric, str or float
+        How it is read from the run, or a formula. What only a metric reads is in the answer, but not on the live page.
     unit, meaning : str
-        Those of the figure by default.
+        Those of the figure by default; the unit of a `Question.numbers` is by default that of its column, and its
+        meaning may name options, "up to {stop:g} s".
     when : str
         A formula; where it is 0 the number is not there, and `otherwise` says why.
     is_visible : bool
@@ -88,7 +126,7 @@ class Number:
     """
 
     name: str
-    value: Reader | Text
+    value: Reader | Metric | Text
     unit: str = ""
     meaning: str = ""
     when: Text = 1.0
@@ -186,6 +224,11 @@ class Caption:
     unit: str = ""
     decimals: int = 1
     texts: tuple[str, ...] = ()
+
+    def told(self, value: float) -> str:
+        """Return the text with a value."""
+        number = self.texts[round(value)] if self.texts else f"{value:.{self.decimals}f}"
+        return f"{self.text} {number} {self.unit}".strip()
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Charts of runs as they are declared, drawn from recorded rows: the picture of what the live page draws."""
+"""Charts and motions of runs as they are declared, drawn from recorded rows: the picture of what the live page draws."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import numpy as np
 from cosim import Result
 
 from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, Panel, Rows, Samples
+from ..charts.motion import FRAMES, Motion, Shape, rows, shifted
 from ..figure import Figure
+from ..formula import Formula
 from ..options import Options
-from .declare import REVOLUTION, LiveRun, RunChart
-from .formula import Formula
+from .declare import REVOLUTION, Caption, LiveMotion, LiveRun, RunChart
 
 TURN = 2 * math.pi
 #: Share of a turn within which a whole one is there, whatever its ends are rounded to.
@@ -73,6 +74,44 @@ def drawn(
     return Chart(chart.title, chart.label, panels)
 
 
+def moved(
+    motion: LiveMotion,
+    *results: Result,
+    names: Sequence[str] = ("",),
+    first: float = -math.inf,
+    last: float = math.inf,
+    frames: int = FRAMES,
+) -> Motion:
+    """Return a motion with the rows of results of the same step, each beside the other.
+
+    Parameters
+    ----------
+    motion
+        What is declared, for the picture and the live page alike.
+    results, names
+        The rows, whose columns formulas of captions name, and what each is called.
+    first, last
+        The times [s] between which it is shown.
+    frames
+        How many times, at most.
+    """
+    t = results[0]["time"]
+    picked = rows(t, max(first, float(t[0])), min(last, float(t[-1])), frames)
+    read = [Formula.read(x.value) for x in motion.captions]
+    used = {x.column for x in motion.coordinates}.union(*(formula.names for formula in read))
+    shapes, texts = list[Shape](), []
+    for k, (name, result) in enumerate(zip(names, results)):
+        at = {column: np.asarray(result[column], float)[picked] for column in used}
+        shapes += shifted(motion.draw(at), *(k * np.array(motion.offset)))
+        values = zip(*(np.broadcast_to(x.over(at), len(picked)).tolist() for x in read))
+        told = [", ".join(map(Caption.told, motion.captions, row)) for row in values]
+        texts.append([f"{name} {text}".strip() for text in told])
+    captions = [
+        f"{now - t[picked[0]]:.3f} s: {'; '.join(each)}" for now, *each in zip(t[picked], *texts)
+    ]
+    return Motion(motion.title, t[picked], motion.slow, captions, shapes, motion.note)
+
+
 def _columns(
     result: Result, chart: RunChart, values: Mapping[str, float], angle: str
 ) -> dict[str, Samples | float]:
@@ -80,13 +119,13 @@ def _columns(
     texts = [chart.x, *(text for panel in chart.panels for text in panel.curves)]
     names = {"time"}.union(*(Formula.read(text).names for text in texts))
     columns = {name: result[name] for name in names & set(result.names)}
-    rows: Rows = slice(None)
+    inside: Rows = slice(None)
     if angle:
         phi = result[angle]
         has_turn = phi[-1] - phi[0] >= WHOLE * TURN
         columns["crank_angle"] = phi - (phi[-1] - TURN if has_turn else 0.0)
         if has_turn and chart.window == REVOLUTION:
-            rows = columns["crank_angle"] >= -(1 - WHOLE) * TURN
+            inside = columns["crank_angle"] >= -(1 - WHOLE) * TURN
     if chart.window not in {"", REVOLUTION}:
-        rows = columns["time"] >= Formula.read(chart.window)(values)
-    return {**values, **{name: np.asarray(x, float)[rows] for name, x in columns.items()}}
+        inside = columns["time"] >= Formula.read(chart.window)(values)
+    return {**values, **{name: np.asarray(x, float)[inside] for name, x in columns.items()}}

@@ -16,6 +16,7 @@ import numpy as np
 
 import cosim
 from cosim import Advice, Identified, SetupError
+from cosim.metrics import harmonics
 from cosim.system import Value
 from cosim.units import multiples
 from workbench import (
@@ -36,7 +37,6 @@ from workbench.charts import model as colors
 from workbench.charts.model import SecondUnit, Span
 from workbench.fitting import RecordOptions
 from workbench.judgement import Verdict
-from workbench.measure import harmonics
 
 from ..first_order import SETS, Machine
 from ..fitted_drive import CHANGED, IdentifiedDrive, edges, figures

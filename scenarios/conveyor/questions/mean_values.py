@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cosim.dense import Array as Samples
 from workbench import (
     Chart,
     Context,
@@ -29,7 +30,6 @@ from workbench import (
     option,
 )
 from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
-from workbench.measure import Samples
 from workbench.steady import TURN
 
 from .. import motion

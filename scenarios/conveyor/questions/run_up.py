@@ -8,27 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
+from cosim.metrics import Mean, passings
 from workbench import Chart, Curve, Figure, Judgement, Panel, Question, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.live import Live, LiveRun, Number, Reader, RunChart, RunPanel, Slider, drawn
-from workbench.measure import (
-    Samples,
-    clearance,
-    crossing,
-    crossing_times,
-    largest,
-    measured,
-    passed_for_certain,
-    since,
-    smallest,
-)
 from workbench.steady import TURN
 
 from .. import live_theory
@@ -44,12 +33,13 @@ MOTORS = {"linear": 0, "kloss": 1}
 LABELS = {"linear": "linear motor", "kloss": "induction motor"}
 STYLES = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
 LOADS = {
-    "w": ("conveyor.w", "speed of the crank"),
-    "tau": ("motor.tau", "torque"),
-    "f_rod": ("conveyor.f_rod", "rod force"),
+    "w": ("conveyor.w", "speed of the crank", "rad/s"),
+    "tau": ("motor.tau", "torque", "N.m"),
+    "f_rod": ("conveyor.f_rod", "rod force", "N"),
 }
 #: Share of a run after which its end begins; a convention.
-END = 0.8
+END_SHARE = 0.8
+END = f"{END_SHARE} * stop"
 #: Mean speed at the end over the largest there, below which the crank only rocks; 2 / pi where it turns forward.
 ROCKING = 0.1
 #: Largest speed at the end over that of the run, below which the crank stands still; a convention.
@@ -71,6 +61,37 @@ class RunUp(Question, NameplateOptions, Run):
     )  # fmt: skip
     labels = LABELS
 
+    numbers = (
+        *(
+            Number(f"{name}_max", Reader("max", f"abs({column})"), unit, f"largest {what}")
+            for name, (column, what, unit) in LOADS.items()
+        ),
+        *(
+            Number(f"{name}_end_{kind}", Reader(kind, column, END), unit, f"{size} {what} at the end")
+            for name, (column, what, unit) in LOADS.items()
+            if name != "f_rod"
+            for kind, size in (("min", "smallest"), ("max", "largest"))
+        ),
+    )  # fmt: skip
+    charts = (
+        RunChart(
+            "Run-up from rest",
+            "time [s]",
+            [
+                RunPanel("crank speed", {"conveyor.w": SPEED}, levels={"resonance by formula": "figures.nu_res"}),
+                RunPanel("motor torque", {"motor.tau": TORQUE}),
+                RunPanel("rod force", {"conveyor.f_rod": FORCE}, "kN"),
+            ],
+        ),
+    )  # fmt: skip
+    sliders = (
+        Slider("speed", 30.0, 90.0),
+        Slider("motor.T", 0.01, 0.15),
+        Slider("conveyor.trough.m", 100.0, 400.0),
+        Slider("conveyor.spring.c", 2e5, 1.2e6),
+        Slider("conveyor.rotor.J", 0.2, 2.0),
+    )
+
     set: str = option("B", "parameter set", choices=SETS)
     speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
 
@@ -89,51 +110,29 @@ class RunUp(Question, NameplateOptions, Run):
             for motor, characteristic in MOTORS.items()
         }
 
+    def figures(self, r: Result) -> dict[str, Figure]:
+        """Return when the crank rises through the resonance for good, and for how many revolutions it is near it."""
+        nu, w, phi = machine_of(self).nu_res, r.solution("conveyor.w"), r["conveyor.phi"]
+        meaning = "time when the crank has passed the resonance"
+        times = passings(w, nu)
+        passed = float(times[-1]) if len(times) else math.nan
+        stays = w.x[0, -1] >= nu and phi[-1] - np.interp(passed, r["time"], phi) >= TURN
+        passing = Figure.measured(passed, "s", meaning)
+        near = revolutions_near(nu, r)
+        return {
+            "passing": passing if stays else Figure.undetermined("s", BELOW, meaning),
+            "revolutions_near": Figure.measured(near, "1", "revolutions within 10 % of the resonance"),
+        }  # fmt: skip
+
     def more_figures(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> dict[str, Figure]:
-        """Return the resonance by formula, how fast it builds up, and the times of passing that are certain."""
+        """Return the resonance by formula and how fast it builds up."""
         machine = machine_of(self)
         build_up = 1 / (4 * math.pi * machine.zeta)
-        passings = {
-            f"{motor}_passing": passed_for_certain(
-                f[f"{motor}_passing"], f.get(f"{motor}_clearance")
-            )
-            for motor in MOTORS
-        }
-        return passings | {
+        return {
             "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
             "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
             "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
         }
-
-    def figures(self, r: Result) -> dict[str, Figure]:
-        """When the crank rises through the resonance for good, revolutions near it, the largest loads,
-        where it all ends.
-        """
-        t, w, second = r["time"], r["conveyor.w"], r.units["time"]
-        machine, meaning = machine_of(self), "time when the crank has passed the resonance"
-        phi = r["conveyor.phi"]
-        passed = crossing(t, w, machine.nu_res, -1)
-        stays = w[-1] >= machine.nu_res and phi[-1] - np.interp(passed.value, t, phi) >= TURN
-        clear = clearance(t, w, machine.nu_res, -1)
-        near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
-        all_figures = {
-            "passing": Figure.undetermined(second, BELOW, meaning)
-            if not stays
-            else passed.figure(second, meaning),
-            "revolutions_near": near.figure("1", "revolutions within 10 % of the resonance"),
-        }
-        if stays and not math.isnan(clear.value):
-            least = "distance of the resonance from the nearest turn of the speed around that time"
-            all_figures["clearance"] = clear.figure(r.units["conveyor.w"], least)
-        for name, (column, what) in LOADS.items():
-            x, unit = r[column], r.units[column]
-            all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}")
-            if name != "f_rod":
-                end = since(t, x, END * t[-1])
-                low, high = smallest(*end), largest(*end)
-                all_figures[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end")
-                all_figures[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end")
-        return all_figures
 
     def judgements(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> list[Judgement]:
         """Whether each motor passes the resonance, and how large its torque gets."""
@@ -175,7 +174,7 @@ class RunUp(Question, NameplateOptions, Run):
             plane.append(Panel(f"torque, {name}", result.units["motor.tau"], curves))
         end = min(float(result["time"][-1]) for result in r.values())
         charts = [
-            drawn(CHART, [r[motor] for motor in MOTORS], self, f, runs=RUNS),
+            drawn(self.charts[0], [r[motor] for motor in MOTORS], self, f, runs=RUNS),
             Chart("Torque over speed", "crank speed [rad/s]", plane),
         ]
         return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
@@ -183,34 +182,16 @@ class RunUp(Question, NameplateOptions, Run):
     def live(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Live:
         """Both motors from rest."""
         p = r["linear"].provenance["parts"]["conveyor"]["parameters"]
-        peaks = [
-            Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=STYLES[motor][0]))
+        numbers = [
+            replace(x, name=f"{motor}_{x.name}", value=replace(x.value, run=STYLES[motor][0]))
             for motor in MOTORS
-            for name, (column, _) in LOADS.items()
+            for x in self.numbers
+            if isinstance(x.value, Reader) and "tau_end" not in x.name
         ]
-        ends = [
-            Number(
-                f"{motor}_w_end_{kind}",
-                Reader(kind, "conveyor.w", f"{END} * stop", run=STYLES[motor][0]),
-            )
-            for motor in MOTORS
-            for kind in ("min", "max")
-        ]
-        return Live(
-            sliders=(
-                Slider("speed", 30.0, 90.0),
-                Slider("motor.T", 0.01, 0.15),
-                Slider("conveyor.trough.m", 100.0, 400.0),
-                Slider("conveyor.spring.c", 2e5, 1.2e6),
-                Slider("conveyor.rotor.J", 0.2, 2.0),
-            ),
-            values=live_theory.values({}),
-            start={"motor.A": live_theory.START["motor.A"]},
-            runs=RUNS,
-            numbers=[Number("nu_res", "nu_res"), *peaks, *ends],
-            charts=[CHART],
-            motion=live_motion("Both conveyors from rest", p, 15.0),
-        )
+        return self.page(
+            f, r, values=live_theory.values({}), start={"motor.A": live_theory.START["motor.A"]}, runs=RUNS,
+            numbers=[Number("nu_res", "nu_res"), *numbers], motion=live_motion("Both conveyors from rest", p, 15.0),
+        )  # fmt: skip
 
 
 def machine_of(o: RunUp) -> Machine:
@@ -218,24 +199,21 @@ def machine_of(o: RunUp) -> Machine:
     return SETS[o.set].follow(o.start)
 
 
-def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
+def revolutions_near(nu: float, r: Result) -> float:
     """Revolutions of the crank while its speed is within 10 % of nu."""
-    speed = CubicSpline(t, w)
+    w, phi = r.solution("conveyor.w"), r.solution("conveyor.phi")
     limits = (1 - NEAR_SHARE) * nu, (1 + NEAR_SHARE) * nu
-    ends = np.sort(
-        np.concatenate([t[:1], *(crossing_times(t, w, limit) for limit in limits), t[-1:]])
-    )
-    middle = np.abs(speed((ends[1:] + ends[:-1]) / 2) / nu - 1.0) < NEAR_SHARE
-    return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
+    ends = np.sort(np.concatenate([w.t[:1], *(passings(w, limit) for limit in limits), w.t[-1:]]))
+    near = np.abs(w((ends[1:] + ends[:-1]) / 2)[0] / nu - 1.0) < NEAR_SHARE
+    return float(np.diff(phi(ends)[0])[near].sum() / TURN)
 
 
 def stalls(r: Result) -> bool:
     """Whether the crank stands still at the end of a run, or only rocks to and fro."""
-    t, w = r["time"], r["conveyor.w"]
-    times, angles = since(t, r["conveyor.phi"], END * t[-1])
-    _, speeds = since(t, w, END * t[-1])
-    mean = (angles[-1] - angles[0]) / (times[-1] - times[0])
-    return bool(mean < ROCKING * speeds.max() or speeds.max() < STANDING * w.max())
+    begin = END_SHARE * float(r["time"][-1])
+    end, w = r.solution("conveyor.w").between(begin, math.inf), r["conveyor.w"]
+    mean = Mean("").measure(end)[0]
+    return bool(mean < ROCKING * end.x.max() or end.x.max() < STANDING * w.max())
 
 
 def failure(o: RunUp, f: Mapping[str, Figure], r: Result, motor: str) -> str:
@@ -259,17 +237,6 @@ def failure(o: RunUp, f: Mapping[str, Figure], r: Result, motor: str) -> str:
     return f"{what} {speed:.4g} rad/s, below that: more time does not help"
 
 
-CHART = RunChart(
-    "Run-up from rest",
-    "time [s]",
-    [
-        RunPanel(
-            "crank speed", {"conveyor.w": SPEED}, levels={"resonance by formula": "figures.nu_res"}
-        ),
-        RunPanel("motor torque", {"motor.tau": TORQUE}),
-        RunPanel("rod force", {"conveyor.f_rod": FORCE}, "kN"),
-    ],
-)
 RUNS = [
     LiveRun(*STYLES[motor], {"motor.characteristic": characteristic})
     for motor, characteristic in MOTORS.items()

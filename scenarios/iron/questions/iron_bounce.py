@@ -16,6 +16,7 @@ import numpy as np
 
 import cosim
 from cosim import Result, System
+from cosim.metrics import largest
 from workbench import (
     Chart,
     Context,
@@ -32,9 +33,20 @@ from workbench import (
 )
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
+from workbench.figure import ROUNDING
 from workbench.judgement import Verdict
-from workbench.live import REVOLUTION, Live, Number, Reader, RunChart, RunPanel, Slider, drawn
-from workbench.measure import ROUNDING, largest, with_rows
+from workbench.live import (
+    REVOLUTION,
+    Live,
+    LiveMotion,
+    Number,
+    Reader,
+    RunChart,
+    RunPanel,
+    Slider,
+    drawn,
+    moved,
+)
 
 from .. import machine as iron
 from .. import motion
@@ -91,6 +103,44 @@ class IronBounce(Question):
     stiffness: float = option("10000N/mm", "stiffness of the contact", "N/m", above=0.0)
     samples: int = option(1440, "rows per turn", least=360)
 
+    numbers = (
+        Number("flight", Reader("change", "iron.t_flight", REVOLUTION)),
+        Number("landings", Reader("change", "iron.landings", REVOLUTION)),
+        Number("gap", Reader("max", "iron.gap", REVOLUTION)),
+        Number("speed", Reader("max", "iron.v_landing", REVOLUTION)),
+        Number("impulse", Reader("max", "iron.S_landing", REVOLUTION)),
+        Number("loss", Reader("change", "iron.E_landing", REVOLUTION)),
+        Number("force", "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))"),
+    )  # fmt: skip
+    charts = (
+        RunChart(
+            "The last of three turns",
+            "cam angle [deg]",
+            [
+                RunPanel("gap of the rocker", {"iron.gap": FORCE}, "deg"),
+                RunPanel("force of the cam", {"iron.N": TORQUE}, includes=(0.0,)),
+                RunPanel("lift of the iron", {"iron.lift": LIFT}, "mm"),
+                RunPanel("velocity", {"iron.v": SPEED}),
+            ],
+            "crank_angle * 180 / pi",
+            REVOLUTION,
+        ),
+    )
+    sliders = (
+        Slider("speed", 7.0, 13.0),
+        Slider("stiffness", 1e5, 1e8),
+        Slider("iron.follower.e", 0.0, 0.9),
+        Slider("iron.spring.c", 0.0, 1200.0),
+        Slider("iron.iron.m", 1.0, 10.0),
+    )
+    start_values = {
+        "iron.tau": 0.0,
+        "iron.phi": 0.0,
+        "iron.w_cam": "speed",
+        "iron.reducer.J": iron.FLYWHEEL,
+        "iron.follower.lifts": 1,
+    }
+
     def solve(self, context: Context) -> Findings:
         """A sweep; and one speed, again with twice the rows and bounces that end four times as slow.
 
@@ -104,35 +154,30 @@ class IronBounce(Question):
         )
         table = context.record_rows(TABLE, UNITS, (flight[:-1] for flight in flights))
         result = flying(system, self.samples, self.speed)
-        before, turn_figures = (
+        before, now = (
             flight(result, self.samples, self.speed, turn) for turn in (TURNS - 2, TURNS - 1)
         )
         finer = replace(system, start={**system.start, "iron.follower.v": v / FINER})
         other = last(finer, 2 * self.samples, self.speed)
-        reason = (
-            UNLIKE
-            if turn_figures.landings != before.landings
-            else ""
-            if turn_figures.are_distinct
-            else HIDDEN
-        )
-        all_figures = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
+        reason = "" if now.are_distinct else HIDDEN
+        if now.landings != before.landings:
+            reason = UNLIKE
+        figures = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
         for name, meaning in MEANINGS.items():
-            x, earlier, fine = (turn._asdict()[name] for turn in (turn_figures, before, other))
+            x, earlier, fine = (getattr(turn, name) for turn in (now, before, other))
             error = abs(x - earlier) + 2 * abs(x - fine) + ROUNDING * x
             if name == "landings":  # of which slower ends make more
                 error = 0.0
-            texts = Figure(x, UNITS[name], error, meaning)
-            all_figures[name] = (
-                Figure.undetermined(texts.unit, reason, meaning) if reason else texts
+            figures[name] = (
+                Figure.undetermined(UNITS[name], reason, meaning)
+                if reason
+                else Figure(x, UNITS[name], error, meaning)
             )
-        all_figures["force"] = force(all_figures, e, self.stiffness)
-        all_figures["cycles"] = Figure(
-            self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute"
-        )
-        turn = with_rows(result, result.data[(TURNS - 1) * self.samples :])
+        figures["force"] = force(figures, e, self.stiffness)
+        figures["cycles"] = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
+        turn = result.select(slice((TURNS - 1) * self.samples, None))
         step, data = f"{self.samples} steps in a turn", (turn, system, table)
-        return Findings(all_figures, data, system, result.provenance, step, tables={TABLE: table})
+        return Findings(figures, data, system, result.provenance, step, tables={TABLE: table})
 
     def judgements(self, f: Mapping[str, Figure], r: object) -> list[Judgement]:
         """Whether the follower stays on its cam at the speed, and what it does if not."""
@@ -155,10 +200,10 @@ class IronBounce(Question):
 
     def show(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Show:
         """A turn with its landings, the sweep, and the mechanism in motion."""
-        turn, system, table = r
+        turn, _, table = r
         phi = np.degrees(turn["iron.phi"]) - 360.0 * (TURNS - 1)
         hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
-        chart = drawn(CHART, turn, angle="iron.phi")
+        chart = drawn(self.charts[0], turn, angle="iron.phi")
         panels = list(chart.panels)
         if hit.any():
             blows = Curve("landing", phi[hit], turn["iron.S_landing"][hit], TORQUE, "points")
@@ -176,52 +221,27 @@ class IronBounce(Question):
             chart._replace(title=title, panels=panels, spans=spans),
             Chart("Flight and landings over the speed", "speed of the cam [1/min]", over, marks),
         ]
-        moving = motion.motion("The mechanism in this turn", turn, system, turn["time"][-1], 4.0)
-        return Show(charts, [moving])
+        return Show(charts, [moved(self.motion(f, r), turn)])
+
+    def motion(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> LiveMotion:
+        """The mechanism."""
+        return motion.live_motion("The mechanism in this turn", *r[:2], 4.0, REVOLUTION)
 
     def live(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Live:
         """The last of three turns at the speed of the slider, as `flying` has them."""
-        turn, system, _ = r
-        impulse = "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))"
-        return Live(
-            sliders=(
-                Slider("speed", 7.0, 13.0),
-                Slider("stiffness", 1e5, 1e8),
-                Slider("iron.follower.e", 0.0, 0.9),
-                Slider("iron.spring.c", 0.0, 1200.0),
-                Slider("iron.iron.m", 1.0, 10.0),
-            ),
-            start={
-                "iron.tau": 0.0,
-                "iron.phi": 0.0,
-                "iron.w_cam": "speed",
-                "iron.reducer.J": iron.FLYWHEEL,
-                "iron.follower.lifts": 1,
-                **({} if "iron.on_invalid" in self.start else {"iron.on_invalid": 1}),
-            },
-            stop=f"{TURNS} * 2 * pi / speed",
-            step="2 * pi / (speed * samples)",
+        warns = {} if "iron.on_invalid" in self.start else {"iron.on_invalid": 1}
+        return self.page(
+            f, r, start=self.start_values | warns, stop=f"{TURNS} * 2 * pi / speed", step="2 * pi / (speed * samples)",
             angle="iron.phi",
-            numbers=[
-                Number("flight", Reader("change", "iron.t_flight", REVOLUTION)),
-                Number("landings", Reader("change", "iron.landings", REVOLUTION)),
-                Number("gap", Reader("max", "iron.gap", REVOLUTION)),
-                Number("speed", Reader("max", "iron.v_landing", REVOLUTION)),
-                Number("impulse", Reader("max", "iron.S_landing", REVOLUTION)),
-                Number("loss", Reader("change", "iron.E_landing", REVOLUTION)),
-                Number("force", impulse),
-            ],
-            charts=[CHART],
-            motion=motion.live_motion("The mechanism in this turn", turn, system, 4.0, REVOLUTION),
-        )
+        )  # fmt: skip
 
 
 def flying(system: System, samples: int, speed: float) -> Result:
     """Turns at constant speed [rad/s], from phi = 0, with a follower that may lift off."""
-    turn_figures = iron.imposed(system, speed)
-    turn_figures = replace(turn_figures, start={**turn_figures.start, "iron.follower.lifts": True})
+    turning = iron.imposed(system, speed)
+    turning = replace(turning, start={**turning.start, "iron.follower.lifts": True})
     h = 2 * math.pi / (speed * samples)
-    return cosim.run(turn_figures, stop=h * samples * TURNS, step=h)
+    return cosim.run(turning, stop=h * samples * TURNS, step=h)
 
 
 def last(system: System, samples: int, speed: float) -> Flight:
@@ -239,7 +259,7 @@ def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:
     e = r.provenance["parts"]["iron"]["parameters"]["follower.e"]
     are_distinct = not (v[1:][new > 1] > e * hardest / 2).any()
     flight_time, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
-    widest = largest(r["time"][rows], gap).value
+    widest = largest(r["time"][rows], gap)
     return Flight(speed, flight_time, landings, widest, hardest, impulse, loss, are_distinct)
 
 
@@ -255,17 +275,3 @@ def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
     peak = math.sqrt(stiffness * v.value * S.value / (1 + e))
     share = (v.error / v.value + S.error / S.value) / 2 if peak else 0.0
     return Figure(peak, "N", peak * share, meaning)
-
-
-CHART = RunChart(
-    "The last of three turns",
-    "cam angle [deg]",
-    [
-        RunPanel("gap of the rocker", {"iron.gap": FORCE}, "deg"),
-        RunPanel("force of the cam", {"iron.N": TORQUE}, includes=(0.0,)),
-        RunPanel("lift of the iron", {"iron.lift": LIFT}, "mm"),
-        RunPanel("velocity", {"iron.v": SPEED}),
-    ],
-    "crank_angle * 180 / pi",
-    REVOLUTION,
-)

@@ -14,14 +14,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from cosim import Result, System
+from cosim.metrics import Integral, TimeOfLargest, TimeOfSmallest
 from workbench import Context, Figure, Judgement, Question, Run, Show, Table, option
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE
+from workbench.figure import scaled
 from workbench.judgement import Verdict
-from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
-from workbench.measure import integral, largest, smallest
+from workbench.live import (
+    Live,
+    LiveMotion,
+    Number,
+    Reader,
+    RunChart,
+    RunPanel,
+    Slider,
+    drawn,
+    moved,
+)
 
 from .. import machine as iron
 from .. import motion, transfer
@@ -32,18 +41,6 @@ FORCES = {
     "iron.T_span": ("chain at the link", SPEED),
     "iron.T_iron": ("chain at the iron", LIFT),
 }
-CHART = RunChart(
-    "One turn of the cam",
-    "cam angle [deg]",
-    [
-        RunPanel("forces", FORCES, levels={"0: contact or chain lets go": 0.0}, includes=(0.0,)),
-        RunPanel("torque of the cam", {"iron.tau_cam": TORQUE}),
-        RunPanel("lift", {"iron.lift": LIFT}, "mm"),
-        RunPanel("velocity", {"iron.v": SPEED}),
-        RunPanel("acceleration", {"iron.a": FORCE}),
-    ],
-    x="iron.phi * 180 / pi",
-)
 
 
 class IronCycle(Question):
@@ -52,6 +49,7 @@ class IronCycle(Question):
     parts = {"iron": "IronDrive"}
     fixed_starts = iron.IMPOSED
     is_sequential = False  # the runs of the comparison are many
+    start_values = {"iron.w_cam": "speed"}
 
     speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
     samples: int = option(1440, "rows per turn", least=180)
@@ -59,6 +57,44 @@ class IronCycle(Question):
         "none",
         "also compare machines whose dimensions differ slightly",
         choices=("none", DIMENSIONS),
+    )
+
+    numbers = (
+        Number("tau_cam_min", Reader("min", "iron.tau_cam"), meaning="smallest torque at the cam shaft"),
+        Number("tau_cam_min_angle", TimeOfSmallest("iron.tau_cam"), meaning="cam angle of the smallest torque"),
+        Number("tau_cam_max", Reader("max", "iron.tau_cam"), meaning="largest torque at the cam shaft"),
+        Number("tau_cam_max_angle", TimeOfLargest("iron.tau_cam"), meaning="cam angle of the largest torque"),
+        Number(
+            "tau_motor_max", Reader("max", "abs(iron.tau_cam) / iron.reducer.i_g"), "N.m", "largest torque of the motor"
+        ),
+        Number("stroke", Reader("max", "iron.lift"), meaning="stroke of the iron"),
+        Number("friction_work", Reader("last", "iron.E_friction"), meaning="work of the guide friction per turn"),
+        Number("work", Integral("iron.tau_cam"), meaning="work of the cam torque per turn"),
+        *(
+            Number(f"{name}_force_{kind}", Reader(kind, force), meaning=f"{size} {meaning}")
+            for name, (force, _, meaning) in iron.LETS_GO.items()
+            for kind, size in (("min", "smallest"), ("max", "largest"))
+        ),
+    )  # fmt: skip
+    charts = (
+        RunChart(
+            "One turn of the cam",
+            "cam angle [deg]",
+            [
+                RunPanel("forces", FORCES, levels={"0: contact or chain lets go": 0.0}, includes=(0.0,)),
+                RunPanel("torque of the cam", {"iron.tau_cam": TORQUE}),
+                RunPanel("lift", {"iron.lift": LIFT}, "mm"),
+                RunPanel("velocity", {"iron.v": SPEED}),
+                RunPanel("acceleration", {"iron.a": FORCE}),
+            ],
+            x="iron.phi * 180 / pi",
+        ),
+    )  # fmt: skip
+    sliders = (
+        Slider("speed", 1.0, 12.0),
+        Slider("iron.iron.m", 1.0, 10.0),
+        Slider("iron.spring.c", 0.0, 1200.0),
+        Slider("iron.friction.K_up", 0.0, 0.3),
     )
 
     def system(self, fmus: Mapping[str, Path]) -> System:
@@ -78,7 +114,12 @@ class IronCycle(Question):
         return CycleAnalysis(system, iron.limits(system), varied)
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
-        """Return cycles per minute, the limits, the share of the first, and the transfer functions."""
+        """Return angles and work at the imposed speed, cycles per minute, limits, and the transfer functions."""
+        angles = {
+            name: scaled(f[name], math.degrees(self.speed), "deg", f[name].meaning)
+            for name in ("tau_cam_min_angle", "tau_cam_max_angle")
+        }
+        work = scaled(f["work"], self.speed, "J", f["work"].meaning)
         cycles = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
         (limit, _), meaning = iron.first(r[1].limits), "speed as a share of the first limit"
         share = Figure.undetermined("%", "the first limit is 0", meaning)
@@ -86,34 +127,12 @@ class IronCycle(Question):
             value = 100 * self.speed / limit.value
             share = Figure(value, "%", value * (limit.error or 0.0) / limit.value, meaning)
         of_dimensions = r[1].transfer.figures() if r[1].transfer else {}
-        return {"cycles": cycles, **r[1].limits, "share": share, **of_dimensions}
+        known = {**angles, "work": work, "cycles": cycles, **r[1].limits, "share": share}
+        return known | of_dimensions
 
     def tables(self, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
         """Return the transfer functions and the shares of the dimensions."""
         return r[1].transfer.tables() if r[1].transfer else {}
-
-    def figures(self, r: Result) -> dict[str, Figure]:
-        """Torque, stroke, works, least and largest forces of a turn."""
-        angle, torque, unit = np.degrees(r["iron.phi"]), r["iron.tau_cam"], r.units["iron.tau_cam"]
-        i_g = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
-        low, high, motor = smallest(angle, torque), largest(angle, torque), abs(torque) / i_g
-        friction, J = float(r["iron.E_friction"][-1]), r.units["iron.E_friction"]
-        lift, stroke = largest(angle, r["iron.lift"]), "stroke of the iron"
-        all_figures = {
-            "tau_cam_min": low.figure(unit, "smallest torque at the cam shaft"),
-            "tau_cam_min_angle": low.at.figure("deg", "cam angle of the smallest torque"),
-            "tau_cam_max": high.figure(unit, "largest torque at the cam shaft"),
-            "tau_cam_max_angle": high.at.figure("deg", "cam angle of the largest torque"),
-            "tau_motor_max": largest(angle, motor).figure(unit, "largest torque of the motor"),
-            "stroke": lift.figure(r.units["iron.lift"], stroke),
-            "friction_work": Figure(friction, J, 0.0, "work of the guide friction per turn"),
-            "work": integral(r["iron.phi"], torque).figure(J, "work of the cam torque per turn"),
-        }
-        for name, (force, _, meaning) in iron.LETS_GO.items():
-            least, most = (end(angle, r[force]) for end in (smallest, largest))
-            all_figures[f"{name}_force_min"] = least.figure(r.units[force], f"smallest {meaning}")
-            all_figures[f"{name}_force_max"] = most.figure(r.units[force], f"largest {meaning}")
-        return all_figures
 
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """Whether the speed is safe, what the drive carries, and which dimensions matter."""
@@ -148,35 +167,17 @@ class IronCycle(Question):
         result, turns = r
         spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
         title = f"One turn of the cam at {f['cycles'].brief('cycles/min')}"
-        moving = motion.motion("One turn of the cam", result, turns.system, result["time"][-1], 4.0)
-        chart = drawn(CHART, result)._replace(title=title, spans=spans)
-        return Show([chart, *(turns.transfer.charts() if turns.transfer else [])], [moving])
+        chart = drawn(self.charts[0], result)._replace(title=title, spans=spans)
+        more = turns.transfer.charts() if turns.transfer else []
+        return Show([chart, *more], [moved(self.motion(f, r), result)])
+
+    def motion(self, f: Mapping[str, Figure], r: Data) -> LiveMotion:
+        """The mechanism."""
+        return motion.live_motion("One turn of the cam", r[0], r[1].system, 4.0)
 
     def live(self, f: Mapping[str, Figure], r: Data) -> Live:
-        """One turn at the speed of the slider, from the angle 0, as `drive.imposed` has it."""
-        return Live(
-            sliders=(
-                Slider("speed", 1.0, 12.0),
-                Slider("iron.iron.m", 1.0, 10.0),
-                Slider("iron.spring.c", 0.0, 1200.0),
-                Slider("iron.friction.K_up", 0.0, 0.3),
-            ),
-            charts=[CHART],
-            motion=motion.live_motion("One turn of the cam", r[0], r[1].system, 4.0),
-            start={"iron.w_cam": "speed"},
-            stop="2 * pi / speed",
-            step="2 * pi / (speed * samples)",
-            numbers=[
-                Number("tau_cam_min", Reader("min", "iron.tau_cam")),
-                Number("tau_cam_max", Reader("max", "iron.tau_cam")),
-                Number("tau_motor_max", Reader("max", "abs(iron.tau_cam) / iron.reducer.i_g")),
-                Number("stroke", Reader("max", "iron.lift")),
-                Number("friction_work", Reader("last", "iron.E_friction")),
-                Number("follower_force_min", Reader("min", "iron.N")),
-                Number("follower_force_max", Reader("max", "iron.N")),
-                Number("run_force_max", Reader("max", "iron.T_span")),
-            ],
-        )
+        """One turn at the speed of the slider, from the angle 0, as `machine.imposed` has it."""
+        return self.page(f, r, stop="2 * pi / speed", step="2 * pi / (speed * samples)")
 
 
 class CycleAnalysis(NamedTuple):

@@ -19,6 +19,7 @@ import numpy as np
 
 import cosim
 from cosim import Advice, Identified, SetupError, System
+from cosim.dense import Array as Samples
 from cosim.system import Value
 from workbench import (
     Chart,
@@ -36,7 +37,7 @@ from workbench import (
 from workbench.charts.model import SPEED as BLUE
 from workbench.charts.model import TORQUE as RED
 from workbench.fitting import RecordOptions, figure_of
-from workbench.measure import Samples
+from workbench.live import moved
 
 from .. import machine as iron
 from .. import motion
@@ -132,9 +133,8 @@ class IronIdentify(Question, RecordOptions):
             charts.insert(0, band(r))
         result = r.fit.result
         last = float(result["time"][0]) + 2 * math.pi / pace(r.fit)
-        return Show(
-            charts, [motion.motion("A turn of the fitted drive", result, r.machine, last, 4.0)]
-        )
+        moving = motion.live_motion("A turn of the fitted drive", result, r.machine, 4.0)
+        return Show(charts, [moved(moving, result, last=last)])
 
 
 class IdentifiedIron(NamedTuple):

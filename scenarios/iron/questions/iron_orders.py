@@ -20,6 +20,8 @@ import numpy as np
 import cosim
 from cosim import System, largest
 from cosim.accuracy.limit import limit
+from cosim.dense import Array as Samples
+from cosim.metrics import harmonics
 from workbench import (
     Chart,
     Context,
@@ -37,9 +39,9 @@ from workbench import (
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.context import captured_warnings
-from workbench.figure import listed
+from workbench.figure import listed, of_rows
 from workbench.judgement import Verdict
-from workbench.measure import Measured, Samples, harmonics, measured
+from workbench.live import moved
 from workbench.steady import Turns, steady_turns
 
 from .. import machine as iron
@@ -134,7 +136,7 @@ class IronOrders(Question):
         machine, orders = r
         nu = self.speeds[len(self.speeds) // 2]
         turn, title = iron.turn(machine.drive, nu, 360), f"The mechanism at {nu:g} rad/s"
-        moving = motion.motion(title, turn, machine.drive, turn["time"][-1], 4.0)
+        moving = moved(motion.live_motion(title, turn, machine.drive, 4.0), turn)
         return Show([gain(f, orders), *(torque(lag, f, orders) for lag in LAGS)], [moving])
 
 
@@ -147,7 +149,7 @@ class MeasuredDrive(NamedTuple):
     drive: System
     slope: float
     i_g: float
-    theta: Measured
+    theta: Figure
     work: float
     phi: Samples
     still: Samples
@@ -157,17 +159,17 @@ class MeasuredDrive(NamedTuple):
         """Over a turn at constant speed [N.m]."""
         return self.still + self.moving * nu**2
 
-    def most(self, nu: float) -> Measured:
-        """The largest torque of such a turn, of either sign [N.m]."""
-        return measured(largest, self.phi, abs(self.torque(nu)))
+    def most(self, nu: float) -> Figure:
+        """The largest torque of such a turn, of either sign."""
+        return of_rows(largest, self.phi, abs(self.torque(nu)), unit="N.m")
 
-    def excitation(self, nu: float, order: int) -> Measured:
-        """What such a turn has of an order [N.m]."""
-        full_inertia, *halves = (
-            float(abs(harmonics(self.phi[rows], self.torque(nu)[rows], ORDERS)[order - 1]))
+    def excitation_error(self, nu: float, order: int) -> float:
+        """How far the rows leave open what such a turn has of an order [N.m]."""
+        every, *halves = (
+            abs(harmonics(self.phi[rows], self.torque(nu)[rows], ORDERS)[order - 1])
             for rows in (np.s_[:], np.s_[::2], np.s_[1::2])
         )
-        return Measured(full_inertia, max(abs(full_inertia - half) for half in halves))
+        return float(max(abs(every - half) for half in halves))
 
     def system(self, T: float, nu: float) -> System:
         """With the lag T [s] of a motor that is set for the mean speed nu [rad/s], turning from phi = 0."""
@@ -180,19 +182,18 @@ def measure(drive: System) -> MeasuredDrive:
     """The mechanism from turns at constant speed, whose last rows are the first again: two tell the
     torque; the inertia, beside that of the rotor, is known to more digits with a light one.
     """
-    of_lag, names = parameters(drive), ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
-    slope, i_g, rotor = (float(of_lag[x].value) for x in names)
+    values, names = parameters(drive), ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
+    slope, i_g, rotor = (float(values[x].value) for x in names)
     slow, two = (iron.turn(drive, w, PER_REV) for w in (1.0, 2.0))
     moving = (two["iron.tau_cam"] - slow["iron.tau_cam"])[:-1] / 3
     still = slow["iron.tau_cam"][:-1] - moving
     light, work = iron.turn(drive, 1.0, PER_REV, LIGHT), float(slow["iron.E_friction"][-1])
-    full_inertia = (2 * light["iron.E_kin"] / light["iron.w_cam"] ** 2)[:-1]
-    theta = full_inertia - (LIGHT - rotor) * i_g**2
+    theta = (2 * light["iron.E_kin"] / light["iron.w_cam"] ** 2)[:-1] - (LIGHT - rotor) * i_g**2
+    mean = float(theta.mean())
     fewer = [theta[first::n].mean() for n in (2, 3) for first in range(n)]
-    spread = max(abs(float(theta.mean() - mean)) for mean in fewer)
-    spread += 4 * math.ulp(LIGHT * i_g**2)
-    mean = Measured(float(theta.mean()), spread)
-    return MeasuredDrive(drive, slope, i_g, mean, work, slow["iron.phi"][:-1], still, moving)
+    spread = max(abs(mean - float(x)) for x in fewer) + 4 * math.ulp(LIGHT * i_g**2)
+    inertia = Figure(mean, "kg.m2", spread, "mean inertia at the cam shaft")
+    return MeasuredDrive(drive, slope, i_g, inertia, work, slow["iron.phi"][:-1], still, moving)
 
 
 def simulate(machine: MeasuredDrive, case: tuple[float, float, int]) -> list[Sequence[float]]:
@@ -249,51 +250,45 @@ def figures(machine: MeasuredDrive, orders: Frame, runs: Frame) -> dict[str, Fig
     `runs` are the order that each lag adds most to, with all, a half and a quarter of the steps;
     the errors are those of the coupling, of the excitation's rows, and what settling leaves.
     """
-    theta, B, order = (
-        machine.theta,
-        machine.i_g**2 * machine.slope,
-        cosim.CONVERGENCE_ORDERS[ALGORITHM],
-    )
-    limits, spread = iron.limits(machine.drive), theta.error / (2 * theta.value)
-    all_figures = {
-        "theta": theta.figure("kg.m2", "mean inertia at the cam shaft"),
+    theta, B = machine.theta, machine.i_g**2 * machine.slope
+    spread = (theta.error or 0.0) / (2 * theta.value)
+    result = {
+        "theta": theta,
         "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
-        **{name: x for name, x in limits.items() if name.startswith("follower")},
+        **{n: x for n, x in iron.limits(machine.drive).items() if n.startswith("follower")},
     }
     share = "most that the lag adds to an order, over the largest torque"
     for lag in LAGS:
         T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
-        torque_figures = orders[orders["T"] == T]["added"].notna().any()
-        why = NO_ORDER if torque_figures else "there is no steady motion"
         w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
         of_lag = {
             "w_n": Figure(w_n, "rad/s", w_n * spread, "frequency of a lag of 90 deg, by formula"),
             "zeta": Figure(zeta, "1", zeta * spread, "damping ratio of the ripple"),
-            "added": Figure.undetermined("%", f"{why} at any speed of the sweep", share),
         }
         if mine["added"].head(2).isna().any():  # an error of the coupling needs two step sizes
-            reason = "there is no steady motion with half the steps where the lag adds most"
-            of_lag["added"] = Figure.undetermined("%", reason, share)
-            mine = mine.head(0)
-        for at in mine.head(1).itertuples():
-            left, most = 2 * at.settling, machine.most(at.nu)
-            row_error = machine.excitation(at.nu, at.order).error
-            by_rows = (100 * (left + row_error) + at.added * most.error) / most.value
-            of_lag["added"] = figure_of(mine["added"], order, by_rows, "%", share)
-            by_rows, meaning = (
-                (left + at.gain * row_error) / at.excitation,
-                f"gain of order {at.order} there",
-            )
-            of_lag["gain"] = figure_of(mine["gain"], order, by_rows, "1", meaning)
+            why = "there is no steady motion with half the steps where the lag adds most"
+            of_lag["added"] = Figure.undetermined("%", why, share)
+        elif not len(mine):
+            moves = orders[orders["T"] == T]["added"].notna().any()
+            why = f"{NO_ORDER if moves else 'there is no steady motion'} at any speed of the sweep"
+            of_lag["added"] = Figure.undetermined("%", why, share)
+        else:
+            at = next(mine.itertuples())
+            most, left = machine.most(at.nu), 2 * at.settling
+            left += machine.excitation_error(at.nu, at.order)
+            by_rows = (100 * left + at.added * (most.error or 0.0)) / most.value
+            of_lag["added"] = figure_of(mine["added"], by_rows, "%", share)
+            meaning = f"gain of order {at.order} there"
+            of_lag["gain"] = figure_of(mine["gain"], left / at.excitation, "1", meaning)
             of_lag["worst_speed"] = Figure(at.nu, "rad/s", 0.0, "speed of the sweep there")
         for name, x in of_lag.items():
-            all_figures[f"{name}_{lag}ms"] = x._replace(meaning=f"{x.meaning}, lag {lag} ms")
-    return all_figures
+            result[f"{name}_{lag}ms"] = x._replace(meaning=f"{x.meaning}, lag {lag} ms")
+    return result
 
 
-def figure_of(runs: Any, order: float, by_rows: float, unit: str, meaning: str) -> Figure:
+def figure_of(runs: Any, by_rows: float, unit: str, meaning: str) -> Figure:
     """The first of values of runs with longer and longer steps; `by_rows` is added to its error."""
-    of_runs = limit(runs, order)
+    of_runs = limit(runs, cosim.CONVERGENCE_ORDERS[ALGORITHM])
     if reason := of_runs.sentence():
         return Figure.undetermined(unit, reason, meaning)
     return Figure(float(of_runs.value), unit, float(of_runs.error) + by_rows, meaning)

@@ -6,19 +6,30 @@ energy ledger (work in = stored + friction), with the energy that the coupling r
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
+from cosim.dense import Array
+from cosim.metrics import Integral, largest
+from cosim.series import Column
 from workbench import Context, Figure, Judgement, Question, Run, Show, option
 from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE
-from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
-from workbench.measure import Measured, Samples, extended, integral, largest, measured, with_rows
+from workbench.figure import of_rows, scaled
+from workbench.live import (
+    Live,
+    LiveMotion,
+    Number,
+    Reader,
+    RunChart,
+    RunPanel,
+    Slider,
+    drawn,
+    moved,
+)
 
 from .. import machine as iron
 from .. import motion
@@ -29,12 +40,20 @@ STANDS = 0.01
 SAMPLES = 720
 #: Time that the first chart shows [s]; a convention.
 FIRST = 0.3
+HALF = "stop / 2"
 
 
 class IronStart(Question, Run):
     """The motor that starts the drive, and how the run is made."""
 
     parts = iron.PARTS
+    wires = iron.WIRES
+    start_values = {
+        "motor.A": "motor_A",
+        "motor.B": "motor_B",
+        "motor.T": "motor_T",
+        "motor.tau": 0.0,
+    }
 
     motor_A: float = option(4.0, "torque of the motor at rest", "N.m")
     motor_B: float = option(0.025, "slope of the motor line", "N.m.s/rad", least=0.0)
@@ -42,14 +61,26 @@ class IronStart(Question, Run):
     stop: float = option(3.0, "simulated time", "s", above=0.0)
     step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
-    def system(self, fmus: Mapping[str, Path]) -> System:
-        """Return the drive at rest."""
-        motor = iron.MOTOR | {
-            "motor.A": self.motor_A,
-            "motor.B": self.motor_B,
-            "motor.T": self.motor_T,
-        }
-        return System(fmus, iron.WIRES, motor | dict(self.start))
+    numbers = (
+        Number("w_cam_max", Reader("max", "iron.w_cam"), meaning="largest speed of the cam"),
+        Number("w_cam_max_time", Reader("time_of_max", "iron.w_cam"), meaning="time of the largest speed of the cam"),
+        Number("tau_max", Reader("max", "motor.tau"), meaning="largest torque of the motor"),
+        Number("tau_max_time", Reader("time_of_max", "motor.tau"), meaning="time of the largest torque"),
+        Number(
+            "w_cam_mean", Reader("change", f"iron.phi / ({HALF})", HALF), "rad/s", "mean speed in the second half"
+        ),
+        Number("turns", Reader("change", "iron.phi / (2 * pi)"), "1", "turns of the cam"),
+        Number("energy_in", Integral("motor.P"), "J", "work of the motor"),
+        Number("energy_stored", Reader("change", "iron.E_kin + iron.E_pot"), "J", "stored at the end"),
+        Number("energy_friction", Reader("last", "iron.E_friction"), meaning="lost to friction"),
+    )  # fmt: skip
+    sliders = (
+        Slider("motor_A", 1.0, 8.0),
+        Slider("motor_T", 0.002, 0.1),
+        Slider("iron.iron.m", 1.0, 10.0),
+        Slider("iron.spring.c", 0.0, 1200.0),
+        Slider("iron.reducer.J", 0.0, 0.003),
+    )
 
     def process(self, r: Result) -> Result:
         """Return the run with its ledger."""
@@ -60,42 +91,24 @@ class IronStart(Question, Run):
         return Start(system, slow_torque(system))
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
-        """Return the largest torque that a slow turn takes at the cam, and what the motor gives at rest."""
-        gear = r[0].provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
-        motor = float(r[0]["motor.tau_static"][0])
+        """Return the torques at the cam of a slow turn and at rest, cycles per minute, and what the ledger lacks."""
+        result, mean = r[0], f["w_cam_mean"]
+        gear = result.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
+        motor = float(result["motor.tau_static"][0])
         meaning = "torque of the motor at the start, at the cam"
         at_rest = Figure(gear * motor, r[1].slow_torque.unit, 0.0, meaning)
-        return {"tau_cam_max": r[1].slow_torque, "tau_cam_rest": at_rest}
-
-    def figures(self, r: Result) -> dict[str, Figure]:
-        """Largest speed and torque with their times, the speed it settles at, energies at the end."""
-        t, phi = r["time"], r["iron.phi"]
-        rad, torque, J = (r.units[x] for x in ("iron.w_cam", "motor.tau", "E_in"))
-        w, tau, mean = (
-            largest(t, r["iron.w_cam"]),
-            largest(t, r["motor.tau"]),
-            measured(pace, t, phi),
-        )
-        cycles, work = Measured(*(iron.PER_MINUTE * x for x in mean)), integral(t, r["motor.P"])
-        turns = float(phi[-1] - phi[0]) / (2 * math.pi)
-        missing = float(np.abs(r["E_missing"]).max())
-        meaning = "cycles per minute in the second half"
+        cycles = scaled(mean, iron.PER_MINUTE, "1/min", "cycles per minute in the second half")
+        if abs(f["turns"].value) < 1.0:
+            cycles = Figure.undetermined("1/min", NO_TURN, cycles.meaning)
+        missing = Figure(
+            float(np.abs(result["E_missing"]).max()), "J", f["energy_in"].error,
+            "largest energy that the coupling created or removed", f["energy_in"].reason,
+        )  # fmt: skip
         return {
-            "w_cam_max": w.figure(rad, "largest speed of the cam"),
-            "w_cam_max_time": w.at.figure("s", "time of the largest speed of the cam"),
-            "tau_max": tau.figure(torque, "largest torque of the motor"),
-            "tau_max_time": tau.at.figure("s", "time of the largest torque"),
-            "w_cam_mean": mean.figure(rad, "mean speed in the second half"),
-            "cycles": cycles.figure("1/min", meaning)
-            if abs(turns) >= 1.0
-            else Figure.undetermined("1/min", NO_TURN, meaning),
-            "turns": Figure(turns, "1", 0.0, "turns of the cam"),
-            "energy_in": work.figure(J, "work of the motor"),
-            "energy_stored": Figure(float(r["E_stored"][-1]), J, 0.0, "stored at the end"),
-            "energy_friction": Figure(float(r["E_friction"][-1]), J, 0.0, "lost to friction"),
-            "energy_missing_max": Figure(
-                missing, J, work.error, "largest energy that the coupling created or removed"
-            ),
+            "cycles": cycles,
+            "energy_missing_max": missing,
+            "tau_cam_max": r[1].slow_torque,
+            "tau_cam_rest": at_rest,
         }
 
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
@@ -142,40 +155,25 @@ class IronStart(Question, Run):
 
     def show(self, f: Mapping[str, Figure], r: Data) -> Show:
         """The first moments, the whole start with its ledger, and the mechanism in motion."""
-        result, turns = r
-        first = with_rows(result, result.data[result["time"] <= FIRST])
+        first = r[0].select(r[0]["time"] <= FIRST)
         charts = [
             drawn(RunChart("The first moments", LABEL, [*START, LEDGER]), first),
-            drawn(RunChart(TITLE, LABEL, [*START, LEDGER, LIFTS, MISSING]), result),
+            drawn(RunChart(TITLE, LABEL, [*START, LEDGER, LIFTS, MISSING]), r[0]),
         ]
-        return Show(charts, [motion.motion("The start", result, turns.system, self.stop, 2.0)])
+        return Show(charts, [moved(self.motion(f, r), r[0])])
+
+    def motion(self, f: Mapping[str, Figure], r: Data) -> LiveMotion:
+        """The mechanism."""
+        return motion.live_motion("The start", r[0], r[1].system, 2.0)
 
     def live(self, f: Mapping[str, Figure], r: Data) -> Live:
-        """The start."""
-        half = "stop / 2"
-        return Live(
-            sliders=(
-                Slider("motor_A", 1.0, 8.0),
-                Slider("motor_T", 0.002, 0.1),
-                Slider("iron.iron.m", 1.0, 10.0),
-                Slider("iron.spring.c", 0.0, 1200.0),
-                Slider("iron.reducer.J", 0.0, 0.003),
-            ),
-            start={"motor.A": "motor_A", "motor.B": "motor_B", "motor.T": "motor_T"},
-            numbers=[
-                Number("w_cam_max", Reader("max", "iron.w_cam")),
-                Number("tau_max", Reader("max", "motor.tau")),
-                Number("w_cam_mean", Reader("change", f"iron.phi / ({half})", half)),
-                Number("cycles", f"figures.w_cam_mean * {iron.PER_MINUTE!r}"),
-                Number("turns", Reader("change", "iron.phi / (2 * pi)")),
-                Number("P_mean", Reader("mean", "motor.P"), "W", "mean power of the motor"),
-                Number("energy_in", "figures.P_mean * stop"),
-                Number("energy_stored", Reader("change", "iron.E_kin + iron.E_pot")),
-                Number("energy_friction", Reader("last", "iron.E_friction")),
-            ],
-            charts=[RunChart(TITLE, LABEL, [*START, LIFTS, ENERGY])],
-            motion=motion.live_motion("The start", r[0], r[1].system, 2.0),
+        """The start; its work is that of the mean power."""
+        more = (
+            Number("cycles", f"figures.w_cam_mean * {iron.PER_MINUTE!r}"),
+            Number("P_mean", Reader("mean", "motor.P"), "W", "mean power of the motor"),
+            Number("energy_in", "figures.P_mean * stop"),
         )
+        return self.page(f, r, charts=[RunChart(TITLE, LABEL, [*START, LIFTS, ENERGY])], more=more)
 
 
 class Start(NamedTuple):
@@ -198,7 +196,8 @@ def ledger(r: Result) -> Result:
     stored = energy - energy[0]
     missing = work - stored - friction
     more = {"E_in": work, "E_stored": stored, "E_friction": friction, "E_missing": missing}
-    return extended(r, r.units["iron.E_kin"], more)
+    columns = {Column(name, r.units["iron.E_kin"]): x for name, x in more.items()}
+    return r.with_columns(columns, ("motor.P", "iron.E_kin", "iron.E_pot", "iron.E_friction"))
 
 
 def slow_torque(system: System) -> Figure:
@@ -210,13 +209,7 @@ def slow_torque(system: System) -> Figure:
     torque, unit = slow["iron.tau_cam"], slow.units["iron.tau_cam"]
     still = torque - (fast["iron.tau_cam"] - torque) / 3
     meaning = "largest torque at the cam in a slow turn"
-    return largest(slow["iron.phi"], still).figure(unit, meaning)
-
-
-def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
-    """Mean speed after that share of the run."""
-    began = t[0] + since * (t[-1] - t[0])
-    return float((phi[-1] - CubicSpline(t, phi)(began)) / (t[-1] - began))
+    return of_rows(largest, slow["iron.phi"], still, unit=unit, meaning=meaning)
 
 
 def still_rises(r: Result) -> bool:
@@ -225,7 +218,7 @@ def still_rises(r: Result) -> bool:
     return int(np.argmax(w)) == len(w) - 1
 
 
-def stands(t: Samples, phi: Samples) -> bool:
+def stands(t: Array, phi: Array) -> bool:
     """Whether the cam hardly moves in the last tenth of a run, to either side."""
     last = t >= t[-1] - 0.1 * (t[-1] - t[0])
     return bool(np.ptp(phi[last]) < STANDS * np.ptp(phi))

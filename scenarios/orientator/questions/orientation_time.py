@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import chain
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from cosim import SetupError, System
 from cosim.system import connect
@@ -30,13 +30,11 @@ from workbench import (
     Panel,
     Question,
     Show,
-    Table,
     option,
 )
 from workbench.charts.model import SERIES
 from workbench.charts.motion import Motion
-from workbench.figure import percent
-from workbench.measure import ROUNDING, Measured
+from workbench.figure import ROUNDING, percent
 from workbench.options import check_fixed_starts
 
 from .. import formula_comparison, motion, neglected
@@ -125,26 +123,16 @@ class OrientationTime(Question):
         if r.comparison:
             return r.comparison.judgements()
         what = "friction changes the orientation time by less than " + percent(SPREAD - 1.0)
-        return [
-            *(
-                Judgement(f"with friction {mu:g} the rotor may turn at up to", f[key("limit", mu)])
-                for mu in r.series
-            ),
-            *(
-                [Judgement("orienting a product takes at least", f["shortest_time"])]
-                if "shortest_time" in f
-                else []
-            ),
-            *(
-                [
-                    Judgement(
-                        f"{what} at the speeds of the sweep below", note=f"{f['fan'].value:.4g} rpm"
-                    )
-                ]
-                if "fan" in f
-                else []
-            ),
+        judgements = [
+            Judgement(f"with friction {mu:g} the rotor may turn at up to", f[key("limit", mu)])
+            for mu in r.series
         ]
+        if "shortest_time" in f:
+            judgements.append(Judgement("orienting a product takes at least", f["shortest_time"]))
+        if "fan" in f:
+            note = f"{f['fan'].value:.4g} rpm"
+            judgements.append(Judgement(f"{what} at the speeds of the sweep below", note=note))
+        return judgements
 
     def show(self, f: Mapping[str, Figure], r: OrientationData) -> Show:
         """The curves, and for each limit the last product that is oriented beside the first that jams."""
@@ -167,25 +155,7 @@ class OrientationTime(Question):
         return Show(charts, motions)
 
 
-class OrientationComparison(Protocol):
-    """What the orientation times and limits are compared with."""
-
-    @property
-    def figures(self) -> Mapping[str, Figure]:
-        """Its figures."""
-
-    @property
-    def tables(self) -> Mapping[str, Table]:
-        """Its tables by file."""
-
-    def judgements(self) -> list[Judgement]:
-        """Return what it claims."""
-
-    def charts(self) -> list[Chart]:
-        """Return its charts."""
-
-    def motions(self) -> list[Motion]:
-        """Return its motions."""
+OrientationComparison = formula_comparison.FormulaComparison | neglected.NeglectedComparison
 
 
 class OrientationData(NamedTuple):
@@ -250,7 +220,7 @@ def figures(
             why = "it depends on the step of the run whether this product jams"
             return Figure.undetermined("s", why, meaning)
         change = sum(abs(p.orientation_time - time) for time in times)
-        return Measured(p.orientation_time, max(change, ROUNDING)).figure("s", meaning)
+        return Figure(p.orientation_time, "s", max(change, ROUNDING), meaning)
 
     works = products[products["stage"] == orientator.ORIENTED]
     all_figures = {}
@@ -284,5 +254,4 @@ def key(name: str, mu: float) -> str:
 def pair(machine: System, mu: float, works: float, jams: float) -> Motion:
     """Return the last product that is oriented beside the first that jams, by their rotor speeds [rpm]."""
     runs = {f"{n:.2f} rpm": run_product(machine, mu, n, 1e-3) for n in (works, jams)}
-    last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
-    return motion.motion(f"Friction {mu:g}: {' works, '.join(runs)} does not", runs, last)
+    return motion.motion(f"Friction {mu:g}: {' works, '.join(runs)} does not", runs)

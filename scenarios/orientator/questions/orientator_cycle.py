@@ -15,10 +15,11 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from cosim.accuracy.judge import SOME_RUNS
+from cosim.dense import Array as Samples
 from workbench import Context, Figure, Judgement, Question, Run, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
+from workbench.figure import of_rows
 from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
-from workbench.measure import Samples, measured
 
 from .. import machine as orientator
 from .. import motion
@@ -98,7 +99,7 @@ class OrientatorCycle(Question, Run):
         while True:
             run = replace(self, step=step)
             _, read = context.certify(
-                system, lambda r: {"wall_least": reaction(r)}, run, WALL_RECORD
+                system, {"wall": lambda r: {"wall_least": reaction(r)}}, run, WALL_RECORD
             )
             figure = read["wall_least"]
             if figure.reason not in (FEW_ROWS, SOME_RUNS) or self.stop / step > MOST_STEPS:
@@ -159,10 +160,10 @@ class OrientatorCycle(Question, Run):
     def show(self, f: Mapping[str, Figure], r: Data) -> Show:
         """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
         until_end = orientator.shortened(r[0])
-        stages, last = orientator.stages(until_end), float(until_end["time"][-1])
+        stages = orientator.stages(until_end)
         spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
         chart = drawn(CHART, until_end)._replace(spans=spans)
-        moving = motion.motion("One product", {"": until_end}, last, stages)
+        moving = motion.motion("One product", {"": until_end}, stages)
         return Show([chart], [moving])
 
     def live(self, f: Mapping[str, Figure], r: Data) -> Live:
@@ -234,12 +235,13 @@ def reaction(r: Result) -> Figure:
         if ends[1] > end and len(t) < LEAST_ROWS:
             return Figure.undetermined(unit, FEW_ROWS, meaning)
         if ends[1] > end:
-            least.append(measured(partial(lowest, ends=ends), t, force))
+            least.append(of_rows(partial(lowest, ends=ends), t, force, unit=unit))
         end = float(ends[1])
     if not least:
         return Figure.undetermined(unit, ending(r), meaning)
     low = min(least, key=lambda x: x.value)
-    error = max(x.error for x in least if x.value - x.error <= low.value + low.error)
+    widths = [(x.value, x.error or 0.0) for x in least]
+    error = max(width for value, width in widths if value - width <= low.value + (low.error or 0.0))
     return Figure(low.value, unit, error, meaning)
 
 

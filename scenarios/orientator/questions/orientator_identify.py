@@ -17,6 +17,7 @@ import numpy as np
 import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
+from cosim.dense import Array as Samples
 from cosim.units import multiples
 from workbench import (
     Chart,
@@ -32,7 +33,6 @@ from workbench import (
 )
 from workbench.charts.model import SERIES
 from workbench.fitting import RecordOptions
-from workbench.measure import Samples
 
 from .. import machine as orientator
 from .. import motion
@@ -88,8 +88,7 @@ class OrientatorIdentify(Question, RecordOptions):
                 raise SetupError(
                     f"{table.source}: give the noise of its times, as in --noise {name}=1ms"
                 )
-        nearest_system = guess(system, data)
-        fit = self.identify(nearest_system, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
+        fit = self.identify(guess(system, data), data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
         mine = {name: x for name, x in fit.start_values.items() if "(" not in name}
         machine = replace(fit.problem.system, start={**fit.problem.system.start, **mine}, inputs={})
         rpm = [30 / math.pi * x for x in speeds]
@@ -149,8 +148,7 @@ class OrientatorIdentify(Question, RecordOptions):
         n = max(r.speeds)
         with cosim.quiet():
             run = run_product(r.machine, r.fit.start_values[FRICTION], n, 1e-3)
-        last = float(orientator.shortened(run)["time"][-1])
-        return Show([chart], [motion.motion(f"The fitted machine at {n:.4g} rpm", {"": run}, last)])
+        return Show([chart], [motion.motion(f"The fitted machine at {n:.4g} rpm", {"": run})])
 
 
 class IdentifiedOrientator(NamedTuple):
@@ -227,11 +225,11 @@ def figures(product_data: IdentifiedOrientator, limit: Figure) -> dict[str, Figu
         reserve = Figure.undetermined("%", limit.reason, room)
     else:
         reserve = Figure(100 * (limit.value / fast - 1), "%", 100 * limit.error / fast, room)
-    nearest_system = {"limit": limit._replace(meaning=meaning), "away": reserve}
+    of_limit = {"limit": limit._replace(meaning=meaning), "away": reserve}
     if product_data.fit.misfit:
         refused = Figure.undetermined("1", "no friction fits the record", f"{FRICTION}, fitted")
-        return {fitting.figure_name(FRICTION): refused, **nearest_system}
-    return fitting.fitted_figures(product_data.fit) | nearest_system
+        return {fitting.figure_name(FRICTION): refused, **of_limit}
+    return fitting.fitted_figures(product_data.fit) | of_limit
 
 
 def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:

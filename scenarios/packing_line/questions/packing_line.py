@@ -29,8 +29,18 @@ from workbench import (
     option,
 )
 from workbench.charts.model import LIFT, Lanes, Span
-from workbench.live import REVOLUTION, Live, Number, Reader, RunChart, RunPanel, Slider, drawn
-from workbench.measure import with_rows
+from workbench.live import (
+    REVOLUTION,
+    Live,
+    LiveMotion,
+    Number,
+    Reader,
+    RunChart,
+    RunPanel,
+    Slider,
+    drawn,
+    moved,
+)
 from workbench.options import Start
 
 from ...conveyor.first_order import SETS
@@ -52,6 +62,10 @@ from ..power import (
 
 #: Time before and after a cycle that a chart shows, over the cycle; a convention.
 AROUND = 0.05
+#: Frames of a cycle; a convention.
+FRAMES = 360
+#: Time of a cycle on the live page [s].
+CYCLE = "2 * pi / iron_speed"
 
 
 class PackingLine(Question, Run):
@@ -79,10 +93,8 @@ class PackingLine(Question, Run):
             "iron_motor.T": iron.MOTOR["motor.T"],
             "iron.reducer.i_g": ratio,
         }
-        order_power = {
-            name.replace("conveyor_motor.", "motor."): value for name, value in self.start.items()
-        }
-        for name, value in SETS[self.set].follow(order_power).start(self.speed).items():
+        alone = {x.replace("conveyor_motor.", "motor."): value for x, value in self.start.items()}
+        for name, value in SETS[self.set].follow(alone).start(self.speed).items():
             if name not in ("motor.tau", "conveyor.phi", "conveyor.w"):
                 values[name.replace("motor.", "conveyor_motor.")] = value
         wires = [*WIRES, f"iron.w_cam * {self.gear!r} -> orientator.w"]
@@ -150,15 +162,14 @@ class PackingLine(Question, Run):
 
     def show(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
         """The last whole cycle from release to release: cam, orientator, powers; and in motion."""
-        window, line = r
+        window, _ = r
         first, last = releases(window)[-2:]
-        data = window.data.copy()
-        data[:, 0] -= data[first, 0]
-        result = with_rows(window, data)
+        zero = float(window["time"][first])
+        result = window.with_values(lambda k: window.load(k) - zero * (k == 0))
         t, bars = result["time"], lanes(result, first, last)
         period = float(t[last])
         in_window = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
-        cycle = drawn(RunChart("", "", [LIFTS, *POWER_PANELS]), with_rows(result, data[in_window]))
+        cycle = drawn(RunChart("", "", [LIFTS, *POWER_PANELS]), result.select(in_window))
         lift, *powers = cycle.panels
         pace = bars.pop("pace")
         panels: list[Panel | Lanes] = [lift, Lanes(bars)]
@@ -171,12 +182,16 @@ class PackingLine(Question, Run):
         dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] == 0.0)[0]
         spans = [Span(0.0, float(t[dwell]), "top dwell", "green")]
         chart = Chart(title, "time since the release [s]", panels, marks, spans)
-        return Show([chart], [motion.motion(result, line, first, last)])
+        moving = moved(self.motion(f, r), result, first=0.0, last=period, frames=FRAMES)
+        return Show([chart], [moving])
+
+    def motion(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> LiveMotion:
+        """Iron and orientator side by side."""
+        return motion.live_motion(*r, f"stop - {CYCLE}")
 
     def live(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
         """The line over all of its time; its motors follow their speeds as `system` sets them."""
-        cycle = "2 * pi / iron_speed"
-        measured_from = f"stop - {MEASURED} * {cycle}"
+        measured_from = f"stop - {MEASURED} * {CYCLE}"
         panels = [LIFTS, PRODUCTS, *POWER_PANELS]
         crank = "conveyor.crank.r**2 / 2"
         return Live(
@@ -227,7 +242,7 @@ class PackingLine(Question, Run):
                 ),
             ],
             charts=[RunChart("The last whole cycles", "time [s]", panels, window=measured_from)],
-            motion=motion.live_motion(*r, f"stop - {cycle}"),
+            motion=self.motion(f, r),
         )
 
 

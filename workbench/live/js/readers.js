@@ -30,18 +30,28 @@ const wave = ({ x, angle, order }) => {
   return [scale * integral(sine, angle), scale * integral(cosine, angle)];
 };
 
+// The largest value and its time: of the parabola through the three highest rows where the curve bends there.
+const peak = ({ t, x }) => {
+  let k = 0;
+  for (let n = 1; n < x.length; n++) if (x[n] > x[k]) k = n;
+  if (k < 2 || k > x.length - 3) return { value: x[k], time: t[k] };
+  const bend = (n) => 2 * x[n] - x[n - 1] - x[n + 1];
+  const slope = x[k + 1] - x[k - 1];
+  const room = Math.min(slope ** 2 / (8 * bend(k)), bend(k - 1) / 8, bend(k + 1) / 8);
+  const shift = room > 0 ? slope / (2 * bend(k)) : 0;
+  const step = shift < 0 ? t[k] - t[k - 1] : t[k + 1] - t[k];
+  return { value: x[k] + Math.max(0, room), time: t[k] + shift * step };
+};
+
+const turned = (rows) => ({ ...rows, x: rows.x.map((y) => -y) });
+
 const readers = {
   last: ({ x }) => x.at(-1),
   change: ({ x }) => x.at(-1) - x[0],
-  max: ({ x }) => {
-    let k = 0;
-    for (let n = 1; n < x.length; n++) if (x[n] > x[k]) k = n;
-    if (k < 2 || k > x.length - 3) return x[k];
-    const bend = (n) => 2 * x[n] - x[n - 1] - x[n + 1];
-    const rise = (x[k + 1] - x[k - 1]) ** 2 / (8 * bend(k));
-    return x[k] + Math.max(0, Math.min(rise, bend(k - 1) / 8, bend(k + 1) / 8));
-  },
-  min: (rows) => -readers.max({ ...rows, x: rows.x.map((y) => -y) }),
+  max: (rows) => peak(rows).value,
+  min: (rows) => -peak(turned(rows)).value,
+  time_of_max: (rows) => peak(rows).time,
+  time_of_min: (rows) => peak(turned(rows)).time,
   mean: ({ t, x }) => integral(x, t) / (t.at(-1) - t[0]),
   first_crossing: ({ t, x, level }) => {
     const over = x.map((y) => y - level);

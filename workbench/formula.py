@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import SetupError
+from cosim import Result, SetupError
 from cosim.errors import pluralize
+from cosim.series import Column
 
 
 def _mod(x: Any, y: Any) -> Any:
@@ -47,6 +49,8 @@ class Function(NamedTuple):
     arguments: int = 1
 
 
+#: a name alone, such as that of a column
+DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 #: the functions of a formula; those that JavaScript's Math lacks are in js/formula.js
 FUNCTIONS: Mapping[str, Function] = {
     "abs": Function(np.abs), "atan2": Function(np.arctan2, 2), "cos": Function(np.cos), "exp": Function(np.exp),
@@ -115,6 +119,37 @@ class Formula:
         with np.errstate(all="ignore"):
             v = {name: np.float64(values[name]) for name in self.names}
             return np.asarray(eval(self._code, known, {"v": v}), float)
+
+
+def with_formulas(result: Result, texts: Mapping[str, str], values: Mapping[str, float]) -> Result:
+    """Return a result with a column for each formula of columns, by its text, in these units.
+
+    Parameters
+    ----------
+    result
+        The rows.
+    texts
+        Units by formula. Names of columns stand for them already.
+    values
+        What formulas may name besides columns.
+    """
+    more = {}
+    used = set[str]()
+    for text, unit in texts.items():
+        if text not in result.names:
+            formula = Formula.read(text)
+            names = formula.names & {*result.names}
+            used |= names
+            for name in sorted(formula.names - names - values.keys()):
+                raise SetupError(
+                    f"the formula {text!r} uses {name!r}, which is no column, option or start value: the columns are "
+                    f"{', '.join(result.names)}"
+                )
+            if not unit:
+                raise SetupError(f"the formula {text!r} needs a unit, as in unit='N.m'")
+            scope = {**values, **{name: np.asarray(result[name], float) for name in names}}
+            more[Column(text, unit)] = formula.over(scope)
+    return result.with_columns(more, sorted(used)) if more else result
 
 
 class _Ieee(ast.NodeTransformer):
