@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from pathlib import Path
 
 from fmpy import supported_platforms
 
@@ -37,7 +36,7 @@ def info(network: Network) -> Iterator[str]:
 
     first = {wire.target: wire for wire in reversed(network.wires)}
     for name, description in network.descriptions.items():
-        path = Path(network.system.parts[name])
+        path = network.fmus[name].path
         version = "" if description.fmiVersion == "2.0" else f", FMI {description.fmiVersion}"
         yield f"{name}: {description.modelName}, {path.name}{version}"
         if description.description:

@@ -88,7 +88,7 @@ def _require_kinds(settings: RunSettings) -> None:
     for name, value in times.items():
         if isinstance(value, Adaptive) or (value is None and name in ("output_step", "tolerance")):
             continue
-        if isinstance(value, bool) or not isinstance(value, Real):
+        if isinstance(value, bool) or not isinstance(value, float | Real):
             raise SetupError(f"{name} = {value!r} must be a number{_as_seconds(name, value)}")
     for name in ("record", "order"):
         value = getattr(settings, name)

@@ -75,7 +75,7 @@ class Simulation:
             "open_inputs": {port.name: value for port, value in self.network.open},
             "unrecorded": settings.unrecorded(self.network),
             "parts": {
-                name: _identity(part, system.parts[name], settings.tolerance)
+                name: _identity(part, self.network.fmus[name].path.name, settings.tolerance)
                 for name, part in self.parts.items()
             },
             "versions": versions(),
@@ -90,10 +90,10 @@ class Simulation:
         progress: Callable[[float], None] | None = None,
     ) -> Result:
         """Take all steps; the result, complete or not, of a run that `began` at a reading of the clock [s]."""
-        recorder = Recorder([port.column for port in self.ports], csv, self.setup)
         settings = self.settings
         changes = discrete_changes(self.network, self.parts, settings.start, settings.stop)
         row = RowReader(list(self.parts.values()), self.ports)
+        recorder = Recorder(row.recorded, csv, self.setup)
         stepped = [self.parts[name] for name in self.sequence]
         driver = Driver(stepped, settings, row, recorder, changes, all_rows=self.all_rows)
         self.driver = driver
@@ -150,14 +150,14 @@ class Simulation:
         return {"bonds": bonds, "warnings": [*warnings, *bond_warnings(bonds)]}
 
 
-def _identity(part: Part, path: Path, tolerance: float | None) -> dict[str, Any]:
+def _identity(part: Part, fmu: str, tolerance: float | None) -> dict[str, Any]:
     """What a result says of a part, with every parameter's value."""
     description = part.description
     if tolerance is None:
         tolerance = description.defaultExperiment.tolerance
     parameters = [v for v in description.modelVariables if v.causality == "parameter"]
     return {
-        "fmu": Path(path).name,
+        "fmu": fmu,
         "model": description.modelName,
         "guid": description.guid,
         "tolerance": tolerance,

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.buffers import Slot
 from ..fmu.times import coincide
+from ..series import Column, Kind
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
 from .algorithms import find_algorithm
@@ -51,19 +52,21 @@ class RowReader:
         for block in (block for part in parts for block in part.outputs):
             slots |= block.slots()
         unread: dict[str, dict[str, Variable]] = {part.name: {} for part in parts}
-        for port in ports:
-            if port.name not in slots:
-                unread[port.part][port.name] = port.variable
+        self.recorded: list[Column] = [port.column for port in ports]
+        self.names = [column.name for column in self.recorded]
+        for name, port in zip(self.names, ports):
+            if name not in slots:
+                unread[port.part][name] = port.variable
         self.extra = [
             b for p in parts for b in p.instance.session.blocks("Get", [*unread[p.name].values()])
         ]
         for block in self.extra:
             slots |= block.slots()
-        self.columns = [slots[port.name] for port in ports]
-        self.names = [port.name for port in ports]
+        self.columns = [slots[name] for name in self.names]
         self._cells = [(slot.cells, slot.element) for slot in self.columns]
-        self.discrete = [k for k, port in enumerate(ports, 1) if port.kind.is_held]
-        self.held = {port.name: port.part for port in ports if port.kind.is_held}
+        held = [k for k, column in enumerate(self.recorded) if column.kind is not Kind.CONTINUOUS]
+        self.discrete = [k + 1 for k in held]
+        self.held = {self.names[k]: ports[k].part for k in held}
 
     def __call__(self, t: float) -> list[float]:
         """The time and the values of the columns; raises FmuError."""

@@ -7,7 +7,6 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from itertools import chain
 from math import isclose, isfinite
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -97,7 +96,7 @@ def prepare(
         """A new instance of the part."""
         description = network.descriptions[name]
         try:
-            fmu = borrow(Path(network.system.parts[name]), description)
+            fmu = borrow(network.fmus[name].path, description)
         except FmuError as error:
             raise FmuError(f"{name}: {error}") from error
         opened = opener(name, description, fmu)

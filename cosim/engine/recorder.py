@@ -30,7 +30,7 @@ from ..result import (
     table_facts,
     write_json,
 )
-from ..series import NO_BREAKS, TIME, Column
+from ..series import NO_BREAKS, TIME, Column, Kind
 
 #: Rows that wait in memory before they are written. A convention: a page or two of memory for each column.
 CHUNK = 4096
@@ -139,7 +139,7 @@ class Recorder:
 
 def _with_order(column: Column, statistics: Provenance) -> Column:
     """A column with its convergence order; adaptive steps keep the error per time, of order 1."""
-    if column is TIME or column.kind.is_held:
+    if column is TIME or column.kind is not Kind.CONTINUOUS:
         return column
     is_first = statistics["control"] != "fixed" or column.name in statistics["first_order"]
     order = 1 if is_first else statistics["convergence_order"]

@@ -152,7 +152,7 @@ def _without_repetition(name: str) -> Iterator[None]:
 def _fill(container: FMUContainer, network: Network, sequence: Sequence[str]) -> None:
     driven = {wire.target.name for wire in network.wires}
     for part in sequence:
-        fmu = Path(network.system.parts[part]).resolve()
+        fmu = network.fmus[part].path.resolve()
         inside = container.get_fmu(str(fmu), _file(part))
         for variable in network.descriptions[part].modelVariables:
             port = Port(part, variable)

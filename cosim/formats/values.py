@@ -29,7 +29,7 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
     plan = Plan(Budget(0))
     for name, description in network.descriptions.items():
         plan.add_element("", name)
-        plan.add_fmu(name, Path(network.system.parts[name]), description)
+        plan.add_fmu(name, network.fmus[name].path, description)
     root_path = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
     parameters: Iterable[Parameter]
     if path.suffix == ".ssv":

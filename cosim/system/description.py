@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from ..numbers import real, truth, whole
 from .base_units import Unit
@@ -175,7 +176,7 @@ class ModelDescription:
 
 @dataclass(frozen=True)
 class Fmu:
-    """A model description, its variables and its units by name.
+    """The model description of a file, its variables and its units by name.
 
     Attributes
     ----------
@@ -191,6 +192,7 @@ class Fmu:
         Why the FMU cannot run here, but only be described.
     """
 
+    path: Path
     description: ModelDescription
     variables: Mapping[str, Variable]
     units: Mapping[str, Unit]

@@ -72,7 +72,8 @@ def connect(system: System, *, runnable: bool = True) -> Network:
     if not system.parts:
         raise SetupError("a system needs a part")
     fmus = {
-        name: read_fmu(name, Path(path), runnable=runnable) for name, path in system.parts.items()
+        name: read_fmu(name, path if isinstance(path, Path) else Path(path), runnable=runnable)
+        for name, path in system.parts.items()
     }
     _require_distinct(fmus)
     catalog = Catalog(system, fmus)

@@ -126,6 +126,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     flaws = [f"{XML} is not valid: {text}" for text in schema_flaws]
     flaws += [f"{XML}, {text}" for text in forbidden(declarations)]
     return Fmu(
+        path,
         description,
         variables,
         units,

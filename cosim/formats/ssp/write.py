@@ -200,7 +200,7 @@ def _omsimulator(notes: Element, network: Network, step: float | None) -> None:
 
 def _component(elements: Element, task: Content, part: str, enumerations: Enumerations) -> None:
     network, drawing = task.network, task.geometry
-    source = f"resources/{quote(task.files[Path(network.system.parts[part])])}"
+    source = f"resources/{quote(task.files[network.fmus[part].path])}"
     component = SubElement(elements, qualified("ssd:Component"), name=part, type=FMU, source=source)
     ends = [port for wire in network.wires for port in wire[:2] if port.part == part]
     if ports := {task.element(port).unindexed: port for port in reversed(ends)}:
