@@ -33,9 +33,9 @@ from benchmarks.certify_cases import SyntheticCase, relaxing_pair, synthetic_cas
 from cosim import (
     Adaptive,
     Result,
+    Series,
     SimulationError,
     System,
-    Table,
     oracle,
     quiet,
     run,
@@ -607,7 +607,7 @@ def inputs_over_time(seed: int, half: Path) -> Iterator[tuple[str, str, Case]]:
         at = (round(draw(10.0, 30.0)) + share) * 0.02
         low, high = draw(-0.5, 0.5), draw(1.0, 2.0)
         parts = [(0.0, lambda _, x=low: x), (at, lambda _, x=high: x)]
-        profile = Table([0.0, at, at, 1.0], [low, low, high, high])
+        profile = Series.of({"t": [0.0, at, at, 1.0], "u": [low, low, high, high]})
         yield "known jumps", f"jump {name}", driven_lags(draw, half, parts, profile)
     period = 0.02 / 2 ** (HALVINGS + 1)
     swing = lambda t: 0.3 + math.cos(2.0 * math.pi * t / period)
@@ -617,7 +617,11 @@ def inputs_over_time(seed: int, half: Path) -> Iterator[tuple[str, str, Case]]:
         ends = [begin, begin + draw(*shares) * period]
         pulse = [(0.0, lambda _: 0.0), (ends[0], lambda _: 1e3), (ends[1], lambda _: 0.0)]
         times, values = [0.0, *ends[:1] * 2, *ends[1:] * 2, 1.0], [0.0, 0.0, 1e3, 1e3, 0.0, 0.0]
-        yield kind, f"pulse, {kind}", driven_lags(draw, half, pulse, Table(times, values))
+        yield (
+            kind,
+            f"pulse, {kind}",
+            driven_lags(draw, half, pulse, Series.of({"t": times, "u": values})),
+        )
 
 
 def cases(seed: int, half: Path) -> Iterator[tuple[str, Case]]:

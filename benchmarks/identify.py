@@ -27,7 +27,7 @@ from scipy.optimize import brentq
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cosim import Identified, System, Table, identify
+from cosim import Identified, Series, System, identify
 from cosim.system import Value
 
 FMUS = ROOT / "fmus/native"
@@ -249,7 +249,7 @@ def lacking(name: str, record: Record, rng: np.random.Generator) -> dict[str, fl
     return {"most": rng.uniform(0.5, 0.95) * max(torque)}
 
 
-def make_record(record: Record, rng: np.random.Generator, **error: float) -> dict[str, Table]:
+def make_record(record: Record, rng: np.random.Generator, **error: float) -> dict[str, Series]:
     """What a logger keeps of a machine."""
     p, t = record.machine, np.arange(round(STOP * RATE) + 1) / RATE
     start = [p[name] for name in record.states]
@@ -269,11 +269,11 @@ def make_record(record: Record, rng: np.random.Generator, **error: float) -> dic
         noisy = x + sigma * rng.standard_normal(len(x))
         if grid:
             noisy = np.round(noisy / (grid * sigma)) * grid * sigma
-        data[name] = Table(t.tolist(), noisy.tolist())
+        data[name] = Series.of({"t": t, "y": noisy})
     return data
 
 
-def fit_record(record: Record, data: Mapping[str, Table], rng: np.random.Generator) -> Identified:
+def fit_record(record: Record, data: Mapping[str, Series], rng: np.random.Generator) -> Identified:
     """The machine from its record, and from guesses."""
     p, w = record.machine, next(iter(data))
     guess = {name: x * (1.0 + GUESS_ERROR * rng.uniform(-1.0, 1.0)) for name, x in p.items()}

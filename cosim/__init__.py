@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from .simulation import versions
     from .sweeps import combinations, sample, sweep
     from .system import System, Wire
-    from .system.inputs import Table
 
 __version__ = "1.0.0"
 
@@ -83,7 +82,6 @@ _HOMES = {
         "sweeps": "combinations, sample, sweep",
         "series": "Column, Kind, Series",
         "system": "System, Wire",
-        "system.inputs": "Table",
     }.items()
     for name in names.split(", ")
 }
@@ -123,7 +121,6 @@ __all__ = [
     "SimulationError",
     "Standing",
     "System",
-    "Table",
     "Wire",
     "advise",
     "certify",

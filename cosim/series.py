@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property, partial
 from itertools import pairwise
@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .errors import SetupError
-from .table_file import TIMES, TableFile, is_empty, number_of, of_frame, read_file, read_text
+from .table_file import TIMES, TableFile, is_empty, number_of, of_columns, read_file, read_text
 from .units import multiples
 
 if TYPE_CHECKING:
@@ -157,6 +157,15 @@ class Series:
         """What a column is; raises KeyError for one that there is not."""
         return self.columns[self._index(name)]
 
+    @property
+    def signal(self) -> Column:
+        """The one column beside the times, of an input or a record; raises SetupError if there is not one."""
+        columns = [column for column in self.columns if column.name != self.clock]
+        if len(columns) != 1:
+            names = ", ".join(column.name for column in columns) or "none"
+            raise SetupError(f"{self.label} must have one column beside {self.clock}, not {names}")
+        return columns[0]
+
     def _index(self, name: str) -> int:
         for k, column in enumerate(self.columns):
             if column.name == name:
@@ -178,12 +187,13 @@ class Series:
         """The times [s], shape (rows,); raises SetupError for what are no times."""
         return self.scaled(Reading(self.clock), "s")
 
-    def numbers(self, name: str, *, gaps: bool = False, finite: bool = True) -> Array:
-        """The numbers of a column, nan for cells that are none.
+    def numbers(self, name: str = "", *, gaps: bool = False, finite: bool = True) -> Array:
+        """The numbers of a column, by default of the one beside the times, nan for cells that are none.
 
         Raises SetupError with row and column for what is not finite, unless there may be `gaps`, cells that are empty,
         or the numbers need not be `finite` at all; row 1 is the heading.
         """
+        name = name or self.signal.name
         values = self[name]
         if values.dtype.kind in "mM":
             raise SetupError(f"{self.label}, column {name}: it has dates, and must have numbers")
@@ -214,6 +224,30 @@ class Series:
         numbers = self.numbers(reading.name, gaps=gaps)
         return scale * (reading.factor * numbers + reading.offset)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """With its values, for another process."""
+        values = [self.load(k) for k in range(len(self.columns))]
+        return vars(self) | {"load": values.__getitem__}
+
+    def held(self) -> Self:
+        """The table with numbers that hold from their row to the next, in place of lying on lines."""
+        other = copy(self)
+        other.columns = tuple(
+            c if c.kind.is_held or c.name == self.clock else replace(c, kind=Kind.DISCRETE)
+            for c in self.columns
+        )
+        return other
+
+    def between(self, first: float, last: float) -> Self:
+        """The rows between two times [s]; raises SetupError if there are none."""
+        rows = (self.t >= first) & (self.t <= last)
+        if not rows.any():
+            raise SetupError(
+                f"{self.label}: it has no rows from {first:g} to {last:g} s, only from "
+                f"{self.t[0]:g} to {self.t[-1]:g} s"
+            )
+        return self.select(rows)
+
     def with_values(self, load: Callable[[int], NDArray[Any]]) -> Self:
         """The table with other values in its columns, which `load` gives by their number, shape (rows,)."""
         other = copy(self)
@@ -240,7 +274,7 @@ class Series:
                 yield piece
 
     @classmethod
-    def read(cls, path: Path | str, mapping: Mapping[str, str] | None = None) -> Series:
+    def read(cls, path: Path | str, columns: Mapping[str, str] | str | None = None) -> Series:
         """Read a table.
 
         Parameters
@@ -250,9 +284,9 @@ class Series:
             comma, a semicolon or a tab; with the latter two, decimals may have commas. Units come from
             headings, "n [rpm]", "n (rpm)" or "n / rpm", or from a JSON file beside it, as `Result.write` makes it.
             A file above 50 MB is read column by column, when they are asked for.
-        mapping : mapping of str to str, optional
-            By its new name, a column with a factor, an offset and a unit where needed: "n * 0.4:rpm". The
-            columns of the series are the time and these.
+        columns : str or mapping of str to str, optional
+            A column with a factor, an offset and a unit where needed: "n * 0.4:rpm"; or by their new names several of
+            them. The columns of the series are the time and these.
 
         Raises
         ------
@@ -260,32 +294,42 @@ class Series:
             With the reason for a file that cannot be read, and for two columns of one name.
         """
         path = Path(path)
-        series = _series(read_file(path), str(path))
-        if mapping is None:
+        series = _series(read_file(path), str(path), path.name)
+        if columns is None:
             return series
-        readings = {
-            name: Reading.read(text, series.names, str(path)) for name, text in mapping.items()
-        }
-        columns, loads = [TIME], [lambda: series.t]
-        for name, reading in readings.items():
+        texts = {"": columns} if isinstance(columns, str) else columns
+        kept: list[Column] = [TIME]
+        loads: list[Callable[[], NDArray[Any]]] = [lambda: series.t]
+        for name, text in texts.items():
+            reading = Reading.read(text, series.names, str(path))
             of = series.column(reading.name)
             unit = of.unit if reading.unit is None else reading.unit
-            columns.append(Column(name, unit, of.kind, source=f"{path.name}, column {of.name}"))
-            loads.append(partial(series.scaled, reading, ""))
-        return cls(columns, lambda k: loads[k](), breaks=series.breaks, label=str(path))
+            kept.append(replace(of, name=name or of.name, unit=unit))
+            is_number = of.kind not in (Kind.BOOLEAN, Kind.TEXT) or reading != Reading(of.name)
+            loads.append(
+                partial(series.scaled, reading, "")
+                if is_number
+                else partial(series.__getitem__, of.name)
+            )
+        return cls(kept, lambda k: loads[k](), breaks=series.breaks, label=str(path))
 
     @classmethod
-    def of(cls, frame: pd.DataFrame, label: str = "the table") -> Series:
-        """The columns of a pandas frame, whose headings may have units; SetupError for two of one name."""
-        return _series(of_frame(frame, label, {}), label)
+    def of(
+        cls, columns: pd.DataFrame | Mapping[str, ArrayLike], label: str = "the table"
+    ) -> Series:
+        """The columns of a pandas frame or a mapping, whose headings may have units.
+
+        Raises SetupError for two of one name, and for columns of several lengths.
+        """
+        return _series(of_columns(columns, label), label)
 
     @classmethod
     def of_text(cls, text: str, label: str) -> Series:
         """The columns of a text of cells with a heading; raises ValueError or SetupError for what is none."""
-        return _series(read_text(text, label), label)
+        return _series(read_text(text, label), label, label)
 
 
-def _series(table: TableFile, label: str) -> Series:
+def _series(table: TableFile, label: str, source: str = "") -> Series:
     """The series of what a file has; raises SetupError for two columns of one name, and for a kind that there is not."""
     names = [name for name, _ in table.headings]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -301,6 +345,7 @@ def _series(table: TableFile, label: str) -> Series:
             kind = Kind.CONTINUOUS if stated is None else Kind(stated)
         else:
             kind = KIND_OF_TYPE.get(table.load(k).dtype.kind, Kind.TEXT)
-        columns.append(Column(name, unit, kind, source=label))
+        of = f"{source}, column {name}" if source else ""
+        columns.append(Column(name, unit, kind, source=of))
     breaks = np.array(table.facts.get("breaks", []), float).reshape(-1, 2)
     return Series(columns, table.load, breaks=breaks, label=label)

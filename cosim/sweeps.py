@@ -24,8 +24,7 @@ from .metrics import Metric
 from .prepared import PLAIN, How, Prepared
 from .result import Interrupted, Result, SimulationError
 from .simulation import versions
-from .system import System
-from .system.inputs import Table
+from .system import Network, System
 from .worker import Chunk, Worker
 
 if TYPE_CHECKING:
@@ -248,7 +247,7 @@ def sweep(
         recorded = {column.name: column for column in prepared.columns}
         for metric in figures.values():
             metric.check(recorded, plan.start, plan.stop)
-        identity = _identity(system, plan, read, wanted)
+        identity = _identity(prepared.network, plan, read, wanted)
         with open_journal(journal, identity) as kept:
             rest = np.setdiff1d(np.arange(read.members), list(kept.rows))
             share = how.share * (CERTIFIED_SHARE if certified else 1.0)
@@ -291,25 +290,19 @@ def _table(cases: Cases, figures: Figures, rows: Mapping[int, tuple[Array, str]]
 
 
 def _identity(
-    system: System, settings: RunSettings, cases: Cases, figures: Figures
+    network: Network, settings: RunSettings, cases: Cases, figures: Figures
 ) -> dict[str, Any]:
     """What makes the rows of a sweep: files, values, settings and versions."""
     content = repr([(name, column.tolist()) for name, column in zip(cases.names, cases.columns)])
+    system = network.system
     return {
-        "FMUs": {name: digest(Path(path)) for name, path in system.parts.items()},
+        "FMUs": {name: digest(fmu.path) for name, fmu in network.fmus.items()},
         "wires": [str(wire) for wire in system.wires],
         "start values": repr(dict(system.start)),
-        "inputs": repr({name: _content(profile) for name, profile in system.inputs.items()}),
+        "inputs": repr({port.name: profile.provenance() for port, profile in network.inputs}),
         "changes": list(system.changes),
         "settings": repr(settings),
         "cases": hashlib.sha256(content.encode()).hexdigest(),
         "figures": repr(figures),
         "versions": versions(),
     }
-
-
-def _content(profile: Any) -> Any:
-    """What a result says of an input over time."""
-    return (
-        profile.provenance() if isinstance(profile, Table) else getattr(profile, "__qualname__", "")
-    )

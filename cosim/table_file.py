@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .errors import SetupError
 from .numbers import real
@@ -298,6 +298,17 @@ def _read_parquet(path: Path, facts: Mapping[str, Any]) -> TableFile:
 
     split = split_headings(headings, facts.get("units", {}), str(path))
     return TableFile(split, load, facts, is_large=True)
+
+
+def of_columns(columns: pd.DataFrame | Mapping[str, ArrayLike], label: str) -> TableFile:
+    """The table of a pandas frame or of columns by heading; raises SetupError if these have several lengths."""
+    if not isinstance(columns, Mapping):
+        return of_frame(columns, label, {})
+    loaded = [np.asarray(values) for values in columns.values()]
+    if len({values.shape for values in loaded}) > 1:
+        counts = ", ".join(f"{heading} {len(x)}" for heading, x in zip(columns, loaded))
+        raise SetupError(f"{label}: its columns must have as many rows each, not {counts}")
+    return TableFile(split_headings([*columns], {}, label), loaded.__getitem__, {})
 
 
 def of_frame(frame: pd.DataFrame, label: str, facts: Mapping[str, Any]) -> TableFile:

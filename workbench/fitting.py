@@ -13,8 +13,7 @@ import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 
 import cosim
-from cosim import Advice, Experiment, Identified, SetupError, System
-from cosim import Table as Measured
+from cosim import Advice, Experiment, Identified, Series, SetupError, System
 from cosim.dense import Array as Samples
 from cosim.system import Value, connect
 from cosim.units import QUANTITY, multiples
@@ -61,7 +60,7 @@ class RecordOptions(Options):
     until: float | None = option(None, "time of the last row to use", "s")
     starts: int = option(12, "largest number of starts of the search", least=2)
 
-    def columns(self, *wanted: str, timed: bool = True) -> dict[str, Measured]:
+    def columns(self, *wanted: str, timed: bool = True) -> dict[str, Series]:
         """Return the measured columns by variable, those that are wanted among them.
 
         They stand against the number of the row where they are not timed.
@@ -87,16 +86,16 @@ class RecordOptions(Options):
         last = math.inf if self.until is None else self.until
         return {name: table.between(first, last) for name, table in tables.items()}
 
-    def turned(self, speed: Measured, what: str, gear: float = 1.0) -> tuple[Samples, Samples]:
+    def turned(self, speed: Series, what: str, gear: float = 1.0) -> tuple[Samples, Samples]:
         """Return the speeds [rad/s] of a column but for its gaps, and the angle [rad] at each.
 
         The angle is that of what turns `gear` times slower. Raises SetupError if it has not turned once in
         the end.
         """
-        w = np.array(speed.values) * multiples("rad/s").get(speed.unit, 1.0)
+        w = speed.numbers(gaps=True) * multiples("rad/s").get(speed.signal.unit, 1.0)
         is_measured = np.isfinite(w)
         w = w[is_measured]
-        turned = cumulative_trapezoid(w / gear, np.array(speed.times)[is_measured], initial=0)
+        turned = cumulative_trapezoid(w / gear, speed.t[is_measured], initial=0)
         if turned[-1] < 2 * math.pi:
             raise SetupError(
                 f"{self.data}: the record contains {turned[-1] / (2 * math.pi):.2g} turns of the "
@@ -110,7 +109,7 @@ class RecordOptions(Options):
         return dict(map(prior, self.known))
 
     def identify(
-        self, system: System, data: Mapping[str, Measured], free: Sequence[str], **settings: Any
+        self, system: System, data: Mapping[str, Series], free: Sequence[str], **settings: Any
     ) -> Identified:
         """The system fitted to columns, with what is asked and known; `cosim.identify`."""
         return cosim.identify(

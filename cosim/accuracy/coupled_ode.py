@@ -22,7 +22,7 @@ from ..fmu.blocks import VariableBlock
 from ..fmu.exchange import Array, EvaluationError, ModelExchange
 from ..system import Network, Port
 from ..system.graph import algebraic_loops, describe_loop, stepping_order
-from ..system.inputs import Table
+from ..system.inputs import TableInput
 
 #: A part that offers model exchange.
 ExchangePart = WiredPart[ModelExchange]
@@ -62,7 +62,7 @@ class CoupledOde:
         self.outputs = [Port(p.name, v) for p in self.parts for v in p.instance.real_outputs()]
         self.feeds = [feed for part in self.parts for feed in part.feeds]
         self.changes = discrete_changes(network, models, start, stop)
-        knots = [f.profile.times for f in self.feeds if isinstance(f.profile, Table)]
+        knots = [f.profile.times for f in self.feeds if isinstance(f.profile, TableInput)]
         self.stops = sorted({change.time for change in self.changes}.union(*knots))
         self.until = math.inf
         self.deadline = math.inf

@@ -21,6 +21,7 @@ from ..formats.osp import FILE, read_osp
 from ..formats.ssp.read import Package, read_ssp
 from ..formats.values import read_values
 from ..scratch import scratch
+from ..series import Series
 from ..system import (
     Network,
     System,
@@ -30,7 +31,6 @@ from ..system import (
     require_cosimulation,
     value_of_text,
 )
-from ..system.inputs import Table
 from .options import Parser, StartAction, assignment, seconds
 
 #: The longest step as a fraction of a run: derived from 1 + the rounding of a difference of times.
@@ -137,10 +137,9 @@ def with_inputs(system: System, options: argparse.Namespace) -> System:
     columns = dict(assignment(text) for text in options.map)
     if columns and options.input is None:
         raise SetupError("--map needs an --input")
-    inputs = {
-        name: Table.read(options.input, column, held=options.held)
-        for name, column in columns.items()
-    }
+    inputs = {name: Series.read(options.input, column) for name, column in columns.items()}
+    if options.held:
+        inputs = {name: table.held() for name, table in inputs.items()}
     if options.input is not None and not inputs:
         raise SetupError("--input needs a --map NAME=COLUMN")
     return replace(system, inputs=inputs, changes=options.at)

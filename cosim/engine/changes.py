@@ -11,7 +11,7 @@ from ..fmu.instance import Instance
 from ..fmu.times import coincide
 from ..system import Network, Port, Value, is_continuous_input
 from ..system.description import Variable
-from ..system.inputs import FunctionInput, Table
+from ..system.inputs import FunctionInput, TableInput
 from .part import I, WiredPart
 from .sources import InputSource
 
@@ -25,7 +25,7 @@ class Change(NamedTuple):
     value: Value
 
 
-def continuous_profiles(network: Network) -> list[tuple[Port, Table | FunctionInput]]:
+def continuous_profiles(network: Network) -> list[tuple[Port, TableInput | FunctionInput]]:
     """The Real inputs, which move within steps, and what they follow."""
     return [(port, profile) for port, profile in network.inputs if is_continuous_input(port)]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import NonFiniteValueError
 from ..fmu.buffers import Slot, address
 from ..fmu.operations import NOT_FINITE, Code, Layout, Operation
-from ..system.inputs import FunctionInput, Table
+from ..system.inputs import FunctionInput, TableInput
 
 Array = NDArray[np.float64]
 #: Times by which an input may move within two steps more than their means move before, after and across them. A jump
@@ -34,7 +34,7 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 class InputSource(Operation):
     """A Real input that follows a table or a function: `cell` holds its mean over the last step, `slot` is the same by name."""
 
-    def __init__(self, name: str, profile: Table | FunctionInput, t: float) -> None:
+    def __init__(self, name: str, profile: TableInput | FunctionInput, t: float) -> None:
         self.name, self.profile = name, profile
         self.cell = (ctypes.c_double * 1)(float(profile.at(t)))
         self.slot = Slot(name, self.cell, 0)
@@ -62,7 +62,7 @@ class InputSource(Operation):
 
 
 def change_within_steps(
-    profile: Table | FunctionInput, times: Array, exact: Array = NOWHERE
+    profile: TableInput | FunctionInput, times: Array, exact: Array = NOWHERE
 ) -> tuple[float, float]:
     """By how much an input changes within steps, unseen by their means, and when [s].
 
@@ -74,7 +74,7 @@ def change_within_steps(
 
     Parameters
     ----------
-    profile : Table or FunctionInput
+    profile : TableInput or FunctionInput
         The input.
     times : array of shape (steps + 1,)
         When the steps begin, and the end [s].
@@ -86,7 +86,7 @@ def change_within_steps(
     tuple of two floats
         The largest such difference, 0 if there is none, and the beginning of its step.
     """
-    if isinstance(profile, Table):
+    if isinstance(profile, TableInput):
         means, lows, highs = _table_ranges(profile, times)
     else:
         means, lows, highs = _function_ranges(profile, times)
@@ -108,7 +108,7 @@ def change_within_steps(
     return float(within[k]), float(times[k])
 
 
-def _table_ranges(table: Table, times: Array) -> tuple[Array, Array, Array]:
+def _table_ranges(table: TableInput, times: Array) -> tuple[Array, Array, Array]:
     """The mean, the least and the largest value in each step."""
     knots, values = np.array(table.times), np.array(table.values, dtype=np.float64)
     inside = (knots > times[0]) & (knots < times[-1])

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..series import Series
 from ..system import Value, connect
-from ..system.inputs import Table
 from .identify import Identified, ValueFunction
 from .linearisation import DEVIATIONS
 from .noise import Noise
@@ -31,7 +31,7 @@ class Experiment(NamedTuple):
     noise: Mapping[str, float]
     stop: float
     specific: Sequence[str] = ()
-    inputs: Mapping[str, Table | Callable[[float], float]] = MappingProxyType({})
+    inputs: Mapping[str, Series | Callable[[float], float]] = MappingProxyType({})
 
 
 class Advice(NamedTuple):

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..errors import SetupError
 from ..result import Result
+from ..series import Series
 from ..system import System, connect
-from ..system.inputs import Table
 from .fit import SearchPlan, fit
 from .intervals import Interval, estimate_intervals
 from .linearisation import DEVIATIONS, Linearisation, refine
@@ -134,7 +134,7 @@ class Identified:
 
 def identify(
     system: System,
-    record: Mapping[str, Table],
+    record: Mapping[str, Series],
     *,
     free: FreeNames,
     prior: ValuesWithDeviation | Prior | None = None,

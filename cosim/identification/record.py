@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SetupError
-from ..series import Reading, Series
+from ..series import TIME, Column, Reading, Series
 from ..system import Network, Port, conversion_to
-from ..system.inputs import Table
 from .noise import Noise, Samples, estimate_noise
 
 #: Largest measured number. Chosen: its square, for chi2, is still far from the largest double.
@@ -36,7 +35,7 @@ class Measurement:
 
 def measured(
     path: Path | str, columns: Mapping[str, str], *, time: str | None = "time", gaps: bool = False
-) -> dict[str, Table]:
+) -> dict[str, Series]:
     """Read columns of a file, see `Series.read`, by the variables that they measure.
 
     Parameters
@@ -92,12 +91,13 @@ def measured(
         values, reading = column(variable, text, "", gaps=gaps)
         unit = series.column(reading.name).unit if reading.unit is None else reading.unit
         label = f"{Path(path).name}, column {reading.name}"
-        tables[variable] = Table(times.tolist(), values.tolist(), unit=unit, source=label)
+        columns_of = TIME, Column(reading.name, unit, source=label)
+        tables[variable] = Series(columns_of, [times, values].__getitem__, label=label)
     return tables
 
 
 def measured_columns(
-    network: Network, record: Mapping[str, Table], noise: Mapping[str, float]
+    network: Network, record: Mapping[str, Series], noise: Mapping[str, float]
 ) -> list[Measurement]:
     """The columns of a record in the units of their variables, each with its noise, stated or estimated.
 
@@ -118,23 +118,24 @@ def measured_columns(
 
 
 def _measured_column(
-    network: Network, port: Port, table: Table, noise: Mapping[str, float]
+    network: Network, port: Port, table: Series, noise: Mapping[str, float]
 ) -> Measurement:
     """The column of a variable, without the rows that are gaps."""
-    source = table.source or f"the record of {port.name}"
+    column = table.signal
+    source = column.source or f"the record of {port.name}"
     if port.variable.causality != "output" or port.type != "Real":
         raise SetupError(
             f"{source}: {port} is not a Real output, so nothing can be compared with it"
         )
-    factor, offset = conversion_to(network, port, table.unit, "be compared with a column")
-    times, values = np.array(table.times), factor * np.array(table.values, float) + offset
+    factor, offset = conversion_to(network, port, column.unit, "be compared with a column")
+    times, values = table.t, factor * table.numbers(gaps=True) + offset
     is_number = np.isfinite(values)
     times, values = times[is_number], values[is_number]
     if len(times) <= 1 or not (np.diff(times) > 0.0).all():
         raise SetupError(f"{source}: its times must rise, and there must be two rows at least")
     if np.ptp(values) == 0.0:
         raise SetupError(
-            f"{source}: it is {table.values[0]!r} in all rows and carries no information"
+            f"{source}: it is {float(values[0])!r} in all rows and carries no information"
         )
     if port.name in noise:
         return Measurement(port, times, values, Noise(noise[port.name], "as given", is_stated=True))

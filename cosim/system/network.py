@@ -12,14 +12,14 @@ from ..errors import SetupError
 from ..names import meant, only
 from .base_units import unit_conversion
 from .description import Fmu, ModelDescription, Value, Variable, declared_start
-from .inputs import FunctionInput, Table
+from .inputs import FunctionInput, TableInput
 from .ports import Catalog, Port, size_text, split_name
 from .profiles import checked_profile, profiles_of_changes
 from .reading import WANTED, XML, read_fmu
 from .start_values import checked_start
 from .wires import SHAFT, System, Wire, require_kinds
 
-Profile = Table | FunctionInput
+Profile = TableInput | FunctionInput
 
 
 class Connection(NamedTuple):
@@ -83,7 +83,9 @@ def connect(system: System, *, runnable: bool = True) -> Network:
         checked_start(catalog, catalog.port(name), value) for name, value in system.start.items()
     ]
     driven = _require_single_drivers(written, wires)
-    inputs = [checked_profile(catalog, *item) for item in system.inputs.items()]
+    inputs: list[tuple[Port, Profile]] = [
+        checked_profile(catalog, *item) for item in system.inputs.items()
+    ]
     inputs += profiles_of_changes(catalog, start)
     for port, _ in inputs:
         if port.name in driven:

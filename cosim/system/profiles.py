@@ -7,38 +7,89 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import wraps
 
 from ..errors import SetupError
+from ..series import Kind, Series
+from ..table_file import is_empty, number_of
 from .description import Value, declared_start
-from .inputs import FunctionInput, Table, parse_change
+from .inputs import FunctionInput, TableInput, parse_change
 from .ports import Catalog, Port, conversion_to, is_continuous_input
 from .start_values import checked_start, value_of_text
 from .wires import Name
 
+#: Truth values as texts of a table.
+FALSE_TRUE_TEXTS = {"true": True, "false": False}
+
 
 def checked_profile(
-    catalog: Catalog, name: Name, profile: Table | Callable[[float], float]
-) -> tuple[Port, Table | FunctionInput]:
+    catalog: Catalog, name: Name, profile: Series | Callable[[float], float]
+) -> tuple[Port, TableInput | FunctionInput]:
     """A table in the unit of its input, or a function; raises SetupError for what does not fit."""
+    port = _changing(catalog, name)
+    if not isinstance(profile, Series):
+        if not is_continuous_input(port):
+            raise SetupError(f"{port} cannot follow a function of time; only a Real input can")
+        return port, FunctionInput(_numbers_of(port, profile))
+    column = profile.signal
+    factor, offset = conversion_to(catalog, port, column.unit, "follow a table")
+    try:
+        times, values = _times(profile), _cells(port, profile)
+    except SetupError as error:
+        raise SetupError(f"{port.name}: {error}") from error
+    if (factor, offset) != (1.0, 0.0):
+        values = [x if isinstance(x, str) else factor * x + offset for x in values]
+    is_held = column.kind.is_held and (port.type, column.kind) != ("Real", Kind.TEXT)
+    values = _fitting(catalog, port, values, is_held=is_held)
+    return port, TableInput(times, values, held=is_held, source=column.source)
+
+
+def _changing(catalog: Catalog, name: Name) -> Port:
+    """The port of this name; raises SetupError if it cannot change over time."""
     port = catalog.port(name)
     causality = str(port.variable.causality)
     parameter = causality == "parameter"
     if causality != "input" and not (parameter and port.variable.variability == "tunable"):
         kind = "is a parameter that is not tunable" if parameter else f"has causality {causality}"
         raise SetupError(f"{port} {kind} and cannot change over time")
+    return port
+
+
+def _fitting(
+    catalog: Catalog, port: Port, values: Sequence[Value], *, is_held: bool
+) -> list[Value]:
+    """Values in the type of a port; raises SetupError for those that it cannot have or come to."""
     moving = is_continuous_input(port)
-    if not isinstance(profile, Table):
-        if not moving:
-            raise SetupError(f"{port} cannot follow a function of time; only a Real input can")
-        return port, FunctionInput(_numbers_of(port, profile))
-    if not (moving or profile.held):
+    if not (moving or is_held):
         raise SetupError(f"{port} cannot be interpolated and can only follow a table that is held")
-    factor, offset = conversion_to(catalog, port, profile.unit, "follow a table")
-    if (factor, offset) != (1.0, 0.0):
-        profile = profile.mapped(lambda value: factor * value + offset)
-    extremes = set(profile.values)
-    if moving:
-        extremes = {min(extremes), max(extremes), *filter(math.isnan, extremes)}
-    fitting = {value: checked_start(catalog, port, value)[1] for value in extremes}
-    return port, profile.mapped(float if moving else fitting.__getitem__)
+    numbers = [value for value in values if not isinstance(value, str)]
+    some = {min(values), max(values)} if moving and len(numbers) == len(values) else set(values)
+    fitting = {value: checked_start(catalog, port, value)[1] for value in some}
+    return [float(value) for value in values] if moving else [fitting[value] for value in values]
+
+
+def _times(table: Series) -> list[float]:
+    """The times of a table [s]; raises SetupError for those that fall, and if there are none."""
+    times: list[float] = table.t.tolist()
+    if not times:
+        raise SetupError(f"{table.label} has no rows")
+    for before, t in zip([-math.inf, *times], times):
+        if not before <= t < math.inf:
+            raise SetupError(
+                f"{table.label}: time {t!r} s after {before!r} s must be finite and not fall"
+            )
+    return times
+
+
+def _cells(port: Port, table: Series) -> list[Value]:
+    """The values of a table for a port, of which texts may be truth values and numbers; raises SetupError."""
+    if port.type == "Real" and table.signal.kind is not Kind.BOOLEAN:
+        return list(table.numbers().tolist())
+    cells = ["" if is_empty(cell) else cell for cell in table[table.signal.name].tolist()]
+    if port.type in ("String", "Binary"):
+        return cells
+    numbers = [number_of(cell) if isinstance(cell, str) else math.nan for cell in cells]
+    return [
+        FALSE_TRUE_TEXTS.get(cell, cell) if math.isnan(number) else number
+        for cell, number in zip(cells, numbers)
+    ]
 
 
 def _numbers_of(port: Port, function: Callable[[float], float]) -> Callable[[float], float]:
@@ -64,7 +115,7 @@ def _numbers_of(port: Port, function: Callable[[float], float]) -> Callable[[flo
 
 def profiles_of_changes(
     catalog: Catalog, start: Sequence[tuple[Port, Value]]
-) -> Iterator[tuple[Port, Table | FunctionInput]]:
+) -> Iterator[tuple[Port, TableInput]]:
     """The changes of each variable as a table that begins with its start value."""
     steps: dict[str, list[tuple[float, Value]]] = {}
     for time, name, text in map(parse_change, catalog.system.changes):
@@ -78,7 +129,6 @@ def profiles_of_changes(
         if is_profile or before is None:
             why = "also follows a table" if is_profile else "has no start value"
             raise SetupError(f"{port} cannot change: it {why}")
-        fitting = [(time, checked_start(catalog, port, value)[1]) for time, value in rows]
-        times, values = zip(*sorted(fitting, key=lambda row: row[0]))
-        table = Table(times, values, held=True)
-        yield checked_profile(catalog, name, table.after(before))
+        times, values = zip((-math.inf, before), *sorted(rows, key=lambda row: row[0]))
+        fitting = _fitting(catalog, _changing(catalog, name), values, is_held=True)
+        yield port, TableInput(times, fitting, held=True)

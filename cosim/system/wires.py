@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import SetupError
-from ..series import NUMBER
+from ..series import NUMBER, Series
 from .description import Value
-from .inputs import Table
 
 Name = str | tuple[str, str]
 WIRE = re.compile(
@@ -97,7 +96,7 @@ class System:
     are clear from the units of the wires need not be named. A part of a subsystem has a dotted name,
     "line.motor".
 
-    `inputs` are inputs over time by variable: a Table, or a function of time [s]. A change of an
+    `inputs` are inputs over time by variable: a `Series` with one column beside the times, or a function of time [s]. A change of an
     input or a tunable parameter reads "at 2 s motor.A = 7500". Within a step, a Real input is held at
     its mean, or follows a line if its FMU can interpolate; everything else changes between steps.
     """
@@ -106,7 +105,7 @@ class System:
     wires: Sequence[str | Wire] = ()
     start: Mapping[str, Value] = field(default_factory=dict)
     bonds: Sequence[str] = ()
-    inputs: Mapping[str, Table | Callable[[float], float]] = field(default_factory=dict)
+    inputs: Mapping[str, Series | Callable[[float], float]] = field(default_factory=dict)
     changes: Sequence[str] = ()
 
 
@@ -121,13 +120,16 @@ def require_kinds(system: System) -> None:
         for entry in entries:
             if not isinstance(entry, str | Wire if what == "wires" else str):
                 raise SetupError(f"{entry!r} in {what} must be a text{_as_wire(entry)}")
-    for what, example in (("start", "0.05"), ("inputs", "Table([0.0, 1.0], [0.0, 2.0])")):
+    for what, example in (
+        ("start", "0.05"),
+        ("inputs", "Series.of({'t': [0.0, 1.0], 'T': [0.0, 2.0]})"),
+    ):
         if not isinstance(getattr(system, what), Mapping):
             raise SetupError(f"{what} must be values by name: write {{'motor.T': {example}}}")
     for name, profile in system.inputs.items():
-        if not isinstance(profile, Table) and not callable(profile):
+        if not isinstance(profile, Series) and not callable(profile):
             hint = "; to hold it, give it as a start value" if isinstance(profile, Real) else ""
-            text = f"input {dotted(name)} = {profile!r} must be a Table or a function of time"
+            text = f"input {dotted(name)} = {profile!r} must be a Series or a function of time"
             raise SetupError(f"{text}{hint}")
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Adaptive, Estimate, Result, SimulationError, System, Table, certify, run
+from cosim import Adaptive, Estimate, Result, Series, SimulationError, System, certify, run
 from cosim.engine.sources import change_within_steps
 from cosim.metrics import Largest, Last, Mean
 from cosim.series import TIME, Column
-from cosim.system.inputs import FunctionInput
+from cosim.system.inputs import FunctionInput, TableInput
 from tests.cosim.test_cosim import pair
 
 #: A motor without a load, whose speed is its input.
@@ -117,7 +117,7 @@ def vibration(frequency: float, kind: str) -> Any:
         return 40.0 + 5.0 * math.sin(2.0 * math.pi * frequency * t)
 
     times = np.arange(0.0, 0.1005, 1.0 / (16.0 * frequency))
-    return w if kind == "function" else Table(times, [w(t) for t in times])
+    return w if kind == "function" else Series.of({"t": times, "w": [w(t) for t in times]})
 
 
 @pytest.mark.parametrize("kind", ["function", "table"])
@@ -136,7 +136,8 @@ def test_an_input_whose_period_divides_the_step_gives_no_figure(
 
 
 def test_a_pulse_within_a_step_gives_no_figure(native: Path) -> None:
-    pulse = Table([0, 0.0101, 0.0101, 0.010101, 0.010101, 1], [40.0, 40.0, 80.0, 80.0, 40.0, 40.0])
+    times = [0, 0.0101, 0.0101, 0.010101, 0.010101, 1]
+    pulse = Series.of({"t": times, "w": [40.0, 40.0, 80.0, 80.0, 40.0, 40.0]})
     system = motor(native, pulse)
     own: Any = lambda r: float(r["motor.tau"].min())
     for metric in (Largest("motor.tau"), own):
@@ -148,9 +149,9 @@ def test_inputs_that_steps_resolve_are_no_reason_against_a_figure(native: Path) 
     for w in (
         vibration(50.0, "function"),
         vibration(50.0, "table"),
-        Table([0.0, 0.1], [40.0, 45.0]),
-        Table([0.0, 0.0503, 0.0503, 0.1], [40.0, 40.0, 41.0, 41.0]),
-        Table([0.0, 0.05, 0.1], [40.0, 41.0, 41.0], held=True),
+        Series.of({"t": [0.0, 0.1], "w": [40.0, 45.0]}),
+        Series.of({"t": [0.0, 0.0503, 0.0503, 0.1], "w": [40.0, 40.0, 41.0, 41.0]}),
+        Series.of({"t": [0.0, 0.05, 0.1], "w": [40.0, 41.0, 41.0]}).held(),
         lambda t: 40.0,
     ):
         figure = certify(motor(native, w), {"f": Mean("motor.tau")}, stop=0.1, step=5e-4).figures[
@@ -164,13 +165,13 @@ def test_a_pulse_as_short_as_a_step_is_seen_wherever_it_is_in_its_step_and_no_ju
     random, times = np.random.default_rng(7), np.linspace(0.0, 1.0, 101)
     knots = lambda begin, end: [0.0, begin, begin, end, end, 1.0]
     for begin, width, step in random.uniform([0.0, 1e-4, 0.1], [0.9, 1e-2, 3.0], (200, 3)).tolist():
-        pulse = Table(knots(begin, begin + width), [step, step, 3.0, 3.0, step, step])
+        pulse = TableInput(knots(begin, begin + width), [step, step, 3.0, 3.0, step, step])
         if step < 2.9:
             assert change_within_steps(pulse, times)[0] == pytest.approx(3.0 - step)
         exact = np.array([begin, begin + width])
         assert change_within_steps(pulse, np.union1d(times, exact), exact)[0] == 0.0
-        jumps = Table(knots(begin, 0.5 * (begin + 1.0)), [0.0, 0.0, step, step, 4.0, 4.0])
-        for resolved in (jumps, Table([0.0, begin + 0.01, 1.0], [0.0, 0.0, step])):
+        jumps = TableInput(knots(begin, 0.5 * (begin + 1.0)), [0.0, 0.0, step, step, 4.0, 4.0])
+        for resolved in (jumps, TableInput([0.0, begin + 0.01, 1.0], [0.0, 0.0, step])):
             assert change_within_steps(resolved, times)[0] == 0.0
 
 
@@ -178,7 +179,7 @@ def test_noise_with_a_row_in_each_step_is_seen_by_the_steps() -> None:
     times = np.linspace(0.0, 1.0, 1001)
     for seed in range(20):
         values = np.random.default_rng(seed).normal(size=1001)
-        assert change_within_steps(Table(times, values), times)[0] == 0.0
+        assert change_within_steps(TableInput(times.tolist(), values.tolist()), times)[0] == 0.0
     sharp = FunctionInput(lambda t: 1.0 + math.sin(2e4 * math.pi * t))
     most, _ = change_within_steps(sharp, times)
     assert most == pytest.approx(2.0, abs=0.1)

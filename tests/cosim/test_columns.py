@@ -13,14 +13,15 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
 
-from cosim import Adaptive, Result, SetupError, System, Table, certify, oracle, run, table_file
+from cosim import Adaptive, Result, Series, SetupError, System, certify, oracle, run, table_file
 from cosim.cli.main import main
 from cosim.metrics import Crossing, Largest, Last, Mean, Metric, Smallest
 from cosim.series import TIME, Column, Kind
+from cosim.system.inputs import TableInput
 from tests.cosim.foreign import idle, pack
 
 #: A speed that jumps from rest to 10 rad/s between two points of any decimal step.
-SWITCHED = Table([0.0, 0.503, 0.503, 1.0], [0.0, 0.0, 10.0, 10.0])
+SWITCHED = Series.of({"t": [0.0, 0.503, 0.503, 1.0], "u": [0.0, 0.0, 10.0, 10.0]})
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def test_a_part_that_does_not_answer_makes_a_break(
     if interpret:
         request.getfixturevalue("interpreted")
     fmu = pack(tmp_path / "A.fmu", fresh=fresh, canGetAndSetFMUstate=restores)
-    jump = Table([0.0, 0.4, 0.4, 1.0], [0.0, 0.0, 2.0, 2.0])
+    jump = Series.of({"t": [0.0, 0.4, 0.4, 1.0], "u": [0.0, 0.0, 2.0, 2.0]})
     system = System({"A": fmu}, start=idle("A", "A.u"), inputs={"A.u": jump})
     result = run(system, stop=1.0, step=0.1, record=["A.y", "A.z"])
     before, after = _rows_at(result, 0.4, "A.z")
@@ -233,7 +234,7 @@ class Drawn:
         values.append(values[-1] + float(rng.normal()))
         if pick(True, False):
             values[1::2] = values[0::2]
-        self.table = Table(times, values)
+        self.table = TableInput(times, values)
         self.rates = [-float(rng.uniform(1.0, 8.0)) for _ in range(2)]
         self.changes = sorted(
             (time(), -float(rng.uniform(1.0, 8.0))) for _ in range(rng.integers(0, 3))
@@ -254,7 +255,7 @@ class Drawn:
             parts,
             wires,
             start=idle(names, *(f"{name}.u" for name in names)),
-            inputs={"A.u": self.table},
+            inputs={"A.u": Series.of({"t": times, "u": values})},
             changes=[f"at {t!r} s A.a = {a!r}" for t, a in self.changes],
         )
         self.record = [f"{name}.{column}" for name in names[:2] for column in "yz"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.identify import KINDS, trial
-from cosim import Experiment, SetupError, System, Table, advise, identify, measured
+from cosim import Experiment, Series, SetupError, System, advise, identify, measured
 from cosim.identification.fit import latin_hypercube
 from cosim.identification.intervals import correlated_groups
 from cosim.identification.linearisation import covariance, linearise
@@ -63,7 +63,7 @@ def noisy(x: Samples, sigma: float, seed: int = 1) -> Samples:
 def test_the_resonance_is_identified_though_its_parts_are_not(
     fmus: Path, record: dict[str, Samples]
 ) -> None:
-    table = Table(record["t"], noisy(record["w"], 0.1) * 30 / np.pi, unit="rpm")
+    table = Series.of({"t": record["t"], "n [rpm]": noisy(record["w"], 0.1) * 30 / np.pi})
     fit = identify(
         system(fmus), {"conveyor.w": table}, free=FREE, prior=PRIOR,
         derived={"resonance": resonance}, first=["conveyor.phi", "motor.A"],
@@ -105,13 +105,13 @@ def test_a_file_with_semicolons_and_decimal_commas_is_read_as_it_is(tmp_path: Pa
     path = tmp_path / "german.csv"
     path.write_text("\ufefft [ms];n [rpm]\n0,5;1,25\n1;-2,5e1\n2;3\n\n", encoding="utf-8")
     (table,) = measured(path, {"conveyor.w": "n*2"}, time="t").values()
-    assert table.times == pytest.approx([5e-4, 1e-3, 2e-3])
-    assert (table.values, table.unit) == ([2.5, -50.0, 6.0], "rpm")
+    assert table.t == pytest.approx([5e-4, 1e-3, 2e-3])
+    assert (table.numbers().tolist(), table.signal.unit) == ([2.5, -50.0, 6.0], "rpm")
     (rows,) = measured(path, {"conveyor.w": "n"}, time=None).values()
-    assert rows.times == [0.0, 1.0, 2.0]
+    assert rows.t.tolist() == [0.0, 1.0, 2.0]
     path.write_text("t\tn\n0\t1,25\n1\t-25\n2\t3\n")
-    plain = Table.read(path, "n / 0.5 + 1:1")
-    assert (plain.values, plain.unit) == ([3.5, -49.0, 7.0], "1")
+    plain = Series.read(path, "n / 0.5 + 1:1")
+    assert (plain.numbers().tolist(), plain.signal.unit) == ([3.5, -49.0, 7.0], "1")
 
 
 def test_a_derivative_is_taken_from_the_side_that_the_fmus_accept(
@@ -119,7 +119,7 @@ def test_a_derivative_is_taken_from_the_side_that_the_fmus_accept(
 ) -> None:
     """A mass that the record cannot tell runs to its bound, where the FMU refuses it."""
     guess = system(fmus, **{**MACHINE, "conveyor.trough.m": 1e-9})
-    table = Table(record["t"][:200], noisy(record["w"][:200], 0.1))
+    table = Series.of({"t": record["t"][:200], "w": noisy(record["w"][:200], 0.1)})
     network = connect(guess)
     columns = measured_columns(network, {"conveyor.w": table}, {"conveyor.w": 0.1})
     prior = independent_prior({})
@@ -208,7 +208,8 @@ def test_what_cannot_be_identified_is_refused_in_a_line(
     arguments = {"free": ["motor.B"]} | changes
     values = noisy(np.linspace(40.0, 41.0, 60), 0.1).tolist()
     times = arguments.pop("times", (np.arange(60) * 1e-3).tolist())
-    table = Table(times, arguments.pop("values", values), unit=arguments.pop("unit", ""))
+    heading = f"w [{arguments.pop('unit')}]" if "unit" in arguments else "w"
+    table = Series.of({"t": times, heading: arguments.pop("values", values)})
     with pytest.raises(SetupError, match=re.escape(message)) as raised:
         identify(system(fmus), {arguments.pop("column", "conveyor.w"): table}, **arguments)
     assert "\n" not in str(raised.value)
@@ -226,7 +227,10 @@ def test_a_sensor_with_a_delay_and_a_gain_is_identified_with_outliers_and_gaps(
     w[300:340] = np.nan
     start = {**MACHINE, "motor.B": 190.0, "motor.A": 6900.0}
     fit = identify(
-        system(fmus, **start), {"conveyor.w": Table(t, w), "motor.tau": Table(torque_times, tau)},
+        system(fmus, **start), {
+            "conveyor.w": Series.of({"t": t, "w": w}),
+            "motor.tau": Series.of({"t": torque_times, "tau": tau}),
+        },
         free=["motor.B", "motor.A", "gain(motor.tau)"], prior={"delay(motor.tau)": (0.0, 2e-3)},
         noise={"conveyor.w": 0.05, "motor.tau": 1.0}, outliers=0.02, starts=2,
     )  # fmt: skip
@@ -240,7 +244,7 @@ def test_a_planned_record_narrows_the_interval_as_predicted(
     fmus: Path, record: dict[str, Samples]
 ) -> None:
     """A run-up, foretold from a record of steady running, then made and identified."""
-    table = Table(record["t"], noisy(record["w"], 0.1))
+    table = Series.of({"t": record["t"], "w": noisy(record["w"], 0.1)})
     settings: dict[str, Any] = {"free": FREE, "noise": {"conveyor.w": 0.1}, "starts": 2}
     settings |= {"derived": {"resonance": resonance}}
     guess = {"conveyor.phi": 0.3, "motor.A": 7100.0, "motor.B": 197.0}
@@ -257,7 +261,7 @@ def test_a_planned_record_narrows_the_interval_as_predicted(
     _, w, _ = simulated({"conveyor.crank.r": 0.01} | MACHINE | rest, record["t"])
     following = identify(
         system(fmus, **{**fit.start_values, **rest}),
-        {"conveyor.w": Table(record["t"], noisy(w, 0.1, 5))},
+        {"conveyor.w": Series.of({"t": record["t"], "w": noisy(w, 0.1, 5)})},
         prior=fit.prior(),
         **settings,
     )

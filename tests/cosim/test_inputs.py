@@ -18,10 +18,10 @@ from numpy.testing import assert_array_equal
 
 from cosim import (
     Adaptive,
+    Series,
     SetupError,
     SimulationError,
     System,
-    Table,
     certify,
     diagnose,
     run,
@@ -34,7 +34,7 @@ from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack, single_fmu_system
 
 A, B, T = 100.0, 2.0, 0.05
-RAMP = Table([0.0, 0.35, 0.35, 1.0], [0.0, 10.0, 20.0, 5.0])
+RAMP = Series.of({"t": [0.0, 0.35, 0.35, 1.0], "w": [0.0, 10.0, 20.0, 5.0]})
 
 
 def motor(fmus: Path, speed: Any, **more: Any) -> System:
@@ -90,7 +90,8 @@ def test_both_loops_follow_with_the_same_bits(
 ) -> None:
     rng = np.random.default_rng(1)
     times = np.sort(rng.uniform(0.0, 1.0, 500))
-    table = Table([0.0, *times, 1.0], rng.normal(size=502), held=held)
+    table = Series.of({"t": [0.0, *times, 1.0], "w": rng.normal(size=502)})
+    table = table.held() if held else table
     system = System(
         {name: fmus / "native" / f"{file}.fmu" for name, file in (
             ("motor", "DriveMotor"), ("conveyor", "CrankConveyor"), ("free", "DriveMotor"))},
@@ -151,7 +152,7 @@ def test_a_function_of_time_is_of_order_two(input_order: int, fmus: Path) -> Non
 
 def test_units_are_converted(fmus: Path) -> None:
     """Display units of the input, and units of other variables."""
-    rpm = Table(RAMP.times, [30.0 / math.pi * w for w in RAMP.values], unit="rpm")
+    rpm = Series.of({"t": RAMP.t, "n [rpm]": 30.0 / math.pi * RAMP["w"]})
     plain, turned = (run(motor(fmus, table), stop=1.0, step=0.01) for table in (RAMP, rpm))
     assert turned["motor.tau"] == pytest.approx(plain["motor.tau"], rel=1e-12)
     for unit, message in (
@@ -159,13 +160,14 @@ def test_units_are_converted(fmus: Path) -> None:
         ("knots", "no FMU here defines"),
     ):
         with pytest.raises(SetupError, match=message):
-            run(motor(fmus, Table([0.0, 1.0], [0.0, 1.0], unit=unit)), stop=1.0, step=0.01)
+            table = Series.of({"t": [0.0, 1.0], f"w [{unit}]": [0.0, 1.0]})
+            run(motor(fmus, table), stop=1.0, step=0.01)
 
 
 def test_a_frame_and_a_file_give_the_same_rows(fmus: Path, tmp_path: Path) -> None:
-    frame = pd.DataFrame({"time": RAMP.times, "speed": RAMP.values})
+    frame = pd.DataFrame({"time": RAMP.t, "speed": RAMP["w"]})
     frame.rename(columns={"speed": "speed [rad/s]"}).to_csv(tmp_path / "w.csv", index=False)
-    tables = [Table(frame["time"], frame["speed"]), Table.read(tmp_path / "w.csv", "speed")]
+    tables = [Series.of(frame), Series.read(tmp_path / "w.csv", "speed")]
     first, second = (run(motor(fmus, table), stop=1.0, step=0.01) for table in tables)
     assert_array_equal(first.data, second.data)
     plain, from_file = (result.provenance["inputs"]["motor.w"] for result in (first, second))
@@ -217,11 +219,11 @@ def test_changes_survive_a_step_that_is_taken_again(tmp_path: Path) -> None:
 def test_discrete_inputs_are_held_to_their_next_row(
     kind: str, values: list[Any], step: float | Adaptive, file: bool, tmp_path: Path
 ) -> None:
-    table = Table([0.0, 0.3, 0.6], values, held=True)
+    table = Series.of({"t": [0.0, 0.3, 0.6], "v": values}).held()
     if file:
-        rows = [f"{t},{str(v).lower()}" for t, v in zip(table.times, values)]
+        rows = [f"{t},{str(v).lower()}" for t, v in zip(table.t, values)]
         (tmp_path / "a.csv").write_text("\n".join(["t,v", *rows]))
-        table = Table.read(tmp_path / "a.csv", "v", held=True)
+        table = Series.read(tmp_path / "a.csv", "v").held()
     system = echo(tmp_path, inputs={f"A.{kind}_in": table})
     out = "A.spelled" if kind == "string" else f"A.{kind}_out"
     result = run(system, stop=1.0, step=step, record=[out])
@@ -245,7 +247,7 @@ def test_an_input_changes_at_a_time_too(tmp_path: Path) -> None:
 def test_inputs_feed_a_loop_of_parts(capable: bool, tmp_path: Path) -> None:
     """a' = -a + b, b' = -b + u with u = t: the exact solution in closed form."""
     fmu = pack(tmp_path / "A.fmu", x0=0.0, canInterpolateInputs=capable)
-    table = Table([0.0, 2.0], [0.0, 2.0])
+    table = Series.of({"t": [0.0, 2.0], "u": [0.0, 2.0]})
     system = System({"a": fmu, "b": fmu}, ["b.y -> a.u"], inputs={"b.u": table})
     errors = []
     for n in (20, 40, 80):
@@ -273,10 +275,14 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "unknown": ({"inputs": {"A.v": RAMP}}, "A has no variable 'v'"),
     "lines": ({"inputs": {"A.integer_in": RAMP}}, "cannot be interpolated and can only follow a table that is held"),
     "function": ({"inputs": {"A.boolean_in": math.sin}}, "cannot follow a function of time"),
-    "late": ({"inputs": {"A.u": Table([0.5, 1.0], [0, 1])}}, "A.u: its table begins at 0.5 s"),
-    "short": ({"inputs": {"A.u": Table([0.0, 0.5], [0, 1])}}, "A.u: its table ends at 0.5 s"),
-    "nan": ({"inputs": {"A.u": Table([0, 1], [0, math.nan])}}, "must be a finite number"),
-    "item": ({"inputs": {"A.enumeration_in": Table([0.0], ["fast"], held=True)}}, "must be one of low"),
+    "late": ({"inputs": {"A.u": Series.of({"t": [0.5, 1.0], "u": [0, 1]})}}, "A.u: its table begins at 0.5 s"),
+    "short": ({"inputs": {"A.u": Series.of({"t": [0.0, 0.5], "u": [0, 1]})}}, "A.u: its table ends at 0.5 s"),
+    "nan": ({"inputs": {"A.u": Series.of({"t": [0, 1], "u": [0, math.nan]})}}, "A.u: the table, row 3, column u: 'nan' is not a finite number"),
+    "falling": ({"inputs": {"A.u": Series.of({"t": [0.0, -1.0], "u": [1, 2]})}}, "time -1.0 s after 0.0 s must be finite and not fall"),
+    "endless": ({"inputs": {"A.u": Series.of({"t": [0.0, math.inf], "u": [1, 2]})}}, "row 3, column t: 'inf' is not a finite number"),
+    "rows": ({"inputs": {"A.u": Series.of({"t": [], "u": []})}}, "A.u: the table has no rows"),
+    "columns": ({"inputs": {"A.u": Series.of({"t": [0, 1], "u": [1, 2], "v": [1, 2]})}}, "the table must have one column beside t, not u, v"),
+    "item": ({"inputs": {"A.enumeration_in": Series.of({"t": [0.0], "mode": ["fast"]})}}, "must be one of low"),
     "both": ({"inputs": {"A.u": RAMP}, "changes": ["1 A.u=2"]}, "it also follows a table"),
     "text": ({"changes": ["A.u = 2"]}, "must read 'at TIME s part.variable = value'"),
     "value": ({"changes": ["at 0.5 s A.u = two"]}, "A.u = 'two' must be of type Real"),
@@ -293,25 +299,16 @@ def test_what_does_not_fit_is_refused(case: str, tmp_path: Path) -> None:
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("times", "values", "message"),
-    [
-        ([], [], "0 times and 0 values do not make rows"),
-        ([0.0, 1.0], [1.0], "2 times and 1 values do not make rows"),
-        ([0.0, -1.0], [1.0, 2.0], "time -1.0 s after 0.0 s must be finite and not fall"),
-        ([0.0, math.nan], [1.0, 2.0], "time nan s after 0.0 s must be finite and not fall"),
-    ],
-)
-def test_what_is_no_table_is_refused(times: Any, values: Any, message: str) -> None:
-    with pytest.raises(SetupError, match=message):
-        Table(times, values)
+def test_columns_of_several_lengths_are_no_table() -> None:
+    with pytest.raises(SetupError, match="as many rows each, not t 2, u 1"):
+        Series.of({"t": [0.0, 1.0], "u": [1.0]})
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("time,tau\n0,1\n1,x\n", "row 3, column tau: 'x' is not a number"),
-        ("time,w\n0,1\n", "has no column 'tau', only w"),
+        ("time,w\n0,1\n", "has no column 'tau', only time, w"),
         ("time [m],tau\n0,1\n", r"time \[m\] cannot be converted to s, only from s or ms"),
         ("", "cannot be read as a table"),
         (f"time,tau\n0,{'1' * 200_000}\n", "row 2, column tau: '1{40}' is not a"),
@@ -321,7 +318,8 @@ def test_what_is_no_table_is_refused(times: Any, values: Any, message: str) -> N
 def test_what_is_no_file_of_rows_is_refused(text: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(SetupError, match=message):
-        Table.read(tmp_path / "a.csv", "tau")
+        table = Series.read(tmp_path / "a.csv", "tau")
+        assert len(table.numbers()) == len(table.t)
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -368,19 +366,18 @@ def test_the_command_line_feeds_a_system_of_any_format(
     if kind == "folder":
         with ZipFile(tmp_path / "motor.ssp") as archive:
             archive.extractall(file)
-    frame = pd.DataFrame({"t": RAMP.times, "speed [rpm]": [rpm * w for w in RAMP.values]})
+    frame = pd.DataFrame({"t": RAMP.t, "speed [rpm]": rpm * RAMP["w"]})
     frame.to_csv(tmp_path / "w.csv", index=False)
     arguments = ["run", str(file), "--step", "0.01", "--input", str(tmp_path / "w.csv")]
     arguments += ["--held"] if held else []
     command_output(*arguments, "--map", "motor.w=speed", "--out", out)
-    table = Table(RAMP.times, RAMP.values, held=held)
-    expected = run(motor(fmus, table), stop=1.0, step=0.01)
+    expected = run(motor(fmus, RAMP.held() if held else RAMP), stop=1.0, step=0.01)
     written = pd.read_csv(out)["motor.tau"].to_numpy()
     assert written == pytest.approx(expected["motor.tau"], rel=1e-12)
     facts = json.loads(out.with_suffix(".json").read_text())
     followed = facts["inputs"]["motor.w"]
     assert (followed["source"], followed["held"]) == ("w.csv, column speed", held)
-    assert "has no column 'torque', only speed" in command_output(
+    assert "has no column 'torque', only t, speed" in command_output(
         *arguments, "--map", "motor.w=torque", code=2
     )
     assert "--input needs a --map" in command_output(*arguments, code=2)

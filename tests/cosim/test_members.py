@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from cosim import Adaptive, Interrupted, SetupError, SimulationError, System, Table, run
+from cosim import Adaptive, Interrupted, Series, SetupError, SimulationError, System, run
 from cosim.engine import members
 from cosim.engine.settings import RunSettings
 from cosim.ensemble import Ensemble
@@ -76,7 +76,10 @@ def drive(folder: Path, kind: str) -> System:
         )
     times = [0.0, 0.0203, 0.0203, 0.1] if kind == "table" else [0.0, 0.02, 0.02, 0.1]
     return System(
-        parts, WIRES[1:], start, inputs={"conveyor.tau": Table(times, [8.0, 20.0, 3.0, 8.0])}
+        parts,
+        WIRES[1:],
+        start,
+        inputs={"conveyor.tau": Series.of({"t": times, "tau": [8.0, 20.0, 3.0, 8.0]})},
     )
 
 

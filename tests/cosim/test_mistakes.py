@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim import SetupError, System, Table, Wire, run
+from cosim import Series, SetupError, System, Wire, run
 from tests.cosim.conftest import CommandOutput
 
 WIRES = ["m.tau -> c.tau", "c.w -> m.w"]
@@ -27,8 +27,8 @@ SYSTEMS: dict[str, tuple[dict[str, Any], str]] = {
     "start as an array": ({"start": {"m.T": [0.05]}}, "m.T [s] = [0.05] must be of type Real"),
     "start of nothing": ({"start": {"m.T": None}}, "m.T [s] = None must be of type Real"),
     "inputs as a list": ({"inputs": [1.0]}, "inputs must be values by name"),
-    "a number as an input": ({"inputs": {"m.w": 3.0}}, "input m.w = 3.0 must be a Table or a function of time; to hold it, give it as a start value"),
-    "a file as an input": ({"inputs": {"m.w": "w.csv"}}, "input m.w = 'w.csv' must be a Table or a function of time"),
+    "a number as an input": ({"inputs": {"m.w": 3.0}}, "input m.w = 3.0 must be a Series or a function of time; to hold it, give it as a start value"),
+    "a file as an input": ({"inputs": {"m.w": "w.csv"}}, "input m.w = 'w.csv' must be a Series or a function of time"),
     "the wrong way round": ({"wires": ["c.tau -> m.tau"]}, "c.tau [N.m] has causality input, not output; write m.tau -> c.tau"),
     "a name": ({"wires": ["m.tua -> c.tau"]}, "m has no variable 'tua', only w, tau,"),
     "no wires": ({"wires": None}, "wires must be a sequence of texts, as a list"),
@@ -121,7 +121,7 @@ def test_what_is_right_stays_right(fmus: Path) -> None:
     for inputs in (
         {"m.w": np.float32},
         {"m.w": lambda t: 1},
-        {"m.w": Table([0, 1], [0, 1])},
+        {"m.w": Series.of({"t": [0, 1], "w": [0, 1]})},
     ):
         run(System({"m": parts["m"]}, inputs=inputs), stop=1, step=1, tolerance=None)
 

@@ -15,10 +15,10 @@ from components.drive_motor import model as drive_motor
 from components.gearbox import model as gearbox
 from components.shaft_link import model as shaft_link
 from cosim import (
+    Series,
     SetupError,
     SimulationError,
     System,
-    Table,
     largest,
     linearize,
     mean,
@@ -204,7 +204,7 @@ def test_inputs_over_time_act_at_each_instant(native: Path) -> None:
     gearbox = System({"g": native / "Gearbox.fmu"}, start=start)
     wave = oracle(replace(gearbox, inputs={"g.tau_a": lambda t: math.sin(9 * t)}), stop=1.0)
     assert wave["g.w_a"] == pytest.approx((1 - np.cos(9 * wave["time"])) / 18, abs=1e-11)
-    lines = Table([0.0, 0.25, 0.5, 0.5, 1.0], [0.0, 4.0, 4.0, -8.0, -8.0])
+    lines = Series.of({"t": [0.0, 0.25, 0.5, 0.5, 1.0], "u": [0.0, 4.0, 4.0, -8.0, -8.0]})
     ramp = oracle(replace(gearbox, inputs={"g.tau_a": lines}), stop=1.0)
     t = ramp["time"]
     exact = np.where(

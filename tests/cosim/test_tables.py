@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cosim import SetupError, Table, compare, measured
+from cosim import SetupError, compare, measured
 from cosim.accuracy.referee.table import read_foreign
 from cosim.cli.main import main
 from cosim.series import Kind, Series
@@ -49,12 +49,12 @@ def test_a_heading_is_a_name_and_a_unit_and_moves_no_column(heading: str, tmp_pa
 def test_every_reader_understands_the_same_headings(tmp_path: Path) -> None:
     """ "time (ms)" was 1000 s for 1 s, and 30 rpm in "n (rpm)" were 30 rad/s."""
     path = _written(tmp_path, "time (ms),n (rpm)\n0,30\n500,60\n1000,90\n")
-    table = Table.read(path, "n")
+    table = Series.read(path, "n")
     (record,) = measured(path, {"w": "n"}, time="time").values()
     foreign = read_foreign(path)
-    assert table.times == record.times == foreign.t.tolist() == [0.0, 0.5, 1.0]
-    assert table.values == record.values == foreign["n"].tolist() == [30.0, 60.0, 90.0]
-    assert table.unit == record.unit == foreign.column("n").unit == "rpm"
+    for series in (table, record, foreign):
+        assert series.t.tolist() == [0.0, 0.5, 1.0]
+        assert (series.numbers().tolist(), series.signal.unit) == ([30.0, 60.0, 90.0], "rpm")
     plain = pd.DataFrame({"t [s]": [0.0, 0.5, 1.0], "n [rad/s]": np.pi * np.array([1.0, 2.0, 3.0])})
     assert compare(plain, path, value=1e-9).passed
 
@@ -95,7 +95,7 @@ def test_what_is_no_table_is_refused_in_one_line(case: str, tmp_path: Path) -> N
     text, reason = REFUSED[case]
     path = _written(tmp_path, text)
     readers: list[Callable[[], Any]] = [
-        lambda: Table.read(path, "x"),
+        lambda: (Series.read(path, "x").t, Series.read(path, "x").numbers()),
         lambda: compare(path, path),
     ]
     for read in readers:

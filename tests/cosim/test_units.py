@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim import SetupError, System, Table, run
+from cosim import Series, SetupError, System, run
 from cosim.formats.ssp.read import read_ssp
 from cosim.formats.ssp.write import write_ssp
 from cosim.formats.values import read_values
@@ -233,7 +233,7 @@ def test_an_angle_may_be_a_base_unit_or_a_number() -> None:
 
 def test_a_table_in_a_unit_is_read_as_the_fmu_defines_it(motor: Make) -> None:
     fmu = motor(defines("rad/s", 's="-1" rad="1" factor="2"'))
-    table = Table([0.0, 1.0], [30.0, 30.0], unit="rpm")
+    table = Series.of({"t": [0.0, 1.0], "n [rpm]": [30.0, 30.0]})
     result = run(System({"m": fmu}, inputs={"m.w": table}), stop=0.1, step=0.1, record=["m.w"])
     assert result["m.w"] == pytest.approx(30.0 * 3.141592653589793 / 30 / 2)
 

@@ -12,7 +12,7 @@ import pytest
 from fmpy import read_model_description
 from scipy.integrate import solve_ivp
 
-from cosim import System, Table, run
+from cosim import Series, System, run
 from fmukit.declare.interface import Interface
 from tests.fmukit.test_fmi3 import built
 from tests.fmukit.test_native import MODELS
@@ -33,10 +33,10 @@ def folder(request: pytest.FixtureRequest, fmus: Path) -> Path:
     return fmus / FOLDERS[request.param]
 
 
-def held(*rows: tuple[float, float]) -> Table:
+def held(*rows: tuple[float, float]) -> Series:
     """A table that holds each value until the next time."""
     times, values = zip(*rows)
-    return Table(list(times), list(values), held=True)
+    return Series.of({"t": times, "value": values}).held()
 
 
 def test_a_motor_follows_the_changes_of_its_line_and_its_lag(folder: Path) -> None:

@@ -76,7 +76,8 @@ class Identify(Question, RecordOptions, RippleOptions):
         """
         record = self.columns(SPEED)
         base = followed(context.fmus, SETS[self.set], self.start)
-        w = np.array(record[SPEED].values) * multiples("rad/s").get(record[SPEED].unit, 1.0)
+        w = record[SPEED].numbers(gaps=True)
+        w = w * multiples("rad/s").get(record[SPEED].signal.unit, 1.0)
         nu = float(np.nanmean(w))
         operating = self.speed or nu
         supply, slope = KLOSS if induction(self.start) else LINEAR
@@ -153,7 +154,7 @@ class Identify(Question, RecordOptions, RippleOptions):
         return Show(charts, [moving("The fitted conveyor", {"": r.fit.result}, first, last, 25.0)])
 
 
-def guess(o: Identify, base: Machine, speed: cosim.Table) -> dict[str, Value]:
+def guess(o: Identify, base: Machine, speed: cosim.Series) -> dict[str, Value]:
     """Start values near the motion of a record: the angle at its start by the order 2 of its speed,
     the supply by its mean speed.
     """

@@ -145,7 +145,7 @@ class IdentifiedIron(NamedTuple):
     advice: Sequence[Advice]
 
 
-def guess(o: IronIdentify, fmus: Mapping[str, Path], speed: cosim.Table) -> System:
+def guess(o: IronIdentify, fmus: Mapping[str, Path], speed: cosim.Series) -> System:
     """The drive near the motion of a record: fed for its mean speed, and as far in its turn as makes
     the last turn of the record most like one of the drive.
     """

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 import cosim
-from cosim import Advice, Experiment, Identified, SetupError, System
-from cosim import Table as Measured
+from cosim import Advice, Experiment, Identified, Series, SetupError, System
 from cosim.dense import Array as Samples
 from cosim.units import multiples
 from workbench import (
@@ -69,24 +68,24 @@ class OrientatorIdentify(Question, RecordOptions):
         """
         record = self.columns(SPEED, timed=False)
         w = record.pop(SPEED)
-        scale = multiples("rad/s").get(w.unit or "rad/s")
-        if scale is None or not np.isfinite(w.values).all():
+        scale = multiples("rad/s").get(w.signal.unit or "rad/s")
+        if scale is None or not np.isfinite(w.numbers(gaps=True)).all():
             raise SetupError(
-                f"{w.source}: each product needs a speed of the rotor, in {' or '.join(multiples('rad/s'))}"
+                f"{w.label}: each product needs a speed of the rotor, in {' or '.join(multiples('rad/s'))}"
             )
         if not record:
             raise SetupError(
                 f"{self.data}: no stage time is mapped: --map orientator.t_turning=COLUMN:ms, or another of "
                 f"{', '.join(TIMES)}"
             )
-        speeds = [scale * x for x in w.values]
+        speeds = (scale * w.numbers()).tolist()
         data = {name: dropped(name, table) for name, table in record.items()}
         system = System(context.fmus, start={**self.start}, inputs=products(speeds))
         with_noise = [fitting.noise(system, text)[0] for text in self.noise]
         for name, table in data.items():
             if name not in with_noise:
                 raise SetupError(
-                    f"{table.source}: give the noise of its times, as in --noise {name}=1ms"
+                    f"{table.label}: give the noise of its times, as in --noise {name}=1ms"
                 )
         fit = self.identify(guess(system, data), data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
         mine = {name: x for name, x in fit.start_values.items() if "(" not in name}
@@ -162,36 +161,36 @@ class IdentifiedOrientator(NamedTuple):
     advice: Sequence[Advice]
 
 
-def products(speeds: Sequence[float]) -> dict[str, Measured]:
+def products(speeds: Sequence[float]) -> dict[str, Series]:
     """Inputs that drop a product in each period, at these speeds of the rotor [rad/s]."""
     begins = PERIOD * np.arange(len(speeds))
     edges = np.stack([begins + BEFORE * PERIOD, begins + 2 * BEFORE * PERIOD], axis=1).ravel()
     drops = [False, *[True, False] * len(speeds)]
     return {
-        SPEED: Measured(begins.tolist(), speeds, held=True),
-        DROP: Measured([0.0, *edges.tolist()], drops, held=True),
+        SPEED: Series.of({"t": begins, "w": speeds}).held(),
+        DROP: Series.of({"t": [0.0, *edges.tolist()], "drop": drops}),
     }
 
 
-def dropped(name: str, table: Measured) -> Measured:
+def dropped(name: str, table: Series) -> Series:
     """A column by the ends of the periods of its products."""
     if name.removeprefix("orientator.") not in TIMES:
-        raise SetupError(f"{table.source}: {name} is not a stage time, only {', '.join(TIMES)}")
-    ends = PERIOD * (np.array(table.times) + 1.0)
-    return Measured(ends.tolist(), table.values, unit=table.unit, source=table.source)
+        raise SetupError(f"{table.label}: {name} is not a stage time, only {', '.join(TIMES)}")
+    ends = PERIOD * (table.t + 1.0)
+    return Series(table.columns, [ends, table.numbers(gaps=True)].__getitem__, label=table.label)
 
 
-def guess(system: System, data: Mapping[str, Measured]) -> System:
+def guess(system: System, data: Mapping[str, Series]) -> System:
     """The machine with the friction whose times are nearest."""
 
     def deviation(machine: System) -> float:
-        stop = max(table.times[-1] for table in data.values())
+        stop = max(float(table.t[-1]) for table in data.values())
         with cosim.quiet():
             run = cosim.run(machine, stop=stop, step=PERIOD * BEFORE)
         ends = [(run[name], table) for name, table in data.items()]
         each = [
-            np.interp(table.times, run["time"], x)
-            - multiples("s").get(table.unit or "s", math.nan) * np.array(table.values)
+            np.interp(table.t, run["time"], x)
+            - multiples("s").get(table.signal.unit or "s", math.nan) * table.numbers(gaps=True)
             for x, table in ends
         ]
         return float(np.nansum(np.square(each)))
