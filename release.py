@@ -1,12 +1,11 @@
-"""Make what is released, in dist/: the wheel and the source package, all FMUs as fmus.zip, and checksums; the reference
-systems, and what the page of FMI tools asks for, as archives.
+"""Make what is released, in dist/: the wheel and the source package, all FMUs as fmus.zip, the reference systems and what
+the page of FMI tools asks for as archives, and checksums.
 
-usage: python release.py
-
-The wheel holds the FMUs in both flavours and the loop of the master, compiled for every platform, so that
-nothing needs a compiler where it is installed.
+The wheel holds the FMUs in both flavours and the loop of the master, compiled for every platform: nothing needs a compiler
+where it is installed.
 """
 
+import argparse
 import hashlib
 import os
 import subprocess
@@ -19,39 +18,29 @@ from compatibility import write_compatibility
 
 ROOT = Path(__file__).resolve().parent
 DIST = ROOT / "dist"
-#: the first date that a zip archive can state: the same FMUs give the same archive
+#: The first date that a zip archive can state: the same FMUs give the same archive.
 EPOCH = (1980, 1, 1, 0, 0, 0)
+#: What is made first, each by a command of its own.
+COMMANDS = (
+    ("build_fmus.py", "--flavour", "all", "--platforms", "all"),
+    ("-m", "uv", "build", "--quiet", "--out-dir", str(DIST)),
+    ("-m", "reference_systems.make", str(DIST / "reference_systems"), "--platforms", "all"),
+)
 
 
 def main() -> int:
-    """Make the files and print how many there are; 1 where the FMUs or the packages cannot be built."""
+    """Make the files and print their names; 1 where one of them cannot be made."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     rmtree(DIST, ignore_errors=True)
     DIST.mkdir()
-    for command in (
-        [sys.executable, "build_fmus.py", "--flavour", "all", "--platforms", "all"],
-        [sys.executable, "-m", "uv", "build", "--quiet", "--out-dir", str(DIST)],
-        [
-            sys.executable,
-            "-m",
-            "reference_systems.make",
-            str(DIST / "reference_systems"),
-            "--platforms",
-            "all",
-        ],
-    ):
-        environment = os.environ | {"DRIVE_FMUS_PLATFORMS": "all"}
-        if subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode:
-            print(f"error: {' '.join(command[1:])} failed; nothing is released", file=sys.stderr)
-            return 1
-    write_fmus(DIST / "fmus.zip")
-    native = [
-        path
-        for folder in ("native", "fmi3")
-        for path in sorted((ROOT / "fmus" / folder).glob("*.fmu"))
-    ]
+    environment = os.environ | {"DRIVE_FMUS_PLATFORMS": "all"}
     try:
+        for command in COMMANDS:
+            subprocess.run([sys.executable, *command], cwd=ROOT, env=environment, check=True)
+        write_fmus(DIST / "fmus.zip")
+        native = [p for f in ("native", "fmi3") for p in sorted((ROOT / "fmus" / f).glob("*.fmu"))]
         write_compatibility(native, DIST / "compatibility")
-    except ValueError as error:
+    except (subprocess.CalledProcessError, ValueError) as error:
         print(f"error: {error}; nothing is released", file=sys.stderr)
         return 1
     for name in ("reference_systems", "compatibility"):
@@ -65,13 +54,12 @@ def main() -> int:
 
 def write_fmus(target: Path) -> None:
     """Write all FMUs and modules, by flavour, and the licence into one archive."""
-    files = {
-        path.relative_to(ROOT / "fmus").as_posix(): path
-        for pattern in ("*.fmu", "native/*.fmu", "wasm/*.wasm")
-        for path in (ROOT / "fmus").glob(pattern)
-    }
+    fmus = ROOT / "fmus"
+    files = {"LICENSE": ROOT / "LICENSE"}
+    for pattern in ("*.fmu", "native/*.fmu", "wasm/*.wasm"):
+        files |= {path.relative_to(fmus).as_posix(): path for path in fmus.glob(pattern)}
     with zipfile.ZipFile(target, "w") as archive:
-        for name, path in sorted({**files, "LICENSE": ROOT / "LICENSE"}.items()):
+        for name, path in sorted(files.items()):
             entry = zipfile.ZipInfo(name, EPOCH)
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, path.read_bytes())

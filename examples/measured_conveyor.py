@@ -1,6 +1,6 @@
 """Make conveyor_record.csv as a logger on a conveyor near its resonance would.
 
-    python examples/measured_conveyor.py [FILE.csv [SEED]]
+    python -m examples.measured_conveyor [FILE.csv [SEED]]
 
 No FMU is involved. A motor drives, through a belt, a crank that is far shorter than its rod. SciPy
 integrates the angle phi and speed w of the crank and the torque M on it:
@@ -25,17 +25,15 @@ The seed determines the noise; nothing else is random.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
-from math import cos, pi, sin
-from pathlib import Path
+from math import cos, sin
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-Samples = NDArray[np.float64]
+from examples.logger import Samples, instants, mean_speed, percent, write
+
 TRUTH = {
     "motor.A": 38.0 * 180.215,  # [N.m]
     "motor.B": 180.0,  # [N.m.s/rad]
@@ -55,14 +53,8 @@ RATED = 80.0
 CREEP = 0.001
 #: Standard deviation of the logged torque [%]. Chosen: an inverter's estimate.
 NOISE = 0.8
-#: Resolution of the logged torque [%]. Chosen: a decimal.
-RESOLUTION = 0.1
 #: Duration of the record [s]. Chosen: a few revolutions.
 STOP = 1.2
-#: Spacing of the rows [s]. Chosen: the cycle of a logger.
-SAMPLE = 0.002
-#: Counts of the encoder per turn. Convention: a power of 2.
-COUNTS = 16384
 
 
 def simulated(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
@@ -91,30 +83,16 @@ def equivalent_drive(p: Mapping[str, float] = TRUTH) -> dict[str, float]:
 
 def record(seed: int = 1, drift: float = 0.0) -> pd.DataFrame:
     """The logger's rows; with a drift, the measured speed grows by that fraction per second."""
-    number = round(STOP / SAMPLE)
-    halves = SAMPLE / 2 * np.arange(2 * number + 1)
-    phi, _, M = simulated(TRUTH, halves, CREEP)
-    counts = np.floor(phi[::2] * COUNTS / (2 * pi))
-    percent = 100 * M[1::2] / RATED + np.random.default_rng(seed).normal(0.0, NOISE, number)
+    t = instants(0.0, STOP)
+    phi, _, M = simulated(TRUTH, t, CREEP)
     return pd.DataFrame(
         {
-            "t [ms]": 1e3 * halves[1::2],
-            "n [rpm]": np.diff(counts) / COUNTS / SAMPLE * 60 * (1.0 + drift * halves[1::2]),
-            "M": RESOLUTION * (percent / RESOLUTION).round(),
+            "t [ms]": 1e3 * t[1::2],
+            "n [rpm]": mean_speed(phi) * (1.0 + drift * t[1::2]),
+            "M": percent(M, RATED, NOISE, seed),
         }
     ).round(3)
 
 
-def main(path: Path, seed: int = 1) -> None:
-    """Write the record."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rows = record(seed)
-    rows.to_csv(path, index=False)
-    print(f"{path}: {len(rows)} rows")
-
-
 if __name__ == "__main__":
-    path = (
-        Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("conveyor_record.csv")
-    )
-    main(path, *map(int, sys.argv[2:]))
+    write(record, __doc__, "examples/conveyor_record.csv")

@@ -1,6 +1,6 @@
 """Make a record as a logger on a vibrating conveyor would, for identifying the drive.
 
-    python examples/measured_drive.py [FILE.csv]
+    python -m examples.measured_drive [FILE.csv [SEED]]
 
 No FMU is involved. SciPy integrates the equations of a motor with a belt and of an exact
 slider-crank, for the angle phi and speed w of the crank, the torque M on it and the angle phi_m of
@@ -31,14 +31,14 @@ slips in their equations, so only the rows before 1.15 s are those of such a dri
 
 from __future__ import annotations
 
-import sys
 from math import cos, pi, sin, sqrt
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+
+from examples.logger import instants, mean_speed, percent, write
 
 RPM = 2 * pi / 60
 TRUTH = {
@@ -64,15 +64,11 @@ SLIP_BEGIN = 1.15
 SLIP_DURATION = 0.1
 #: Duration of the record [s]. Chosen: run-up and steady running.
 STOP = 2.0
-#: Spacing of the rows [s]. Chosen: the cycle of a logger.
-SAMPLE = 0.002
 #: Counts of the encoder per turn. Convention: a power of 2.
 COUNTS = 4096
 GAPS = ((0.54, 0.56), (1.5, 1.6))  # times without rows [s]
 #: Standard deviation of the logged torque [%]. Chosen: an inverter's estimate.
 NOISE = 1.0
-#: Resolution of the logged torque [%]. Chosen: a decimal.
-RESOLUTION = 0.1
 
 
 def motion(times: NDArray[np.float64], belt: float = 1.0) -> NDArray[np.float64]:
@@ -103,17 +99,13 @@ def motion(times: NDArray[np.float64], belt: float = 1.0) -> NDArray[np.float64]
 
 def record(seed: int = 1) -> pd.DataFrame:
     """The rows of the logger."""
-    number = round(STOP / SAMPLE)
-    halves = SAMPLE / 2 * np.arange(2 * number + 1)
-    _, _, M, angle = motion(halves)
-    middle, counts = slice(1, None, 2), np.floor(angle[::2] * COUNTS / (2 * pi))
-    noise = np.random.default_rng(seed).normal(0.0, NOISE, number)
-    percent = 100 * M[middle] / RATIO / RATED + noise
+    t = instants(0.0, STOP)
+    _, _, M, angle = motion(t)
     rows = pd.DataFrame(
         {
-            "time [s]": halves[middle],
-            "speed [rpm]": np.diff(counts) / COUNTS / SAMPLE * 60,
-            "torque [%]": RESOLUTION * (percent / RESOLUTION).round(),
+            "time [s]": t[1::2],
+            "speed [rpm]": mean_speed(angle, COUNTS),
+            "torque [%]": percent(M / RATIO, RATED, NOISE, seed),
         }
     ).round(4)
     for begin, end in GAPS:
@@ -121,13 +113,5 @@ def record(seed: int = 1) -> pd.DataFrame:
     return rows
 
 
-def main(path: Path) -> None:
-    """Write the record."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rows = record()
-    rows.to_csv(path, index=False)
-    print(f"{path}: {len(rows)} rows")
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "results/measured_drive.csv"))
+    write(record, __doc__, "results/measured_drive.csv")

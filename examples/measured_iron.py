@@ -1,6 +1,6 @@
 """Make a record as a logger on a sealing iron's drive would, for identifying the drive.
 
-    python examples/measured_iron.py [FILE.csv]
+    python -m examples.measured_iron [FILE.csv [SEED]]
 
 No FMU is involved. The mechanism is drawn in the complex plane, with the rocker's axis at 0. The
 inertia J and potential energy U of everything but the iron, the hanging length H of the chain, and
@@ -27,19 +27,17 @@ these FMUs.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from functools import cache
 from math import pi, sin
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-Samples = NDArray[np.float64]
+from examples.logger import Samples, instants, mean_speed, percent, write
+
 TRUTH = {
     "motor.A": 3.7,  # [N.m]
     "motor.B": 0.0235,  # [N.m.s/rad]
@@ -62,16 +60,10 @@ SPRING = 0.15
 RATED = 2.0
 #: Standard deviation of the logged torque [%]. Chosen: an inverter's estimate.
 NOISE = 2.0
-#: Resolution of the logged torque [%]. Chosen: a decimal.
-RESOLUTION = 0.1
 #: Time of the first row after the motor is switched on [s]. Chosen: a logger that is started by hand comes later.
 FIRST = 0.1
 #: Time of the last row [s]. Chosen: a few turns of the cam.
 STOP = 2.5
-#: Spacing of the rows [s]. Chosen: the cycle of a logger.
-SAMPLE = 0.002
-#: Counts of the encoder per turn. Convention: a power of 2.
-COUNTS = 16384
 
 
 @cache
@@ -131,28 +123,16 @@ def simulated(p: Mapping[str, float], t: Samples) -> Samples:
 
 def record(seed: int = 1, truth: Mapping[str, float] = TRUTH) -> pd.DataFrame:
     """The rows of the logger."""
-    number = round((STOP - FIRST) / SAMPLE)
-    halves = FIRST + SAMPLE / 2 * np.arange(2 * number + 1)
-    phi, _, M = simulated(truth, halves)
-    counts = np.floor(GEAR * (phi[::2] - STATES["iron.phi"]) * COUNTS / (2 * pi))
-    noise = np.random.default_rng(seed).normal(0.0, NOISE, number)
-    percent = 100 * M[1::2] / RATED + noise
+    t = instants(FIRST, STOP)
+    phi, _, M = simulated(truth, t)
     return pd.DataFrame(
         {
-            "t [ms]": 1e3 * halves[1::2],
-            "n [rpm]": np.diff(counts) / COUNTS / SAMPLE * 60,
-            "M": RESOLUTION * (percent / RESOLUTION).round(),
+            "t [ms]": 1e3 * t[1::2],
+            "n [rpm]": mean_speed(GEAR * (phi - STATES["iron.phi"])),
+            "M": percent(M, RATED, NOISE, seed),
         }
     ).round(3)
 
 
-def main(path: Path) -> None:
-    """Write the record."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rows = record()
-    rows.to_csv(path, index=False)
-    print(f"{path}: {len(rows)} rows")
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "results/measured_iron.csv"))
+    write(record, __doc__, "results/measured_iron.csv")

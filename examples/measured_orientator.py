@@ -1,6 +1,6 @@
 """Make a record as a high-speed camera at a gravity orientator would, for identification.
 
-    python examples/measured_orientator.py [FILE.csv]
+    python -m examples.measured_orientator [FILE.csv [SEED]]
 
 No FMU is involved. Catcher and cup are two bodies with four coordinates: the angles phi1 and phi2
 and the position x, y of the cup's centre (outwards and down from the pivot). Every contact is a
@@ -22,16 +22,16 @@ nothing else is random. Identifying the machine should give `TRUTH`.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from math import cos, pi, sin, sqrt
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+
+from examples.logger import write
 
 Vector = NDArray[np.float64]
 TRUTH = {"orientator.chute.mu": 0.31, "orientator.chute.H": 0.0405}
@@ -193,13 +193,5 @@ def record(
     return pd.DataFrame(table).round(3)
 
 
-def main(path: Path) -> None:
-    """Write the record."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rows = record()
-    rows.to_csv(path, index=False)
-    print(f"{path}: {len(rows)} rows")
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "results/measured_orientator.csv"))
+    write(record, __doc__, "results/measured_orientator.csv")

@@ -29,8 +29,8 @@ SITE_COMMAND = ".venv/bin/uv run --no-dev --extra site python -m gallery"
 #: how the commands begin that measure instead of testing: minutes to hours, and apart from the tests
 BENCHMARK = ".venv/bin/python benchmarks/"
 SLOW = {
-    "python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv sync -q --no-dev --extra "
-    "native --extra page && .venv/bin/python build_fmus.py drive_motor crank_conveyor && "
+    "python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv pip install -q -e "
+    '".[native,page]" && .venv/bin/python build_fmus.py drive_motor crank_conveyor && '
     ".venv/bin/scenarios run resonance && .venv/bin/python build_fmus.py",
     ".venv/bin/scenarios run resonance --set B",
     ".venv/bin/scenarios run resonance --start conveyor.spring.c=7e5",

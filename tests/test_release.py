@@ -74,6 +74,23 @@ def test_the_same_version_stands_everywhere() -> None:
     assert f"version: {cosim.__version__}\n" in citation
 
 
+SCRIPTS = [
+    "build_fmus",
+    "release",
+    *(f"examples.{p.stem}" for p in ROOT.glob("examples/measured_*.py")),
+]
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_help_says_what_a_script_does_and_does_nothing(script: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", script, "--help"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("usage: ")
+    assert not [*tmp_path.iterdir()]
+
+
 @slow
 def test_checksums_name_every_file(dist: Path) -> None:
     lines = (dist / "SHA256SUMS").read_text().splitlines()
