@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -75,20 +75,36 @@ class Cases:
         return Case(dict(zip(self.names, plain)))
 
     def checked(
-        self, network: Network, members: Iterable[int]
+        self, network: Network, members: Sequence[int]
     ) -> tuple[list[tuple[Value, ...]], dict[int, str]]:
         """The values of members in the types of their ports, and by position why the others cannot have theirs."""
-        values, wrong = [], {}
-        for k, number in enumerate(members):
-            given = self.case(number).start.values()
-            try:
-                values.append(
-                    tuple(checked_start(network, port, x)[1] for port, x in zip(self.ports, given))
-                )
-            except SetupError as error:
-                wrong[k] = str(error)
-                values.append(())
-        return values, wrong
+        wrong: dict[int, str] = {}
+        columns = []
+        for port, column in zip(self.ports, self.columns):
+            some = column[members]
+            values = some.tolist()
+            for k in _to_look_at(port, some).tolist():
+                value = values[k].item() if isinstance(values[k], np.generic) else values[k]
+                try:
+                    values[k] = checked_start(network, port, value)[1]
+                except SetupError as error:
+                    wrong.setdefault(k, str(error))
+            columns.append(values)
+        checked = list(zip(*columns)) if columns else [()] * len(members)
+        return [() if k in wrong else values for k, values in enumerate(checked)], wrong
+
+
+def _to_look_at(port: Port, values: NDArray[Any]) -> Numbers:
+    """The positions of values that a port must be asked about one by one: the first, and what no limits allow."""
+    is_sound = np.zeros(len(values), bool)
+    if port.type == "Real" and port.native != "Float32" and values.dtype.kind == "f":
+        low, high = (
+            end if limit is None else float(limit)
+            for end, limit in ((-np.inf, port.variable.min), (np.inf, port.variable.max))
+        )
+        is_sound = np.isfinite(values) & (values >= low) & (values <= high)
+        is_sound[:1] = False
+    return np.flatnonzero(~is_sound)
 
 
 #: Where cases are known anyway.

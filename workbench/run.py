@@ -30,7 +30,7 @@ from .runs.fingerprint import computation
 from .runs.folder import reservation
 from .runs.journal import Journal, open_journal
 from .runs.local import LocalRunner
-from .runs.runner import Runner, Setup
+from .runs.runner import Runner
 from .runs.worker import OK, Outcome, failure
 
 
@@ -167,8 +167,8 @@ def select_runner(jobs: int | None, scheduler: str | None, packages: Sequence[st
     if jobs is not None and scheduler is not None:
         raise SetupError("jobs are processes of this machine; the scheduler has its own workers")
     if scheduler is not None:
-        return ClusterRunner(scheduler, setup=Setup(packages))
-    return LocalRunner(jobs, setup=Setup(packages))
+        return ClusterRunner(scheduler, packages=packages)
+    return LocalRunner(jobs, packages=packages)
 
 
 @contextmanager
@@ -185,13 +185,14 @@ def found(
     """
     check_fixed_starts(o.start, question.fixed_starts)
     with reservation(out), ExitStack() as stack:
-        runner = runner.prepared(question.locator, [*fmus.values(), *question.own_files])
+        files = [*fmus.values(), *question.own_files]
+        runner = replace(runner, page=question.locator, files=files)
 
         @cache
         def journal() -> Journal | None:
             if out is None:
                 return None
-            packages = _packages(question, runner.setup.packages)
+            packages = _packages(question, runner.packages)
             fingerprint = _fingerprint(question, o, fmus, packages)
             return stack.enter_context(open_journal(out, fingerprint, passing=True))
 

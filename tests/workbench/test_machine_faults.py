@@ -202,10 +202,9 @@ def descriptors() -> list[int]:
 def test_without_a_process_the_error_is_a_line_and_nothing_is_left(tmp_path: Path) -> None:
     """A worker that cannot be started has nothing to end."""
     from tests.hosts import light
-    from workbench.runs.transport import Call, pickled_call
 
     worker = Worker()
-    assert worker.do(Call(pickled_call(light.modules, None)), None).status == "ok"
+    assert worker.do(light.modules, None, None).status == "ok"
     worker.close()
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     top = max(descriptors())
@@ -217,7 +216,7 @@ def test_without_a_process_the_error_is_a_line_and_nothing_is_left(tmp_path: Pat
     for limit in range(fillers[-1] + 1, fillers[-1] + 25):
         resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
         try:
-            ends.append(worker.do(Call(pickled_call(light.modules, None)), None).status)
+            ends.append(worker.do(light.modules, None, None).status)
         except SetupError as error:
             assert re.match("no process for runs can be started: (Too many open|.*Errno 24|.*exit)",
                             str(error)), error  # fmt: skip

@@ -24,9 +24,9 @@ from workbench.catalog import load_module
 from workbench.question import read
 from workbench.run import answer, ask
 from workbench.runs import fingerprint, journal
+from workbench.runs.bundle import Bundle
 from workbench.runs.cluster import ClusterRunner
 from workbench.runs.local import LocalRunner
-from workbench.runs.transport import Bundle, Call, pickled_call
 from workbench.runs.worker import Worker
 
 LONG = 100.0
@@ -37,10 +37,6 @@ def worker() -> Iterator[Worker]:
     new_worker = Worker()
     yield new_worker
     new_worker.close()
-
-
-def call(function: Any, task: Any) -> Call:
-    return Call(pickled_call(function, task))
 
 
 def lines(ledger: Path) -> list[str]:
@@ -63,7 +59,7 @@ def test_every_end_of_a_call_is_reported_and_the_next_call_is_done(
         ("good", "ok", "", ""),
     ):
         limit = 0.1 if mood == "hang" else LONG
-        outcome = worker.do(call(plane.be, (mood, str(tmp_path / mood))), limit)
+        outcome = worker.do(plane.be, (mood, str(tmp_path / mood)), limit)
         assert (outcome.status, outcome.answer) == (status, None)
         assert outcome.message.startswith(message) if message else outcome.message == ""
         assert trace in outcome.trace
@@ -73,7 +69,7 @@ def test_every_end_of_a_call_is_reported_and_the_next_call_is_done(
 
 
 def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
-    modules = worker.do(call(light.modules, None), LONG).answer
+    modules = worker.do(light.modules, None, LONG).answer
     assert "tests.hosts.light" in modules
     assert not {"numpy", "scipy", "pandas", "cosim", "rich", "matplotlib"} & set(modules)
 
@@ -81,9 +77,8 @@ def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
 CALL = """
 import sys
 from tests.hosts import light, plane
-from workbench.runs.transport import Call, pickled_call
 from workbench.runs.worker import Worker
-Worker().do(Call(pickled_call(plane.be, tuple(sys.argv[1:]))), None)
+Worker().do(plane.be, tuple(sys.argv[1:]), None)
 """
 
 
@@ -140,7 +135,7 @@ def test_a_sweep_of_a_question_in_a_separate_file_runs_in_processes(tmp_path: Pa
     path = tmp_path / "tabnanny.py"
     path.write_text(MINE)
     page = load_module(str(path))
-    context = Context({}, LocalRunner(2).prepared(str(path), []))
+    context = Context({}, LocalRunner(2, page=str(path)))
     points = [page.Point(1.0), page.Point(3.0)]
     assert list(context.each(page.double, points, "double")) == [(2.0,), (6.0,)]
 
@@ -341,7 +336,7 @@ def test_an_option_without_effect_is_refused() -> None:
 def test_no_process_for_runs_is_a_sentence(worker: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("workbench.runs.worker._main", sys.exit)
     with pytest.raises(SetupError, match="no process for runs can be started: "):
-        worker.do(call(plane.be, ("good", "/dev/null")), None)
+        worker.do(plane.be, ("good", "/dev/null"), None)
 
 
 def test_a_failure_in_a_child_brings_its_traceback(tmp_path: Path) -> None:

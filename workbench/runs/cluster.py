@@ -7,11 +7,13 @@ outside; Dask gives up on a run after some lost workers, and then it is submitte
 from __future__ import annotations
 
 import contextlib
+import io
 import multiprocessing
+import pickle
 import re
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -20,10 +22,10 @@ from typing import Any, NamedTuple
 from cosim import SetupError
 from cosim.journal import differences
 
+from .bundle import Bundle
 from .fingerprint import facts
 from .journal import Key
-from .runner import Batch, Outcomes, RunFailedError, Runner, Setup
-from .transport import Bundle, Call, pickled_call
+from .runner import Outcomes, RunFailedError, Runner
 from .worker import MAX_DEATHS, Outcome, Worker
 
 #: Time to reach the scheduler [s], a convention of this project.
@@ -42,11 +44,44 @@ _idle: SimpleQueue[Worker] = SimpleQueue()
 
 
 class Shipment(NamedTuple):
-    """What all runs need: files, how the calls are to be opened, and what workers must be."""
+    """What all runs need: the question's page, its files, and the packages with what their code must be."""
 
+    page: str
     bundle: Bundle
-    setup: Setup
+    packages: Sequence[str]
     facts: Mapping[str, Any]
+
+
+class _Sealer(pickle.Pickler):
+    files: Sequence[Path]
+
+    def persistent_id(self, value: Any) -> str | None:
+        return value.name if isinstance(value, Path) and value in self.files else None
+
+
+class _Opener(pickle.Unpickler):
+    folder: Path
+
+    def persistent_load(self, name: str) -> Path:
+        return self.folder / name
+
+
+def sealed(function: Callable[[Any], Any], task: Any, files: Sequence[Path]) -> bytes:
+    """function(task) for a machine where these files are in another folder."""
+    content = io.BytesIO()
+    sealer = _Sealer(content)
+    sealer.files = files
+    sealer.dump((function, task))
+    return content.getvalue()
+
+
+def opened(call: tuple[bytes, Path]) -> Any:
+    """function(task) of what was `sealed`, with its files in a folder."""
+    content, folder = call
+    opener = _Opener(io.BytesIO(content))
+    opener.folder = folder
+    function, task = opener.load()
+    return function(task)
 
 
 @dataclass(frozen=True)
@@ -65,7 +100,14 @@ class ClusterRunner(Runner):
         if not ADDRESS.fullmatch(self.scheduler):
             raise SetupError(f"scheduler = {self.scheduler!r} must read tcp://HOST:PORT")
 
-    def stream(self, batch: Batch) -> Outcomes:
+    def stream(
+        self,
+        function: Callable[[Any], Any],
+        tasks: Mapping[Key, Any],
+        timeout: float | None = None,
+        *,
+        is_isolated: bool = True,  # noqa: ARG002
+    ) -> Outcomes:
         """Give key and outcome of each task; they are always isolated.
 
         Raises
@@ -76,15 +118,15 @@ class ClusterRunner(Runner):
         SimulationError
             If all workers are gone for a minute.
         """
-        if not batch.tasks:
+        if not tasks:
             return
         with _connect(self.scheduler) as client:
-            _check(client, self.scheduler, self.setup)
-            calls = {
-                key: pickled_call(batch.function, task, self.setup.files)
-                for key, task in batch.tasks.items()
-            }
-            submissions = _Submissions(client, self.scheduler, self.setup, calls, batch.timeout)
+            shipment = Shipment(
+                self.page, Bundle.of(self.files), self.packages, facts(*self.packages)
+            )
+            _check(client, self.scheduler, shipment)
+            calls = {key: sealed(function, task, self.files) for key, task in tasks.items()}
+            submissions = _Submissions(client, self.scheduler, shipment, calls, timeout)
             try:
                 yield from submissions.outcomes()
             finally:
@@ -119,17 +161,12 @@ class _Submissions:
         self,
         client: Any,
         scheduler: str,
-        setup: Setup,
+        shipment: Shipment,
         calls: Mapping[Key, bytes],
         timeout: float | None,
     ) -> None:
-        self._client, self._scheduler, self._calls, self._timeout = (
-            client,
-            scheduler,
-            calls,
-            timeout,
-        )
-        self._shipment = Shipment(Bundle.of(setup.files), setup, facts(*setup.packages))
+        self._client, self._scheduler, self._shipment = client, scheduler, shipment
+        self._calls, self._timeout = calls, timeout
         self._shipped = client.submit(_ship, self._shipment, pure=False)
         self._deaths: Counter[Key] = Counter()
         self._done: SimpleQueue[Any] = SimpleQueue()
@@ -187,19 +224,19 @@ class _Submissions:
         return outcome
 
 
-def _check(client: Any, scheduler: str, setup: Setup) -> None:
+def _check(client: Any, scheduler: str, shipment: Shipment) -> None:
     """Refuse workers that would compute something else; one without our code would die of a run."""
     try:
         client.wait_for_workers(1, timeout=WORKERS)
     except TimeoutError:
         raise SetupError(f"the scheduler at {scheduler} has no workers") from None
-    local_facts = facts(*setup.packages)
-    for worker, remote_facts in client.run(facts, *setup.packages, on_error="return").items():
+    remote = client.run(facts, *shipment.packages, on_error="return")
+    for worker, remote_facts in remote.items():
         if isinstance(remote_facts, BaseException):
             raise SetupError(
                 f"worker {worker} cannot do runs: {remote_facts}; start it in the project's folder"
             )
-        _check_same(worker, remote_facts, local_facts)
+        _check_same(worker, remote_facts, shipment.facts)
 
 
 def _check_same(
@@ -233,17 +270,17 @@ def _run(call: bytes, shipment: Shipment, timeout: float | None) -> Outcome:
     """Return what becomes of a call, on a worker; raise SetupError on one whose code is another."""
     from distributed import get_worker
 
-    worker, setup = get_worker(), shipment.setup
-    _check_same(worker.address, facts(*setup.packages), shipment.facts)
+    worker = get_worker()
+    _check_same(worker.address, facts(*shipment.packages), shipment.facts)
     folder = shipment.bundle.unpacked(Path(worker.local_directory) / "runs")
-    copy = folder / Path(setup.page).name
-    page = str(copy) if copy.is_file() else setup.page
+    copy = folder / Path(shipment.page).name
+    page = str(copy) if copy.is_file() else shipment.page
     multiprocessing.current_process().daemon = False  # a nanny's worker may have no children else
     try:
         child = _idle.get_nowait()
     except Empty:
         child = Worker()
-    outcome = child.do(Call(call, page, folder), timeout)
+    outcome = child.do(opened, (call, folder), timeout, page)
     _idle.put(child)
     return outcome
 

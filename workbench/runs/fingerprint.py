@@ -12,8 +12,8 @@ from typing import Any
 import cosim
 from cosim.system import describe_fmu
 
+from .bundle import digest
 from .syntax import code_digest
-from .transport import digest
 
 SOURCES = ("cosim", "workbench")
 #: Files that only show results, or make what runs are given; no pattern is without a file.

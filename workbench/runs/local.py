@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import islice
+from typing import Any
 
 from ..options import at_least
 from .journal import Key
-from .runner import Batch, Outcomes, Runner
-from .transport import Call, pickled_call
+from .runner import Outcomes, Runner
 from .worker import OK, Outcome, Worker, wait_for_step
 
 
@@ -34,22 +35,27 @@ class LocalRunner(Runner):
         """How many processes it has."""
         return self.jobs or available_cores()
 
-    def stream(self, batch: Batch) -> Outcomes:
+    def stream(
+        self,
+        function: Callable[[Any], Any],
+        tasks: Mapping[Key, Any],
+        timeout: float | None = None,
+        *,
+        is_isolated: bool = True,
+    ) -> Outcomes:
         """Give key and outcome of each task; one job that need not be isolated is done in this process."""
-        if self.jobs == 1 and not batch.is_isolated:
-            for key, task in batch.tasks.items():
-                yield key, Outcome(OK, batch.function(task))
+        if self.jobs == 1 and not is_isolated:
+            for key, task in tasks.items():
+                yield key, Outcome(OK, function(task))
             return
-        waiting = iter(batch.tasks.items())
-        count = min(self.width, len(batch.tasks))
-        workers = [Worker() for _ in range(count)]
+        waiting = iter(tasks.items())
+        workers = [Worker() for _ in range(min(self.width, len(tasks)))]
         key_of: dict[Worker, Key] = {}
 
         def start_next(worker: Worker) -> None:
             for key, task in islice(waiting, 1):
                 key_of[worker] = key
-                call = Call(pickled_call(batch.function, task), self.setup.page)
-                worker.give(call, batch.timeout)
+                worker.give(function, task, timeout, self.page)
 
         try:
             for worker in workers:

@@ -8,9 +8,9 @@ import signal
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from rich.console import Console
@@ -34,51 +34,6 @@ class RunFailedError(SimulationError):
         super().__init__(message, Result([], {}, np.empty((0, 0)).__getitem__))
 
 
-@dataclass(frozen=True)
-class Setup:
-    """What the processes that do the runs need.
-
-    Attributes
-    ----------
-    packages : sequence of str
-        Packages whose code must be that of this process.
-    page : str
-        The question, by module or file; it is loaded where its functions are called.
-    files : sequence of Path
-        Files that the calls name, among them a question that is a file.
-    """
-
-    packages: Sequence[str] = ()
-    page: str = ""
-    files: Sequence[Path] = ()
-
-
-#: For calls that need neither packages nor files.
-NO_SETUP = Setup()
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Runs that a runner does.
-
-    Attributes
-    ----------
-    function : function
-        What a run calls; it can be pickled.
-    tasks : mapping
-        Its arguments by key.
-    timeout : float or None
-        Longest wall time of a call [s].
-    is_isolated : bool
-        Whether each call must be in another process than this one; else it may raise here.
-    """
-
-    function: Callable[[Any], Any]
-    tasks: Mapping[Key, Any]
-    timeout: float | None = None
-    is_isolated: bool = True
-
-
 @dataclass(frozen=True, kw_only=True)
 class Runner(ABC):
     """Does runs. To add one: write a dataclass with a `stream`; the rest is here.
@@ -87,11 +42,17 @@ class Runner(ABC):
 
     Attributes
     ----------
-    setup : Setup
-        What its processes need.
+    packages : sequence of str
+        Packages whose code must be that of this process.
+    page : str
+        The question, by module or file; it is loaded where its functions are called.
+    files : sequence of Path
+        Files that the tasks name, among them a question that is a file.
     """
 
-    setup: Setup = NO_SETUP
+    packages: Sequence[str] = ()
+    page: str = ""
+    files: Sequence[Path] = ()
 
     @property
     def width(self) -> int:
@@ -99,12 +60,18 @@ class Runner(ABC):
         return 1
 
     @abstractmethod
-    def stream(self, batch: Batch) -> Outcomes:
-        """Give key and outcome of each task of a batch, as they are done."""
+    def stream(
+        self,
+        function: Callable[[Any], Any],
+        tasks: Mapping[Key, Any],
+        timeout: float | None = None,
+        *,
+        is_isolated: bool = True,
+    ) -> Outcomes:
+        """Give key and outcome of each task as they are done, each within a wall time [s].
 
-    def prepared(self, page: str, files: Sequence[Path]) -> Self:
-        """Return the same runner for the calls of a question, with the files that these name."""
-        return replace(self, setup=replace(self.setup, page=page, files=files))
+        Each is done in another process than this one if it `is_isolated`; else it may raise here.
+        """
 
     def outcomes(
         self,
@@ -138,7 +105,7 @@ class Runner(ABC):
         if at_once:
             fresh = self._together(function, missing, timeout, at_once)
         else:
-            fresh = self.stream(Batch(function, missing, timeout, is_isolated=False))
+            fresh = self.stream(function, missing, timeout, is_isolated=False)
         failed = sum(outcome.status != OK for outcome in done.values())
         with (
             handle_stop_signals(signal.default_int_handler),
@@ -150,7 +117,7 @@ class Runner(ABC):
                 for key, outcome in fresh:
                     failed += outcome.status != OK
                     if at_once:
-                        _check_machine(self.setup.files, title, key, outcome)
+                        _check_machine(self.files, title, key, outcome)
                     if journal is not None and (at_once or outcome.status == OK):
                         journal[key] = outcome
                     progress.update(bar, advance=1, failed=failed)
@@ -173,7 +140,7 @@ class Runner(ABC):
         while waiting:
             calls = {k: [tasks[key] for key in block] for k, block in enumerate(waiting) if block}
             alone: list[list[Key]] = []
-            with closing(self.stream(Batch(function, calls, timeout))) as stream:
+            with closing(self.stream(function, calls, timeout)) as stream:
                 for k, outcome in stream:
                     block = waiting[k]
                     if outcome.status == OK:

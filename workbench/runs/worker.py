@@ -19,7 +19,7 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.machinery import ModuleSpec
 from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import THREADS
-from .transport import Call
 
 OK, TIMEOUT = "ok", "timeout"
 STATUSES = (OK, "refused", "failed", "crashed", TIMEOUT)
@@ -82,14 +81,19 @@ class Worker:
         self._pipe: Any = None
         self._began: float | None = None
 
-    def give(self, call: Call, timeout: float | None) -> None:
-        """Begin a call; when it is imported and unpickled it has `timeout` seconds."""
-        self._call, self._timeout, self._deaths = call, timeout, 0
+    def give(
+        self, function: Callable[[Any], Any], task: Any, timeout: float | None, page: str = ""
+    ) -> None:
+        """Begin function(task) where this question is loaded; from then on it has `timeout` seconds."""
+        self._call = page, ForkingPickler.dumps((function, task))
+        self._timeout, self._deaths = timeout, 0
         self._send()
 
-    def do(self, call: Call, timeout: float | None) -> Outcome:
-        """What becomes of a call; blocks."""
-        self.give(call, timeout)
+    def do(
+        self, function: Callable[[Any], Any], task: Any, timeout: float | None, page: str = ""
+    ) -> Outcome:
+        """What becomes of function(task); blocks."""
+        self.give(function, task, timeout, page)
         while (outcome := self.step()) is None:
             wait_for_step([self])
         return outcome
@@ -146,7 +150,9 @@ class Worker:
                 why = error.strerror or error
                 raise SetupError(f"no process for runs can be started: {why}") from error
         with contextlib.suppress(OSError):  # the next step sees that the child is dead
-            self._pipe.send(self._call)
+            page, content = self._call
+            self._pipe.send(page)
+            self._pipe.send_bytes(content)
 
     def _start(self) -> None:
         """Start a child; raises OSError, and leaves nothing, where that cannot be."""
@@ -240,15 +246,19 @@ def _main(pipe: Connection, folder: str) -> None:
     multiprocessing.current_process().daemon = False  # it may have children of its own
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            _answer(pipe, pipe.recv())
+            _answer(pipe, pipe.recv(), pipe.recv_bytes())
 
 
-def _answer(pipe: Connection, call: Call) -> None:
-    """Do a call: say that it begins, and what became of it."""
+def _answer(pipe: Connection, page: str, content: bytes) -> None:
+    """Do a call, once its question is loaded: say that it begins, and what became of it."""
     os.ftruncate(2, 0)
     began = time.perf_counter()
     try:
-        function, task = call.opened()
+        if page:
+            from ..catalog import load_cached
+
+            load_cached(page)
+        function, task = ForkingPickler.loads(content)
         pipe.send("begun")
         began = time.perf_counter()
         answer = function(task)

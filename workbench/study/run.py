@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -21,10 +22,10 @@ from ..export import write
 from ..files import remove, replacement
 from ..options import declared
 from ..run import rows, select_runner
+from ..runs.bundle import Bundle, digest
 from ..runs.fingerprint import computation
 from ..runs.folder import reservation
 from ..runs.journal import FIGURES, Journal, open_journal
-from ..runs.transport import Bundle, digest
 from ..runs.worker import TIMEOUT
 from .file import Study, ends
 from .report import conclude
@@ -67,7 +68,7 @@ def run(
         home = inputs.unpacked(folder / "inputs")
         page = home / question_files[0].name if question_files else study.question.locator
         answers = partial(rows, page, {part: home / path.name for part, path in fmus.items()})
-        runner = runner.prepared(str(page), [home / name for name in inputs.files])
+        runner = replace(runner, page=str(page), files=[home / name for name in inputs.files])
         cases = dict(enumerate(study.cases()))
         at_once = study.question.at_once
         outcomes = dict(
