@@ -1,18 +1,26 @@
-"""Child processes for FMUs, which may crash, hang or be killed; they die with their parent and leave nothing behind."""
+"""Child processes, which may crash, hang or be killed; they die with their parent and leave nothing behind.
+
+A child leads a session of its own, whose processes end with it, and has a folder for its temporary files. It ignores
+Ctrl-C until it wants to hear it.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import faulthandler
 import multiprocessing
 import os
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from importlib.machinery import ModuleSpec
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from shutil import rmtree
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from .scratch import scratch
@@ -22,65 +30,121 @@ from .scratch import scratch
 GRACE = 10.0
 #: Signals of a process that has crashed.
 CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL")
+#: The file in the folder of a child that is heard by nobody, with what it prints.
+OUTPUT_FILE = "words"
+#: Letters of a child's output that are reported, its last; chosen: a traceback.
+TRACE = 4000
+#: The signal that Linux sends when the parent dies: a number of prctl.
+PARENT_DEATH_SIGNAL = 1
+
+_SPAWN = multiprocessing.get_context("spawn")
+_STARTING = threading.Lock()
+
+
+class Child:
+    """A process that does work(pipe, *arguments), and our end of the pipe.
+
+    One that is `apart` does not import the script that starts it, and what it prints are its last words. Raises OSError,
+    and leaves nothing, where no process can be started.
+    """
+
+    def __init__(self, work: Callable[..., None], *arguments: Any, is_apart: bool = False) -> None:
+        with ExitStack() as undo:
+            self._folder = Path(tempfile.mkdtemp(dir=scratch()))
+            undo.callback(rmtree, self._folder, ignore_errors=True)
+            output = (self._folder / OUTPUT_FILE).open("a+", errors="replace")
+            self._output = undo.enter_context(output)
+            self.pipe, its = _SPAWN.Pipe()
+            undo.callback(self.pipe.close)
+            told = (str(self._folder), work, its, *arguments)
+            how = {"is_apart": is_apart}
+            self.process = _SPAWN.Process(target=_begin, args=told, kwargs=how, daemon=is_apart)
+            with its, _quietly(is_apart=is_apart):
+                self.process.start()
+            undo.pop_all()
+
+    def end(self, grace: float = 0.0) -> tuple[str, str]:
+        """The last words of the process and how it ended, by itself within a while [s]; what it leaves is removed."""
+        self.pipe.close()
+        self.process.join(grace)
+        if self.process.is_alive():
+            with suppress(AttributeError, OSError):
+                os.killpg(self.process.pid or 0, signal.SIGKILL)
+            self.process.kill()
+        self.process.join()
+        code = self.process.exitcode or 0
+        self._output.seek(0)
+        words = self._output.read()[-TRACE:]
+        self._output.close()
+        rmtree(self._folder, ignore_errors=True)
+        return words, signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
 @contextmanager
 def child(
     work: Callable[..., None], *arguments: Any, grace: float = 0.0
 ) -> Iterator[tuple[BaseProcess, Connection]]:
-    """A process that does work(pipe, *arguments), and our end of the pipe; it is ended after a while [s].
-
-    Its temporary files go with it. It ignores Ctrl-C until it wants to hear it.
-    """
-    context = multiprocessing.get_context("spawn")
-    with TemporaryDirectory(dir=scratch()) as folder:
-        ours, its = context.Pipe()
-        process = context.Process(target=_begin, args=(folder, work, its, *arguments))
-        with _ignore_sigint():
-            process.start()
-        its.close()
-        try:
-            yield process, ours
-        finally:
-            ours.close()
-            process.join(grace)
-            process.kill()
-            process.join()
-
-
-def _begin(folder: str, work: Callable[..., None], *arguments: Any) -> None:
-    threading.Thread(target=_die_with_parent, args=(folder,), daemon=True).start()
-    tempfile.tempdir = os.environ["TMPDIR"] = folder
-    work(*arguments)
-
-
-def _die_with_parent(folder: str) -> None:
-    """Leave no trace when the parent is gone."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    wait([parent.sentinel])
-    rmtree(folder, ignore_errors=True)
-    os._exit(1)
-
-
-@contextmanager
-def _ignore_sigint() -> Iterator[None]:
-    """Ignore Ctrl-C, as a child that is started then does until it is ready to hear it."""
+    """A process that does work(pipe, *arguments), and our end of the pipe; it is ended after a while [s]."""
+    one = Child(work, *arguments)
     try:
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except ValueError:  # only the main thread may, and only there Ctrl-C is heard
-        yield
-        return
-    try:
-        yield
+        yield one.process, one.pipe
     finally:
-        signal.signal(signal.SIGINT, before)
+        one.end(grace)
 
 
 def death(process: BaseProcess) -> str:
-    """How a process ended."""
+    """How a process that ran FMUs ended."""
     code = process.exitcode or 0
     if code >= 0:
         return f"ended with exit code {code} (an FMU ended it)"
     name = signal.Signals(-code).name
     return f"was killed by signal {name}" + (" (an FMU crashed)" if name in CRASHES else "")
+
+
+@contextmanager
+def _quietly(*, is_apart: bool) -> Iterator[None]:
+    """A child that starts hears no Ctrl-C, and if it is apart does not import the script that starts it."""
+    with _STARTING, ExitStack() as after:
+        if is_apart:
+            main = sys.modules["__main__"]
+            after.callback(setattr, main, "__spec__", main.__spec__)
+            main.__spec__ = ModuleSpec("hidden.__main__", None)
+        if sys.platform != "win32":
+            from multiprocessing import resource_tracker
+
+            resource_tracker.ensure_running()  # it unblocks signals when it starts
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+            after.callback(signal.pthread_sigmask, signal.SIG_SETMASK, mask)
+        yield
+
+
+def _begin(
+    folder: str, work: Callable[..., None], pipe: Connection, *arguments: Any, is_apart: bool
+) -> None:
+    """The life of a child."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if is_apart:
+        output = os.open(Path(folder) / OUTPUT_FILE, os.O_WRONLY | os.O_APPEND)
+        for stream in (1, 2):
+            os.dup2(output, stream)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    threading.Thread(target=_leave, args=(parent.sentinel, folder), daemon=True).start()
+    if sys.platform == "linux":  # at once, also from code that gives Python no turn
+        ctypes.CDLL(None).prctl(PARENT_DEATH_SIGNAL, int(signal.SIGKILL))
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        os.setsid()
+        os.set_inheritable(pipe.fileno(), False)
+    if is_apart:
+        faulthandler.enable(all_threads=False)
+    tempfile.tempdir = os.environ["TMPDIR"] = folder
+    multiprocessing.current_process().daemon = False  # it may have children of its own
+    work(pipe, *arguments)
+
+
+def _leave(parent: int, folder: str) -> None:
+    """Leave no trace when the parent is gone."""
+    wait([parent])
+    rmtree(folder, ignore_errors=True)
+    os._exit(1)

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,10 +17,6 @@ from cosim import SetupError, SimulationError
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, until
 from workbench import study
-from workbench.catalog import load_module
-from workbench.question import read
-from workbench.run import answer
-from workbench.runs.local import LocalRunner
 from workbench.runs.worker import Worker
 
 QUESTION = '''
@@ -160,37 +155,6 @@ def test_a_study_with_another_fmu_of_the_same_guid_is_another_study(home: Path) 
         SetupError, match=r"rows of other runs: contents\.motor has changed; remove"
     ):
         study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
-
-
-SWEEP = """
-def five(k): return 5 * k
-def fives(self, context):
-    answers = []
-    for k in context.each(five, range(4), "fives"):
-        if k == 10 and (HOME / "fault").exists():
-            raise KeyboardInterrupt
-        answers.append(k)
-    return Findings({"y": Figure(float(sum(answers)), "1", 0.0)})
-Faulty.solve = fives
-"""
-
-
-def test_a_sweep_with_another_fmu_of_the_same_guid_takes_no_rows(
-    home: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, fmu = home / "faults.py", home / "Motor.fmu"
-    path.write_text(path.read_text() + SWEEP)
-    (home / "fault").touch()
-    page: Any = load_module(str(path))
-    with pytest.raises(KeyboardInterrupt):
-        answer(read(page), page.Faulty(), {"motor": fmu}, runner=LocalRunner(1), out=home / "out")
-    (home / "fault").unlink()
-    changed(fmu)
-    capsys.readouterr()
-    answer(read(page), page.Faulty(), {"motor": fmu}, runner=LocalRunner(1), out=home / "out")
-    assert "contains the rows of other runs: contents.motor has changed; they are dropped" in (
-        capsys.readouterr().err
-    )
 
 
 def descriptors() -> list[int]:

@@ -71,7 +71,7 @@ def test_every_end_of_a_call_is_reported_and_the_next_call_is_done(
 def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
     modules = worker.do(light.modules, None, LONG).answer
     assert "tests.hosts.light" in modules
-    assert not {"numpy", "scipy", "pandas", "cosim", "rich", "matplotlib"} & set(modules)
+    assert not {"numpy", "scipy", "pandas", "fmpy", "rich", "matplotlib"} & set(modules)
 
 
 CALL = """
@@ -299,29 +299,6 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
     assert opened(tmp_path, who) == {}
 
 
-def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    present = fingerprint.code("cosim", "workbench", "scenarios")
-    assert {
-        "cosim/engine/loop.c",
-        "workbench/runs/worker.py",
-        "scenarios/orientator/machine.py",
-    } <= {*present}
-    assert not [name for name in present if "/charts/" in name or name.endswith("motion.py")]
-    for name in ("some/__init__.py", "some/b.c", "some/d/e.py", "some/d/motion.py"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text("x = 1")
-    monkeypatch.syspath_prepend(tmp_path)
-    before = fingerprint.code("some")
-    assert set(before) == {"some/__init__.py", "some/b.c", "some/d/e.py"}
-    for name in before:
-        (tmp_path / name).write_text("x = 2")
-        after = fingerprint.code.__wrapped__("some")
-        assert [key for key in before if before[key] != after[key]] == [name]
-        (tmp_path / name).write_text("x = 1")
-
-
 def test_an_option_without_effect_is_refused() -> None:
     with pytest.raises(
         SetupError, match=r"^scheduler: this question does its runs together in one"
@@ -334,7 +311,7 @@ def test_an_option_without_effect_is_refused() -> None:
 
 
 def test_no_process_for_runs_is_a_sentence(worker: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("workbench.runs.worker._main", sys.exit)
+    monkeypatch.setattr("cosim.child._begin", sys.exit)
     with pytest.raises(SetupError, match="no process for runs can be started: "):
         worker.do(plane.be, ("good", "/dev/null"), None)
 

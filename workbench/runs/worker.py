@@ -1,30 +1,23 @@
 """A child process for calls that may crash, hang or leave; whatever becomes of one, the caller is told.
 
-The child dies with its parent, however that dies, and imports only what its calls need. What it
-prints goes to a file in a folder of its own, where its temporary files are too.
+The child is a `cosim.child.Child` that is apart, and imports only what its calls need.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import errno
-import faulthandler
-import multiprocessing
 import os
-import shutil
-import signal
 import sys
-import tempfile
-import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from importlib.machinery import ModuleSpec
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
-from pathlib import Path
 from typing import Any, NamedTuple
+
+from cosim.child import Child
+from cosim.errors import SetupError
 
 from .. import THREADS
 
@@ -47,15 +40,8 @@ FAULTS = frozenset(
 #: How often a child may be killed from outside before its call is given up; chosen: a busy machine may do it once or twice.
 MAX_DEATHS = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
-OUTPUT_FILE = "words"
-#: Letters of a child's output that are reported, its last; chosen: a traceback.
-TRACE = 4000
 #: How long a child that ends is waited for [s]; chosen: writing its output takes less.
 LAST_MOMENTS = 2.0
-PARENT_DEATH_SIGNAL = 1
-
-_SPAWN = multiprocessing.get_context("spawn")
-_STARTING = threading.Lock()
 
 
 class Outcome(NamedTuple):
@@ -77,8 +63,7 @@ class Worker:
     """A child process that does one call after the other, and the next process when it dies."""
 
     def __init__(self) -> None:
-        self._process: Any = None
-        self._pipe: Any = None
+        self._child: Any = None
         self._began: float | None = None
 
     def give(
@@ -100,7 +85,7 @@ class Worker:
 
     def handles(self) -> tuple[Any, int]:
         """What to wait for: the pipe has a message, or the child has ended."""
-        return self._pipe, self._process.sentinel
+        return self._child.pipe, self._child.process.sentinel
 
     def step(self) -> Outcome | None:
         """What became of the call, None while it is under way; does not block.
@@ -108,10 +93,10 @@ class Worker:
         A child that was killed from outside is replaced and its call done again, three times at
         most. Raises SetupError if no child can be started.
         """
-        is_running = self._process.is_alive()
+        is_running = self._child.process.is_alive()
         try:
-            while self._pipe.poll():
-                message = self._pipe.recv()
+            while self._child.pipe.poll():
+                message = self._child.pipe.recv()
                 if isinstance(message, Outcome):
                     return message
                 self._began = time.monotonic()
@@ -122,7 +107,7 @@ class Worker:
         if not is_running:
             return self._lose()
         if self.left() == 0.0:
-            output, _ = self._bury(at_once=True)
+            output, _ = self._bury()
             text = f"no answer after {self._timeout:g} s"
             return Outcome(TIMEOUT, None, text, self._timeout or 0.0, output)
         return None
@@ -135,52 +120,32 @@ class Worker:
 
     def close(self) -> None:
         """End the child, whatever it does."""
-        if self._process is not None:
-            self._bury(at_once=True)
+        if self._child is not None:
+            self._bury()
 
     def _send(self) -> None:
         """Give the call to the child, which is started if there is none."""
         self._began = None
-        if self._process is None:
+        if self._child is None:
             try:
-                self._start()
+                self._child = Child(_serve, is_apart=True)
             except OSError as error:
-                from cosim.errors import SetupError
-
                 why = error.strerror or error
                 raise SetupError(f"no process for runs can be started: {why}") from error
         with contextlib.suppress(OSError):  # the next step sees that the child is dead
             page, content = self._call
-            self._pipe.send(page)
-            self._pipe.send_bytes(content)
-
-    def _start(self) -> None:
-        """Start a child; raises OSError, and leaves nothing, where that cannot be."""
-        from cosim.scratch import scratch
-
-        with contextlib.ExitStack() as undo:
-            folder = Path(tempfile.mkdtemp(dir=scratch()))
-            undo.callback(shutil.rmtree, folder, ignore_errors=True)
-            output_file = undo.enter_context((folder / OUTPUT_FILE).open("a+", errors="replace"))
-            pipe, end = _SPAWN.Pipe()
-            undo.callback(pipe.close)
-            process = _SPAWN.Process(target=_main, args=(end, str(folder)), daemon=True)
-            with end, _quietly():
-                process.start()
-            undo.pop_all()
-        self._folder, self._output, self._pipe, self._process = folder, output_file, pipe, process
+            self._child.pipe.send(page)
+            self._child.pipe.send_bytes(content)
 
     def _lose(self) -> Outcome | None:
         """The child died: its call is done again if that came from outside."""
-        output, death = self._bury()
+        output, death = self._bury(LAST_MOMENTS)
         outside, began = death in OUTSIDE, self._began
         self._deaths += 1
         if (outside or began is None) and self._deaths < MAX_DEATHS:
             self._send()
             return None
         if began is None:
-            from cosim.errors import SetupError
-
             why = "".join(output.strip().splitlines()[-1:]) or death
             raise SetupError(f"no process for runs can be started: {why}")
         what = (
@@ -188,23 +153,11 @@ class Worker:
         )
         return Outcome("crashed", None, f"{what}: {death}", time.monotonic() - began, output)
 
-    def _bury(self, *, at_once: bool = False) -> tuple[str, str]:
-        """The last words of a child and how it ended; what it leaves is removed."""
-        if not at_once:
-            self._process.join(LAST_MOMENTS)
-        if self._process.is_alive():
-            with contextlib.suppress(AttributeError, ProcessLookupError):
-                os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.kill()
-        self._process.join()
-        code = self._process.exitcode
-        self._process = None
-        self._pipe.close()
-        self._output.seek(0)
-        output = self._output.read()[-TRACE:]
-        self._output.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
-        return output, signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    def _bury(self, grace: float = 0.0) -> tuple[str, str]:
+        """The last words of a child, and how it ended."""
+        one, self._child = self._child, None
+        words, death = one.end(grace)
+        return words, death
 
 
 def wait_for_step(workers: Sequence[Worker]) -> None:
@@ -214,36 +167,9 @@ def wait_for_step(workers: Sequence[Worker]) -> None:
     wait(handles, min(left, default=None))
 
 
-@contextlib.contextmanager
-def _quietly() -> Iterator[None]:
-    """A child that starts hears no Ctrl-C, and does not import the script that starts it."""
-    main = sys.modules["__main__"]
-    with _STARTING, contextlib.ExitStack() as after:
-        after.callback(setattr, main, "__spec__", main.__spec__)
-        main.__spec__ = ModuleSpec("hidden.__main__", None)
-        if sys.platform != "win32":
-            from multiprocessing import resource_tracker
-
-            resource_tracker.ensure_running()  # it unblocks signals when it starts
-            mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-            after.callback(signal.pthread_sigmask, signal.SIG_SETMASK, mask)
-        yield
-
-
-def _main(pipe: Connection, folder: str) -> None:
-    """The life of a child."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    descriptor = os.open(Path(folder) / OUTPUT_FILE, os.O_WRONLY | os.O_APPEND)
-    for stream in (1, 2):
-        os.dup2(descriptor, stream)
-    _die_with_parent(folder)
-    if sys.platform != "win32":
-        os.setsid()
-        os.set_inheritable(pipe.fileno(), False)
-    faulthandler.enable(all_threads=False)
+def _serve(pipe: Connection) -> None:
+    """Do calls in the child."""
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    tempfile.tempdir = os.environ["TMPDIR"] = folder
-    multiprocessing.current_process().daemon = False  # it may have children of its own
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
             _answer(pipe, pipe.recv(), pipe.recv_bytes())
@@ -300,18 +226,3 @@ def _is_fault(error: BaseException) -> bool:
             return True
         chain += [other for other in (link.__cause__, link.__context__) if other not in chain]
     return False
-
-
-def _die_with_parent(folder: str) -> None:
-    """Die when the parent does: on Linux at once, elsewhere as soon as Python has its turn."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    threading.Thread(target=_leave, args=(parent.sentinel, folder), daemon=True).start()
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PARENT_DEATH_SIGNAL, int(signal.SIGKILL))
-
-
-def _leave(parent: int, folder: str) -> None:
-    wait([parent])
-    shutil.rmtree(folder, ignore_errors=True)
-    os._exit(1)
