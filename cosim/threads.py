@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from queue import Empty, SimpleQueue
 
 from .ensemble import Ensemble
-from .worker import Batch, Chunk, Worker
+from .worker import Batch, Worker
 
 #: Longest wait for a block before signals and progress are looked at [s].
 PATIENCE = 0.05
@@ -30,60 +31,39 @@ def in_order(batch: Batch, worker: Worker) -> Iterator[Ensemble]:
 
 def in_threads(batch: Batch, workers: list[Worker]) -> Iterator[Ensemble]:
     """The blocks of several workers, each in a thread; it ends as `in_order` does."""
-    crew = _Crew(batch)
-    threads = [threading.Thread(target=crew.work, args=(k, w)) for k, w in enumerate(workers)]
-    for thread in threads:
-        thread.start()
-    try:
-        while any(thread.is_alive() for thread in threads) or not crew.blocks.empty():
-            try:
-                block = crew.blocks.get(timeout=PATIENCE)
-            except Empty:
-                batch.report(sum(crew.done.values()) / batch.members)
-                continue
-            if isinstance(block, BaseException):
-                raise block
-            yield block
-    finally:
-        crew.ends = True
-        for thread in threads:
-            thread.join()
+    lock, ends, blocks = threading.Lock(), threading.Event(), SimpleQueue[Ensemble]()
+    done = [0] * len(workers)
 
-
-class _Crew:
-    """What threads share: the chunks that wait, the blocks that are done, and how many members each has."""
-
-    def __init__(self, batch: Batch) -> None:
-        self._batch, self._lock = batch, threading.Lock()
-        self.blocks = SimpleQueue[Ensemble | BaseException]()
-        self.done: dict[int, int] = {}
-        self.ends = False
-
-    def work(self, k: int, worker: Worker) -> None:
-        """Let worker number k run chunks until none waits."""
+    def work(k: int, worker: Worker) -> None:
         finished = 0
+
+        def progress(n: int) -> None:
+            done[k] = finished + n
+
+        while not (ends.is_set() or batch.interrupts or worker.abandoned):
+            with lock:
+                if not batch.waiting:
+                    return
+                chunk = batch.waiting.pop(0)
+            try:
+                block = (batch.evaluate or Worker.run)(worker, batch.cases, chunk, progress)
+            except BaseException:
+                ends.set()
+                raise
+            finished += len(block)
+            with lock:
+                batch.give_back(chunk, block)
+            blocks.put(block)
+
+    with ThreadPoolExecutor(len(workers)) as pool:
+        running = [pool.submit(work, k, worker) for k, worker in enumerate(workers)]
         try:
-            while (chunk := self._next(worker)) is not None:
-                run = self._batch.evaluate or Worker.run
-                block = run(worker, self._batch.cases, chunk, self._progress(k, finished))
-                finished += len(block)
-                self.done[k] = finished
-                with self._lock:
-                    self._batch.give_back(chunk, block)
-                self.blocks.put(block)
-        except BaseException as error:  # noqa: BLE001
-            self.ends = True
-            self.blocks.put(error)
-
-    def _progress(self, k: int, finished: int) -> Callable[[int], None]:
-        def show(n: int) -> None:
-            self.done[k] = finished + n
-
-        return show
-
-    def _next(self, worker: Worker) -> Chunk | None:
-        """A chunk that waits, if the work goes on."""
-        with self._lock:
-            waiting = self._batch.waiting
-            goes_on = waiting and not (self.ends or self._batch.interrupts or worker.abandoned)
-            return waiting.pop(0) if goes_on else None
+            while not (all(future.done() for future in running) and blocks.empty()):
+                try:
+                    yield blocks.get(timeout=PATIENCE)
+                except Empty:
+                    batch.report(sum(done) / batch.members)
+            for future in running:
+                future.result()
+        finally:
+            ends.set()
