@@ -161,7 +161,7 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
     from workbench import Context
 
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
-    drive = Drive(Context(parts), {}, "strang", 256)
+    drive = Drive(Context(parts), "strang", 256)
     speeds = np.array([[float(nu) for nu in SPEEDS["A"].split(",")]])
     return lambda: drive.orbits(SETS["A"], speeds, "sweep")
 

@@ -1,7 +1,7 @@
 """Do the stated errors of the scenario resonance hold? python benchmarks/resonance.py [--number N].
 
-Draws drives, runs the scenario on a sweep of each and compares its figures with the exact orbits of
-tests/scenarios/orbit_oracle.py. Rows are printed as they come; with --out they are kept as lines of JSON, and
+Draws drives, asks the scenario for a sweep of each, many drives in one batch, and compares its figures with the exact
+orbits of tests/scenarios/orbit_oracle.py. Rows are printed as they come; with --out they are kept as lines of JSON, and
 those already kept are not run again. Drives whose orbit is unstable somewhere in the sweep, or is
 not found because the crank would stop or nearly so, are skipped and counted.
 
@@ -20,14 +20,10 @@ import math
 import os
 import shlex
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +35,8 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np
 
+from cosim import SetupError
+from scenarios.project import PROJECT
 from tests.scenarios.orbit_oracle import (
     Drive,
     NoOrbitError,
@@ -48,6 +46,7 @@ from tests.scenarios.orbit_oracle import (
     question,
     random_drive,
 )
+from workbench import Context
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 #: What orbits are run for, as the answer counts them.
@@ -59,37 +58,17 @@ LISTED = 10
 Row = dict[str, Any]
 
 
-def command(drive: Drive, sweep: tuple[float, float, int], out: Path | None = None) -> list[str]:
-    """The words that ask the scenario, after the interpreter."""
-    arguments = ["-m", "scenarios", "run", "resonance", "--flavour", "native"]
-    arguments += ["--speeds", ":".join(map(repr, sweep))]
+def command(drive: Drive, sweep: tuple[float, float, int]) -> str:
+    """The words that ask the scenario for a drive."""
+    words = ["scenarios", "run", "resonance", "--flavour", "native"]
+    words += ["--speeds", ":".join(map(repr, sweep))]
     for name, value in drive.start.items():
-        arguments += ["--start", f"{name}={json.dumps(value)}"]
-    return arguments + (["--out", str(out)] if out else [])
+        words += ["--start", f"{name}={json.dumps(value)}"]
+    return shlex.join(words)
 
 
-def ask(arguments: Sequence[str], limit: float) -> tuple[dict[str, Any], str]:
-    """The answer of the scenario, or none and its sentence."""
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            run = subprocess.run(
-                [sys.executable, *arguments, "--out", folder],
-                cwd=ROOT,
-                capture_output=True,
-                text=True,
-                timeout=limit,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            return {}, f"no answer within {limit:g} s"
-        if run.returncode:
-            last = run.stderr.strip().splitlines()[-1:] or [""]
-            return {}, f"exit code {run.returncode}: {last[0]}"
-        return json.loads((Path(folder) / "resonance.json").read_text()), ""
-
-
-def judged(seed: int, limit: float, number: int) -> Row:
-    """Truth and answer of a drive, the first of its own sequence that keeps to an orbit."""
+def drawn(seed: int, number: int) -> tuple[Row, dict[str, Any]]:
+    """Truth of a drive, the first of its own sequence that keeps to an orbit, and how the scenario is asked for it."""
     rng = np.random.default_rng([seed, number])
     skipped: Counter[str] = Counter()
     while True:
@@ -102,28 +81,35 @@ def judged(seed: int, limit: float, number: int) -> Row:
             break
         except NoOrbitError as error:
             skipped["unstable" if "unstable" in str(error) else "not found"] += 1
-    arguments = command(drive, sweep)
-    began = time.perf_counter()
-    answer, sentence = ask(arguments, limit)
-    stated = answer.get("figures", {})
-    return {
-        "seed": seed,
-        "number": number,
-        "command": shlex.join(["python", *arguments]),
-        "zeta": drive.zeta,
-        "ripple": ripple,
-        "finite": drive.finite,
-        "seconds": time.perf_counter() - began,
-        "skipped": skipped,
-        "sentence": sentence,
-        "orbits": answer.get("orbits", {}),
-        "truth": truth,
-        "stated": {
-            name: {key: stated[name][key] for key in ("value", "error")}
-            for name in FIGURES
-            if name in stated
-        },
-    }
+    row = {
+        "seed": seed, "number": number, "command": command(drive, sweep), "zeta": drive.zeta,
+        "ripple": ripple, "finite": drive.finite, "skipped": skipped, "truth": truth,
+    }  # fmt: skip
+    return row, {"speeds": ":".join(map(repr, sweep)), "start": drive.start}
+
+
+def judged(seed: int, numbers: Sequence[int]) -> list[Row]:
+    """Truth and answer of drives, whose answers are made in one batch."""
+    rows, options = zip(*(drawn(seed, number) for number in numbers))
+    scenario = PROJECT.load("resonance")
+    context = Context(PROJECT.fmus(scenario, "native"))
+    began = time.process_time()
+    answers = scenario.solve_all(context, [scenario.parse(x) for x in options])
+    seconds = (time.process_time() - began) / len(rows)
+    for row, answer in zip(rows, answers):
+        refused = isinstance(answer, SetupError)
+        figures = {} if refused else answer.figures
+        row |= {
+            "seconds": seconds,
+            "sentence": str(answer) if refused else "",
+            "orbits": {} if refused else answer.facts["orbits"],
+            "stated": {
+                name: {"value": figures[name].value, "error": figures[name].error}
+                for name in FIGURES
+                if name in figures
+            },
+        }
+    return list(rows)
 
 
 def ratio(row: Row, name: str) -> float | None:
@@ -223,8 +209,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--number", type=int, default=100, help="of drives")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1, help="drives at a time")
-    parser.add_argument("--limit", type=float, default=600.0, help="for a run of the scenario [s]")
+    parser.add_argument("--block", type=int, default=20, help="drives in a batch")
     parser.add_argument(
         "--out", type=Path, help="file of the rows; those it holds are not repeated"
     )
@@ -232,20 +217,17 @@ def main() -> None:
     rows = read_rows(options.out, options.seed, options.number)
     present = {row["number"] for row in rows}
     wanted = [number for number in range(options.number) if number not in present]
-    judge = partial(judged, options.seed, options.limit)
-    with ProcessPoolExecutor(options.jobs) as pool:
-        runs = [pool.submit(judge, number) for number in wanted]
-        try:
-            for run in as_completed(runs):
-                row = run.result()
+    try:
+        for first in range(0, len(wanted), options.block):
+            for row in judged(options.seed, wanted[first : first + options.block]):
                 rows.append(row)
                 print(line(row), flush=True)
                 if options.out:
                     options.out.parent.mkdir(parents=True, exist_ok=True)
                     with options.out.open("a") as file:
                         file.write(json.dumps(row) + "\n")
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
     skipped = sum((Counter(row["skipped"]) for row in rows), Counter())
     reasons = ", ".join(f"{count} {why}" for why, count in skipped.items()) or "none"
     failed = sum(bool(row["sentence"]) for row in rows)

@@ -13,7 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import reduce
+from functools import cache, reduce
 from types import CodeType
 from typing import Any, NamedTuple
 
@@ -83,6 +83,7 @@ class Formula:
     _code: CodeType
 
     @classmethod
+    @cache
     def read(cls, text: str | float) -> Formula:
         """Read a formula.
 

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.optimize.elementwise import find_minimum
 
@@ -194,7 +193,7 @@ class _Fits(NamedTuple):
         which = np.arange(len(self.center))
         lowest = np.maximum(-PEAK_REACH, (LOWEST_SHARE - 1.0) * self.center / self.half)
         grid = lowest + (PEAK_REACH - lowest) * np.linspace(0.0, 1.0, TOP_GRID)[:, None]
-        at = np.array([self.log_height(s, which) for s in grid]).argmax(0)
+        at = self.log_height(grid, which).argmax(0)
         tops = grid[at, which]
         inner = which[(at > 0) & (at < TOP_GRID - 1)]
         if len(inner):
@@ -271,10 +270,10 @@ def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:
 
 
 def falling_roots(x: Array, values: Array) -> list[Crossing]:
-    """Return where the spline through values of shape (n,) at x falls through 0."""
-    curve = CubicSpline(x, values)
-    at, slope = curve.roots(extrapolate=False), curve.derivative()
-    return [Crossing(float(root), float(slope(root))) for root in at if slope(root) < 0.0]
+    """Return where the polygon through values of shape (n,) at x falls through 0."""
+    k = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+    slopes = (values[k + 1] - values[k]) / (x[k + 1] - x[k])
+    return [Crossing(*pair) for pair in zip((x[k] - values[k] / slopes).tolist(), slopes.tolist())]
 
 
 def bisect_flag(is_true: Callable[[float], bool], low: float, high: float, width: float) -> float:

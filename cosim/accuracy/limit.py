@@ -87,7 +87,8 @@ class Limit:
         The values at a step of zero (Richardson); those of the finest run where they do not converge regularly.
     extrapolated_error
         By how much these may be off: the distance of what the finer pair of runs extrapolates to from what the
-        coarser pair does, which falls with the observed order, and at least the error times CONFIRMED_FACTOR - 1.
+        coarser pair does, which falls with the observed order, and at least the largest next term that a confirmed
+        order leaves open: terms of opposite signs may make both agree by accident, and no three runs show that.
     order
         The observed order; nan where there is none.
     reason
@@ -210,7 +211,8 @@ def limit(
         regular = lacking | (
             ~alternating & ~settled & (q >= LOWEST_ORDER) & (q <= p + ACCIDENTAL_EXCESS)
         )
-        apart = _apart(runs, noises, gain, np.minimum(1.0, ratio**q - 1.0))
+        hidden = ratio**p * (ratio ** (CONFIRMED_DISTANCE * p) - 1.0) / (ratio ** (p + 1.0) - 1.0)
+        apart = _apart(runs, noises, gain, np.minimum(1.0, ratio**q - 1.0), hidden)
         return Limit(
             fine,
             error,
@@ -221,14 +223,19 @@ def limit(
         )
 
 
-def _apart(runs: Array, noises: Array, gain: Array, distance_of_error: Array) -> Array:
+def _apart(
+    runs: Array, noises: Array, gain: Array, distance_of_error: Array, hidden: Array
+) -> Array:
     """The error of what the finer two of three runs extrapolate to, from what the coarser two do.
 
-    The distance of the two is the error times `distance_of_error` where that is below 1.
+    The distance of the two is the error times `distance_of_error` where that is below 1. It vanishes where the terms
+    of the next two orders cancel in it, x(h) = x + a h^p + b h^(p+1) + c h^(p+2), while b h^(p+1) + c h^(p+2) does not.
+    An order q within CONFIRMED_DISTANCE of p leaves the distance (r^p - r^q) / (r^p - 1) of a h^p, and so a next term of
+    that over r^(p+1) - 1: `hidden` over r^p - 1.
     """
     fine, middle, coarse = runs
     finer, coarser = fine + (fine - middle) / gain, middle + (middle - coarse) / gain
-    least = (CONFIRMED_FACTOR - 1.0) * np.abs(fine - middle) / gain
+    least = hidden * np.abs(fine - middle) / gain
     error = np.maximum(np.abs(finer - coarser) / distance_of_error, least)
     return np.asarray(error + noises[0] + (noises[0] + noises[1]) / gain)
 

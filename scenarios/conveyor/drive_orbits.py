@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.accuracy.limit import Limit, Reason, limit
-from cosim.system import Value
 from workbench import Context, Figure
 from workbench.steady import ANGLES, TURN, Turns, steady_turns
 
@@ -61,6 +60,8 @@ class Orbits:
         Rod force at ANGLES even crank angles, a last axis more [N].
     contraction
         Share of a deviation from the orbit that a revolution leaves.
+    states
+        Those at the crank angle 0, in the order of STATES, a last axis more.
     problem
         Why there is no orbit, "" where there is one.
     """
@@ -72,6 +73,7 @@ class Orbits:
     speed_error: Array
     waveform: Array
     contraction: Array
+    states: Array
     problem: NDArray[np.object_]
 
     @classmethod
@@ -86,6 +88,7 @@ class Orbits:
             turns.settling_error(speed),
             turns.of(FORCE)[:, 1],
             turns.contraction,
+            turns.states,
             np.array(turns.problems, object),
         )
 
@@ -110,12 +113,11 @@ class Orbits:
 
 @dataclass(frozen=True)
 class Drive:
-    """How machines are run: on what, with which further start values, algorithm and steps, with how many of
-    STEP_MULTIPLES; and the number of orbits by what they were run for.
+    """How machines are run: on what, with which algorithm and steps, with how many of STEP_MULTIPLES; and the
+    number of orbits by what they were run for.
     """
 
     context: Context
-    start: Mapping[str, Value]
     algorithm: str
     steps_per_rev: int
     multiples: int = len(STEP_MULTIPLES)
@@ -128,12 +130,8 @@ class Drive:
 
     def near(self, machine: Machine, nu: Any) -> dict[str, Any]:
         """Return start values of machines, by first-order theory on their orbits of mean speeds [rad/s]."""
-        states: dict[str, Any] = {
-            "conveyor.phi": 0.0,
-            "conveyor.w": nu + machine.speed_ripple(nu).imag,
-            "motor.tau": machine.load_slope * nu + machine.torque_ripple(nu).imag,
-        }
-        return start_values(machine, self.start, nu) | states
+        states = zip(STATES, np.moveaxis(near(machine, nu), -1, 0))
+        return start_values(machine, nu) | {"conveyor.phi": 0.0} | dict(states)
 
     def turns(
         self,
@@ -142,9 +140,15 @@ class Drive:
         record: Sequence[str] = (FORCE,),
         *,
         steps_per_rev: Any = None,
+        states: Array | None = None,
     ) -> Turns:
-        """Return the last revolutions of machines at mean speeds [rad/s], arrays of shape (n,), or one of both."""
+        """Return the last revolutions of machines at mean speeds [rad/s], arrays of shape (n,), or one of both.
+
+        The search begins at states of shape (n, 2), by default those of first-order theory.
+        """
         starts = self.near(machine, np.asarray(nu, float))
+        if states is not None:
+            starts |= zip(STATES, states.T)
         arrays = {name: x for name, x in starts.items() if np.ndim(x)}
         n = max((len(x) for x in arrays.values()), default=1)
         speed = np.broadcast_to(np.asarray(nu, float), n)
@@ -156,27 +160,44 @@ class Drive:
             record=record, algorithm=self.algorithm,
         )  # fmt: skip
 
-    def steps(self, shape: tuple[int, ...]) -> NDArray[np.int64]:
-        """Return the steps per revolution of arrays whose first axis are the step multiples."""
-        steps = self.steps_per_rev // np.array(STEP_MULTIPLES[: shape[0]])
-        return np.broadcast_to(steps.reshape(-1, *(1,) * (len(shape) - 1)), shape)
+    def steps(self, shape: tuple[int, ...], multiple: Any = None) -> NDArray[np.int64]:
+        """Return the steps per revolution with STEP_MULTIPLES of these numbers, by default the j-th in row j."""
+        if multiple is None:
+            multiple = np.arange(shape[0]).reshape(-1, *(1,) * (len(shape) - 1))
+        multiples = np.array(STEP_MULTIPLES)[np.broadcast_to(multiple, shape)]
+        return np.asarray(self.steps_per_rev // multiples)
 
-    def orbits(self, machine: Machine, nu: Array, title: str) -> Orbits:
+    def orbits(
+        self,
+        machine: Machine,
+        nu: Array,
+        title: str,
+        multiple: Any = None,
+        states: Array | None = None,
+    ) -> Orbits:
         """Return the steady orbits of machines, whose fields are arrays or not, at mean speeds [rad/s].
 
         Parameters
         ----------
         machine : Machine
             Its fields are numbers, or arrays that go with `nu`.
-        nu : ndarray, shape (k, ...)
-            Row j is run with the j-th of STEP_MULTIPLES; what is nan is not run.
+        nu : ndarray
+            What is nan is not run, nor a motor that the load pulls out.
         title : str
             What they are counted as.
+        multiple : ndarray of int, optional
+            Which of STEP_MULTIPLES each is run with, by default the j-th for the rows j of `nu`.
+        states : ndarray, optional
+            Where the searches begin, a last axis more, by default on the orbits of first-order theory.
         """
-        run = np.isfinite(nu)
+        run = np.isfinite(nu + 0.0 * machine.B)
         self.counts[title] += int(run.sum())
+        steps = self.steps(nu.shape, multiple)
         turns = self.turns(
-            picked(machine, nu.shape, run), nu[run], steps_per_rev=self.steps(nu.shape)[run]
+            picked(machine, nu.shape, run),
+            nu[run],
+            steps_per_rev=steps[run],
+            states=None if states is None else states[run],
         )
         return Orbits.of(turns).spread(run)
 
@@ -215,13 +236,16 @@ class Drive:
         return np.repeat(np.asarray(x, float)[None], self.multiples, axis=0)
 
 
+def near(machine: Machine, nu: Any) -> Array:
+    """Return the states at the crank angle 0 of the orbits of first-order theory, shape (..., 2)."""
+    speed = nu + machine.speed_ripple(nu).imag
+    torque = machine.load_slope * nu + machine.torque_ripple(nu).imag
+    return np.stack(np.broadcast_arrays(speed, torque), axis=-1)
+
+
 def picked(machine: Machine, shape: tuple[int, ...], index: Any) -> Machine:
     """Return some of machines whose fields are numbers, or arrays that broadcast to a shape."""
-    fields_of_some: dict[str, Any] = {
-        name: np.broadcast_to(x, shape)[index] if np.ndim(x) else x
-        for name, x in vars(machine).items()
-    }
-    return Machine(**fields_of_some)
+    return machine.changed(lambda x: np.broadcast_to(x, shape)[index] if np.ndim(x) else x)
 
 
 def at_zero_step(values: Array, order: float, noise: Array | float = 0.0) -> Limit:
@@ -269,42 +293,38 @@ def sector_peaks(waveform: Array) -> Array:
     return np.concatenate(both, -1)
 
 
-def force_peaks(waveform: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the rod forces of all sectors at a step of zero, up to where each may reach, and whether that is known.
+@dataclass(frozen=True)
+class Peaks:
+    """Rod forces of all sectors at a step of zero, up to where each may reach [N], and whether that is known."""
 
-    Parameters
-    ----------
-    waveform : ndarray, shape (k, ..., ANGLES)
-        Of the first k of STEP_MULTIPLES.
-    """
+    value: Array
+    reach: Array
+    is_known: NDArray[np.bool_]
+
+    def each(self, function: Callable[[Any], Any]) -> Peaks:
+        """Return a function of each array."""
+        return Peaks(*map(function, vars(self).values()))
+
+    def largest(self) -> tuple[Array, Array]:
+        """Return the largest force, over the last axis, and its error.
+
+        The error reaches as far as that of any other peak does; it is nan where one is not known that may
+        be the largest.
+        """
+        best = self.value.max(-1)
+        error = self.reach.max(-1) - best
+        doubtful = (~self.is_known & ~(self.reach < best[..., None])).any(-1)
+        return best, np.where(doubtful, np.nan, error)
+
+
+def force_peaks(waveform: Array) -> Peaks:
+    """Return the peaks of waveforms, shape (k, ..., ANGLES), of the first k of STEP_MULTIPLES."""
     peaks = sector_peaks(waveform)
     rows = np.abs(sector_peaks(waveform[..., ::2]) - peaks) / 4.0
     of_all = at_zero_step(peaks, FORCE_ORDER)
     reach = of_all.extrapolated + of_all.extrapolated_error + 2.0 * rows[0]
-    return of_all.extrapolated, np.where(np.isfinite(reach), reach, np.inf), of_all.is_stated
-
-
-def largest_force(waveform: Array) -> tuple[Array, Array]:
-    """Return the largest rod force of each orbit, and its error [N], shape (...).
-
-    The error reaches as far as that of any other peak does; it is nan where one is not known that may
-    be the largest.
-    """
-    return _largest(*force_peaks(waveform))
-
-
-def largest_of_all(waveform: Array) -> tuple[float, float]:
-    """Return the largest rod force of all orbits, and its error, as `largest_force` does."""
-    value, reach, is_known = force_peaks(waveform)
-    value, error = _largest(value.ravel(), reach.ravel(), is_known.ravel())
-    return float(value), float(error)
-
-
-def _largest(value: Array, reach: Array, is_known: NDArray[np.bool_]) -> tuple[Array, Array]:
-    best = value.max(-1)
-    error = reach.max(-1) - best
-    doubtful = (~is_known & ~(reach < best[..., None])).any(-1)
-    return best, np.where(doubtful, np.nan, error)
+    reach = np.where(np.isfinite(reach), reach, np.inf)
+    return Peaks(of_all.extrapolated, reach, of_all.is_stated)
 
 
 def figure_of(found: Limit, k: Any, unit: str, meaning: str, why: str = "") -> Figure:

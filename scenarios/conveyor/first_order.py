@@ -8,9 +8,8 @@ arithmetic: machines whose fields are arrays, or an array of speeds, give arrays
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,33 +42,57 @@ FIELDS = {
 
 @dataclass(frozen=True)
 class Machine:
-    """Motor line (B, T) and conveyor (theta1, m, r, c, d) in SI units."""
+    """Motor line (B, T) and conveyor (theta1, m, r, c, d) in SI units, and further start values that theory does not know.
 
-    B: float
-    T: float
-    theta1: float = 0.49
-    m: float = 200.0
-    r: float = 0.010
-    c: float = 720000.0
-    d: float = 4000.0
+    Many machines are one whose fields and further start values are arrays where they differ.
+    """
+
+    B: Any
+    T: Any
+    theta1: Any = 0.49
+    m: Any = 200.0
+    r: Any = 0.010
+    c: Any = 720000.0
+    d: Any = 4000.0
+    more: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    @classmethod
+    def of(cls, machines: Sequence[Machine]) -> Machine:
+        """Return machines with further start values of the same names as one, with arrays for what differs."""
+
+        def column(values: Sequence[Any]) -> Any:
+            return values[0] if all(x == values[0] for x in values) else np.array(values)
+
+        fields = {name: column([vars(x)[name] for x in machines]) for name in FIELDS.values()}
+        more = {name: column([x.more[name] for x in machines]) for name in machines[0].more}
+        return cls(**fields, more=more)
+
+    def __getitem__(self, index: Any) -> Machine:
+        """Return some of many machines."""
+        return self.changed(lambda x: x[index] if np.ndim(x) else x)
+
+    def changed(self, each: Callable[[Any], Any]) -> Machine:
+        """Return the machine with a function of each of its values."""
+        more = {name: each(x) for name, x in self.more.items()}
+        return Machine(**{name: each(vars(self)[name]) for name in FIELDS.values()}, more=more)
 
     @property
-    def theta0(self) -> float:
+    def theta0(self) -> Any:
         """Mean reduced inertia [kg.m2]."""
         return self.theta1 + self.m * self.r**2 / 2
 
     @property
-    def load_slope(self) -> float:
+    def load_slope(self) -> Any:
         """Mean load torque over speed, alpha r^2 / 2 [N.m.s/rad]."""
         return self.d * self.r**2 / 2
 
     @property
-    def slope(self) -> float:
+    def slope(self) -> Any:
         """B* = B + alpha r^2 / 2 [N.m.s/rad]."""
         return self.B + self.load_slope
 
     @property
-    def J(self) -> float:
+    def J(self) -> Any:
         """theta0 + T alpha r^2 / 2 [kg.m2]."""
         return self.theta0 + self.T * self.load_slope
 
@@ -103,11 +126,12 @@ class Machine:
         return self.B * self.load_ripple(nu) / self._denominator(nu)
 
     def follow(self, start: Mapping[str, Value]) -> Machine:
-        """The machine with start values of the FMUs, as far as the theory knows them."""
-        changes = {FIELDS[name]: float(value) for name, value in start.items() if name in FIELDS}
-        return replace(self, **changes)
+        """The machine with start values of the FMUs."""
+        known = {FIELDS[name]: float(value) for name, value in start.items() if name in FIELDS}
+        more = {name: value for name, value in start.items() if name not in FIELDS}
+        return replace(self, **known, more={**self.more, **more})
 
-    def start(self, nu: float) -> dict[str, float]:
+    def start(self, nu: Any) -> dict[str, Any]:
         """Start values of the two FMUs `motor` and `conveyor`, near the orbit of mean speed nu."""
         return {
             "motor.A": self.A(nu),
@@ -115,6 +139,7 @@ class Machine:
             "conveyor.phi": 0.0,
             "conveyor.w": nu,
             **{name: vars(self)[field] for name, field in FIELDS.items()},
+            **self.more,
         }
 
 
@@ -223,39 +248,48 @@ def amplitudes(x: Samples) -> Amplitudes:
 SETS: Mapping[str, Machine] = {"A": Machine(B=199.8, T=0.0625), "B": Machine(B=35.8, T=0.02)}
 
 
-def coupling_map(machine: Machine, algorithm: str, h: float) -> NDArray[np.float64]:
-    """Small deviations (w, tau) one communication step of h seconds later, shape (2, 2).
+def coupling_map(machine: Machine, algorithm: str, h: Any) -> NDArray[np.float64]:
+    """Small deviations (w, tau) one communication step of h seconds later, shape (..., 2, 2).
 
     Both units exact, inputs held, the inertia at its mean: the motor's step maps tau to
     e tau - B (1 - e) w, the conveyor's w to f w + (1 - f) tau / (alpha r^2 / 2).
     """
 
-    def motor(h: float) -> NDArray[np.float64]:
-        e = math.exp(-h / machine.T)
-        return np.array([[1.0, 0.0], [-machine.B * (1 - e), e]])
+    def matrix(*entries: Any) -> NDArray[np.float64]:
+        *of_all, _ = np.broadcast_arrays(*entries, h)
+        return np.stack(of_all, axis=-1).reshape(*np.shape(h), 2, 2)
+
+    def motor(h: Any) -> NDArray[np.float64]:
+        e = np.exp(-h / machine.T)
+        return matrix(1.0, 0.0, -machine.B * (1 - e), e)
 
     damping_step = machine.load_slope * h / machine.theta0
-    share = -math.expm1(-damping_step) / damping_step if damping_step else 1.0
-    conveyor = np.array([[math.exp(-damping_step), share * h / machine.theta0], [0.0, 1.0]])
+    with np.errstate(invalid="ignore"):
+        share = np.where(damping_step > 0.0, -np.expm1(-damping_step) / damping_step, 1.0)
+    conveyor = matrix(np.exp(-damping_step), share * h / machine.theta0, 0.0, 1.0)
     if algorithm == "jacobi":
-        return np.vstack([conveyor[0], motor(h)[1]])
+        return np.stack([conveyor[..., 0, :], motor(h)[..., 1, :]], axis=-2)
     if algorithm == "gauss-seidel":
         return np.asarray(conveyor @ motor(h))
     return np.asarray(motor(h / 2) @ conveyor @ motor(h / 2))
 
 
-@cache
 def longest_step(machine: Machine, algorithm: str) -> float:
-    """The communication step [s] beyond which the coupled oscillation grows by itself."""
+    """The communication step [s] beyond which the coupled oscillation of a machine grows by itself."""
 
-    def growth(h: float) -> float:
-        return float(max(abs(np.linalg.eigvals(coupling_map(machine, algorithm, h))))) - 1.0
+    def growth(h: Any) -> Any:  # the larger root of x^2 - 2 half x + product, or the size of both
+        (a, b), (c, d) = np.moveaxis(coupling_map(machine, algorithm, h), (-2, -1), (0, 1))
+        half, product = (a + d) / 2.0, a * d - b * c
+        apart = half**2 - product
+        real = np.abs(half) + np.sqrt(np.maximum(apart, 0.0))
+        return np.where(apart < 0.0, np.sqrt(np.abs(product)), real) - 1.0
 
     steps = np.geomspace(1e-5, 1e2, 700) / machine.nu_res
-    unstable = next((i for i, h in enumerate(steps) if growth(h) > 0.0), None)
-    if unstable is None:
+    unstable = np.flatnonzero(growth(steps) > 0.0)[:1]
+    if not len(unstable):
         return math.inf
-    return float(brentq(growth, steps[unstable - 1], steps[unstable], xtol=1e-12))
+    at = int(unstable[0])
+    return float(brentq(growth, steps[at - 1], steps[at], xtol=1e-12))
 
 
 class Loads(NamedTuple):

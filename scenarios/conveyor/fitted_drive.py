@@ -23,8 +23,6 @@ from .drive_orbits import STEP_MULTIPLES, Drive, with_error
 from .first_order import FIELDS, Machine
 from .options import RippleOptions
 
-#: Start values that an orbit of the fitted machine sets itself.
-FIXED_STARTS = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 CHANGE = "change of {} from its fitted value at which that torque ripple is at its limit"
 CHANGED = {"conveyor.rotor.J": "rotor_j", "motor.T": "motor_t"}
 #: Communication steps per revolution of the orbits of the fitted drive; a convention.
@@ -92,13 +90,12 @@ def figures(o: RippleOptions, context: Context, drive_data: IdentifiedDrive) -> 
     for name, k in (("avoid_from", 0), ("avoid_to", 1)):
         nowhere = Figure.undetermined("rad/s", "the torque ripple is below its limit everywhere")
         edge = (near[k] if near else nowhere)._replace(meaning=meanings[name])
-        all_figures[name] = simulated(o, context, drive_data, edge, lambda x: (best, x))
+        all_figures[name] = simulated(o, context, edge, lambda x: (best, x))
     for name, key in CHANGED.items():
         clear = cleared(o, drive_data, name, units[f"clear_{key}"])
         all_figures[f"clear_{key}"] = simulated(
             o,
             context,
-            drive_data,
             clear._replace(meaning=meanings[f"clear_{key}"]),
             partial(changed, name),
         )
@@ -114,21 +111,11 @@ def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
     return low - nu if nu < low else nu - high if nu > high else 0.0
 
 
-def drive_of(
-    o: RippleOptions, context: Context, drive_data: IdentifiedDrive, machine: Machine
-) -> Drive:
-    """How a machine like the one found is run."""
-    values = drive_data.fit.start_values
-    mine = {name: x for name, x in values.items() if name not in FIXED_STARTS and "(" not in name}
-    mine |= {name: getattr(machine, field) for name, field in FIELDS.items() if name in mine}
-    return Drive(context, {**o.start, **mine}, o.algorithm, STEPS)
-
-
 def ripple(o: RippleOptions, context: Context, drive_data: IdentifiedDrive, meaning: str) -> Figure:
     """The torque ripple of the machine found on its steady orbit at the operating speed."""
     fit, nu = drive_data.fit, drive_data.operating
     machine = drive_data.machine(fit.start_values)
-    drive = drive_of(o, context, drive_data, machine)
+    drive = Drive(context, o.algorithm, STEPS)
     orbits = drive.orbits(machine, drive.each([nu]), "operating speed")
     if problem := orbits.problem[0, 0]:
         return Figure.undetermined("N.m", str(problem), meaning)
@@ -143,7 +130,6 @@ def ripple(o: RippleOptions, context: Context, drive_data: IdentifiedDrive, mean
 def simulated(
     o: RippleOptions,
     context: Context,
-    drive_data: IdentifiedDrive,
     figure: Figure,
     at: Callable[[float], tuple[Machine, float]],
 ) -> Figure:
@@ -159,9 +145,8 @@ def simulated(
         return float(np.log(np.abs(machine.torque_ripple(nu))))
 
     machine, nu = at(x)
-    drive = drive_of(o, context, drive_data, machine)
-    coarse = replace(drive, steps_per_rev=STEPS // STEP_MULTIPLES[-1])
-    orbit = coarse.orbits(machine, np.array([nu]), "limits")[0]
+    drive = Drive(context, o.algorithm, STEPS // STEP_MULTIPLES[-1])
+    orbit = drive.orbits(machine, np.array([nu]), "limits")[0]
     if orbit.problem:
         return Figure.undetermined(figure.unit, str(orbit.problem), figure.meaning)
     slope = (theory(x * (1 + SLIGHT)) - theory(x * (1 - SLIGHT))) / (2 * SLIGHT * x)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from cosim.system import Value
 from workbench.live import Formulas, Number
 
+from .first_order import Machine
 from .machine import induction
 
 LINEAR = {"B": "motor.B"}
@@ -27,18 +25,12 @@ KLOSS_START: Formulas = {"motor.kloss.w_s": "speed + slip", "motor.kloss.s_b": "
 NUMBERS = (Number("nu_res", "nu_res"), Number("zeta", "zeta"))
 
 
-def values(start: Mapping[str, Value]) -> dict[str, str]:
-    """The quantities of `theory.Machine` at the mean speed `speed`.
-
-    Parameters
-    ----------
-    start : mapping
-        Start values that the user sets, which choose the characteristic of the motor.
-    """
+def values(machine: Machine) -> dict[str, str]:
+    """The quantities of a machine at the mean speed `speed`, by the characteristic of its motor."""
     load = "conveyor.crank.r**2 / 2"
     return {
         "load_slope": f"conveyor.trough.d * {load}",
-        **(KLOSS if induction(start) else LINEAR),
+        **(KLOSS if induction(machine) else LINEAR),
         "slope": "B + load_slope",
         "theta0": f"conveyor.rotor.J + conveyor.trough.m * {load}",
         "J": "theta0 + motor.T * load_slope",

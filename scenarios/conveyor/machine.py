@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-import cosim
-from cosim import SetupError, System
+from cosim import Prepared, RunSettings, SetupError, System
 from cosim.system import Value
 
 from .first_order import Machine
 
 PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+NO_SLOPE = "motor.B = 0.0 N.m.s/rad must be above 0: no slope, no resonance"
 KLOSS = {"motor.kloss.tau_b": 190.0, "motor.kloss.s_b": 0.16, "motor.kloss.w_s": 65.4}
 
 
@@ -28,35 +28,49 @@ def conveyor_drive(fmus: Mapping[str, Path], start: Mapping[str, Value]) -> Syst
 
 def followed(fmus: Mapping[str, Path], machine: Machine, start: Mapping[str, Value]) -> Machine:
     """The machine with these start values; raises SetupError for what its FMUs or theory refuse."""
-    cosim.run(conveyor_drive(fmus, machine.start(1.0) | dict(start)), stop=1e-6, step=1e-6)
     changed = machine.follow(start)
-    if changed.B == 0.0:
-        raise SetupError("motor.B = 0.0 N.m.s/rad must be above 0: no slope, no resonance")
+    (why,) = refusals(fmus, [changed])
+    if why:
+        raise SetupError(why)
     return changed
 
 
-def linearised(machine: Machine, start: Mapping[str, Value], nu: Any) -> Machine:
-    """The machine with the slope that its motor has at the mean speed nu.
+def refusals(fmus: Mapping[str, Path], machines: Sequence[Machine]) -> list[str]:
+    """Why the FMUs or theory refuse each of many machines; "" if they do not."""
+    starts = [machine.start(1.0) for machine in machines]
+    why = [NO_SLOPE * (machine.B == 0.0) for machine in machines]
+    settings = RunSettings(1e-6, 1e-6, record=())
+    with Prepared.open(conveyor_drive(fmus, {}), settings) as prepared:
+        for names in {tuple(start) for start in starts}:
+            some = [k for k, start in enumerate(starts) if tuple(start) == names]
+            cases = {name: [starts[k][name] for k in some] for name in names}
+            for k, reason in zip(some, prepared.map(cases).reasons):
+                why[k] = reason or why[k]
+    return why
+
+
+def linearised(machine: Machine, nu: Any) -> Machine:
+    """The machine with the slope that its motor has at the mean speed nu; nan where the load pulls it out.
 
     A motor is fed so that it runs at that speed. The line of a linear motor moves; of an induction
     motor (Kloss) the synchronous speed does, while its breakdown torque and the slip speed there stay.
     """
-    if not induction(start):
+    if not induction(machine):
         return machine
-    tau_b, b, slip = _kloss(machine, start, nu)
+    tau_b, b, slip = _kloss(machine, nu)
     return replace(machine, B=2.0 * tau_b * b * (b**2 - slip**2) / (slip**2 + b**2) ** 2)
 
 
-def start_values(machine: Machine, start: Mapping[str, Value], nu: float) -> dict[str, Value]:
+def start_values(machine: Machine, nu: Any) -> dict[str, Any]:
     """Start values near the orbit of the mean speed nu, of a motor fed for it."""
-    values = {**machine.start(nu), **start}
-    if induction(start):
-        _, b, slip = _kloss(machine, start, nu)
-        values |= {"motor.kloss.w_s": nu + slip, "motor.kloss.s_b": b / (nu + slip)}
-    return values
+    if not induction(machine):
+        return machine.start(nu)
+    _, b, slip = _kloss(machine, nu)
+    fed = {"motor.kloss.w_s": nu + slip, "motor.kloss.s_b": b / (nu + slip)}
+    return machine.start(nu) | fed
 
 
-def mains_speed(machine: Machine, start: Mapping[str, Value]) -> float:
+def mains_speed(machine: Machine) -> float:
     """The mean speed [rad/s] at which an induction motor on the mains carries the load of the machine.
 
     It is where Kloss's torque is that of the load, between the synchronous speed and that of the breakdown torque.
@@ -67,16 +81,16 @@ def mains_speed(machine: Machine, start: Mapping[str, Value]) -> float:
     SetupError
         For a motor with a linear characteristic, and for one that the load pulls out.
     """
-    if not induction(start):
+    if not induction(machine):
         raise SetupError(
             "supply = 'mains' needs an induction motor, motor.characteristic=kloss: the line of a linear motor is "
             "set for each speed"
         )
-    tau_b, s_b, w_s = (float(start.get(name, value)) for name, value in KLOSS.items())
+    tau_b, s_b, w_s = kloss(machine).values()
 
     def surplus(w: float) -> float:
         s = 1.0 - w / w_s
-        return 2.0 * tau_b * s * s_b / (s * s + s_b * s_b) - machine.load_slope * w
+        return float(2.0 * tau_b * s * s_b / (s * s + s_b * s_b) - machine.load_slope * w)
 
     slowest = max(0.0, w_s * (1.0 - s_b))
     if surplus(slowest) <= 0.0:
@@ -87,27 +101,35 @@ def mains_speed(machine: Machine, start: Mapping[str, Value]) -> float:
     return float(brentq(surplus, slowest, w_s, xtol=1e-13 * w_s, rtol=1e-14))
 
 
-def slip_speeds(
-    machine: Machine, start: Mapping[str, Value], nu: float
-) -> tuple[float, float, float]:
-    """The synchronous speed of an induction motor fed for nu, that of its start values, and its slip at breakdown [rad/s]."""
-    _, b, slip = _kloss(machine, start, nu)
-    return nu + float(slip), float(start.get("motor.kloss.w_s", KLOSS["motor.kloss.w_s"])), b
-
-
-def induction(start: Mapping[str, Value]) -> bool:
-    """Whether start values choose the Kloss characteristic."""
-    return start.get("motor.characteristic", 0) in (1, "kloss")
-
-
-def _kloss(machine: Machine, start: Mapping[str, Value], nu: Any) -> tuple[float, float, Any]:
-    """Breakdown torque [N.m], slip speed there, and slip speed at the load of nu [rad/s]."""
-    tau_b, s_b, w_s = (float(start.get(name, value)) for name, value in KLOSS.items())
-    fastest = float(np.max(nu))
-    if machine.load_slope * fastest >= tau_b:
+def require_torque(machine: Machine, nu: Any) -> None:
+    """Raise SetupError for an induction motor that the load pulls out at one of the mean speeds nu [rad/s]."""
+    tau_b, fastest = kloss(machine)["motor.kloss.tau_b"], float(np.max(nu))
+    if induction(machine) and machine.load_slope * fastest >= tau_b:
         raise SetupError(
             f"motor.kloss.tau_b = {tau_b!r} N.m must be above {machine.load_slope * fastest:.6g} N.m, "
             f"the mean load torque at {fastest:g} rad/s"
         )
+
+
+def slip_speeds(machine: Machine, nu: float) -> tuple[float, float, float]:
+    """The synchronous speed of an induction motor fed for nu, that of its start values, and its slip at breakdown [rad/s]."""
+    _, b, slip = _kloss(machine, nu)
+    return nu + float(slip), float(kloss(machine)["motor.kloss.w_s"]), b
+
+
+def induction(machine: Machine) -> bool:
+    """Whether the start values of a machine choose the Kloss characteristic."""
+    return machine.more.get("motor.characteristic", 0) in (1, "kloss")
+
+
+def kloss(machine: Machine) -> dict[str, Any]:
+    """The start values of the Kloss characteristic."""
+    return {name: machine.more.get(name, value) for name, value in KLOSS.items()}
+
+
+def _kloss(machine: Machine, nu: Any) -> tuple[Any, Any, Any]:
+    """Breakdown torque [N.m], slip speed there, and slip speed at the load of nu [rad/s]; nan where the load is larger."""
+    tau_b, s_b, w_s = kloss(machine).values()
     share = machine.load_slope * nu / tau_b
-    return tau_b, s_b * w_s, s_b * w_s * share / (1.0 + (1.0 - share**2) ** 0.5)
+    root = np.sqrt(np.where(share < 1.0, 1.0 - share**2, np.nan))
+    return tau_b, s_b * w_s, s_b * w_s * share / (1.0 + root)

@@ -100,4 +100,4 @@ def speeds_of(text: str) -> tuple[float, ...]:
 def linear_drive(o: SweepOptions, context: Context) -> tuple[Machine, Drive]:
     """Return the machine of the options, and how it is run; raises SetupError for what FMUs or theory refuse."""
     machine = followed(context.fmus, SETS[o.set], o.start)
-    return machine, Drive(context, o.start, o.algorithm, o.steps_per_rev)
+    return machine, Drive(context, o.algorithm, o.steps_per_rev)

@@ -80,7 +80,7 @@ class Plane(NamedTuple):
     def lines(self) -> Lines:
         """The machines of equal y, a line for each."""
         x, y = self.x.along.values, self.y.along.values
-        return Lines(lambda at, line: self.at(at, y[line]), x)
+        return Lines(lambda at, line: self.at(at, y[line]), dict.fromkeys(range(len(y)), x))
 
 
 class Sample(NamedTuple):

@@ -10,7 +10,7 @@ together.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -23,13 +23,16 @@ from cosim.accuracy.limit import Limit
 from workbench import Figure
 from workbench.roots import NO_VALUE, Crossing, Roots, falling_roots, peaks, secant
 
-from .drive_orbits import Drive, Orbits, at_zero_step, figure_of
+from .drive_orbits import Drive, Orbits, at_zero_step, figure_of, near
 from .first_order import Machine
+from .machine import linearised
 
 Array = NDArray[np.float64]
 #: Points of a line, about, at which an interpolant is looked at, between the speeds of a sweep: a cubic spline through
 #: so many leaves 1e-9 of a polynomial of degree five over a decade.
 GRID = 1000
+#: Chords by which a crossing is polished between two points of a line; each leaves a thousandth of its error.
+POLISHES = 3
 #: Load ripple over its largest one on the line below which its phase is not defined well enough.
 VANISHING = 0.02
 #: Half width of the nodes around a peak, over damping ratio and speed. The part of the height that four of
@@ -101,13 +104,18 @@ class Lines:
     Attributes
     ----------
     at : callable
-        The machines and their mean speeds [rad/s] at x on lines of these numbers, both arrays.
-    x : ndarray, shape (m,)
-        Where the lines are swept, rising.
+        The machines and their mean speeds [rad/s] at x on lines of these numbers, arrays that broadcast.
+    swept : mapping of int to ndarray
+        Where each line is swept, rising.
     """
 
     at: Callable[[Any, Any], tuple[Machine, Any]]
-    x: Array
+    swept: Mapping[int, Array]
+
+    @classmethod
+    def of(cls, machine: Machine, swept: Mapping[int, Array]) -> Lines:
+        """Return the machines of an array over their speeds [rad/s], each with the slope that its motor has there."""
+        return cls(lambda nu, line: (linearised(machine[line], nu), nu), swept)
 
     def load(self, x: Any, line: Any) -> Any:
         """Return the load ripple at constant speed [N.m]."""
@@ -152,6 +160,11 @@ class Response:
     line: int = 0
     orbits: Orbits | None = None
 
+    @property
+    def x(self) -> Array:
+        """Where the line is swept."""
+        return self.lines.swept[self.line]
+
     @cached_property
     def steady(self) -> NDArray[np.bool_]:
         """Which orbits say something of load over response; a load ripple of exactly 0 says nothing."""
@@ -163,9 +176,20 @@ class Response:
         """What orbits add to theory, shape (2, ...)."""
         if self.orbits is None:
             return None
-        x, orbits = self.lines.x[self.steady], self.orbits[self.steady]
+        x, orbits = self.x[self.steady], self.orbits[self.steady]
         inverse = self.lines.load(x, self.line) / np.stack([orbits.torque, orbits.speed])
         return CubicSpline(x, inverse - self.lines.theory(x, self.line), axis=1)
+
+    @cached_property
+    def _states(self) -> CubicSpline:
+        """What the states of orbits differ by from theory, over x."""
+        assert self.orbits is not None
+        x, states = self.x[self.steady], self.orbits.states[self.steady]
+        return CubicSpline(x, states - near(*self.lines.at(x, self.line)))
+
+    def states(self, x: Any) -> Array:
+        """Return the states of orbits at the crank angle 0, shape (..., 2)."""
+        return np.asarray(near(*self.lines.at(x, self.line)) + self._states(x))
 
     def inverse(self, x: Any) -> Any:
         """Return load over response of both quantities, shape (2, ...)."""
@@ -176,7 +200,7 @@ class Response:
     @cached_property
     def grid(self) -> Array:
         """All of the line, evenly between the places of the sweep."""
-        x, per = self.lines.x, max(8, GRID // max(1, len(self.lines.x) - 1))
+        x, per = self.x, max(8, GRID // max(1, len(self.x) - 1))
         if len(x) == 1:
             return x
         parts = x[:-1] + np.diff(x) * np.linspace(0.0, 1.0, per, endpoint=False)[:, None]
@@ -192,18 +216,18 @@ class Response:
         def residual(x: Any, inverse: Any) -> Any:
             return self.lines.residual(sought, x, self.line, inverse[TORQUE])
 
-        found = falling_roots(self.grid, residual(self.grid, self._on_grid))
-        polished = []
-        for x, slope in found:
-            nearer = x - float(residual(x, self.inverse(x))) / slope
-            polished.append(Crossing(nearer, slope))
-        return polished
+        found = []
+        for x, slope in falling_roots(self.grid, residual(self.grid, self._on_grid)):
+            for _ in range(POLISHES):
+                x -= float(residual(x, self.inverse(x))) / slope
+            found.append(Crossing(x, slope))
+        return found
 
     def lag(self) -> Sought:
         """Return where the torque ripple lags its load by 90 degrees, where x is least of such places."""
         if reason := self._lacks():
             return LAG._replace(line=self.line, reason=reason)
-        first, last = self.lines.theory(self.lines.x[[0, -1]], self.line)[TORQUE].real
+        first, last = self.lines.theory(self.x[[0, -1]], self.line)[TORQUE].real
         sought = LAG._replace(line=self.line, sense=1.0 if first >= last else -1.0)
         found = [c for c in self.crossings(sought) if self.inverse(c.x)[TORQUE].imag > 0.0]
         if not found:
@@ -231,31 +255,30 @@ class Response:
             return sought._replace(reason=reason)
         above = np.abs(self.lines.load(self.grid, self.line)) ** 2
         below = np.abs(self._on_grid[quantity]) ** 2
-        rise, growth = (CubicSpline(self.grid, x)(self.grid, 1) for x in (above, below))
+        rise, growth = (np.gradient(x, self.grid) for x in (above, below))
         tops = [c.x for c in falling_roots(self.grid, rise * below - above * growth)]
-        places = np.array([self.lines.x[0], self.lines.x[-1], *tops])
+        places = np.array([self.x[0], self.x[-1], *tops])
         with np.errstate(divide="ignore"):
             heights = np.abs(self.lines.load(places, self.line) / self.inverse(places)[quantity])
         top = float(places[np.argmax(heights)])
-        if top in (self.lines.x[0], self.lines.x[-1]):
+        if top in (self.x[0], self.x[-1]):
             return sought._replace(reason=AT_EDGE)
         return sought._replace(x=top)
 
     def _lacks(self) -> str:
-        count = len(self.lines.x) if self.orbits is None else np.count_nonzero(self.steady)
+        count = len(self.x) if self.orbits is None else np.count_nonzero(self.steady)
         return NEED_TWO_SPEEDS if count <= 1 else ""
 
 
-def peak_half_width(lines: Lines, line: int) -> float:
-    """Return half the range of the nodes around a peak: PEAK_WIDTH of the width of the resonance in x.
+def peak_half_widths(lines: Lines, x: Array, line: Any) -> Array:
+    """Return half the ranges of the nodes around peaks at x: PEAK_WIDTH of the width of the resonance there.
 
     That width is zeta x / |d ln(nu_res / nu) / d ln x|; a neighbour 0.1 % away gives the derivative.
     """
-    lag = Response(lines, line).lag()
-    x = math.sqrt(lines.x[0] * lines.x[-1]) if lag.reason else lag.x
     (machine, nu), (neighbour, nu_neighbour) = lines.at(x, line), lines.at(1.001 * x, line)
-    tuning = abs(math.log(neighbour.nu_res / machine.nu_res * nu / nu_neighbour)) / 0.001
-    return float(x * min(PEAK_WIDTH * machine.zeta / max(tuning, 1e-9), WIDEST_PEAK))
+    tuning = np.abs(np.log(neighbour.nu_res / machine.nu_res * nu / nu_neighbour)) / 0.001
+    share = PEAK_WIDTH * machine.zeta / np.maximum(tuning, 1e-9)
+    return np.asarray(x * np.minimum(share, WIDEST_PEAK))
 
 
 class Located(NamedTuple):
@@ -276,113 +299,96 @@ class Located(NamedTuple):
         return pairs
 
 
-def locate(drive: Drive, lines: Lines, sought: Sequence[Sought]) -> Located:
+def locate(drive: Drive, responses: Sequence[Response], sought: Sequence[Sought]) -> Located:
     """Locate features on orbits of their own, with each step size.
 
     Parameters
     ----------
     drive : Drive
         How machines are run.
-    lines : Lines
-        On which lines.
+    responses : sequence of Response
+        Those of all lines, in their order.
     sought : sequence of Sought
         The features, with first guesses.
     """
-    n, k = len(sought), drive.multiples
-    x, error, height, height_error = (np.full((k, n), np.nan) for _ in range(4))
-    reasons = np.full((k, n), "", object)
-    for is_peak in (False, True):
-        some = [j for j, x in enumerate(sought) if x.is_peak == is_peak and not x.reason]
-        if not some:
-            continue
-        search = _Search(drive, lines, [sought[j] for j in some])
-        places, heights = search.peaks() if is_peak else (search.roots(), None)
-        x[:, some], error[:, some], reasons[:, some] = places.x, places.error, places.reasons
-        if heights is not None:
-            height[:, some], height_error[:, some] = heights.x, heights.error
-    why = [
-        feature.reason or next((r for r in column if r), "")
-        for feature, column in zip(sought, reasons.T.tolist())
-    ]
+    shape = drive.multiples, len(sought)
+    x, error, height, height_error = np.full((4, *shape), np.nan)
+    reasons = np.array([feature.reason for feature in sought], object) + np.full(shape, "", object)
+    for is_peak, find in ((False, _roots), (True, _peaks)):
+        some = np.array([f.is_peak == is_peak and not f.reason for f in sought], bool)
+        if some.any():
+            multiple, which = at = tuple(k.ravel() for k in np.indices(shape)[:, :, some])
+            search = _Search(drive, responses, [sought[k] for k in which], multiple)
+            places, *heights = find(search)
+            x[at], error[at] = places.x, places.error
+            lost = (places.reasons == NO_VALUE) & (search.problems != "")
+            reasons[at] = np.where(lost, search.problems, places.reasons)
+            if heights:
+                height[at], height_error[at] = heights[0].x, heights[0].error
+    why = [next((reason for reason in column if reason), "") for column in reasons.T.tolist()]
     order = drive.order
     return Located(at_zero_step(x, order, error), at_zero_step(height, order, height_error), why)
 
 
 class _Search:
-    """Features of one kind, each with all step multiples: arrays of shape (multiples, features)."""
+    """Features of one kind, each with a step multiple: arrays of shape (n,)."""
 
-    def __init__(self, drive: Drive, lines: Lines, sought: Sequence[Sought]) -> None:
-        self.drive, self.lines = drive, lines
-        each = drive.each
-        self.x, self.slope = each([s.x for s in sought]), each([s.slope for s in sought])
-        self.level, self.sense = each([s.level for s in sought]), each([s.sense for s in sought])
-        self.line = each([s.line for s in sought]).astype(np.intp)
-        self.quantity = each([s.quantity for s in sought]).astype(np.intp)
-        self.problems = np.full(self.x.shape, "", object)
+    def __init__(
+        self, drive: Drive, responses: Sequence[Response], sought: Sequence[Sought], multiple: Any
+    ) -> None:
+        self.drive, self.responses, self.multiple = drive, responses, multiple
+        self.lines = responses[0].lines
+        columns = np.array([s[1:-1] for s in sought], float).T
+        self.line, self.quantity = columns[:2].astype(np.intp)
+        self.x, self.slope, self.level, self.sense = columns[2:]
+        self.problems = np.full(len(sought), "", object)
 
-    def orbits(self, x: Array) -> tuple[Array, Array, Any, Any]:
-        """Return load over response of orbits at x, shape (multiples, ..., features), and the share that settling
-        leaves of it, beside load and x without gaps.
-        """
-        line = np.broadcast_to(self.line.reshape(len(x), *(1,) * (x.ndim - 2), -1), x.shape)
-        quantity = np.broadcast_to(
-            self.quantity.reshape(line.shape[0], *(1,) * (x.ndim - 2), -1), x.shape
-        )
-        run = np.isfinite(x)
-        filled = np.where(run, x, x[run][0])
-        machine, nu = self.lines.at(filled, line)
-        orbits = self.drive.orbits(machine, np.where(run, nu, np.nan), "features")
-        axes = tuple(range(1, x.ndim - 1))
-        for j in np.ndindex(*x.shape):
-            if orbits.problem[j]:
-                self.problems[j[0], j[-1]] = orbits.problem[j]
-        amplitude = np.where(quantity == TORQUE, orbits.torque, orbits.speed)
-        left = np.where(quantity == TORQUE, orbits.torque_error, orbits.speed_error)
-        load = machine.load_ripple(nu) + 0.0 * filled
+    def inverse(self, x: Array) -> tuple[Array, Array]:
+        """Return load over response of orbits at x, shape (..., n), and the share that settling leaves of it."""
+        run, filled = np.isfinite(x), np.where(np.isfinite(x), x, self.x)
+        machine, nu = self.lines.at(filled, self.line)
+        nus, states = np.where(run, nu, np.nan), np.empty((*x.shape, 2))
+        for line in np.unique(self.line):
+            of_line = self.line == line
+            states[..., of_line, :] = self.responses[line].states(filled[..., of_line])
+        orbits = self.drive.orbits(machine, nus, "features", self.multiple, states)
+        for k in np.argwhere(orbits.problem != ""):
+            self.problems[k[-1]] = orbits.problem[tuple(k)]
+        amplitude = self.of_quantity(orbits.torque, orbits.speed)
         with np.errstate(all="ignore"):
-            share = left / np.abs(amplitude)
-            inverse = load / amplitude
-        return inverse, share.max(axis=axes) if axes else share, line, filled
+            share = self.of_quantity(orbits.torque_error, orbits.speed_error) / np.abs(amplitude)
+            return (machine.load_ripple(nu) + 0.0 * filled) / amplitude, share
 
-    def roots(self) -> Roots:
-        """Return where the features are."""
+    def of_quantity(self, torque: Any, speed: Any, *, of: Any = slice(None)) -> Any:
+        """Return for each of the features what belongs to its quantity."""
+        return np.where(self.quantity[of] == TORQUE, torque, speed)
 
-        def residual(x: Array) -> tuple[Array, Array]:
-            inverse, share, line, filled = self.orbits(x)
-            size = np.abs(inverse)
-            size = np.where(np.isnan(self.level), size, 2.0 * (self.level * size) ** 2)
-            return self.lines.residual(self, filled, line, inverse), share * size
 
-        return self._explained(secant(residual, self.x, self.slope))
+def _roots(search: _Search) -> tuple[Roots, ...]:
+    """Return where features are that are no peaks."""
 
-    def peaks(self) -> tuple[Roots, Roots]:
-        """Return where the ripples are largest, and how large."""
-        half = np.array([peak_half_width(self.lines, line) for line in self.line[0].tolist()])
-        half = np.minimum(self.drive.each(half), 0.9 * self.x)
-        shape, lines, quantity = self.x.shape, self.line.ravel(), self.quantity.ravel()
+    def residual(x: Array) -> tuple[Array, Array]:
+        inverse, share = search.inverse(x)
+        size = np.abs(inverse)
+        slope = np.where(np.isnan(search.level), size, 2.0 * (search.level * size) ** 2)
+        return search.lines.residual(search, x, search.line, inverse), share * slope
 
-        def correction(nodes: Array) -> tuple[NDArray[Any], Array]:
-            x = np.moveaxis(nodes.reshape(-1, *shape), 0, 1)
-            inverse, share, line, filled = self.orbits(x)
-            pick = np.broadcast_to(self.quantity[:, None], x.shape) == TORQUE
-            torque, speed = self.lines.theory(filled, line)
-            values = inverse - np.where(pick, torque, speed)
-            return np.moveaxis(values, 1, 0).reshape(nodes.shape), share.ravel()
+    return (secant(residual, search.x, search.slope),)
 
-        def height(x: Array, correction: NDArray[Any], k: NDArray[np.intp]) -> Array:
-            torque, speed = self.lines.theory(x, lines[k])
-            inverse = np.where(quantity[k] == TORQUE, torque, speed) + correction
-            size = np.abs(self.lines.load(x, lines[k]) / inverse)
-            return np.asarray(np.maximum(size, np.finfo(float).tiny))
 
-        places, heights = peaks(correction, height, self.x.ravel(), half.ravel())
-        first, second = (
-            Roots(r.x.reshape(shape), r.error.reshape(shape), r.reasons.reshape(shape))
-            for r in (places, heights)
-        )
-        return self._explained(first), self._explained(second)
+def _peaks(search: _Search) -> tuple[Roots, ...]:
+    """Return where ripples are largest, and how large."""
+    half = np.minimum(peak_half_widths(search.lines, search.x, search.line), 0.9 * search.x)
 
-    def _explained(self, roots: Roots) -> Roots:
-        """Return roots that say why an orbit is missing where that is why they are."""
-        lost = (roots.reasons == NO_VALUE) & (self.problems != "")
-        return replace(roots, reasons=np.where(lost, self.problems, roots.reasons))
+    def correction(nodes: Array) -> tuple[NDArray[Any], Array]:
+        inverse, share = search.inverse(nodes)
+        theory = search.lines.theory(np.where(np.isfinite(nodes), nodes, search.x), search.line)
+        return inverse - search.of_quantity(*theory), share.max(axis=0)
+
+    def height(x: Array, correction: NDArray[Any], k: NDArray[np.intp]) -> Array:
+        line = search.line[k]
+        inverse = search.of_quantity(*search.lines.theory(x, line), of=k) + correction
+        size = np.abs(search.lines.load(x, line) / inverse)
+        return np.asarray(np.maximum(size, np.finfo(float).tiny))
+
+    return peaks(correction, height, search.x, half)

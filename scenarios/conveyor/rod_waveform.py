@@ -86,7 +86,7 @@ def least(waveform_of: Callable[[float], Any], low: float, high: float) -> float
 
 def around(machine: Machine, nu: float) -> NDArray[np.float64]:
     """Springs around that of (17) [N/m]."""
-    return np.array(AROUND) * machine.m * nu**2
+    return np.asarray(np.array(AROUND) * machine.m * nu**2)
 
 
 def between(springs: NDArray[np.float64], orbits: Orbits) -> float | str:

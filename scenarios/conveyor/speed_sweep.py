@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,9 @@ from workbench import Figure, Table
 from workbench.figure import listed
 from workbench.steady import STALLED
 
-from .drive_orbits import Drive, Orbits, largest_force, largest_of_all, orbit_figure, with_error
+from .drive_orbits import Drive, Orbits, Peaks, force_peaks, orbit_figure, with_error
 from .first_order import Machine
 from .response import AT_EDGE, NEED_TWO_SPEEDS, NOT_IN_RANGE, Lines, Response
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 Array = NDArray[np.float64]
 Row = Mapping[str, float]
@@ -47,7 +44,9 @@ UNITS = {
 }  # fmt: skip
 
 
-def columns_of(drive: Drive, machine: Machine, nu: Array, orbits: Orbits) -> dict[str, Array]:
+def columns_of(
+    drive: Drive, machine: Machine, nu: Array, orbits: Orbits, peaks: Peaks | None = None
+) -> dict[str, Array]:
     """Return what orbits of shape (multiples, n) say of machines at speeds, beside theory, in UNITS, shape (n,) each.
 
     It is nan where there is no orbit, and for errors that are not known.
@@ -67,7 +66,7 @@ def columns_of(drive: Drive, machine: Machine, nu: Array, orbits: Orbits) -> dic
     with np.errstate(all="ignore"):
         lag_error = np.degrees(columns["tau2_error"] / columns["tau2"])
     mean, mean_error = with_error(orbits.mean, drive.order, MEAN_SPEED_ERROR * orbits.mean)
-    force, force_error = largest_force(orbits.waveform)
+    force, force_error = (peaks or force_peaks(orbits.waveform)).largest()
     return columns | theory | {
         "lag": lag % 360.0,
         "lag_error": np.where(np.isfinite(lag_error), lag_error, np.nan),
@@ -76,6 +75,18 @@ def columns_of(drive: Drive, machine: Machine, nu: Array, orbits: Orbits) -> dic
         "f_rod_peak": force,
         "f_rod_peak_error": force_error,
     }  # fmt: skip
+
+
+def sweeps(drive: Drive, lines: Lines) -> list[SpeedSweep]:
+    """Run the orbits of all lines of speeds together, and return what they say of each line."""
+    counts = [len(nus) for nus in lines.swept.values()]
+    line, nus = np.repeat(list(lines.swept), counts), np.concatenate(list(lines.swept.values()))
+    orbits = drive.orbits(*lines.at(drive.each(nus), line), "sweep")
+    peaks = force_peaks(orbits.waveform)
+    columns = columns_of(drive, *lines.at(nus, line), orbits, peaks)
+    parts = np.split(np.arange(len(nus)), np.cumsum(counts)[:-1])
+    every = SpeedSweep(drive, lines, 0, orbits, peaks, columns)
+    return [replace(every[part], line=k) for k, part in zip(lines.swept, parts)]
 
 
 @dataclass(frozen=True)
@@ -87,63 +98,75 @@ class SpeedSweep:
     drive : Drive
         How they were run.
     lines : Lines
-        The machine at each speed, on the only line.
-    speeds : tuple of float
-        Nominal mean speeds [rad/s].
+        The machine at each speed, on one of several lines.
+    line : int
+        The number of the line.
     orbits : Orbits
         Shape (multiples, speeds).
+    peaks : Peaks
+        The rod forces of all sectors, shape (speeds, sectors).
+    columns : dict
+        What the orbits say, by the names of UNITS, shape (speeds,) each.
     """
 
     drive: Drive
     lines: Lines
-    speeds: tuple[float, ...]
+    line: int
     orbits: Orbits
+    peaks: Peaks
+    columns: Mapping[str, Array]
 
-    @classmethod
-    def of(cls, drive: Drive, lines: Lines, speeds: Sequence[float]) -> SpeedSweep:
-        """Run the orbits of speeds."""
-        machine, nu = lines.at(drive.each(speeds), 0)
-        return cls(drive, lines, tuple(speeds), drive.orbits(machine, nu, "sweep"))
+    def __getitem__(self, rows: Any) -> SpeedSweep:
+        """Return some rows of the sweep."""
+        columns = {name: x[rows] for name, x in self.columns.items()}
+        return replace(
+            self,
+            orbits=self.orbits[:, rows],
+            peaks=self.peaks.each(lambda x: x[rows]),
+            columns=columns,
+        )
+
+    @cached_property
+    def speeds(self) -> tuple[float, ...]:
+        """Nominal mean speeds [rad/s]."""
+        return tuple(self.columns["nu"].tolist())
+
+    def machine(self, nu: Any) -> Machine:
+        """The machine at speeds [rad/s]."""
+        return self.lines.at(nu, self.line)[0]
 
     def with_more(self, speeds: Sequence[float]) -> SpeedSweep:
         """Return the sweep with orbits at more speeds."""
-        more = SpeedSweep.of(self.drive, Lines(self.lines.at, np.array(speeds)), speeds)
-        order = np.argsort([*self.speeds, *more.speeds]).tolist()
-        every = tuple([*self.speeds, *more.speeds][k] for k in order)
-        orbits = self.orbits.beside(more.orbits)[:, order]
-        return SpeedSweep(self.drive, Lines(self.lines.at, np.array(every)), every, orbits)
+        (more,) = sweeps(self.drive, Lines(self.lines.at, {self.line: np.array(speeds)}))
+        order = np.argsort([*self.speeds, *speeds])
+        columns = {name: np.append(x, more.columns[name]) for name, x in self.columns.items()}
+        every = zip(vars(self.peaks).values(), vars(more.peaks).values())
+        peaks = Peaks(*map(np.concatenate, every))
+        orbits = self.orbits.beside(more.orbits)
+        return replace(self, orbits=orbits, peaks=peaks, columns=columns)[order]
 
     def at(self, speeds: Sequence[float]) -> SpeedSweep:
         """Return the sweep over some of its speeds."""
-        some = [self.speeds.index(nu) for nu in speeds]
-        lines = Lines(self.lines.at, np.array(speeds, float))
-        return SpeedSweep(self.drive, lines, tuple(speeds), self.orbits[:, some])
+        return self[[self.speeds.index(nu) for nu in speeds]]
 
     @property
     def response(self) -> Response:
         """Load over response, by the orbits with the shortest step."""
-        return Response(self.lines, 0, self.orbits[0])
-
-    @cached_property
-    def columns(self) -> dict[str, Array]:
-        """What the orbits say, by the names of UNITS, shape (speeds,) each."""
-        machine, nu = self.lines.at(np.array(self.speeds), 0)
-        return columns_of(self.drive, machine, nu, self.orbits)
+        lines = Lines(self.lines.at, {self.line: self.columns["nu"]})
+        return Response(lines, self.line, self.orbits[0])
 
     @cached_property
     def rows(self) -> list[Row]:
-        """The same, speed by speed."""
-        return [dict(zip(UNITS, row)) for row in zip(*(x.tolist() for x in self.columns.values()))]
-
-    @cached_property
-    def table(self) -> Table:
-        """The rows as a table."""
-        return Table.of_rows([list(row.values()) for row in self.rows], UNITS)
+        """What the orbits say, speed by speed."""
+        return [
+            dict(zip(self.columns, row))
+            for row in zip(*map(np.ndarray.tolist, self.columns.values()))
+        ]
 
     @property
-    def frame(self) -> DataFrame:
-        """The rows as a frame whose columns are those of UNITS."""
-        return self.table.frame
+    def table(self) -> Table:
+        """The same as a table."""
+        return Table(self.columns, UNITS)
 
     @property
     def stalled(self) -> list[float]:
@@ -194,9 +217,9 @@ class SpeedSweep:
 
     def force_figure(self) -> Figure:
         """Return the largest rod force of the sweep."""
-        value, error = largest_of_all(self.orbits.waveform)
+        value, error = self.peaks.each(np.ravel).largest()
         why = self.no_orbit(list(self.problems())[:1])
-        return orbit_figure(value, error, "N", "largest rod force of the sweep", why)
+        return orbit_figure(float(value), float(error), "N", "largest rod force of the sweep", why)
 
 
 def no_orbit(problem: str, nu: float) -> str:

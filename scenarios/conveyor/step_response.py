@@ -92,7 +92,7 @@ def speeds_of_starts(
         "motor.tau": machine.load_slope * slow + (machine.torque_ripple(slow) * turned).imag,
     }
     cases = {name: np.tile(x, len(steps)) for name, x in states.items()}
-    system = conveyor_drive(drive.context.fmus, {**machine.start(nu), **drive.start})
+    system = conveyor_drive(drive.context.fmus, machine.start(nu))
     settings = RunSettings(stop, steps[0], algorithm=drive.algorithm, record=("conveyor.w",))
     with Prepared.open(system, settings) as prepared:
         ensemble = prepared.map(cases, steps=np.repeat(steps, STARTS).tolist())
@@ -109,7 +109,7 @@ def drift_time(machine: Machine) -> float:
     """
     rate = settling(machine)[0]
     damping, frequency = -float(rate.real), abs(float(rate.imag))
-    decayed = LASTS * 2 * machine.theta0 * machine.T / machine.J
+    decayed = float(LASTS * 2 * machine.theta0 * machine.T / machine.J)
     if frequency == 0.0 or math.exp(-math.pi * damping / frequency) < NO_OVERSHOOT:
         return decayed
     return max(decayed, PAST_OVERSHOOT * math.pi / frequency)

@@ -17,12 +17,14 @@ from scipy.optimize import brentq
 
 from cosim import SetupError
 from cosim.metrics import harmonics
+from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.classical import worst
 from scenarios.conveyor.first_order import SETS, Machine, classical, flux_lag
 from scenarios.conveyor.questions import induction_motor
 from scenarios.conveyor.second_order import drift, means, settling
 from tests.conftest import QUICK, ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, Orbit, angles, f_rod_peak, orbit
+from workbench import Context, Figure
 from workbench.answer import Answer
 
 POINTS = {"A": "20,36,40,60", "B": "8,21,30,60"}
@@ -31,7 +33,7 @@ POINTS = {"A": "20,36,40,60", "B": "8,21,30,60"}
 def drive(machine: Machine) -> Drive:
     """The same machine for the exact orbits."""
     names = {"theta1": "J"}
-    return Drive(**{names.get(x, x): y for x, y in vars(machine).items()})
+    return Drive(**{names.get(x, x): y for x, y in vars(machine).items() if x != "more"})
 
 
 def shrunk(machine: Machine, share: float) -> Machine:
@@ -352,7 +354,14 @@ def sheet(**changed: float) -> induction_motor.Motor:
     machine = replace(SETS["B"], T=1 / (2 * math.pi * 50.0 * MOTOR["s_b"]), **changed)
     machine = shrunk(machine, 1.0) if "r" not in changed else machine
     start |= {"conveyor.crank.r": machine.r, "conveyor.rotor.J": machine.theta1}
-    return induction_motor.Motor(fmus_of(induction_motor), start, machine, "strang", 512)
+    return induction_motor.Motor(machine.follow(start))
+
+
+def lag_speeds(*motors: induction_motor.Motor) -> list[Figure]:
+    """The speeds of 90 degrees lag of motors with their characteristics, then with their lines."""
+    drive = drive_orbits.Drive(Context(fmus_of(induction_motor)), "strang", 512)
+    kinds = [[(x.machine, x.guides) for x in motors], [(x.line, x.guides) for x in motors]]
+    return [figure for kind in kinds for figure in induction_motor.lag_speeds(drive, kind)]
 
 
 def in_time(motor: induction_motor.Motor, nu: float, flux: bool) -> float:
@@ -409,17 +418,17 @@ def test_lag_and_slope_of_the_motor_follow_from_the_flux_of_its_rotor() -> None:
 
 def test_the_resonance_with_the_full_characteristic_is_that_of_the_coupled_system() -> None:
     motor = sheet(d=40000.0)
-    figure, _ = induction_motor.located(motor)
+    figure, _ = lag_speeds(motor)
     assert figure.error is not None and figure.error < 2e-3
     sides = [in_time(motor, figure.value + s * 2e-3, flux=False) for s in (-1, 1)]
     assert sides[0] < 90.0 < sides[1]
 
 
 def test_the_curve_of_the_characteristic_shifts_the_resonance_by_the_square_of_the_ripple() -> None:
-    shifts = []
-    for share in (0.5, 0.25):
-        r = SETS["B"].r * math.sqrt(share)
-        kloss, line = induction_motor.located(sheet(r=r, theta1=0.5 - 100 * r**2))
+    shares, shifts = (0.5, 0.25), []
+    radii = [SETS["B"].r * math.sqrt(share) for share in shares]
+    speeds = lag_speeds(*(sheet(r=r, theta1=0.5 - 100 * r**2) for r in radii))
+    for share, kloss, line in zip(shares, speeds[:2], speeds[2:]):
         shifts.append(1 - kloss.value / line.value)
         ripple = abs(sheet().tangent.speed_ripple(30.0)) * share / sheet().breakdown
         assert shifts[-1] == pytest.approx(3 / 8 * ripple**2, rel=0.1)

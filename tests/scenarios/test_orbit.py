@@ -168,8 +168,9 @@ def test_the_verdict_reports_how_far_the_resonance_is_from_the_speed(
 def orbits_of(nu: Any, steps_per_rev: int = 512, multiples: int = 1, **start: float) -> Orbits:
     """Orbits of set A at speeds, shape (multiples, speeds); names have two underscores for a dot."""
     changes = {name.replace("__", "."): value for name, value in start.items()}
-    drive = conveyor.Drive(Context(FMUS), changes, "strang", steps_per_rev, multiples)
-    return drive.orbits(SETS["A"], drive.each(np.atleast_1d(nu)), "test")
+    drive = conveyor.Drive(Context(FMUS), "strang", steps_per_rev, multiples)
+    machine = replace(SETS["A"], more=changes)
+    return drive.orbits(machine, drive.each(np.atleast_1d(nu)), "test")
 
 
 def test_orbits_are_those_of_an_independent_solver_and_what_is_left_is_reported() -> None:
@@ -185,7 +186,7 @@ def test_orbits_are_those_of_an_independent_solver_and_what_is_left_is_reported(
 
 
 def test_what_is_not_wanted_is_not_run_and_members_do_not_mix() -> None:
-    drive = conveyor.Drive(Context(FMUS), {}, "strang", 64)
+    drive = conveyor.Drive(Context(FMUS), "strang", 64)
     nu = np.array([[30.0, np.nan], [np.nan, 50.0]])
     both = drive.orbits(replace(SETS["A"], T=np.array([0.05, 0.06])), nu, "some")
     assert drive.counts == {"some": 2}
@@ -264,11 +265,16 @@ def test_return_maps_of_linear_sequences_are_their_matrices() -> None:
 
 
 def test_values_between_rows_lie_on_the_polynomial_through_them() -> None:
-    phi = np.cumsum([np.linspace(0.1, 0.2, 60), np.linspace(0.2, 0.1, 60)], axis=1)
+    """Of crank speeds that rise and fall, at angles of rows and between them, to the ends."""
+    k = np.arange(60.0)
+    phi = np.stack([0.15 * k + 0.02 * np.sin(0.1 * k), 0.2 * k - 0.1 * np.cos(0.15 * k)])
     wanted = np.array([[x[0], 1.2345, x[30], x[-1] - 0.01] for x in phi])
-    values = np.stack([phi**7, np.ones_like(phi), 3.0 * phi], axis=2)
-    expected = np.stack([wanted**7, np.ones_like(wanted), 3.0 * wanted], axis=2)
-    assert_allclose(at_angles(phi, values, wanted), expected, rtol=1e-9)
+    values = np.stack([np.sin(phi), np.ones_like(phi), 3.0 * phi], axis=2)
+    rows, found = at_angles(phi, values, wanted)
+    assert_allclose(
+        found, np.stack([np.sin(wanted), np.ones((2, 4)), 3.0 * wanted], axis=2), atol=1e-12
+    )
+    assert_allclose(rows[:, [0, 2]], [[0.0, 30.0]] * 2, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -288,9 +294,8 @@ def test_a_lag_that_means_nothing_or_is_missing_is_refused(start: list[str], rea
 
 
 def test_an_induction_motor_is_linearised_at_its_working_point() -> None:
-    kloss = {"motor.characteristic": "kloss"}
-    machine = drives.linearised(SETS["B"], kloss, 40.0)
-    start = drives.start_values(SETS["B"], kloss, 40.0)
+    kloss = SETS["B"].follow({"motor.characteristic": "kloss"})
+    machine, start = drives.linearised(kloss, 40.0), drives.start_values(kloss, 40.0)
     tau_b, s_b, w_s = 190.0, start["motor.kloss.s_b"], start["motor.kloss.w_s"]
 
     def torque(w: float) -> float:
@@ -302,7 +307,41 @@ def test_an_induction_motor_is_linearised_at_its_working_point() -> None:
     assert pytest.approx(slope, rel=1e-6) == machine.B
     assert pytest.approx(SETS["B"].B, rel=0.02) == machine.B
     with pytest.raises(cosim.SetupError, match=r"tau_b = 1\.0 N\.m must be above 8"):
-        drives.linearised(SETS["B"], kloss | {"motor.kloss.tau_b": 1.0}, 40.0)
+        drives.require_torque(kloss.follow({"motor.kloss.tau_b": 1.0}), 40.0)
+
+
+@pytest.mark.parametrize(
+    "motor", [{}, {"motor.characteristic": 1, "motor.kloss.tau_b": 1000.0}], ids=["linear", "kloss"]
+)
+def test_many_machines_in_one_batch_answer_as_each_does_alone(motor: dict[str, Any]) -> None:
+    """One of them is refused, and one with a motor that stalls, and neither costs the others anything."""
+    changes = [
+        {}, {"motor.T": 0.05}, {"conveyor.trough.m": 250.0, "conveyor.rod.l": 0.5},
+        {"motor.T": -1.0}, {"motor.kloss.tau_b": 1.0, "motor.B": 1.0},
+    ]  # fmt: skip
+    questions = [
+        resonance.Resonance.parse({
+            "speeds": "24:52:8", "steps_per_rev": 128, "speed": 30.0 + k, "start": {**motor, **x},
+        })
+        for k, x in enumerate(changes)
+    ]  # fmt: skip
+    found = resonance.Resonance.solve_all(Context(FMUS), questions)
+    refused = [isinstance(x, cosim.SetupError) for x in found]
+    assert refused == [False, False, False, True, bool(motor)]
+    assert "motor.T" in str(found[3])
+    for asked, of_batch in zip(questions, found):
+        if isinstance(of_batch, cosim.SetupError):
+            continue
+        alone = asked.solve(Context(FMUS)).figures
+        assert alone.keys() == of_batch.figures.keys()
+        for name, figure in alone.items():
+            x = of_batch.figures[name]
+            assert x.reason == figure.reason, name
+            assert (x.error or 0.0) == pytest.approx(figure.error or 0.0, rel=1e-3), name
+            near = 1e-3 * (figure.error or 0.0) + 1e-12 * abs(figure.value)
+            assert x.value == pytest.approx(figure.value, abs=near, nan_ok=True), name
+    values = [x.figures["nu_90"].value for x in found[:3]]
+    assert len(set(values)) == 3
 
 
 def test_the_resonance_of_an_induction_motor_lies_near_that_of_its_line() -> None:

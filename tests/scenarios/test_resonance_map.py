@@ -36,7 +36,7 @@ from workbench.export import finish
 
 A = SETS["A"]
 FMUS = fmus_of(resonance_map)
-DRIVE = drive_orbits.Drive(Context(FMUS), {}, "strang", 256)
+DRIVE = drive_orbits.Drive(Context(FMUS), "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 SPEEDS = np.linspace(24.0, 64.0, 11).tolist()

@@ -25,7 +25,7 @@ from workbench import Context
 from workbench.answer import Answer
 
 QUICK = {"speeds": "30:60:4", "springs": "1e5:1e6:4"}
-DRIVE = drive_orbits.Drive(Context(fmus_of(page)), {}, "strang", 256)
+DRIVE = drive_orbits.Drive(Context(fmus_of(page)), "strang", 256)
 
 
 class Short(Drive):
@@ -166,7 +166,7 @@ def test_the_spring_that_unloads_the_rod_is_that_of_exact_orbits(
     """Within its error; (17) misses it where the speed swings, and no spring near by is better."""
     finite = {"finite": True, "l": rod} if math.isfinite(rod) else {}
     start = {"conveyor.rod.finite": True, "conveyor.rod.l": rod} if finite else {}
-    stated = unloading(replace(DRIVE, start=start), machine, nu)
+    stated = unloading(DRIVE, machine.follow(start), nu)
     formula = machine.m * nu**2
 
     def exact(c: float) -> float:

@@ -213,9 +213,9 @@ def test_theory_as_formulas_is_the_theory(start: Mapping[str, Any]) -> None:
         nu = 43.0
         kloss = {"motor.kloss.tau_b": 190.0, "motor.kloss.s_b": 0.16, "motor.kloss.w_s": 65.4}
         v: dict[str, float] = {**kloss, **base.start(nu), "speed": nu}
-        for key, text in live_theory.values(start).items():
+        for key, text in live_theory.values(base.follow(start)).items():
             v[key] = Formula.read(text)(v)
-        machine = linearised(base, {**kloss, **start}, nu)
+        machine = linearised(base.follow({**kloss, **start}), nu)
         expected = {
             "B": machine.B, "slope": machine.slope, "theta0": machine.theta0, "J": machine.J,
             "nu_res": machine.nu_res, "zeta": machine.zeta, "load_slope": machine.load_slope,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -41,7 +42,7 @@ from workbench.judgement import Verdict
 from ..first_order import SETS, Machine
 from ..fitted_drive import CHANGED, IdentifiedDrive, edges, figures
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive, followed, induction, linearised
+from ..machine import conveyor_drive, followed, induction, linearised, require_torque
 from ..motion import moving
 from ..options import RippleOptions
 from ..papers import cited
@@ -51,6 +52,8 @@ STATES = ("conveyor.phi", SPEED, TORQUE)
 LINEAR, KLOSS = ("motor.A", "motor.B"), ("motor.kloss.w_s", "motor.kloss.s_b")
 FREE = ("motor.T", "conveyor.rotor.J", "conveyor.trough.d")
 FROM_DRAWINGS = ("conveyor.crank.r", "conveyor.trough.m", "conveyor.spring.c")
+#: Start values that an orbit sets itself.
+OF_ORBIT = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 #: Points of the curve with the band; a convention.
 CURVE = 121
 #: Noise of a torque that a further record would have, over the rated torque; a convention.
@@ -80,7 +83,7 @@ class Identify(Question, RecordOptions, RippleOptions):
         w = w * multiples("rad/s").get(record[SPEED].signal.unit, 1.0)
         nu = float(np.nanmean(w))
         operating = self.speed or nu
-        supply, slope = KLOSS if induction(self.start) else LINEAR
+        supply, slope = KLOSS if induction(base) else LINEAR
         if not self.known and TORQUE not in record:
             raise SetupError(
                 f"{self.data}: speed alone determines neither mass nor torque; give what is known, as in "
@@ -90,12 +93,12 @@ class Identify(Question, RecordOptions, RippleOptions):
             conveyor_drive(context.fmus, guess(self, base, record[SPEED])),
             record,
             [slope, *FREE, supply, *STATES],
-            derived={"nu_res": lambda v, _: fitted_machine(self, base, nu, v).nu_res},
+            derived={"nu_res": lambda v, _: fitted_machine(base, nu, v).nu_res},
             units={"nu_res": "rad/s"},
             first=("conveyor.phi", supply),
             algorithm=self.algorithm,
         )
-        machine = partial(fitted_machine, self, base, nu)
+        machine = partial(fitted_machine, base, nu)
         drive_data = IdentifiedDrive(
             fit, machine, operating, edges(self, fit, machine), advice(self, fit)
         )
@@ -160,21 +163,23 @@ def guess(o: Identify, base: Machine, speed: cosim.Series) -> dict[str, Value]:
     """
     w, turned = o.turned(speed, "crank")
     nu = float(w.mean())
-    machine = linearised(base, o.start, nu)
+    require_torque(base, nu)
+    machine = linearised(base, nu)
     swing = complex(harmonics(turned, w, 2)[1]) / machine.speed_ripple(nu)
     phi = float(np.angle(swing)) / 2
     tau = machine.load_slope * nu + (machine.torque_ripple(nu) * np.exp(2j * phi)).imag
     states = {"conveyor.phi": phi, "conveyor.w": float(np.median(w[:5])), "motor.tau": float(tau)}
-    start: dict[str, Value] = {**base.start(nu), **o.start, **states}
-    if induction(o.start):
+    start: dict[str, Value] = {**base.start(nu), **states}
+    if induction(base):
         start["motor.kloss.w_s"] = 1.02 * nu
     return start
 
 
-def fitted_machine(o: Identify, base: Machine, nu: float, values: Mapping[str, float]) -> Machine:
+def fitted_machine(base: Machine, nu: float, values: Mapping[str, float]) -> Machine:
     """The machine of these values; its motor's slope is that at the mean speed nu [rad/s]."""
-    motor = {name: x for name, x in values.items() if name.startswith("motor.")}
-    return linearised(base.follow(values), {**o.start, **motor}, nu)
+    machine = base.follow({name: x for name, x in values.items() if "(" not in name})
+    more = {name: x for name, x in machine.more.items() if name not in OF_ORBIT}
+    return linearised(replace(machine, more=more), nu)
 
 
 def advice(o: Identify, fit: Identified) -> list[Advice]:
@@ -187,18 +192,18 @@ def advice(o: Identify, fit: Identified) -> list[Advice]:
     stop, last = float(times[-1] - times[0]), {name: float(fit.result[name][-1]) for name in STATES}
     noise = {column.name: column.noise.sigma for column in fit.problem.columns}
     torque = {TORQUE: NOISE * o.rated}
-    supply = KLOSS[0] if induction(o.start) else LINEAR[0]
+    supply = KLOSS[0] if induction(base) else LINEAR[0]
     rest = {"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0}
     kinds: dict[str, Mapping[str, Value]] = {
         "the same again": last,
         "a run-up from rest": rest,
         "a step of the supply to 120 %": {**last, supply: 1.2 * values[supply]},
     }
-    if not induction(o.start):
+    if not induction(base):
         kinds["a run-down with the supply off"] = {**last, supply: 0.0}
     nu = float(np.mean(fit.result[SPEED]))
     experiments = fitting.planned_experiments(kinds, supply, stop, noise, torque)
-    return cosim.advise(fit, experiments, lambda v: fitted_machine(o, base, nu, v).nu_res)
+    return cosim.advise(fit, experiments, lambda v: fitted_machine(base, nu, v).nu_res)
 
 
 def facts(o: Identify, drive_data: IdentifiedDrive) -> dict[str, Any]:

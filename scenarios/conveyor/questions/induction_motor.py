@@ -8,9 +8,8 @@ compared with that of a linear motor of this slope, over the load and over the b
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,13 +35,13 @@ from workbench.charts.model import LIFT, THEORY
 
 from .. import motion
 from ..drive_orbits import ALGORITHMS, STEP_MULTIPLES, Drive
-from ..first_order import SETS, Machine, flux_lag
-from ..machine import KLOSS, conveyor_drive, followed, linearised
+from ..first_order import SETS, Machine, Samples, flux_lag
+from ..machine import KLOSS, conveyor_drive, followed, linearised, require_torque
 from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
 from ..papers import cited
 from ..response import Lines, Response, locate
-from ..speed_sweep import LARGEST_PEAKED_ZETA, columns_of
+from ..speed_sweep import LARGEST_PEAKED_ZETA, UNITS, sweeps
 
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 #: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
@@ -71,7 +70,6 @@ class InductionMotor(Question, NameplateOptions):
     )
     decisive = ("nu_kloss",)
     sources = cited(2, 22)
-    is_parallel = True
 
     of_question = ("motor.T",)  # the lag follows from each slip
 
@@ -88,7 +86,7 @@ class InductionMotor(Question, NameplateOptions):
     algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
 
     def solve(self, context: Context) -> Findings:
-        """All motors, each a task, and the one of the data sheet over the speed.
+        """All motors together, and the one of the data sheet over the speed.
 
         This replaces the single certified run, because the figures come from steady orbits at many speeds of
         many motors.
@@ -99,23 +97,26 @@ class InductionMotor(Question, NameplateOptions):
         def motor(changed: Mapping[str, Value]) -> Motor:
             start_ = {**start, **changed}
             lag = 1 / (2 * math.pi * frequency * float(start_["motor.kloss.s_b"]))
-            machine = replace(SETS["B"], T=lag).follow(start_)
-            return Motor(context.fmus, start_, machine, self.algorithm, self.steps_per_rev)
+            found = Motor(replace(SETS["B"], T=lag).follow(start_))
+            require_torque(found.machine, found.guides)
+            return found
 
         followed(context.fmus, SETS["B"], start)
         sheet = motor({})
         loads = [motor({"conveyor.trough.d": d}) for d in self.resistances]
         slips = [motor({"motor.kloss.s_b": s}) for s in self.slips]
         each = [sheet, *loads, *slips]
-        lag_speeds = list(context.each(located, each, "motors"))
-        table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds)], COLUMNS)
-        speeds = swept(sheet)
-        heavy = max(zip(each, lag_speeds), key=lambda it: it[0].machine.d)
-        small = min(zip(each, lag_speeds), key=lambda it: it[0].breakdown)
+        drive = Drive(context, self.algorithm, self.steps_per_rev)
+        of_kloss = lag_speeds(drive, [(x.machine, x.guides) for x in each])
+        lag_speeds_ = list(zip(of_kloss, lag_speeds(drive, [(x.line, x.guides) for x in each])))
+        table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds_)], COLUMNS)
+        speeds = swept(drive, sheet)
+        heavy = max(zip(each, lag_speeds_), key=lambda it: it[0].machine.d)
+        small = min(zip(each, lag_speeds_), key=lambda it: it[0].breakdown)
         return Findings(
-            sheet_figures(sheet, *lag_speeds[0]) | extremes(heavy, small),
-            MotorData(sheet, len(loads), table.frame, speeds.frame),
-            conveyor_drive(context.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
+            sheet_figures(sheet, *lag_speeds_[0]) | extremes(heavy, small),
+            MotorData(drive, sheet, len(loads), table.frame, speeds.frame),
+            conveyor_drive(context.fmus, sheet.machine.start(sheet.nu_res)),
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
             tables={TABLE: table, SWEEP: speeds},
@@ -134,7 +135,7 @@ class InductionMotor(Question, NameplateOptions):
         }
         of_sheet = {
             "heavy_kloss": f["most_resistance"].value == r.motor.machine.d,
-            "small_kloss": f["least_slip"].value == float(r.motor.start["motor.kloss.s_b"]),
+            "small_kloss": f["least_slip"].value == r.motor.machine.more["motor.kloss.s_b"],
         }
         return [
             Judgement(f"{name} with the full characteristic", f["nu_kloss"]),
@@ -158,30 +159,24 @@ class InductionMotor(Question, NameplateOptions):
             ),
             over_speed(f, r),
         ]
-        drive = r.motor.drive(kloss=True)
-        return Show(charts, *motion.revolution(drive, r.motor.tangent, r.motor.nu_res))
+        return Show(charts, *motion.revolution(r.drive, r.motor.tangent, r.motor.nu_res))
 
 
 class Motor(NamedTuple):
-    """A motor with its conveyor: start values that choose Kloss, the machine with the motor's lag, and
-    how it is run.
-    """
+    """A machine with an induction motor and its lag."""
 
-    fmus: Mapping[str, Path]
-    start: Mapping[str, Value]
     machine: Machine
-    algorithm: str
-    steps_per_rev: int
 
     @property
     def tau_b(self) -> float:
         """The breakdown torque [N.m]."""
-        return float(self.start["motor.kloss.tau_b"])
+        return float(self.machine.more["motor.kloss.tau_b"])
 
     @property
     def breakdown(self) -> float:
         """The slip speed there [rad/s]."""
-        return float(self.start["motor.kloss.s_b"]) * float(self.start["motor.kloss.w_s"])
+        more = self.machine.more
+        return float(more["motor.kloss.s_b"] * more["motor.kloss.w_s"])
 
     @property
     def stiff(self) -> Machine:
@@ -189,11 +184,10 @@ class Motor(NamedTuple):
         return replace(self.machine, B=2 * self.tau_b / self.breakdown)
 
     @property
-    def lines(self) -> Lines:
-        """The machine with the slope at its slip, over speeds around the resonance without slip."""
+    def guides(self) -> Samples:
+        """Speeds around the resonance without slip [rad/s]."""
         first, last = (share * float(self.stiff.nu_res) for share in RANGE)
-        nus = np.linspace(first, last, GUIDE_SPEEDS)
-        return Lines(lambda nu, _: (linearised(self.machine, self.start, nu), nu), nus)
+        return np.linspace(first, last, GUIDE_SPEEDS)
 
     def slip(self, nu: Any) -> Any:
         """The slip at the load of nu [rad/s], in shares of the breakdown slip."""
@@ -203,16 +197,22 @@ class Motor(NamedTuple):
     @property
     def nu_res(self) -> float:
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
-        lag = Response(self.lines).lag()
+        lag = Response(Lines.of(self.machine, {0: self.guides})).lag()
         if lag.reason:
-            where = f"{self.lines.x[0]:.4g} .. {self.lines.x[-1]:.4g} rad/s"
+            where = f"{self.guides[0]:.4g} .. {self.guides[-1]:.4g} rad/s"
             raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {lag.reason}")
         return lag.x
 
     @property
     def tangent(self) -> Machine:
         """The machine with the slope at that speed."""
-        return linearised(self.machine, self.start, self.nu_res)
+        return linearised(self.machine, self.nu_res)
+
+    @property
+    def line(self) -> Machine:
+        """The machine with a linear motor of this slope."""
+        more = {x: y for x, y in self.machine.more.items() if not x.startswith("motor.")}
+        return replace(self.tangent, more=more)
 
     def flux(self) -> float:
         """The speed of 90 degrees lag with the rotor's flux in the place of (2) [rad/s]; nan for none."""
@@ -222,41 +222,31 @@ class Motor(NamedTuple):
             through = flux_lag(m, self.slip(nu), stiff, nu)
             return float((1 + (2j * nu * m.theta0 + m.load_slope) / through).real)
 
-        first, last = self.lines.x[[0, -1]].tolist()
+        first, last = self.guides[[0, -1]].tolist()
         return brentq(behind, first, last) if behind(first) > 0 > behind(last) else math.nan
-
-    def drive(self, *, kloss: bool) -> Drive:
-        """How it is run, or the linear motor of the machine in its place."""
-        start = {x: y for x, y in self.start.items() if kloss or not x.startswith("motor.")}
-        return Drive(Context(self.fmus), start, self.algorithm, self.steps_per_rev)
 
 
 LagSpeeds = tuple[Figure, Figure]
 
 
-def located(motor: Motor) -> LagSpeeds:
-    """The speeds of 90 degrees lag with Kloss's characteristic, and with a line of the slope at the
-    speed where formula (22) holds.
-    """
-    tangent, nus = motor.tangent, motor.lines.x
-    speeds = []
-    for kloss in (True, False):
-        lines = motor.lines if kloss else Lines(lambda nu, _: (tangent, nu), nus)
-        drive = motor.drive(kloss=kloss)
+def lag_speeds(drive: Drive, machines: Sequence[tuple[Machine, Samples]]) -> list[Figure]:
+    """The speeds of 90 degrees lag of machines, each sought from orbits at some speeds around [rad/s]."""
+    for machine, nus in machines:
         for nu in nus[[0, -1]].tolist():
-            drive.check(*lines.at(nu, 0), STEP_MULTIPLES[-1])
-        guides = drive.orbits(*lines.at(nus[None], 0), "orbits")[0]
-        sought = [Response(lines, 0, guides).lag()]
-        ((figure, _),) = locate(drive, lines, sought).figures(sought, "rad/s")
-        speeds.append(figure)
-    return speeds[0], speeds[1]
+            drive.check(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
+    each, guides = zip(*machines)
+    lines = Lines.of(Machine.of(each), dict(enumerate(guides)))
+    responses = [sweep.response for sweep in sweeps(replace(drive, multiples=1), lines)]
+    sought = [response.lag() for response in responses]
+    return [figure for figure, _ in locate(drive, responses, sought).figures(sought, "rad/s")]
 
 
 class MotorData(NamedTuple):
-    """The motor of the data sheet, how many rows follow it over the load before those over the
+    """How motors are run, the motor of the data sheet, how many rows follow it over the load before those over the
     breakdown slip, and rows over the speed.
     """
 
+    drive: Drive
     motor: Motor
     loads: int
     rows: Any
@@ -268,25 +258,23 @@ def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
     nu, machine = motor.nu_res, motor.tangent
     errors = [math.nan if x.error is None else x.error for x in (line, kloss)]
     return [
-        machine.d, float(motor.start["motor.kloss.s_b"]), machine.load_slope * nu, motor.slip(nu),
+        machine.d, machine.more["motor.kloss.s_b"], machine.load_slope * nu, motor.slip(nu),
         machine.B, machine.T, machine.zeta, nu, motor.flux(),
         line.value, errors[0], kloss.value, errors[1],
     ]  # fmt: skip
 
 
-def swept(motor: Motor) -> Table:
+def swept(drive: Drive, motor: Motor) -> Table:
     """Ripple and lag over the speed, with the characteristic and with the line of its slope."""
-    tangent, guides = motor.tangent, motor.lines.x
-    nus = np.linspace(guides[0], guides[-1], 2 * GUIDE_SPEEDS + 1)
-    units, columns = {"nu": "rad/s"}, [nus]
-    for name, kloss in (("kloss", True), ("linear", False)):
-        drive, machine = motor.drive(kloss=kloss), motor.lines.at(nus, 0)[0] if kloss else tangent
-        orbits = drive.orbits(machine, drive.each(nus), "speeds")
-        of_motor = columns_of(drive, machine, nus, orbits)
-        columns += [of_motor[column] for column in ("tau2", "tau2_error", "lag", "lag_error")]
-        units |= {f"tau2_{name}{x}": "N.m" for x in ("", "_error")}
-        units |= {f"lag_{name}{x}": "deg" for x in ("", "_error")}
-    return Table.of_rows(np.transpose(columns).tolist(), units)
+    nus = np.linspace(motor.guides[0], motor.guides[-1], 2 * GUIDE_SPEEDS + 1)
+    units, columns = {"nu": "rad/s"}, {"nu": nus}
+    for name, machine in (("kloss", motor.machine), ("linear", motor.line)):
+        (sweep,) = sweeps(drive, Lines.of(machine, {0: nus}))
+        for column in ("tau2", "tau2_error", "lag", "lag_error"):
+            what, _, end = column.partition("_")
+            key = f"{what}_{name}{'_' * bool(end)}{end}"
+            units[key], columns[key] = UNITS[column], sweep.columns[column]
+    return Table(columns, units)
 
 
 def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
@@ -317,7 +305,7 @@ def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure
 def extremes(heavy: tuple[Motor, LagSpeeds], small: tuple[Motor, LagSpeeds]) -> dict[str, Figure]:
     """The figures of the motors with the most load and with the least breakdown slip."""
     (loaded, (full, _)), (stiff, (sharp, _)) = heavy, small
-    most, least = loaded.machine.d, float(stiff.start["motor.kloss.s_b"])
+    most, least = loaded.machine.d, stiff.machine.more["motor.kloss.s_b"]
     condition = f"with {most:g} N.s/m"
     return {
         "most_resistance": Figure(most, "N.s/m", 0.0, "largest resistance of the trough"),
@@ -377,7 +365,7 @@ def dependence(column: str, name: str, x: str, rows: Any) -> Chart:
 
 def over_speed(f: Mapping[str, Figure], r: MotorData) -> Chart:
     """Ripple and lag of both motors, and first-order theory."""
-    nu, tangent = np.linspace(r.motor.lines.x[0], r.motor.lines.x[-1], 300), r.motor.tangent
+    nu, tangent = np.linspace(r.motor.guides[0], r.motor.guides[-1], 300), r.motor.tangent
     torque = tangent.torque_ripple(nu)
     lag = np.angle(tangent.load_ripple(nu) / torque, deg=True) % 360.0
     panels = []

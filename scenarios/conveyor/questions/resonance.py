@@ -19,14 +19,13 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cosim import SetupError
-from cosim.system import Value
 from workbench import (
     Chart,
     Context,
@@ -50,23 +49,24 @@ from workbench.options import check_fixed_starts
 from .. import classical, motion
 from ..drive_orbits import Drive
 from ..first_order import FIELDS, SETS, Machine
-from ..live_ripple import LiveDrive
+from ..live_ripple import live_part
+from ..machine import PARTS as DRIVE
 from ..machine import (
-    KLOSS,
     conveyor_drive,
-    followed,
     induction,
+    kloss,
     linearised,
     mains_speed,
+    refusals,
+    require_torque,
     slip_speeds,
     start_values,
 )
-from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
 from ..papers import cited
-from ..response import PHASE_UNDEFINED, QUANTITIES, SPEED, TORQUE, VANISHING, Lines, locate
+from ..response import PHASE_UNDEFINED, QUANTITIES, SPEED, TORQUE, VANISHING, Lines, Sought, locate
 from ..ripple_limit import LimitCrossing, RippleLimit
-from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure
+from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, sweeps
 
 TABLE = "resonance.csv"
 #: Rounds of the fixed point of formula (22): the slope of a motor changes little with the speed, so each round leaves a
@@ -140,64 +140,35 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         cosim.SetupError
             For settings that cannot give an answer.
         """
-        if self.theory == CLASSICAL:
-            check_fixed_starts(
-                self.start, ("motor.characteristic",)
-            )  # it knows a linear motor only
-        sweeps = classical.SWEEPS if self.theory == CLASSICAL else SPEEDS
-        base = followed(context.fmus, SETS[self.set], self.start)
-        speeds = self.speeds or centred(self, speeds_of(sweeps[self.set]), base)
-        speed = operating_speed_of(self, base)
-        every = sorted({*speeds, speed})
-        lines = Lines(lambda nu, _: (linearised(base, self.start, nu), nu), np.array(every))
-        drive = Drive(context, self.start, self.algorithm, self.steps_per_rev)
-        for nu in every:
-            drive.check(*lines.at(nu, 0))
-        drive = drive.checked(*lines.at(every[0], 0))
-        swept = SpeedSweep.of(drive, lines, every)
-        for nu, why in swept.problems().items():
+        (found,) = self.solve_all(context, [self])
+        if isinstance(found, SetupError):
+            raise found
+        for nu, why in found.facts["no_orbit"].items():
             logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {why}")
-        sweep, operating = swept.at(speeds), swept.at([speed])
+        return found
 
-        response = sweep.response
-        passed = response.passed(self.ripple_limit)
-        sought = [response.lag(), response.peak(TORQUE), response.peak(SPEED), *passed]
-        (lag, _), (torque, tau2), (omega, w2), *ends = (
-            (sweep.explained(x), sweep.explained(y))
-            for x, y in locate(drive, sweep.lines, sought).figures(sought, "rad/s")
-        )
-        crossings = [LimitCrossing(feature, end) for feature, (end, _) in zip(passed, ends)]
-        data = ResonanceData(
-            sweep, speed, operating, RippleLimit(self.ripple_limit, sweep, crossings)
-        )
-        tables = {TABLE: sweep.table}
-        if self.theory == CLASSICAL:
-            compared = classical.compare(base, sweep, self.tolerance)
-            data = replace(data, classical=compared)
-            tables = {classical.TABLE: compared.table, **tables}
-        figures = {
-            **formula_figures(data.machine),
-            "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": omega, "w2_peak": w2,
-            **operating_figures(data), "nu_90_away": distance(lag, speed),
-            "f_rod_peak": sweep.force_figure(), **data.limit.figures(),
-            **(data.classical.figures if data.classical else {}),
-        }  # fmt: skip
-        return Findings(
-            figures,
-            data,
-            conveyor_drive(
-                context.fmus, start_values(data.at(speed), self.start, speed) | supplied(self)
-            ),
-            communication=f"{self.steps_per_rev} steps per revolution",
-            algorithm=self.algorithm,
-            tables=tables,
-            facts={
-                "operating_speed": speed,
-                "rated_torque": self.rated,
-                "orbits": dict(drive.counts),
-            },
-            defaults={"speed": speed, "rated_torque": self.rated, "speeds": speeds},
-        )
+    @classmethod
+    def solve_all(
+        cls, context: Context, questions: Sequence[Resonance]
+    ) -> list[Findings | SetupError]:
+        """Return what many questions of this kind find, or why one is refused, in their order.
+
+        Their machines are members of one batch where they are run with the same steps and have the same texts and
+        whole numbers for start values.
+        """
+        found: dict[int, Findings | SetupError] = {}
+        batches: dict[Hashable, dict[int, Plan]] = {}
+        machines = [SETS[question.set].follow(question.start) for question in questions]
+        refused = refusals(context.fmus, machines)
+        for k, (question, machine, why) in enumerate(zip(questions, machines, refused)):
+            try:
+                plan = planned(question, context, machine, why)
+                batches.setdefault(plan.batch, {})[k] = plan
+            except SetupError as error:
+                found[k] = error
+        for plans in batches.values():
+            found |= zip(plans, solved(list(plans.values())))
+        return [found[k] for k in range(len(questions))]
 
     def judgements(self, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
         """Whether the operating speed is safe for torque, whether it is on the resonance, and which speeds are not."""
@@ -256,7 +227,24 @@ class Resonance(Question, NameplateOptions, RippleOptions):
 
     def live(self, f: Mapping[str, Figure], r: ResonanceData) -> Live:
         """The orbit at the speed of the slider, and the ripple over the speeds of the sweep."""
-        return LiveDrive(r.sweep.drive, r.sweep.lines, r.machine, r.speed, levels_of(self)).live()
+        return live_part(r.sweep, r.machine, r.speed, levels_of(self))
+
+
+class Plan(NamedTuple):
+    """A question with its machine, how that is run, over which speeds it is swept, at which it operates [rad/s]."""
+
+    question: Resonance
+    machine: Machine
+    drive: Drive
+    speeds: Sequence[float]
+    speed: float
+
+    @property
+    def batch(self) -> Hashable:
+        """What machines have in common that are run together."""
+        more = {x: None if isinstance(y, float) else y for x, y in self.machine.more.items()}
+        drive = self.drive
+        return drive.algorithm, drive.steps_per_rev, drive.multiples, frozenset(more.items())
 
 
 @dataclass(frozen=True)
@@ -276,14 +264,96 @@ class ResonanceData:
 
     def at(self, nu: float) -> Machine:
         """The machine at a speed [rad/s]."""
-        return self.sweep.lines.at(nu, 0)[0]
+        return self.sweep.machine(nu)
+
+
+def planned(o: Resonance, context: Context, base: Machine, why: str) -> Plan:
+    """Return how the machine of a question is swept.
+
+    Raises SetupError for a machine that is refused, which says why, and for settings that cannot give an answer.
+    """
+    if why:
+        raise SetupError(why)
+    if o.theory == CLASSICAL:
+        check_fixed_starts(o.start, ("motor.characteristic",))  # it knows a linear motor only
+    by_default = classical.SWEEPS if o.theory == CLASSICAL else SPEEDS
+    speeds = o.speeds or centred(o, speeds_of(by_default[o.set]), base)
+    speed = operating_speed_of(o, base)
+    require_torque(base, [*speeds, speed])
+    drive = Drive(context, o.algorithm, o.steps_per_rev)
+    every = sorted({*speeds, speed})
+    for nu in every if induction(base) else every[:1]:
+        drive.check(linearised(base, nu), nu)
+    return Plan(o, base, drive.checked(linearised(base, every[0]), every[0]), speeds, speed)
+
+
+def solved(plans: Sequence[Plan]) -> Iterator[Findings]:
+    """Yield what each of many machines that are run alike gives: all are swept together, and all features located."""
+    drive = plans[0].drive
+    every = {k: np.array(sorted({*plan.speeds, plan.speed})) for k, plan in enumerate(plans)}
+    lines = Lines.of(Machine.of([plan.machine for plan in plans]), every)
+    swept = sweeps(drive, lines)
+    sought = []
+    responses = [sweep.at(plan.speeds).response for plan, sweep in zip(plans, swept)]
+    for plan, response in zip(plans, responses):
+        passed = response.passed(plan.question.ripple_limit)
+        sought.append([response.lag(), response.peak(TORQUE), response.peak(SPEED), *passed])
+    flat = [feature for of_one in sought for feature in of_one]
+    located = iter(locate(drive, responses, flat).figures(flat, "rad/s"))
+    for plan, sweep, of_one in zip(plans, swept, sought):
+        yield findings(plan, sweep, of_one, [next(located) for _ in of_one])
+
+
+def findings(
+    plan: Plan,
+    every: SpeedSweep,
+    sought: Sequence[Sought],
+    located: Sequence[tuple[Figure, Figure]],
+) -> Findings:
+    """Return what a machine gives: its orbits at every speed, and its features, each with its place and its height."""
+    o, speed = plan.question, plan.speed
+    sweep, operating = every.at(plan.speeds), every.at([speed])
+    (lag, _), (torque, tau2), (omega, w2), *ends = (
+        [sweep.explained(figure) for figure in pair] for pair in located
+    )
+    crossings = [LimitCrossing(feature, end) for feature, (end, _) in zip(sought[3:], ends)]
+    limit = RippleLimit(o.ripple_limit, sweep, crossings)
+    r = ResonanceData(sweep, speed, operating, limit)
+    tables = {TABLE: sweep.table}
+    if o.theory == CLASSICAL:
+        r = replace(r, classical=(compared := classical.compare(plan.machine, sweep, o.tolerance)))
+        tables = {classical.TABLE: compared.table, **tables}
+    figures = {
+        **formula_figures(r.machine),
+        "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": omega, "w2_peak": w2,
+        **operating_figures(r), "nu_90_away": distance(lag, speed),
+        "f_rod_peak": sweep.force_figure(), **limit.figures(),
+        **(r.classical.figures if r.classical else {}),
+    }  # fmt: skip
+    mains = kloss(plan.machine) if o.supply == MAINS else {}
+    start = start_values(r.at(speed), speed) | mains
+    return Findings(
+        figures,
+        r,
+        conveyor_drive(plan.drive.context.fmus, start),
+        communication=f"{o.steps_per_rev} steps per revolution",
+        algorithm=o.algorithm,
+        tables=tables,
+        facts={
+            "operating_speed": speed,
+            "rated_torque": o.rated,
+            "orbits": dict(plan.drive.counts),
+            "no_orbit": every.problems(),
+        },
+        defaults={"speed": speed, "rated_torque": o.rated, "speeds": plan.speeds},
+    )
 
 
 def operating_speed_of(o: Resonance, base: Machine) -> float:
     """Return the operating speed [rad/s]: as given, or on the mains that at which the torques balance."""
     if o.supply != MAINS:
         return o.speed or OPERATING[o.set]
-    speed = mains_speed(base, o.start)
+    speed = mains_speed(base)
     if o.speed is not None:
         raise SetupError(
             f"speed = {o.speed:g} rad/s cannot be chosen with supply = 'mains': the drive runs at {speed:.4g} rad/s "
@@ -296,18 +366,18 @@ def centred(o: Resonance, speeds: Sequence[float], base: Machine) -> Sequence[fl
     """Return the speeds of the set, moved as the resonance of the machine by formula (22) is from that of the set."""
     of_set = float(SETS[o.set].nu_res)
     nu = of_set
-    try:
-        for _ in range(FIXED_POINT_ROUNDS):  # the slope of an induction motor is that at the speed
-            nu = float(linearised(base, o.start, nu).nu_res)
-    except SetupError:  # the load pulls the motor out there: the sweep says so
-        return speeds
+    for _ in range(FIXED_POINT_ROUNDS):  # the slope of an induction motor is that at the speed
+        nu = float(linearised(base, nu).nu_res)
     share = nu / of_set
-    return speeds if math.isclose(share, 1.0, rel_tol=1e-9) else [share * x for x in speeds]
+    if math.isnan(share) or math.isclose(share, 1.0, rel_tol=1e-9):
+        return speeds  # the load may pull the motor out there: the sweep says so
+    return [share * x for x in speeds]
 
 
 def taken(o: Resonance) -> list[Judgement]:
     """Return what a machine of one's own has from the set, and a lag that contradicts the slip of its motor."""
     judgements, lag = [], o.start.get("motor.T")
+    is_induction = induction(SETS[o.set].follow(o.start))
     if o.plate and lag is not None:
         least, most = ((1.0 + s * LAG_TOLERANCE) * o.plate.lag for s in (-1, 1))
         agrees = Judgement(
@@ -318,22 +388,13 @@ def taken(o: Resonance) -> list[Judgement]:
             note=f"it contradicts the nameplate, whose slip gives {o.plate.lag:.4g} s",
         )
         judgements += [agrees] if agrees.answer is Verdict.NO else []
-    lacking = [
-        x for x in FIELDS if x not in o.start and not (x == "motor.B" and induction(o.start))
-    ]
+    lacking = [x for x in FIELDS if x not in o.start and not (x == "motor.B" and is_induction)]
     if o.rated_torque is None and not o.plate:
         lacking.append("rated torque")
     if o.start and lacking:
         what = f"taken from set {o.set} because not given"
         judgements.append(Judgement(what, note=", ".join(lacking)))
     return judgements
-
-
-def supplied(o: Resonance) -> dict[str, Value]:
-    """Return the start values of the mains, to all digits; none of an inverter, which sets its own."""
-    return {
-        name: x for name, x in {**KLOSS, **o.start}.items() if name in KLOSS and o.supply == MAINS
-    }
 
 
 def formula_figures(machine: Machine) -> dict[str, Figure]:
@@ -402,9 +463,9 @@ def stalls(r: ResonanceData) -> list[Judgement]:
 
 def supply(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
     """Return how an induction motor is fed, since no motor has the synchronous speed of another supply."""
-    if not induction(o.start):
+    if not induction(r.machine):
         return []
-    at, given, slip = slip_speeds(r.at(r.speed), o.start, r.speed)
+    at, given, slip = slip_speeds(r.at(r.speed), r.speed)
     slip_text = f"its slip speed at breakdown stays {slip:.4g} rad/s"
     if o.supply == MAINS:
         note = f"other speeds of the sweep are those of another frequency of the mains; {slip_text}"

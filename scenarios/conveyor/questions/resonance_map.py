@@ -78,7 +78,6 @@ class ResonanceMap(Question, RippleOptions):
     parts = DRIVE
     fixed_starts = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
     sources = cited(22)
-    is_parallel = True
 
     x: str = option(X, f"NAME=FROM:TO:NUMBER[:log] of `speed` [rad/s], {', '.join(FIELDS)}")
     y: str = option(Y, "the same for the other axis, without `speed`")
@@ -117,8 +116,7 @@ class ResonanceMap(Question, RippleOptions):
             raise SetupError(
                 f"check_runs = {self.check_runs} must be at most samples = {self.samples}"
             )
-        other_starts = {key: value for key, value in self.start.items() if key not in FIELDS}
-        drive = Drive(context, other_starts, self.algorithm, self.steps_per_rev)
+        drive = Drive(context, self.algorithm, self.steps_per_rev)
         machine, nu = plane.points()
         worst = int(np.argmax(machine.nu_res / nu))
         drive.check(picked(machine, nu.shape, worst), float(nu[worst]), STEP_MULTIPLES[-1])
@@ -138,7 +136,7 @@ class ResonanceMap(Question, RippleOptions):
         return Findings(
             figures(points, rows, error) | judgement(checks, error),
             map_,
-            conveyor_drive(context.fmus, {**plane.machine.start(plane.speed), **other_starts}),
+            conveyor_drive(context.fmus, plane.machine.start(plane.speed)),
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
             tables={
@@ -273,10 +271,11 @@ def ridges(plane: Plane, drive: Drive, orbits: Orbits) -> DataFrame:
     has none. The orbits are those of all points.
     """
     lines, levels = plane.lines, plane.y.along.values
-    of_rows = [orbits[k : k + len(lines.x)] for k in range(0, len(orbits.mean), len(lines.x))]
+    count = len(plane.x.along.values)
+    of_rows = [orbits[k : k + count] for k in range(0, len(orbits.mean), count)]
     responses = [Response(lines, k, row) for k, row in enumerate(of_rows)]
     sought = [x for response in responses for x in (response.lag(), response.peak(TORQUE))]
-    figures = locate(drive, lines, sought).figures(sought, plane.x.along.unit)
+    figures = locate(drive, responses, sought).figures(sought, plane.x.along.unit)
     located = [(x.value, math.nan if x.error is None else x.error) for x, _ in figures]
     theory = [Response(lines, k) for k in range(len(levels))]
     rows = [

@@ -33,7 +33,7 @@ from ..drive_orbits import (
     orbit_figure,
     picked,
 )
-from ..first_order import FIELDS, SETS, rod_force
+from ..first_order import SETS, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
@@ -66,7 +66,6 @@ class RodForce(Question, RippleOptions):
     fixed_starts = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
     decisive = ("spring_unloaded",)
     sources = cited(17)
-    is_parallel = True
 
     speed: float | None = option(None, f"operating speed, {by_set(OPERATING)}", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("15:75:17", "speeds of the map", "rad/s", above=0.0)
@@ -87,11 +86,10 @@ class RodForce(Question, RippleOptions):
             followed(context.fmus, SETS[self.set], self.start),
             self.speed or OPERATING[self.set],
         )
-        shifted_machine = {key: value for key, value in self.start.items() if key not in FIELDS}
-        system = conveyor_drive(context.fmus, {**present.start(nu), **shifted_machine})
+        system = conveyor_drive(context.fmus, present.start(nu))
         held = {key: parameter.value for key, parameter in parameters(system).items()}
         length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-        drive = Drive(context, shifted_machine, self.algorithm, self.steps_per_rev)
+        drive = Drive(context, self.algorithm, self.steps_per_rev)
         drive.check(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
         across = Direction("operating speed", "rad/s", np.array(self.speeds))
         up = Direction("stiffness of the spring", "N/m", np.array(self.springs))
@@ -234,10 +232,13 @@ def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
             f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {label}", why),
         }
     c = np.array([machine.c for machine in r.machines.values()])
-    lines = Lines(lambda x, line: (replace(r.plane.machine, c=c[line]), x), np.array(r.speeds))
+    lines = Lines(
+        lambda x, line: (replace(r.plane.machine, c=c[line]), x),
+        dict.fromkeys(range(len(c)), np.array(r.speeds)),
+    )
     responses = [Response(lines, k, orbits) for k, orbits in enumerate(r.sweeps.values())]
     sought = [x for response in responses for x in (response.lag(), response.peak(TORQUE))]
-    located = locate(r.drive, lines, sought).figures(sought, "rad/s")
+    located = locate(r.drive, responses, sought).figures(sought, "rad/s")
     lags, tops = located[::2], located[1::2]
     for name, (lag, _), (_, high), more in zip(r.machines, lags, tops, shifts):
         label = f"with the {SPRINGS[name][0]}"

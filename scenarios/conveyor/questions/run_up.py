@@ -189,7 +189,7 @@ class RunUp(Question, NameplateOptions, Run):
             if isinstance(x.value, Reader) and "tau_end" not in x.name
         ]
         return self.page(
-            f, r, values=live_theory.values({}), start={"motor.A": live_theory.START["motor.A"]}, runs=RUNS,
+            f, r, values=live_theory.values(machine_of(self)), start={"motor.A": live_theory.START["motor.A"]}, runs=RUNS,
             numbers=[Number("nu_res", "nu_res"), *numbers], motion=live_motion("Both conveyors from rest", p, 15.0),
         )  # fmt: skip
 
