@@ -17,7 +17,6 @@ for each speed; with `--supply mains` it has that of its start values, and the o
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -94,6 +93,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
     fixed_starts = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
     decisive = ("lag_operating", "tau2_operating")
     sources = cited(22, 26)
+    at_once = 64
 
     speed: float | None = option(
         None,
@@ -143,8 +143,6 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         (found,) = self.solve_all(context, [self])
         if isinstance(found, SetupError):
             raise found
-        for nu, why in found.facts["no_orbit"].items():
-            logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {why}")
         return found
 
     @classmethod
@@ -343,8 +341,8 @@ def findings(
             "operating_speed": speed,
             "rated_torque": o.rated,
             "orbits": dict(plan.drive.counts),
-            "no_orbit": every.problems(),
         },
+        warnings=[f"No steady orbit at {nu:g} rad/s: {x}" for nu, x in every.problems().items()],
         defaults={"speed": speed, "rated_torque": o.rated, "speeds": plan.speeds},
     )
 
