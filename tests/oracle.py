@@ -7,6 +7,7 @@ import math
 import random
 from collections.abc import Callable, Mapping
 from itertools import pairwise, product
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -46,6 +47,11 @@ def random_parameters(model: ModuleType, draw: random.Random, spread: float, **f
         with contextlib.suppress(ValueError):
             list(model.check(p))
             return p
+
+
+def by_name(p: Any) -> dict[str, Any]:
+    """The values of a record by dotted name."""
+    return {name: attrgetter(name)(p) for name, _ in declarations(type(p))}
 
 
 def symbolic(model: ModuleType) -> ModuleType:

@@ -1,21 +1,21 @@
-"""Independent references of the iron drive: numbers, material points, energies, one system."""
+"""Independent references of the iron drive: numbers, material points, and one system of cam, rocker and motor."""
 
 from __future__ import annotations
 
-from collections import namedtuple
-from math import pi
-from types import SimpleNamespace
-from typing import Any
+from functools import cache
+from itertools import accumulate
+from math import cos, hypot, pi, sin
+from typing import Any, NamedTuple
 
 import mpmath
 import numpy as np
+import sympy as sp
 from mpmath import mpf
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
-from components.drive_motor import model as drive_motor
 from components.iron_drive import model as iron
-from fmukit.declare.model import DEFAULTS
-from fmukit.declare.record import real, record, start
-from fmukit.runtime import hybrid as motion
+from tests.oracle import by_name
 
 TABLES = """
 deg R alpha beta H H_1 H_2
@@ -70,19 +70,13 @@ def tables() -> dict[float, dict[str, float]]:
     return rows
 
 
-def jet(f: Any, x: Any) -> tuple[Any, Any, Any]:
+def jet(f: Any, x: Any) -> Any:
     """A vector-valued function with two derivatives, by central differences of order 8."""
     h = mpf("1e-3")
-    values = {k: np.array(f(x + k * h), dtype=object) for k in range(-4, 5)}
-    odd = [(k, values[k] - values[-k]) for k in range(1, 5)]
-    even = [(k, values[k] + values[-k]) for k in range(1, 5)]
-    first = zip((mpf(4) / 5, -mpf(1) / 5, mpf(4) / 105, -mpf(1) / 280), odd)
-    second = zip((mpf(8) / 5, -mpf(1) / 5, mpf(8) / 315, -mpf(1) / 560), even)
-    return (
-        values[0],
-        sum(c * d for c, (_, d) in first) / h,
-        (sum(c * d for c, (_, d) in second) - mpf(205) / 72 * values[0]) / h**2,
-    )
+    values = np.array([f(x + k * h) for k in range(-4, 5)], dtype=object)
+    first = np.array([mpf(c) / 840 for c in (3, -32, 168, -672, 0, 672, -168, 32, -3)])
+    second = [mpf(c) / 5040 for c in (-9, 128, -1008, 8064, -14350, 8064, -1008, 128, -9)]
+    return values[4], first @ values / h, np.array(second) @ values / h**2
 
 
 def by_material_points(p: Any, phi: float, w: float, eps: float, K: float) -> dict[str, Any]:
@@ -178,70 +172,274 @@ def by_material_points(p: Any, phi: float, w: float, eps: float, K: float) -> di
     }  # fmt: skip
 
 
-class State(namedtuple("State", [*iron.State._fields, "tau", "E_in"])):  # type: ignore[attr-defined,misc]
-    """Drive and motor as one system: the drive's State, the motor's torque and work."""
-
-    _declared = iron.State._declared | {  # type: ignore[attr-defined]
-        "tau": real(0.0, "Motor torque")._replace(quantity=None),
-        "E_in": real(0.0, "Work of the motor")._replace(quantity=None),
-    }
-
-
-@record
-class Nothing:
-    """No inputs."""
+DIMENSIONS = (
+    "cam.R_b", "cam.h", "cam.rise", "rocker.L", "rocker.l", "rocker.l_K", "rocker.alpha0", "link.l",
+    "chain.l", "sprocket.A", "sprocket.C", "sprocket.R",
+)  # fmt: skip
+SYMBOL = {name: sp.Symbol(name.replace(".", "_"), positive=True) for name in DIMENSIONS}
+ROUNDING = 1e-14
+TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 
 
-class CoupledDrive:
-    """Drive and motor integrated together, events by the drive's own guard and jump."""
+class Geometry(NamedTuple):
+    """Formulas (1) to (10) of the paper, its signs mended: alpha of phi on the rise, the rest of alpha."""
 
-    def __init__(self, p: Any, motor: dict[str, float], **state: float) -> None:
-        q, i_g = start(drive_motor.Parameters, **motor), p.reducer.i_g
+    phi: Any
+    alpha: Any
+    of_phi: Any
+    n: Any
+    beta: Any
+    H: Any
 
-        def parts(x: Any) -> tuple[Any, Any]:
-            return iron.State._make(x[:-2]), iron.Inputs(x.tau)
 
-        def derivatives(_: Any, t: float, x: Any, u: Any) -> Any:
-            w = i_g * x.w_cam
-            turn = drive_motor.derivatives(q, t, drive_motor.State(x.tau), drive_motor.Inputs(w))
-            return State(*iron.derivatives(p, t, *parts(x)), turn.tau, x.tau * w)
+@cache
+def geometry(wrap: int) -> Geometry:
+    R_b, h, rise, L, l, l_K, alpha0, l_T, l_c, A, C, R_z = (SYMBOL[name] for name in DIMENSIONS)
+    phi, alpha = sp.symbols("phi alpha", real=True)
+    x = phi / rise
+    R = R_b + h * (35 * x**4 - 84 * x**5 + 70 * x**6 - 20 * x**7)
+    of_phi = alpha0 - sp.acos((L**2 + l**2 - R**2) / (2 * L * l))
+    X, Y = C + l_K * sp.cos(alpha), A - l_K * sp.sin(alpha)
+    if wrap == iron.Wrap.top:
+        n = sp.sqrt(X**2 + (Y + R_z) ** 2)
+        beta, arc = sp.pi - sp.atan((Y + R_z) / X), sp.pi * R_z / 2
+    else:
+        d = sp.sqrt(X**2 + Y**2)
+        n = sp.sqrt(d**2 - R_z**2)
+        beta = sp.pi - sp.atan(Y / X) - sp.asin(R_z / d)
+        arc = R_z * (3 * sp.pi / 2 - beta)
+    return Geometry(phi, alpha, of_phi, n, beta, l_c - (n - l_T) - arc)
 
-        def event_update(_: Any, t: float, x: Any, u: Any, which: int) -> Any:
-            return x._replace(**iron.event_update(p, t, *parts(x), which)._asdict())
 
-        functions = {
-            "State": State,
-            "derivatives": derivatives,
-            "event_indicators": lambda _, t, x, u: iron.event_indicators(p, t, *parts(x)),
-            "event_update": event_update,
-            "LONGEST_STEP": iron.LONGEST_STEP,
-        }
-        self.model: Any = SimpleNamespace(**DEFAULTS | functions)
-        x = start(State, **state)
-        first, u = parts(x)
-        self.t, self.x = 0.0, x._replace(**iron.sample(p, 0.0, first, None, u)._asdict())
+@cache
+def transfer(wrap: int) -> Any:
+    """alpha', alpha'', beta', beta'', H', H'' on the rise, as formulas (2) to (11) chain them, as a
+    function of phi and the dimensions, in mpmath's numbers.
+    """
+    g = geometry(wrap)
+    a_1, a_2 = (sp.diff(g.of_phi, g.phi, k) for k in (1, 2))
+    solution = [a_1, a_2]
+    for f in (g.beta, g.H):
+        f_1, f_2 = (sp.diff(f, g.alpha, k) for k in (1, 2))
+        solution += [f_1 * a_1, f_2 * a_1**2 + f_1 * a_2]
+    arguments = [g.phi, *SYMBOL.values()]
+    angle = sp.lambdify(arguments, g.of_phi, "mpmath")
+    rest = sp.lambdify([g.alpha, *arguments], solution, "mpmath", cse=True)
+    return lambda *values: rest(angle(*values), *values)
 
-    def to(self, t: float) -> Any:
-        """The state at the time t."""
-        still = motion.InputTrajectory(Nothing(), Nothing(), t - self.t)
-        self.x = motion.advance(self.model, None, self.t, self.x, still)
-        self.t = t
-        return self.x
 
-    def until(self, phi: float) -> Any:
-        """The state where the cam reaches phi."""
-        while self.x.phi < phi - 0.1:
-            self.to(self.t + 0.01)
-        t, x = self.t, self.x
-        for _ in range(5):
-            end = self.t + (phi - self.x.phi) / self.x.w_cam
-            self.t, self.x = t, x
-            self.to(end)
-        return self.x
+class Reference:
+    """Cam, rocker and motor: two coordinates, phi and alpha, and a force between them that pushes."""
 
-    def events(self, stop: float) -> list[tuple[float, Any]]:
-        """Times and states of the events up to `stop`."""
-        still = motion.InputTrajectory(Nothing(), Nothing(), stop - self.t)
-        return [
-            (self.t + s, x) for s, _, x in motion.events(self.model, None, self.t, self.x, still)
-        ]
+    def __init__(self, p: Any, tau: float, motor: dict[str, float] | None = None) -> None:
+        self.p, self.q, self.motor = p, by_name(p), motor
+        self.tau = tau
+        g, q = geometry(p.wrap), self.q
+        values = {SYMBOL[name]: q[name] for name in DIMENSIONS}
+        rho, m_T, l_T, l_K, R_z = (
+            q[x] for x in ("chain.rho", "link.m", "link.l", "rocker.l_K", "sprocket.R")
+        )
+        beta, n, H, a = (f.subs(values) for f in (g.beta, g.n, g.H, g.alpha))
+        b_1, H_1 = sp.diff(beta, a), sp.diff(H, a)
+        across = sp.cos(beta - a)
+        arc = q["chain.l"] - (n - l_T) - H
+        m_e = q["sprocket.J"] / R_z**2 + rho * (arc + H) + q["iron.m"] + q["spring.m"] / 3
+        J = q["rocker.J"] + m_T * (l_K**2 + l_T**2 * b_1**2 / 4 + l_K * l_T * b_1 * across)
+        J += q["link.J"] * b_1**2 + rho * l_K**2 * (n - l_T) + rho * b_1**2 * (n**3 - l_T**3) / 3
+        J += rho * l_K * b_1 * across * (n**2 - l_T**2) + m_e * H_1**2
+        s, theta = sp.Symbol("s"), sp.Symbol("theta")
+        height = l_K * sp.sin(a) + s * sp.sin(beta)
+        around = q["sprocket.A"] + R_z * sp.sin(theta)
+        Pi = sp.integrate(rho * height, (s, l_T, n)) + m_T * height.subs(s, l_T / 2)
+        Pi += sp.integrate(rho * R_z * around, (theta, sp.pi - arc / R_z, sp.pi))
+        Pi += rho * H * (q["sprocket.A"] - H / 2) - (q["iron.m"] + q["spring.m"] / 2) * H
+        Pi += q["rocker.m"] * q["rocker.r"] * sp.sin(a + q["rocker.gamma"])
+        self.H_b = float(H.subs(a, g.of_phi.subs(values).subs(g.phi, 0)))
+        e = q["spring.e_0"] + q["spring.side"] * (self.H_b - H)
+        Pi = q["g"] * Pi + q["spring.c"] / 2 * e**2
+        drag = q["joints.rocker"] + q["joints.link"] * (b_1 - 1) ** 2
+        drag += q["joints.sprocket"] * (H_1 / R_z) ** 2
+        W_0 = (q["iron.m"] + q["spring.m"] / 2) * q["g"] + q["spring.side"] * q["spring.c"] * e
+        sides = [J, sp.diff(J, a), sp.diff(Pi, a), H_1, sp.diff(H_1, a), W_0, drag, Pi]
+        self.side = sp.lambdify(a, sides, "math", cse=True)
+        up = [sp.diff(g.of_phi.subs(values), g.phi, k) for k in (0, 1, 2)]
+        self.rise = sp.lambdify(g.phi, up, "math", cse=True)
+        self.J_c = q["cam.J"] + q["reducer.J"] * q["reducer.i_g"] ** 2
+        self.ends = [*accumulate(q[f"cam.{x}"] for x in ("rise", "top", "ret"))]
+
+    def cam(self, phi: float, cell: int) -> tuple[float, float, float]:
+        """alpha, alpha', alpha'' where the follower is on the cam in this cell of a turn."""
+        f = phi % (2 * pi)
+        if cell == 0:
+            return tuple(self.rise(f))
+        if cell == 2:
+            scale = self.q["cam.rise"] / self.q["cam.ret"]
+            value, first, second = self.rise((self.ends[2] - f) * scale)
+            return value, -first * scale, second * scale * scale
+        return self.rise(self.q["cam.rise"] if cell == 1 else 0.0)[0], 0.0, 0.0
+
+    def friction(self, v: float) -> float:
+        q = self.q
+        return q["friction.K_down"] if v > 0 else q["friction.K_up"] if v < 0 else 0.0
+
+    def forces(
+        self, y: Any, cell: int, flying: bool, stiffness: float = 0.0
+    ) -> tuple[float, float, float, float]:
+        """Accelerations of cam and rocker, torque between them, power lost to the guide; in flight
+        a spring may push where the rocker has gone into the cam.
+        """
+        phi, w, alpha, v, tau, *_ = y
+        q, (_, a_1, a_2) = self.q, self.cam(phi, cell)
+        J, J_1, Pi_1, H_1, H_2, W_0, drag, _ = self.side(alpha)
+        K, m = self.friction(v), q["iron.m"]
+        A = J + K * m * H_1 * H_1
+        Q = K * H_1 * (W_0 - m * H_2 * v * v) - J_1 * v * v / 2 - Pi_1 - drag * v
+        weight = q["cam.m"] * q["g"] * q["cam.r"] * cos(phi + q["cam.gamma"])
+        M = q["reducer.i_g"] * tau - weight - q["joints.cam"] * w
+        push = stiffness * (alpha - self.cam(phi, cell)[0]) if flying else Q - A * (a_2 * w * w + a_1 * (M + a_1 * (Q - A * a_2 * w * w)) / (
+            self.J_c + A * a_1 * a_1
+        ))  # fmt: skip
+        turn = (Q - push) / A
+        W = W_0 - m * (H_1 * turn + H_2 * v * v)
+        return (M + a_1 * push) / self.J_c, turn, push, -K * W * H_1 * v
+
+    def slope(self, y: Any, cell: int, flying: bool) -> list[float]:
+        """Of phi, w, alpha, v, tau, friction's energy, work of the motor, time in flight."""
+        eps, turn, _, loss = self.forces(y, cell, flying)
+        i, tau = self.q["reducer.i_g"], y[4]
+        motor = self.motor
+        lag = 0.0 if motor is None else (motor["A"] - motor["B"] * i * y[1] - tau) / motor["T"]
+        return [y[1], eps, y[3], turn, lag, loss, i * tau * y[1], float(flying)]
+
+    def stopped(self, phi: float, w: float, w_gap: float, stiffness: float) -> tuple[float, float]:
+        """Speeds of cam and rocker, which met on a spring, when they go no further into each other."""
+        cell = sum(phi % (2 * pi) >= end for end in self.ends)
+        alpha, a_1, _ = self.cam(phi, cell)
+
+        def slope(t: float, y: Any) -> list[float]:
+            eps, turn, *_ = self.forces([*y, self.tau], cell, True, stiffness)
+            return [y[1], eps, y[3], turn]
+
+        def together(t: float, y: Any) -> float:
+            return float(self.cam(y[0], cell)[1] * y[1] - y[3])
+
+        def reverses(t: float, y: Any) -> float:
+            return float(y[3])
+
+        together.terminal = reverses.terminal = True  # type: ignore[attr-defined]
+        t, y, ends = 0.0, np.array([phi, w, alpha, a_1 * w - w_gap]), [together, reverses]
+        while True:
+            solution = solve_ivp(slope, (t, 1.0), y, events=ends, rtol=1e-10, atol=1e-13)
+            t, y = float(solution.t[-1]), solution.y[:, -1]
+            if len(solution.t_events[0]):
+                return float(y[1]), float(y[3])
+            y[3], ends = -ROUNDING, [together]
+
+    def energy(self, y: Any) -> float:
+        """Kinetic and potential, of all but a constant."""
+        J, *_, Pi = self.side(y[2])
+        q = self.q
+        Pi += q["cam.m"] * q["g"] * q["cam.r"] * sin(y[0] + q["cam.gamma"])
+        return float((self.J_c * y[1] ** 2 + J * y[3] ** 2) / 2 + Pi)
+
+    def arm(self, phi: float, cell: int) -> float:
+        """Lever of the contact's normal about the rocker's axis, from the path of the roller."""
+        alpha, a_1, _ = self.cam(phi, cell)
+        L, l, psi = self.q["rocker.L"], self.q["rocker.l"], self.q["rocker.alpha0"] - alpha
+        roller = complex(l * cos(psi), -l * sin(psi))
+        slip = 1j * a_1 * roller - 1j * (roller - L)
+        normal = 1j * slip / hypot(slip.real, slip.imag)
+        return abs((roller.conjugate() * normal).imag)
+
+    def impact(self, y: Any, cell: int) -> tuple[Any, bool, float]:
+        """The state after a landing, whether it leaves again, and its impulse over the arm."""
+        _, a_1, _ = self.cam(y[0], cell)
+        J, _, _, H_1, *_ = self.side(y[2])
+        w, v, m = y[1], y[3], self.q["iron.m"]
+
+        def after(P: float) -> tuple[float, float]:
+            down, up = (J + self.friction(s) * m * H_1 * H_1 for s in (1.0, -1.0))
+            stands = max(v, 0.0) * down
+            end = v - P / down if stands >= P else min(v, 0.0) - (P - stands) / up
+            return w + a_1 * P / self.J_c, end
+
+        def parting(P: float) -> float:
+            w, v = after(P)
+            return a_1 * w - v
+
+        meeting = brentq(parting, 0.0, 1e3, xtol=1e-14, rtol=1e-14)
+        total_impulse, arm = (1 + self.q["follower.e"]) * meeting, self.arm(y[0], cell)
+        leaves = parting(total_impulse) * arm >= self.q["follower.v"]
+        P = total_impulse if leaves else meeting
+        new = np.array(y)
+        new[1], new[3] = after(P)
+        stand = min(max(v, 0.0), v) if v > 0 else v
+        K_down, K_up = self.friction(1.0), self.friction(-1.0)
+        low = 0.0 if v > 0 > new[3] else new[3] if v > 0 else stand
+        rubbed = K_up * (new[3] ** 2 - low**2) * (new[3] < 0) - K_down * (v * v - low**2) * (v > 0)
+        new[5] += m * H_1 * H_1 * rubbed / 2
+        return new, leaves, P / arm
+
+    def run(self, phi: float, w: float, stop: float, times: Any = ()) -> dict[str, Any]:
+        """The state at the end of a run from the cam, lift-offs and landings with their times, and rows at
+        some times; it also ends where the cam stops while it carries the follower.
+        """
+        names = ("phi", "w_cam", "alpha", "v", "tau", "E_friction", "work", "t_flight")
+        cell = sum(phi % (2 * pi) >= end for end in self.ends)
+        alpha, a_1, _ = self.cam(phi, cell)
+        t, flying, y = 0.0, False, np.array([phi, w, alpha, a_1 * w, self.tau, 0.0, 0.0, 0.0])
+        lifted: list[float] = []
+        landed: list[tuple[float, float, float, float]] = []
+        rows: list[Any] = []
+        energy_loss = 0.0
+        while t < stop:
+            first = 2 * pi * (y[0] // (2 * pi))
+            edge = first + [*self.ends, 2 * pi][cell]
+
+            def passed(t: float, y: Any, edge: float = edge) -> float:
+                return float(edge - y[0])
+
+            def touch(t: float, y: Any, cell: int = cell, flying: bool = flying) -> float:
+                if flying:
+                    return self.cam(y[0], cell)[0] - y[2] + ROUNDING
+                return self.forces(y, cell, False)[2] if self.p.follower.lifts else 1.0
+
+            def turns(t: float, y: Any, flying: bool = flying) -> float:
+                return float(y[3] if flying else y[1])
+
+            events = [passed, touch, turns]
+            for event, sense in zip(events, (-1, -1, 0 if flying else -1)):
+                event.terminal, event.direction = True, sense  # type: ignore[attr-defined]
+            solution = solve_ivp(
+                lambda t, y, c=cell, f=flying: self.slope(y, c, f), (t, stop), y, events=events,
+                max_step=2e-3, dense_output=True, **TIGHT,
+            )  # fmt: skip
+            begin, t, y = t, float(solution.t[-1]), solution.y[:, -1]
+            rows += [solution.sol(x) for x in times if begin <= x < t or x == t == stop]
+            if solution.status != 1 or (len(solution.t_events[2]) and not flying):
+                break
+            if len(solution.t_events[0]):
+                y[0] = edge
+                cell = (cell + 1) % 4
+                if cell == 0:
+                    y[0] = first + 2 * pi
+            elif len(solution.t_events[1]) and flying:
+                before, rubbed = self.energy(y), y[5]
+                speed = (y[3] - self.cam(y[0], cell)[1] * y[1]) * self.arm(y[0], cell)
+                y[2] = self.cam(y[0], cell)[0]
+                y, flying, impulse = self.impact(y, cell)
+                loss = before - self.energy(y) - (y[5] - rubbed)
+                energy_loss += loss
+                landed.append((t, speed, impulse, loss))
+            elif len(solution.t_events[1]):
+                flying = True
+                lifted.append(t)
+            if not flying:
+                y[2], a_1, _ = self.cam(y[0], cell)
+                y[3] = a_1 * y[1]
+            elif len(solution.t_events[2]):
+                y[3] = np.copysign(ROUNDING, -solution.y[3, -2])
+        return dict(zip(names, map(float, y))) | {
+            "gap": self.cam(y[0], cell)[0] - y[2] if flying else 0.0, "E_landing": energy_loss,
+            "lifted": lifted, "landed": landed, "t": t, "rows": dict(zip(names, np.array(rows).T)),
+        }  # fmt: skip

@@ -123,7 +123,7 @@ def passage(v: Mapping[str, float], w: Callable[[float], float]) -> dict[str, fl
         [J1, 0, 0, 0, l1 * s1, -l1 * c1, 0], [l1 * s1, -l2, 1, 0, 0, 0, 0],
         [-l1 * c1, -r, 0, 1, 0, 0, 0], [l1 * s1, -h, 0, 0, 0, 0, 0],
     ])  # fmt: skip
-    w1, *_, S_y, S_k = np.linalg.solve(landing, [0, m2 * fall, 0, 0, 0, 0, 0])
+    w1, *_, S_x, S_y, S_k = np.linalg.solve(landing, [0, m2 * fall, 0, 0, 0, 0, 0])
 
     stop, hooked, (p, w1) = until(
         falls_in_joint, landed, [rest, w1],
@@ -136,6 +136,7 @@ def passage(v: Mapping[str, float], w: Callable[[float], float]) -> dict[str, fl
     before = [J1 * w1 + m2 * z1 * y_1 * w1, J2 * u * w1 + m2 * (x2 * x_1 + z2 * y_1) * w1]
     after = np.linalg.solve(M, before)
     P_B = -m2 * (z1 * after[0] + z2 * after[1] - y_1 * w1) / cos(p2)
+    P_K = P_B * sin(p2) - m2 * (x2 * after[1] - x_1 * w1)
 
     stop, t, (p, p2, w1, w2) = until(
         turns, hooked, [p, p2, *after], (lambda _, y: hook(y[0], y[1])[7] - h, ONWARDS),
@@ -169,6 +170,8 @@ def passage(v: Mapping[str, float], w: Callable[[float], float]) -> dict[str, fl
     solution = {f"t_{name}": float(time) for name, time in (times | {"released": t - left}).items()}
     return solution | {
         "orientation_time": t,
+        "S_x": float(S_x),
+        "P_K": float(P_K),
         "corner_impulse": float(S_y),
         "wall_impulse": float(S_k),
         "hook_impulse": float(P_B),

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import cmath
 import functools
 import itertools
 import math
 import random
 import tempfile
-from math import cos, nan, pi, sin
+from math import cos, pi, sin
 from pathlib import Path
 from typing import Any
 
 import mpmath
-import numpy as np
 import pytest
 import sympy
 
@@ -24,9 +22,9 @@ from fmukit.declare.record import start
 from fmukit.fmu.load import load
 from fmukit.runtime import hybrid as motion
 from fmukit.trace.modules import source_files
-from tests.hosts.fmus import resident
+from tests.components import orientator_oracle as reference
 from tests.hosts.host import MESSAGES, Unit
-from tests.oracle import random_parameters
+from tests.oracle import by_name, random_parameters
 
 FMU = "GravityOrientator.fmu"
 RPM = pi / 30
@@ -43,15 +41,6 @@ ORIENTATION_TIMES = {
     50: (0.2611098946, 0.2835888249, 0.3148253945),
     60: (0.2734541980, 0.3148595929, 0.3991961493),
     70: (0.2903389856, 0.3708835246, 0.0),
-}
-DURATIONS = {
-    (0.35, 0): (0.0903047282, 0.0643836154, 0.0288078058, 0.0552790859),
-    (0.35, 20): (0.0921249111, 0.0660577271, 0.0299828093, 0.0559959013),
-    (0.2, 40): (0.0946353897, 0.0687837420, 0.0322422676, 0.0563983905),
-    (0.35, 40): (0.0983259440, 0.0720078294, 0.0344458574, 0.0590253726),
-    (0.5, 40): (0.1024849308, 0.0757380163, 0.0371250192, 0.0624389467),
-    (0.2, 60): (0.1010405234, 0.0758571737, 0.0383385889, 0.0582179120),
-    (0.35, 60): (0.1121929071, 0.0871034226, 0.0477694116, 0.0677938516),
 }
 IMPULSES = (0.00109272776, 0.00555509254, 0.000215694509, 0.0021544136, -0.00108697249)
 ENERGIES = (0.0132395651, 0.0109796966, 0.0267586643, 0.0266093662)
@@ -108,22 +97,35 @@ def numbers(x: Any) -> list[float]:
     return list(x[:8])
 
 
-@pytest.mark.parametrize("column", [0, 1, 2], ids=["mu 0.2", "mu 0.35", "mu 0.5"])
 @pytest.mark.parametrize("n", ORIENTATION_TIMES)
 def test_orientation_takes_the_reference_time_at_every_communication_step(
-    n: int, column: int, fmus: Path
+    n: int, fmus: Path
 ) -> None:
-    mu = (0.2, 0.35, 0.5)[column]
-    recorded = []
-    for folder, h in ((fmus / "native", 1e-4), (fmus, 1e-3), (fmus, 2e-2)):
-        unit = machine(folder, n, mu, h)
-        recorded.append(
-            read(unit, *ROUTE, *model.State._fields[:8], "S_x", "S_y", "S_k", "P_B", "P_K")
-        )
-    assert recorded[0][4] == pytest.approx(ORIENTATION_TIMES[n][column], abs=1e-10)
-    assert recorded[0][:4] == pytest.approx(DURATIONS.get((mu, n), recorded[0][:4]), abs=1e-10)
-    for other in recorded[1:]:
-        assert other == pytest.approx(recorded[0], rel=1e-10, abs=1e-11)
+    for mu, expected in zip((0.2, 0.35, 0.5), ORIENTATION_TIMES[n]):
+        for folder, h in ((fmus / "native", 1e-4), (fmus, 2e-2)):
+            actual = machine(folder, n, mu, h).get("orientation_time")
+            assert actual == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_passage_of_any_machine_is_that_of_the_reference_solution(seed: int, fmus: Path) -> None:
+    """A speed on a line, which jams one of the machines; times, and the impulses at the impacts."""
+    draw = random.Random(seed)
+    p = random_parameters(model, draw, 0.1)
+    values = by_name(p)
+    n, rise = draw.uniform(0, 60), draw.uniform(-100, 100)
+    names = {name: name for name in (*ROUTE, "S_x", "P_K")}
+    names |= {"S_y": "corner_impulse", "S_k": "wall_impulse", "P_B": "hook_impulse"}
+    for folder, h in ((fmus / "native", 1e-4), (fmus / "native", 7e-3), (fmus, 2e-2)):
+        unit = Unit(folder / FMU).start(w=n * RPM, input_hold=2, **values)
+        for k in range(math.ceil(0.6 / h)):
+            unit.set(w=(n + rise * h * (k + 1)) * RPM).step(k * h, h)
+        try:
+            wanted = reference.passage(values, lambda t: (n + rise * t) * RPM)
+            actual = dict(zip(names.values(), read(unit, *names)))
+            assert actual == pytest.approx(wanted, rel=1e-9, abs=1e-11)
+        except reference.Jam:
+            assert unit.get("jammed") == 1
 
 
 def test_states_energies_and_impulses_are_the_reference_ones(fmus: Path) -> None:
@@ -147,14 +149,6 @@ def test_without_speed_the_product_flies_from_its_release_and_falls_as_in_the_fo
     assert (old.contact, flying.contact, numbers(flying)) == (True, False, numbers(new))
     assert before.vyc == pytest.approx(flying.vyc + 9.81 * (t - leaving), abs=1e-12)
     assert passage(0, 0.35)[2][0][0] == pytest.approx(math.sqrt(2 * 0.04 / 9.81), abs=1e-14)
-
-
-def test_a_speed_on_a_line_gives_the_times_of_the_continuous_speed(fmus: Path) -> None:
-    h, expected = 0.01, (0.095627760034, 0.071806301510, 0.035643659118, 0.062524174345)
-    unit = Unit(fmus / FMU).start(w=30 * RPM, input_hold=2)
-    for k in range(30):
-        unit.set(w=(30 + 100 * h * (k + 1)) * RPM).step(k * h, h)
-    assert read(unit, *ROUTE) == pytest.approx([*expected, 0.265601895007], abs=1e-11)
 
 
 def test_a_product_is_held_in_the_chute_and_falls_on_when_the_rotor_slows_down(fmus: Path) -> None:
@@ -202,56 +196,6 @@ def test_positions_are_continuous_and_energy_falls_only_at_the_four_impacts() ->
         (released, released, True, True),
         (Stage.turning, jammed, True, True),
     }
-
-
-def residuals(p: Any, old: Any, new: Any) -> list[float]:
-    """What is left of the balances of momentum, and of the speeds along the contacts.
-
-    Places and impulses are complex numbers; the cup gives the impulses to the catcher and the wall.
-    """
-    (_, h, l2, m, J2), (l1, h1, _, J1, _) = p.cup, p.catcher
-    arm, axis = cmath.exp(1j * old.phi1), cmath.exp(1j * old.phi2)
-    centre, v = complex(old.xc, old.yc), complex(new.vxc, new.vyc)
-    push, kicked = m * (v - complex(old.vxc, old.vyc)), (h - l2) * axis
-    turn, slides = J2 * (new.w2 - old.w2), (v + 1j * new.w2 * kicked).real
-    location, on_catcher, on_wall = centre, 0.0, 0.0
-    match old.stage, new.stage:
-        case Stage.falling, _:
-            location, on_catcher, on_wall = l1 * arm, complex(new.S_x, new.S_y), new.S_k
-            relative_velocity = v + 1j * new.w2 * (location - centre) - 1j * new.w1 * location
-            along = [relative_velocity.real, relative_velocity.imag, slides]
-        case Stage.joint, _:
-            location, on_catcher, on_wall = (l1 - 1j * h1) * arm, new.P_B * 1j * axis, new.P_K
-            relative_velocity = v + 1j * new.w2 * (location - centre) - 1j * new.w1 * location
-            along = [(relative_velocity / (1j * axis)).real, slides]
-        case Stage.released, Stage.released if new.contact and not old.contact:
-            on_wall, along = -push.real, [slides]
-        case _:
-            return [push.real, push.imag, turn, new.w1]
-    push += on_catcher + on_wall
-    turn += cross(location - centre, on_catcher) + cross(kicked, on_wall)
-    return [
-        push.real,
-        push.imag,
-        turn,
-        J1 * (new.w1 - old.w1) - cross(location, on_catcher),
-        *along,
-    ]
-
-
-def cross(arm: complex, force: complex) -> float:
-    return (arm.conjugate() * force).imag
-
-
-def test_momentum_is_balanced_at_every_impact() -> None:
-    recorded = []
-    for n, mu in PASSAGES[:-1]:
-        p, _, events = passage(n, mu)
-        for _, old, new in events:
-            if new.w1 != old.w1 or new.w2 != old.w2:
-                assert max(map(abs, residuals(p, old, new))) < 1e-13
-                recorded.append(old.stage)
-    assert {Stage.falling, Stage.joint, Stage.released} == set(recorded)
 
 
 @functools.cache
@@ -394,23 +338,6 @@ def test_accelerations_and_reactions_follow_from_lagrange(stage: Stage, options:
     assert max(differences(model, stage, **options)) < 1e-12
 
 
-SLIPS = {
-    "Coriolis moment of the other sense": (
-        Stage.turning, ("F, S = 2 * m * w * x.vxc, -2 * w", "F, S = 2 * m * w * x.vxc, 2 * w")),
-    "Coriolis force of half the size": (Stage.joint, ("F, S = 2 * m * w", "F, S = m * w")),
-    "friction on the hook the other way": (
-        Stage.turning, ("k = p.neglected.mu_catcher", "k = -p.neglected.mu_catcher")),
-    "friction in the corner the other way": (Stage.joint, ("at.phi2.first - 1)", "at.phi2.first + 1)")),
-    "spring pushed aside": (Stage.joint, ("(X * sin(phi1) - Y", "(-X * sin(phi1) - Y")),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("slip", SLIPS)
-def test_a_wrong_sign_in_what_the_paper_neglects_is_not_lagranges(slip: str) -> None:
-    stage, swap = SLIPS[slip]
-    assert sorted(differences(variant(swap), stage, **ALL_NEGLECTED))[40] > 1e-5
-
-
 def test_velocities_are_the_transfer_functions_times_the_speeds_of_catcher_and_cup() -> None:
     for stage in (Stage.joint, Stage.turning):
         for p, x, w in products(stage, 20):
@@ -457,7 +384,9 @@ MISPRINTS = {
         [(SPRING, "spring * cos(phi10)")]),
     "6: F_1 at the end of the arm": (Stage.joint, {(0.35, 40): 0.262616, (0.5, 60): 0.378404},
         [("half * (F_1", "half * (2 * F_1")]),
-    "10: speeds carried_rows over the hook": (None, {(0.35, 40): 0.274044, (0.5, 60): 0.421317},
+    "6: the landing turns the cup about its end": (None, {(0.35, 0): 0.279764, (0.35, 40): 0.312364},
+        [("w1 = m * x.vyc * at.y.first / at.J", "w1 = 1.6236939221469517 * x.vyc")]),
+    "10: speeds carried over the hook": (None, {(0.35, 40): 0.274044, (0.5, 60): 0.421317},
         [(LYING, LYING.replace("w1=w1, w2=w2", "w1=x.w1, w2=x.w2"))]),
     "11: a wall that pulls": (None, {(0.35, 0): 0.236794},
         [("return pressure(p, x, w)", "return 1.0")]),
@@ -479,47 +408,23 @@ def test_equations_as_printed_are_not_lagranges_and_give_other_times(misprint: s
         )
 
 
-@pytest.mark.parametrize("n", [0, 40])
-def test_the_landing_solves_its_seven_equations_and_equation_6_as_printed_does_not(n: int) -> None:
-    p, _, ((_, old, new), *_) = passage(n, 0.35)
-    (d, h, l2, m, J2), (l1, _, _, J1, phi) = p.cup, p.catcher
-    r, e, c1, s1, solved = d / 2, h - l2, cos(phi), sin(phi), []
-    for arm in (h, e):
-        # S_x, S_y, S_k, vxc, vyc, w1, w2
-        rows = [
-            [1, 0, 1, m, 0, 0, 0], [0, 1, 0, 0, m, 0, 0], [-l2, -r, e, 0, 0, 0, J2],
-            [l1 * s1, -l1 * c1, 0, 0, 0, J1, 0], [0, 0, 0, 1, 0, l1 * s1, -l2],
-            [0, 0, 0, 0, 1, -l1 * c1, -r], [0, 0, 0, 0, 0, l1 * s1, -arm],
-        ]  # fmt: skip
-        solved.append(np.linalg.solve(rows, [0, m * old.vyc, 0, 0, 0, 0, 0]))
-    mine = [new.S_x, new.S_y, new.S_k, new.vxc, new.vyc, new.w1, new.w2]
-    assert mine == pytest.approx(solved[0], rel=1e-12, abs=1e-15)
-    vxc, _, w1, w2 = solved[1][3:]
-    assert vxc + e * w2 > 0.1, "the bottom would move into the wall"
-    faulty = variant(("w1 = m * x.vyc * at.y.first / at.J", f"w1 = {float(w1 / old.vyc)} * x.vyc"))
-    expected = {0: 0.279764, 40: 0.312364}[n]
-    assert passage(n, 0.35, component=faulty)[1].orientation_time == pytest.approx(
-        expected, abs=1e-6
-    )
-
-
 @pytest.mark.parametrize(
     ("mu", "limit", "reason"),
     [
         (0.05, 150.68252, 6),
-        pytest.param(0.1, 126.38634, 6, marks=pytest.mark.slow),
-        pytest.param(0.2, 100.23145, 6, marks=pytest.mark.slow),
-        pytest.param(0.35, 77.75026, 7, marks=pytest.mark.slow),
+        (0.1, 126.38634, 6),
+        (0.2, 100.23145, 6),
+        (0.35, 77.75026, 7),
         (0.5, 62.12296, 7),
     ],
 )
 def test_orientation_fails_above_the_limit_of_the_speed(
-    mu: float, limit: float, reason: int
+    mu: float, limit: float, reason: int, native: Path
 ) -> None:
     for offset in (1.0, 2e-5):
-        below, above = (passage(limit + sign * offset, mu)[1] for sign in (-1, 1))
-        assert (below.stage, below.oriented, below.jammed) == (Stage.oriented, 1, 0)
-        assert (above.stage, above.reason, above.jammed) == (Stage.jammed, reason, 1)
+        below, above = (machine(native, limit + sign * offset, mu, 2e-2) for sign in (-1, 1))
+        assert read(below, "stage", "oriented", "jammed") == [Stage.oriented, 1, 0]
+        assert read(above, "stage", "reason", "jammed") == [Stage.jammed, reason, 1]
 
 
 @pytest.mark.parametrize(
@@ -542,68 +447,6 @@ def test_a_jam_is_a_state_that_the_next_release_leaves(
     for k in range(30):
         unit.set(w=0.0).step(t + 2e-2 * k, 2e-2)
     assert read(unit, "stage", "reason", "oriented") == [Stage.oriented, 0, 1]
-
-
-REFUSED = {
-    "chute.mu = -0.1 must be at least 0.0": {"chute.mu": -0.1},
-    "cup.m = 0.0 kg must be > 0": {"cup.m": 0.0},
-    "catcher.phi = 0.0 rad must be > 0": {"catcher.phi": 0.0},
-    "catcher.phi = 1.6 rad must be at most 1.5707": {"catcher.phi": 1.6},
-    "chute.R = 0.19 m must be above catcher.l cos(catcher.phi) + cup.d = 0.1958": {"chute.R": 0.19},
-    "catcher.h = 0.05 m must be below cup.h = 0.048 m": {"catcher.h": 0.05},
-    "cup.l = 0.07 m must be below cup.h + cup.d/2 = 0.068 m": {"cup.l": 0.07},
-    "cup.d = nan m must be a finite number": {"cup.d": nan},
-    "g = inf m/s2 must be a finite number": {"g": math.inf},
-    "chute.H = 0.0 m must be > 0": {"chute.H": 0.0},
-    "spring.c = -1.0 N/m must be at least 0.0 N/m": {"spring.c": -1.0},
-    "catcher.J = 0.0 kg.m2 must be > 0": {"catcher.J": 0.0},
-    "catcher.l = 0.06 m must be longer": {"catcher.l": 0.06},
-    "cup.h = 0.005 m must be above cup.d/2 tan(catcher.phi/2) = 0.00535": {
-        "cup.h": 0.005, "cup.l": 0.004, "catcher.h": 0.003},
-    "catcher.h = 0.045 m must be below cup.d / sin(catcher.phi) = 0.04": {
-        "cup.d": 0.02, "catcher.h": 0.045},
-    "cup.J = 1e-07 kg.m2 must be above 1.": {"cup.J": 1e-7},
-    "neglected.J_a = 5e-05 kg.m2 must be below 2 cup.J = 4.8e-05 kg.m2": {
-        "neglected.J_a": 5e-5, "neglected.mu_side": 0.3},
-    "neglected.mu_catcher = 1.1 must be at most 1.0": {"neglected.mu_catcher": 1.1},
-    "w = nan rad/s must be a finite number": {"w": nan},
-    "stage = 7 must be one of 0 (falling), 1 (joint)": {"stage": 7},
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("reason", REFUSED)
-def test_what_cannot_be_is_refused_by_name_value_and_bound(reason: str, fmus: Path) -> None:
-    unit = Unit(fmus / FMU, "unit 7")
-    assert f"unit 7: {reason}" in unit.refusal(lambda u: u.start(**REFUSED[reason]))
-    unit.fmi.reset()
-    assert unit.start().step(0.0, 0.3).get("oriented") == 1
-    assert "w = inf rad/s must be" in unit.refusal(lambda u: u.set(w=math.inf))
-    unit.fmi.freeInstance()
-
-
-@pytest.mark.parametrize("serialised", [False, True])
-@pytest.mark.parametrize("h", [1e-3, 2e-2])
-def test_every_step_of_a_passage_can_be_redone_to_the_bit(
-    h: float, serialised: bool, fmus: Path
-) -> None:
-    unit, other = Unit(fmus / FMU).start(release=False), Unit(fmus / FMU)
-    saved, recorded, stages = [], [], set()
-
-    def advance(some: Unit, k: int) -> list[Any]:
-        return some.set(w=RPM * (35 + k % 2), release=k > 0).step(k * h, h).outputs()
-
-    for k in range(math.ceil(0.29 / h)):
-        saved.append(unit.fmi.getFMUstate())
-        stages.add((unit.get("stage"), unit.get("contact")))
-        recorded.append(advance(unit, k))
-    assert {*zip((6, 0, 1, 2, 3), itertools.repeat(1)), (3, 0)} <= stages
-    for k in random.Random(1).sample(range(len(saved)), len(saved)):
-        state, redone = saved[k], unit
-        if serialised:
-            content = unit.fmi.serializeFMUstate(state)
-            state, redone = other.fmi.deSerializeFMUstate(content), other
-        redone.fmi.setFMUstate(state)
-        assert advance(redone, k) == recorded[k]
 
 
 def test_a_product_waits_for_an_edge_and_an_early_product_is_counted(fmus: Path) -> None:
@@ -641,38 +484,23 @@ def test_a_start_follows_the_parameters_and_closes_the_mechanism(fmus: Path) -> 
     assert unit.step(0.0, 0.2).get("stage") == Stage.oriented
 
 
-@pytest.mark.parametrize("flavour", ["", "native"])
-@pytest.mark.parametrize(("name", "value"), [("xc", "0.3 m"), ("vxc", "1.0 m/s")])
-def test_what_follows_from_the_angles_cannot_be_set(
-    name: str, value: str, flavour: str, fmus: Path
-) -> None:
-    unit = Unit(fmus / flavour / FMU)
-    refusal = unit.refusal(lambda u: u.set(**{name: float(value.split()[0])}))
-    assert f"{name} = {value} cannot be set: continuous output" in refusal
-    assert unit.variables[name].initial == "calculated"
-    unit.fmi.freeInstance()
-    unit = Unit(fmus / flavour / FMU)
-    unit.fmi.setupExperiment()
-    unit.set(stage=2, phi1=0.83, phi2=6.3, w2=26.0).fmi.enterInitializationMode()
-    expected = {"xc": 0.18 * cos(pi / 6) + 0.02 - 0.005 * cos(6.3), "vxc": 0.005 * sin(6.3) * 26.0}
-    assert unit.get(name) == pytest.approx(expected[name], abs=1e-15)
-
-
-def test_any_machine_at_any_speed_comes_to_an_end() -> None:
+def test_any_machine_at_any_speed_comes_to_an_end(native: Path) -> None:
     ends = set()
-    for p, _, w in products(Stage.falling, 5):
-        speed = (w, 100 * w)[len(ends) % 2] / RPM
-        x = passage(lambda t, n=speed: n * (1 + 0.3 * sin(40 * t)), p, 2e-2)[1]
-        ends.add(Stage(x.stage) if x.stage != Stage.falling else Reason(x.reason))
-        assert all(map(math.isfinite, (*x, *model.outputs(p, 3.0, x, model.Inputs(w, True)))))
+    for p, _, w in products(Stage.falling, 12):
+        speed, unit = (w, 100 * w)[len(ends) % 2], Unit(native / FMU)
+        unit.start(w=speed, **by_name(p))
+        for k in range(150):
+            unit.set(w=speed * (1 + 0.3 * sin(0.8 * k))).step(2e-2 * k, 2e-2)
+        stage, reason = read(unit, "stage", "reason")
+        ends.add(Stage(stage) if stage != Stage.falling else Reason(reason))
+        assert all(map(math.isfinite, unit.outputs()))
     assert ends == {Stage.oriented, Stage.jammed, Reason.held_in_chute}
 
 
-@pytest.mark.parametrize("count", [21, pytest.param(10_000, marks=pytest.mark.slow)])
-def test_products_in_a_row_neither_drift_nor_grow(count: int, fmus: Path) -> None:
-    h, now, first, memory, reasons = 2e-2, itertools.count(), {}, [], []
+def test_products_in_a_row_do_not_drift(fmus: Path) -> None:
+    h, now, first, reasons = 2e-2, itertools.count(), {}, []
     unit = Unit(fmus / FMU).start(release=False)
-    for product in range(count):
+    for product in range(21):
         mean = (15, 30, 40, 50, 60, 70, 90)[product % 7]
         for k in itertools.count():
             n = mean + 5 * sin(9 * k * h)
@@ -682,9 +510,7 @@ def test_products_in_a_row_neither_drift_nor_grow(count: int, fmus: Path) -> Non
         actual = read(unit, *ROUTE, "reason")
         assert actual == pytest.approx(first.setdefault(mean, actual), abs=1e-10)
         unit.set(release=False).step(h * next(now), h)
-        memory.append(resident())
         reasons.append(actual[-1])
     oriented = reasons.count(0)
-    assert 0 < oriented < count
-    assert read(unit, "oriented", "jammed", "missed") == [oriented, count - oriented, 0]
-    assert memory[-1] - memory[count // 7] < 1e6
+    assert 0 < oriented < 21
+    assert read(unit, "oriented", "jammed", "missed") == [oriented, 21 - oriented, 0]

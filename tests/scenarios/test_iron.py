@@ -14,16 +14,16 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from tests.components.iron_flight import DIMENSIONS, Reference, transfer
 
 from components.iron_drive import model as iron
 from cosim import SetupError
 from fmukit.declare.record import declarations, start
 from scenarios.iron import transfer as kinematics
 from scenarios.iron.questions import iron_orders
-from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
 from tests.components.iron_oracle import by_material_points, tables
 from tests.conftest import QUICK, ask
-from tests.oracle import random_parameters
+from tests.oracle import by_name, random_parameters
 
 PARAMETERS = {
     name: attrgetter(name)
@@ -54,7 +54,7 @@ def test_iron_kinematics_and_its_shares_are_those_of_the_papers_formulas(dimensi
     """Largest on the return, which is a rise backwards; derivatives with 30 digits."""
     answer = ask("iron_kinematics", samples=360)
     shares = answer.tables["iron_kinematics_shares.csv"].frame
-    parameters = numbers(start(iron.Parameters))
+    parameters = by_name(start(iron.Parameters))
     last = parameters["cam.ret"]
     values = {name: parameters[name] for name in DIMENSIONS} | {"cam.rise": last}
     index = list(DIMENSIONS).index(dimension)

@@ -26,7 +26,7 @@ from cosim.metrics import harmonics
 from fmukit.declare.record import declarations, start
 from scenarios.chain.questions import speed_step
 from scenarios.conveyor.first_order import SETS
-from tests.components.iron_oracle import CoupledDrive
+from tests.components.iron_oracle import Reference
 from tests.components.orientator_oracle import Jam, passage
 from tests.components.test_iron_drive import quantities
 from tests.conftest import ask
@@ -34,6 +34,8 @@ from tests.oracle import joined, monolithic, part, random_parameters, split
 from workbench import Figure
 
 SLOW, TURN = pytest.mark.slow, 2 * math.pi
+BEGIN = start(iron.State).phi
+"""Where the cam of the iron drive starts [rad]."""
 Comparison = tuple[Mapping[str, Figure], Mapping[str, float]]
 """The figures of an answer, and what they should be."""
 Compare = Callable[[int], Comparison]
@@ -129,15 +131,15 @@ def compare_iron_start(seed: int) -> Comparison:
     stop, step = 0.3, draw.choice([2e-4, 5e-4, 1e-3])
     mine = {f"motor_{name}": value for name, value in line.items()}
     estimates = ask("iron_start", stop=stop, step=step, start=of_iron(p), **mine).figures
-    drive, t = CoupledDrive(p, line), np.linspace(0.0, stop, 1501)
-    rows = [drive.x, *(drive.to(x) for x in t[1:])]
-    phi, w, tau = (np.array([getattr(x, name) for x in rows]) for name in ("phi", "w_cam", "tau"))
+    t = np.linspace(0.0, stop, 1501)
+    rows = Reference(p, 0.0, line).run(BEGIN, 0.0, stop, t)["rows"]
+    phi, w, tau = (rows[name] for name in ("phi", "w_cam", "tau"))
     (_, (fastest, when)), (_, (most, _)) = extremes(t, w), extremes(t, tau)
     return estimates, {
         "w_cam_max": fastest, "w_cam_max_time": when, "tau_max": most,
         "turns": (phi[-1] - phi[0]) / (2 * math.pi),
         "w_cam_mean": (phi[-1] - CubicSpline(t, phi)(stop / 2)) / (stop / 2),
-        "energy_in": rows[-1].E_in, "energy_friction": rows[-1].E_friction,
+        "energy_in": rows["work"][-1], "energy_friction": rows["E_friction"][-1],
     }  # fmt: skip
 
 
@@ -207,15 +209,12 @@ def compare_iron_orders(seed: int) -> Comparison:
     static = [quantities(p, phi, nu) for phi in angles]
     torque = np.array([x["tau_cam"] for x in static])
     mean = torque.mean() / p.reducer.i_g
-    drive = CoupledDrive(
-        p, {"A": B * p.reducer.i_g * nu + mean, "B": B, "T": T}, w_cam=nu, tau=mean
-    )
-    states = [drive.until(2 * math.pi * turn) for turn in (1, 2, 3, 4)]
-    assert states[-1].tau == pytest.approx(states[-2].tau, rel=1e-7)
-    t = np.linspace(drive.t, drive.t + 1.02 * 2 * math.pi / nu, 1500)
-    rows = [states[-1], *(drive.to(x) for x in t[1:])]
-    at = CubicSpline([x.phi for x in rows], [p.reducer.i_g * x.tau for x in rows])
-    with_lag = at(states[-1].phi + angles)
+    drive = Reference(p, mean, {"A": B * p.reducer.i_g * nu + mean, "B": B, "T": T})
+    stop = 5.5 * TURN / nu
+    rows = drive.run(BEGIN, nu, stop, np.linspace(0.0, stop, 9000))["rows"]
+    at = CubicSpline(rows["phi"], p.reducer.i_g * rows["tau"])
+    assert at(4 * TURN) == pytest.approx(at(3 * TURN), rel=1e-7)
+    with_lag = at(4 * TURN + angles)
     more, less = (np.abs(harmonics(angles, x, 12)) for x in (with_lag, torque))
     worst = int(np.argmax(more - less))
     return estimates, {
@@ -299,11 +298,9 @@ def test_the_packing_line_agrees_with_the_coupled_system(seed: int) -> None:
     estimates = ask("packing_line", stop=stop, step=5e-4, **options).figures
 
     t = np.linspace(0.0, stop, round(stop / 1e-3) + 1)
-    iron_drive = CoupledDrive(p, {"A": 0.025 * i_g * pace, "B": 0.025, "T": 0.012})
-    rows = [iron_drive.x, *(iron_drive.to(x) for x in t[1:])]
-    x = {name: np.array([getattr(row, name) for row in rows]) for name in ("phi", "w_cam")}
-    x["P"] = i_g * x["w_cam"] * np.array([row.tau for row in rows])
-    x["work"] = np.array([row.E_in for row in rows])
+    iron_drive = Reference(p, 0.0, {"A": 0.025 * i_g * pace, "B": 0.025, "T": 0.012})
+    x = iron_drive.run(BEGIN, 0.0, stop, t)["rows"]
+    x["P"] = i_g * x["w_cam"] * x["tau"]
     ends = p.cam.rise + TURN * np.array([1, 2, 3])
     release_time, last, ended = (
         CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends
