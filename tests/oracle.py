@@ -59,6 +59,15 @@ def symbolic(model: ModuleType) -> ModuleType:
     return load_copy(model, SYMBOLIC)
 
 
+def lagrange(energy: Any, q: list[Any], w: list[Any], forces: list[Any]) -> tuple[Any, Any]:
+    """Mass matrix M and rest b of Lagrange's equations M a + b = 0 from the kinetic less the potential
+    energy, a function of the symbols of the coordinates q and their rates w, and the other forces.
+    """
+    momentum = sympy.Matrix([energy.diff(x) for x in w])
+    inner = momentum.jacobian(q) * sympy.Matrix(w) - sympy.Matrix([energy.diff(x) for x in q])
+    return momentum.jacobian(w), inner - sympy.Matrix(forces)
+
+
 def split(values: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Start values "motor.A", "conveyor.crank.r" by part."""
     parts: dict[str, dict[str, Any]] = {"motor": {}, "conveyor": {}}

@@ -31,7 +31,9 @@ NARROW = Drive(B=4230, T=0.247, J=1.86, m=15.4, r=0.0316, c=0, d=16.8)
 
 
 def in_time(drive: Drive, nu: float, revolutions: int, **state: float) -> tuple[np.ndarray, ...]:
-    """Times, speeds and torques at the crank angles of 128 nodes in the last revolution."""
+    """Times, speeds, torques, work of the motor and loss of the damper at the crank angles of 128 nodes in
+    the last revolution.
+    """
     began = {"motor.A": drive.slope * nu, "motor.tau": 0.0, "conveyor.phi": 0.0, "conveyor.w": nu}
     stop = 2 * np.pi * (revolutions + 1.2) / nu
     run = monolithic(drive.start | began | state, stop, dense_output=True)
@@ -39,23 +41,28 @@ def in_time(drive: Drive, nu: float, revolutions: int, **state: float) -> tuple[
     t = np.interp(phi, run.y[0], run.t)
     for _ in range(6):
         t = t - (run.sol(t)[0] - phi) / run.sol(t)[1]
-    _, w, tau, *_ = run.sol(t)
-    return t, w, tau
+    return t, *run.sol(t)[1:]
 
 
 @pytest.mark.parametrize(
     ("drive", "nu", "revolutions", "large"),
     [
         (Drive(), 40.0, 20, 0.06),
+        (Drive(), 60.0, 20, 0.005),
+        (Drive.of(SETS["B"].start(30.0)), 30.0, 8, 0.04),
         (Drive(T=0.02, B=35.8, finite=True, l=0.03), 21.0, 8, 0.05),
         (STIFF, 30.0, 3, 0.02),
         (RATTLING, 44.0, 20, 0.35),
     ],
-    ids=["long rod", "short rod", "stiff motor", "large ripple"],
+    ids=["long rod", "above", "set B", "short rod", "stiff motor", "large ripple"],
 )
 def test_orbits_are_what_runs_in_time_settle_on(drive, nu, revolutions, large):
-    t, w, tau = in_time(drive, nu, revolutions)
+    """So does the torque's mean in time, on the motor's line, and the work of the motor is the damper's loss."""
+    t, w, tau, work, loss = in_time(drive, nu, revolutions)
     exact = orbit(drive, nu)
+    assert work[-1] - work[0] == pytest.approx(loss[-1] - loss[0], rel=1e-7)
+    mean = np.mean(tau[:-1] / w[:-1]) / np.mean(1 / w[:-1])
+    assert mean == pytest.approx(drive.slope * nu - drive.B * exact.mean_speed, abs=2e-5)
     assert abs(exact.w2) > large * nu
     assert order2(w[:-1]) == pytest.approx(exact.w2, rel=1e-8)
     assert order2(tau[:-1]) == pytest.approx(exact.tau2, rel=1e-8)
@@ -103,7 +110,7 @@ def test_deviations_grow_by_the_multipliers():
     change = []
     for dw, dtau in ((0.0, 0.0), (1e-5, 0.0), (0.0, 1e-3)):
         state = {"conveyor.w": w + dw, "motor.tau": tau + dtau}
-        _, speeds, torques = in_time(PARAMETRIC, exact.nu, 1, **state)
+        _, speeds, torques, *_ = in_time(PARAMETRIC, exact.nu, 1, **state)
         change.append((speeds[-1], torques[-1]))
     initial, *after_turns = np.array(change)
     assert initial == pytest.approx([w, tau], rel=1e-9)
