@@ -16,7 +16,7 @@ from components.crank_conveyor import model as crank_conveyor
 from components.slotted_link import model as link
 from cosim import System, run
 from fmukit.declare.record import start
-from tests.oracle import joined, part, symbolic
+from tests.oracle import lagrange
 
 NAMES = "J r l m d c m_L tau phi w"
 EACH = pytest.mark.parametrize("swings", [False, True])
@@ -35,81 +35,34 @@ def points(swings: bool, count: int = 50) -> Iterator[tuple[list[float], Any, An
         yield body + load + state, p, link.State(*state[1:]), link.Inputs(state[0])
 
 
-def geometry(swings: bool, angle: Any, r: Any, l: Any) -> Any:
-    """Where the trough is: its block lies on the line from the pivot through the pin."""
-    pin, x = sympy.Matrix([r * sympy.sin(angle), r * sympy.cos(angle)]), sympy.Symbol("place")
-    if not swings:
-        return pin[0]
-    pivot, block = sympy.Matrix([0, -l]), sympy.Matrix([x, 0])
-    return sympy.solve(sympy.Matrix.hstack(pin - pivot, block - pivot).det(), x)[0]
-
-
 @EACH
 def test_link_obeys_lagrange_with_a_load_that_depends_on_the_acceleration(swings: bool) -> None:
-    """The load's force -m_L x.. does its work along the trough's position; it is no part of T."""
-    t, position = sympy.Symbol("t"), sympy.Function("phi")(sympy.Symbol("t"))
-    J, r, l, m, d, c, m_L, tau, phi, w = symbols = sympy.symbols(NAMES, real=True)
-    a = sympy.Symbol("a")
-    x, spin = geometry(swings, position, r, l), position.diff(t)
-    v = x.diff(t)
-    lagrangian = (J * spin**2 + m * v**2 - c * x**2) / 2
-
-    def balance(sense: int) -> Any:
-        load = -(d * v + sense * m_L * v.diff(t)) * x.diff(position)
-        equation = lagrangian.diff(spin).diff(t) - lagrangian.diff(position) - load - tau
-        equation = equation.subs([(position.diff(t, 2), a), (spin, w), (position, phi)])
-        return -equation.subs(a, 0) / equation.diff(a)
-
-    output_rows = sympy.lambdify(symbols, [balance(1), balance(-1), x.subs(position, phi)])
-    for numbers, p, state, u in points(swings):
-        wanted, wrong, at = output_rows(*numbers)
-        y = link.outputs(p, 0.0, state, u)
-        assert link.derivatives(p, 0.0, state, u) == (state.w, y.a)
-        assert (y.a, y.x) == pytest.approx((wanted, at), rel=1e-9, abs=1e-9)
-        assert abs(wrong - wanted) > 1e-7 * abs(wanted)
-
-
-@EACH
-def test_force_of_the_pin_balances_crank_link_and_trough(swings: bool) -> None:
-    """On the crank by its lever, on the link by moments about the pivot, on the trough along x."""
-    for (J, r, l, m, d, c, m_L, tau, phi, w), p, state, u in points(swings):
-        y = link.outputs(p, 0.0, state, u)
+    """The load's force -m_L x.. does its work along the trough's position; it is no part of T. The pin's
+    force acts on the crank by its lever, on the link by moments about the pivot, on the trough along x.
+    """
+    symbols = sympy.symbols(NAMES, real=True)
+    J, r, l, m, d, c, m_L, tau, phi, w = symbols
+    reach = l + r * sympy.cos(phi)
+    x = r * sympy.sin(phi) * (l / reach if swings else 1)
+    slope, bend = x.diff(phi), x.diff(phi, 2)
+    energy = (J * w**2 + m * (slope * w) ** 2 - c * x**2) / 2
+    load = [tau - (d * slope * w + m_L * bend * w**2) * slope]
+    inertia, rest = lagrange(energy, [phi], [w], load)
+    derived = [-rest[0] / (inertia[0] + m_L * slope**2), x, slope, bend]
+    solve = sympy.lambdify(symbols, derived)
+    for values, p, state, u in points(swings):
+        a, at, by, by_2 = solve(*values)
+        J, r, l, m, d, c, m_L, tau, phi, w = values
+        y, along = link.outputs(p, 0.0, state, u), by * a + by_2 * w * w
+        assert link.derivatives(p, 0.0, state, u) == (w, y.a)
+        assert (y.a, y.x, y.v) == pytest.approx((a, at, by * w), rel=1e-9, abs=1e-9)
+        assert y.f_load == pytest.approx(c * at + d * by * w + m_L * along, rel=1e-9, abs=1e-6)
         psi = math.atan2(r * math.sin(phi), l + r * math.cos(phi)) if swings else 0.0
-        reach = math.hypot(r * math.sin(phi), l + r * math.cos(phi)) if swings else 1.0
+        arm = math.hypot(r * math.sin(phi), l + r * math.cos(phi)) if swings else 1.0
         block = l / math.cos(psi) if swings else 1.0
-        pushed = y.f_pin * reach / block * math.cos(psi)
-        lever = r * math.cos(phi - psi)
-        assert J * y.a == pytest.approx(tau - y.f_pin * lever, rel=1e-9, abs=1e-8)
-        near = [link.outputs(p, 0.0, link.State(phi + k, w), u).x for k in (-1e-4, 0.0, 1e-4)]
-        slope, bend = (near[2] - near[0]) / 2e-4, (near[2] - 2 * near[1] + near[0]) / 1e-8
-        along = slope * y.a + bend * w * w
-        size = m * (abs(slope * y.a) + r * w * w)
-        assert pushed == pytest.approx(m * along + y.f_load, abs=1e-4 * size)
-        assert y.f_load == pytest.approx(c * y.x + d * y.v + m_L * along, abs=1e-4 * size)
-
-
-@EACH
-def test_power_of_the_link_balances_and_undriven_it_keeps_its_energy(swings: bool) -> None:
-    model = symbolic(link)
-    phi, w, tau = sympy.symbols("phi w tau", real=True)
-    p = start(model.Parameters, **{"link.swings": swings, "crank.r": 0.02, "load.m": 30.0})
-    x, u = model.State(phi, w), model.Inputs(tau)
-    rates, y = model.derivatives(p, 0.0, x, u), model.outputs(p, 0.0, x, u)
-    flow = sum((y.E_kin + y.E_pot).diff(q) * rate for q, rate in zip(x, rates))
-    left = sympy.lambdify((phi, w, tau), flow + y.P_loss - tau * w)
-    draw = random.Random(6)
-    assert [
-        left(draw.uniform(-9, 9), draw.uniform(-60, 60), draw.uniform(-99, 99)) for _ in range(20)
-    ] == pytest.approx([0.0] * 20, abs=1e-7)
-    values = {"trough.d": 0.0, "load.m": 30.0, "tau": 0.0, "w": 90.0, "phi": 0.3}
-    it = part(link, **values, **{"link.swings": swings})
-    output_rows = [
-        link.outputs(it.p, 0.0, link.State(*state), it.u)
-        for state in zip(*joined({"it": it}, lambda x: [it.u], np.linspace(0.0, 1.0, 101))["it"])
-    ]
-    stored = [y.E_kin + y.E_pot for y in output_rows]
-    assert stored == pytest.approx([stored[0]] * 101, rel=1e-9)
-    assert np.ptp([y.E_kin for y in output_rows]) > 0.01 * stored[0]
+        pushed = y.f_pin * arm / block * math.cos(psi)
+        assert pushed == pytest.approx(m * along + y.f_load, rel=1e-9, abs=1e-6)
+        assert J * a == pytest.approx(tau - y.f_pin * r * math.cos(phi - psi), rel=1e-9, abs=1e-8)
 
 
 def coupled(fmus: Path, conveyor: str, **values: Any) -> Any:
