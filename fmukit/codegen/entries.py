@@ -119,11 +119,16 @@ def row(v: Variable) -> list[str]:
     texts = (v.name, v.unit, v.declaration.kind, v.causality, v.variability)
     settable = str(int(v.settable_before_start))
     items = v.declaration.items
-    most = float(max(items)) if items else MOST[v.declaration.kind]
-    return [*map(json.dumps, texts), settable, c.real(float(v.declaration.start)), c.real(most)]
+    limits = (min(items), max(items)) if items else LIMITS[v.declaration.kind]
+    numbers = (v.declaration.start, *limits)
+    return [*map(json.dumps, texts), settable, *(c.real(float(x)) for x in numbers)]
 
 
-MOST = {"Real": sys.float_info.max, "Integer": 2.0**31 - 1, "Boolean": 1.0}
+LIMITS: dict[str, tuple[float, float]] = {
+    "Real": (-sys.float_info.max, sys.float_info.max),
+    "Integer": (1 - 2.0**31, 2.0**31 - 1),
+    "Boolean": (0.0, 1.0),
+}
 
 
 def traced(interface: Interface) -> list[Function]:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2Discard
+from fmpy.fmi2 import FMU2Model, fmi2Discard
 
 from fmukit.declare.interface import co_simulation_only_reason, component_name
 from fmukit.declare.model import DEFAULTS
@@ -24,7 +24,7 @@ from fmukit.declare.record import declarations, discrete, record
 from fmukit.declare.record import start as begin
 from fmukit.runtime import hybrid
 from tests.conftest import ROOT
-from tests.fmukit.test_native import MODELS, NAMES, each
+from tests.fmukit.test_native import MODELS, NAMES, compare_derivatives, each, reals
 from tests.hosts.host import Unit, unpacked
 
 STUCK = {"phi": 0.3, "w_cam": 3.0, "friction.K_up": 0.6, "friction.K_down": -0.9, "on_invalid": 1}
@@ -100,18 +100,17 @@ def test_cvode_and_our_steps_agree(folder: str, case: Any, fmus: Path) -> None:
         assert events == pytest.approx(expected, rel=0.0, abs=1e-9)
 
 
-def test_the_experiments_contain_stick_reversal_separation_impacts_and_flight(fmus: Path) -> None:
-    observed: dict[str, set[Any]] = {}
-    for name, start, stop in EXPERIMENTS:
-        if MODELS[name].event_indicators:
-            fmu = fmus / "native" / f"{name}.fmu"
-            rows, _ = integrated(fmu, start, stop, "ModelExchange", MODELS[name].EXPERIMENT.step)
-            for variable in rows.dtype.names[1:]:
-                observed.setdefault(f"{name}.{variable}", set()).update(rows[variable].tolist())
-    assert observed["IronDrive.direction"] == {-1, 0, 1}
-    assert observed["IronDrive.valid"] == {False, True}
-    assert observed["GravityOrientator.stage"] >= {0, 1, 2, 3, 4, 5}
-    assert observed["GravityOrientator.contact"] == {False, True}
+@pytest.mark.parametrize("case", EXPERIMENTS, ids=lambda c: f"{c[0]}-{c[1]}-{c[2]}")
+def test_the_communication_step_does_not_matter(case: Any, native: Path) -> None:
+    name, start, stop = case
+    ends = []
+    for count in (1, 7, 1000):
+        unit = Unit(native / f"{name}.fmu").start(**start)
+        for n in range(count):
+            unit.step(n * stop / count, stop / count)
+        ends.append([float(value) for value in unit.outputs()])
+    for end in ends[1:]:
+        assert end == pytest.approx(ends[0], rel=1e-8, abs=1e-8)
 
 
 def test_an_input_event_drops_a_product(fmus: Path) -> None:
@@ -189,38 +188,18 @@ MOVING: dict[str, dict[str, Any]] = {
 
 
 @each
-def test_jacobians_match_differences(name: str, fmus: Path) -> None:
+def test_jacobians_match_differences(name: str, native: Path) -> None:
     """Derivatives and outputs by every continuous state and Real input."""
-    model = Model(fmus / "native" / f"{name}.fmu", **MOVING.get(name, {})).integrate()
-    x, outputs = model.x, model.real_outputs()
-    unknown = [model.variables[n].valueReference for n in outputs]
-    unknown = [u.variable.valueReference for u in model.description.derivatives] + unknown
-    inputs = [n for n, v in model.variables.items() if v.causality == "input" and v.type == "Real"]
-    actual = 0
-    for knowns in model.states + inputs:
-        value = model.get(knowns)
-        exact = np.array(
-            model.fmi.getDirectionalDerivative(
-                unknown, [model.variables[knowns].valueReference], [1.0]
-            )
-        )
-        differences = []
-        for step in (1e-3 * (abs(value) or 1.0), 5e-4 * (abs(value) or 1.0)):
-            sides = []
-            for sign in (1, -1):
-                if knowns in inputs:
-                    model.set(**{knowns: value + sign * step})
-                    sides.append(model.at(x))
-                    model.set(**{knowns: value})
-                else:
-                    sides.append(model.at([x_k + sign * step * (n == knowns)
-                                           for n, x_k in zip(model.states, x)]))  # fmt: skip
-            differences.append((sides[0] - sides[1]) / (2 * step))
-        estimate = (4 * differences[1] - differences[0]) / 3
-        noise = 1e-12 * (1.0 + np.abs(model.at(x))) / step
-        assert np.all(np.abs(exact - estimate) <= 1e-6 * np.abs(estimate) + noise), knowns
-        actual += np.count_nonzero(exact)
-    assert actual > model.nx
+    model = Model(native / f"{name}.fmu", **MOVING.get(name, {})).integrate()
+    x, inputs = model.x, reals(model, "input")
+
+    def put(known: str, value: float) -> None:
+        if known in inputs:
+            model.set(**{known: value})
+        model.at([value if known == n else x_k for n, x_k in zip(model.states, x)])
+
+    rates = [u.variable.name for u in model.description.derivatives]
+    compare_derivatives(model, reals(model, "output") + rates, model.states + inputs, put)
 
 
 @each
@@ -238,14 +217,6 @@ def test_states_derivatives_and_nominals_are_those_of_the_description(
     assert rates.tolist() == [model.get(f"der({n})") for n in model.states]
     slave = Unit(fmu).start(**MOVING.get(name, {}))
     assert rates.tolist() == [slave.get(f"der({n})") for n in model.states]
-
-
-def test_the_derivative_of_a_state_is_its_slope_after_a_step(fmus: Path) -> None:
-    unit = Unit(fmus / "native" / "CrankConveyor.fmu").start()
-    before, middle, after = (unit.step(n * 1e-5, 1e-5).get("w") for n in range(3))
-    unit = Unit(fmus / "native" / "CrankConveyor.fmu").start().step(0.0, 1e-5).step(1e-5, 1e-5)
-    assert unit.get("w") == middle
-    assert unit.get("der(w)") == pytest.approx((after - before) / 2e-5, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["IronDrive", "GravityOrientator"])
@@ -287,21 +258,7 @@ def test_a_strict_host_finds_every_call_where_the_standard_allows_it(name: str, 
         look()
 
 
-def lent(unit: Unit, method: Any) -> Any:
-    """A method of the other kind of instance."""
-    other = FMU2Slave if isinstance(unit.fmi, FMU2Model) else FMU2Model
-    stranger = other(
-        guid=unit.fmi.guid,
-        unzipDirectory=unit.fmi.unzipDirectory,
-        modelIdentifier=unit.fmi.modelIdentifier,
-    )
-    stranger.component = unit.fmi.component
-    return method.__get__(stranger)
-
-
 REFUSED: tuple[tuple[str, Callable[[Model], Any], str], ...] = (
-    ("event", lambda m: lent(m, FMU2Slave.doStep)(0.0, 1e-3),
-     "doStep is for co-simulation, but this instance is for model exchange"),
     ("event", lambda m: m.fmi.completedIntegratorStep(),
      "completedIntegratorStep is not allowed in event mode, only in continuous-time mode"),
     ("time", lambda m: m.fmi.newDiscreteStates(),
@@ -340,10 +297,6 @@ def test_the_two_kinds_of_instance_refuse_each_other(fmus: Path) -> None:
     assert "is of an instance for co-simulation, but this one is for model exchange" in (
         model.refusal(lambda m: m.fmi.setFMUstate(state))
     )
-    message = slave.refusal(
-        lambda s: lent(s, FMU2Model.getContinuousStates)(pointer(np.zeros(3)), 3)
-    )
-    assert "getContinuousStates is for model exchange, but this instance is for co-sim" in message
 
 
 def test_what_an_integrator_tries_is_discarded_where_it_has_no_value(fmus: Path) -> None:

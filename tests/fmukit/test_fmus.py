@@ -1,7 +1,6 @@
 """The FMUs: valid, the same from the same source, drop-in, and equal to their equations."""
 
 import ast
-import functools
 import importlib
 import itertools
 import json
@@ -11,7 +10,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -23,23 +21,18 @@ import pytest
 from fmpy.validation import validate_fmu
 from lxml import html
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 
 from build_fmus import buildable
 from components import MACHINES
-from components.crank_conveyor import model as crank_conveyor
 from fmukit import VERSION
-from fmukit.declare.interface import InputHold, Interface, Variable, class_name, component_name
+from fmukit.declare.interface import Interface, Variable, class_name
 from fmukit.declare.model import complete_model
 from fmukit.declare.record import Declaration, declarations, fill, start
-from fmukit.fmu.load import neighbour_file
 from fmukit.fmu.native import package as compiled
-from fmukit.fmu.plot import HEIGHT, WIDTH
 from fmukit.fmu.python import package as python
 from fmukit.fmu.validate import problems
 from tests.conftest import ROOT, described, rewritten
 from tests.hosts import fmus as hosts
-from tests.hosts.host import Unit
 
 MODELS = [complete_model(importlib.import_module(f"components.{name}.model")) for name in MACHINES]
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
@@ -156,6 +149,10 @@ def test_our_checks_find_what_no_public_checker_reports(
 
 @each_fmu
 def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmu: Path) -> None:
+    """With its bounds and its unit, angles shown in deg and rpm; the GUID is the hash of the source."""
+    root, maker = xml(fmu), compiled if fmu.parent.name == "native" else python
+    assert (root.get("guid"), root.get("version")) == (maker.collect(model).guid, VERSION)
+    units = {u.get("name"): u[0].attrib for u in root.findall("UnitDefinitions/Unit")}
     for variable, scalar, typed in variables(model, fmu):
         declared = variable.declaration
         assert scalar.get("name") == variable.name
@@ -166,27 +163,12 @@ def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmu: Path) -> None
             for number in ("min", "max", "nominal", *["start"] * ("start" in typed.attrib)):
                 text = typed.get(number)
                 assert (text and float(text)) == getattr(declared, number)
+            unit = typed.attrib["unit"]
+            exponents = {name: int(power) for name, power in units[unit].items()}
+            assert exponents == declared.quantity.exponents
+            assert typed.get("displayUnit") == {"rad": "deg", "rad/s": "rpm"}.get(unit)
         elif variable.settable_before_start:
             assert typed.attrib["start"] == json.dumps(declared.start)
-
-
-@each_fmu
-def test_every_real_has_a_unit_and_angles_are_displayed_in_deg_and_rpm(
-    model: Any, fmu: Path
-) -> None:
-    units = {u.get("name"): u for u in xml(fmu).findall("UnitDefinitions/Unit")}
-    display_unit = {"rad": ["deg", 180 / math.pi], "rad/s": ["rpm", 30 / math.pi]}
-    for variable, _, typed in variables(model, fmu):
-        if typed.tag == "Real":
-            base, *displays = units[typed.attrib["unit"]]
-            exponents = {name: int(power) for name, power in base.attrib.items()}
-            assert exponents == variable.declaration.quantity.exponents
-            assert (exponents == {}) == (typed.attrib["unit"] == "1")
-            actual = [[d.get("name"), float(d.attrib["factor"])] for d in displays]
-            assert actual == [
-                display_unit[name] for name in display_unit if name == typed.get("unit")
-            ]
-            assert typed.get("displayUnit") == (actual[0][0] if actual else None)
 
 
 @each_fmu
@@ -221,24 +203,6 @@ def test_model_structure_is_complete_and_in_order(model: Any, fmu: Path) -> None
         assert outputs[variable.name] == [*feedthrough, *acting]
         if not exact:
             assert {*states, *feedthrough} <= {*initial[variable.name]}
-
-
-@each_fmu
-def test_names_are_structured_and_the_guid_is_the_hash_of_the_source(model: Any, fmu: Path) -> None:
-    root = xml(fmu)
-    assert root.get("variableNamingConvention") == "structured"
-    for element in root.iter("ScalarVariable"):
-        part = r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?"
-        name = re.sub(r"^der\((.*)\)$", r"\1", element.attrib["name"])
-        assert re.fullmatch(rf"{part}(\.{part})*", name, re.ASCII)
-    maker = compiled if fmu.parent.name == "native" else python
-    assert root.get("guid") == maker.collect(model).guid
-
-
-def test_project_and_fmus_have_the_same_version(fmus: Path) -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["version"] == VERSION
-    assert {xml(fmus / name).get("version") for name in PATHS} == {VERSION}
 
 
 def draw(rng: random.Random, declared: Declaration) -> Any:
@@ -377,56 +341,6 @@ def test_the_page_in_the_fmu_needs_no_network_and_is_complete(model: Any, fmu: P
             assert f"{item.value} = {item.name}" in row[-2]
 
 
-@each_fmu
-def test_the_page_in_the_fmu_is_that_of_the_documentation(model: Any, fmu: Path) -> None:
-    """Its headings, its numbers and its pictures, among them the default experiment."""
-    name = component_name(model)
-    page = html.fromstring(content(fmu, "documentation/index.html"))
-    written = (ROOT / "docs" / "machines" / f"{name}.md").read_text()
-    headings = re.findall(r"^#+ (.*)$", written, re.MULTILINE)
-    assert [h.text_content() for h in page.iter("h1", "h2")] == headings
-    assert {"Default experiment", "Variables"} <= {*headings}
-    cells = [cell.text_content() for cell in page.iter("td") if not cell.findall(".//math")]
-    assert len(cells) > 50
-    assert ("Validation" in headings) == (neighbour_file(model, "page.md") is not None)
-    for cell in cells:
-        assert cell in written.replace("`", "").replace("*", "")
-    plot = (ROOT / "docs" / "machines" / f"{name}.svg").read_text()
-    drawing = neighbour_file(model, "drawing.svg")
-    text = content(fmu, "documentation/index.html")
-    assert plot in text
-    assert text.count("<svg") == 1 + bool(drawing)
-    assert not drawing or drawing.read_text() in text
-
-
-@each_model
-def test_the_plot_of_the_default_experiment_shows_its_numbers(model: Any, fmus: Path) -> None:
-    """The range of every output stands beside its panel, and its course fills the panel."""
-    with zipfile.ZipFile(path_of(model, fmus)) as archive:
-        (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
-        header, *lines = archive.read(name).decode().splitlines()
-    columns = np.array([[float(x) for x in line.split(",")] for line in lines]).T[1:]
-    root = ElementTree.parse(ROOT / "docs" / "machines" / f"{component_name(model)}.svg").getroot()
-    actual = [text.text for text in root.iter("{http://www.w3.org/2000/svg}text")][:-1]
-    wanted = []
-    for variable, column in zip(header.split(",")[1:], columns):
-        unit = Interface(model).by_name[variable].unit
-        limits = dict.fromkeys(f"{x:.4g}" for x in (column.max(), column.min()))
-        wanted += [f"{variable} [{unit}]" if unit else variable, *limits]
-    assert actual == wanted
-    for line, column in zip(root.iter("{http://www.w3.org/2000/svg}polyline"), columns):
-        dots = np.array([dot.split(",") for dot in line.attrib["points"].split()], float)
-        display_unit = np.interp(
-            np.linspace(0, 1, 20), (dots[:, 0] - dots[0, 0]) / WIDTH, dots[:, 1]
-        )
-        if np.ptp(column) > 0 and np.abs(np.diff(column)).max() < 0.02 * np.ptp(column):
-            true = np.interp(np.linspace(0, 1, 20), np.linspace(0, 1, len(column)), column)
-            random_values = column.max() - (display_unit - dots[:, 1].min()) / HEIGHT * np.ptp(
-                column
-            )
-            assert random_values == pytest.approx(true, abs=0.06 * np.ptp(column))
-
-
 @each_model
 def test_the_fmu_needs_only_the_standard_library(model: Any, fmus: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(path_of(model, fmus)) as archive:
@@ -447,45 +361,6 @@ def test_the_fmu_needs_only_the_standard_library(model: Any, fmus: Path, tmp_pat
     assert all(map(math.isfinite, numbers))
 
 
-@each_fmu
-def test_the_default_experiment_ends_as_the_shipped_reference_says(model: Any, fmu: Path) -> None:
-    end = hosts.default_experiment(fmu)
-    with zipfile.ZipFile(fmu) as archive:
-        (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
-        shipped = archive.read(name).decode().splitlines()
-    last = dict(zip(shipped[0].split(","), map(float, shipped[-1].split(","))))
-    assert end == pytest.approx(last, rel=1e-8, abs=1e-9)
-    assert len(shipped) - 2 == round(model.EXPERIMENT.stop / model.EXPERIMENT.step)
-    assert end.pop("time") == pytest.approx(model.EXPERIMENT.stop)
-    assert end.keys() == {v.name for v in Interface(model).variables if v.causality == "output"}
-    assert all(map(math.isfinite, end.values()))
-
-
-@each_fmu
-def test_the_manifest_names_the_reference_as_the_layered_standard_asks(
-    model: Any, fmu: Path
-) -> None:
-    """Root, fixed attributes and two related files, which are there: a result, and the report on its errors."""
-    folder, space = "extra/org.fmi-standard.fmi-ls-ref", "{http://fmi-standard.org/fmi-ls-manifest}"
-    with zipfile.ZipFile(fmu) as archive:
-        files = [n for n in archive.namelist() if n.startswith(folder)]
-        root = ElementTree.fromstring(archive.read(f"{folder}/fmi-ls-manifest.xml"))
-    assert root.tag == "fmiReferences"
-    assert root.attrib == {
-        f"{space}fmi-ls-name": "org.fmi-standard.fmi-ls-ref",
-        f"{space}fmi-ls-version": "1.0.0-alpha.1",
-        f"{space}fmi-ls-description": "Layered Standard providing information on related files included in an FMU.",
-    }
-    assert [(r.get("type"), r.get("role")) for r in root] == [
-        ("text/csv", "result"),
-        ("text/csv", "report"),
-    ]
-    assert all(related.tag == "Related" for related in root)
-    assert all(r.attrib.keys() == {"type", "source", "role", "description"} for r in root)
-    sources = {f"{folder}/{related.get('source')}" for related in root}
-    assert sorted(files) == sorted({*sources, f"{folder}/fmi-ls-manifest.xml"})
-
-
 def shipped(fmu: Path, end: str) -> tuple[list[str], Any]:
     """Heading and columns of a file of reference results."""
     with zipfile.ZipFile(fmu) as archive:
@@ -495,16 +370,29 @@ def shipped(fmu: Path, end: str) -> tuple[list[str], Any]:
 
 
 @each_fmu
-def test_the_shipped_errors_belong_to_the_shipped_results(model: Any, fmu: Path) -> None:
-    """The same columns and times; each Real has an error, below the 1e-6 that the tolerance of the kit is made for."""
+def test_the_shipped_reference_is_that_of_the_default_experiment(model: Any, fmu: Path) -> None:
+    """Its end is that of another run; each Real has an error, below the 1e-6 that the tolerance of the kit is
+    made for; and the manifest names both files.
+    """
     (names, results), (heading, errors) = shipped(fmu, "_ref.csv"), shipped(fmu, "_ref_error.csv")
-    assert heading == names
-    assert np.array_equal(errors[0], results[0])
+    assert (heading, errors[0].tolist()) == (names, results[0].tolist())
+    assert len(results[0]) - 1 == round(model.EXPERIMENT.stop / model.EXPERIMENT.step)
+    end = dict(zip(names, results[:, -1]))
+    assert hosts.default_experiment(fmu) == pytest.approx(end, rel=1e-8, abs=1e-9)
+    by_name = Interface(model).by_name
+    assert {*names[1:]} == {n for n, v in by_name.items() if v.causality == "output"}
     for name, result, error in zip(names[1:], results[1:], errors[1:]):
         assert (error >= 0.0).all(), name
-        if Interface(model).by_name[name].kind == "Real" and result.any():
+        if by_name[name].kind == "Real" and result.any():
             assert error.min() > 0.0, name
         assert error.max() <= 1e-6 * (np.ptp(result) or np.abs(result).max() or 1.0), name
+    folder = "extra/org.fmi-standard.fmi-ls-ref"
+    with zipfile.ZipFile(fmu) as archive:
+        root = ElementTree.fromstring(archive.read(f"{folder}/fmi-ls-manifest.xml"))
+        assert root.get("{http://fmi-standard.org/fmi-ls-manifest}fmi-ls-name") == folder[6:]
+        roles = [(related.get("role"), related.get("source")) for related in root]
+        assert [role for role, _ in roles] == ["result", "report"]
+        assert {f"{folder}/{source}" for _, source in roles} <= {*archive.namelist()}
 
 
 CONTINUOUS = [model for model in MODELS if not model.event_indicators]
@@ -535,59 +423,6 @@ def test_the_shipped_errors_are_no_smaller_than_the_true_ones(model: Any, fmus: 
         difference = np.abs(result - truth)
         allowed = error + doubt.max() + 1e-12 * np.abs(truth).max()
         assert (difference <= allowed).all(), (name, difference.max(), error.max(), doubt.max())
-
-
-@pytest.mark.parametrize("hold", InputHold)
-def test_motor_steps_are_exact_for_every_trajectory_of_the_speed(
-    hold: InputHold, both: Path
-) -> None:
-    A, B, T = 8000.0, 199.8, 0.0625
-    unit = Unit(both / MOTOR).start(input_hold=hold, w=40.0, tau=8.0)
-    rng = random.Random(1)
-    t, tau, before, past = 0.0, 8.0, 40.0, None
-    for _ in range(50):
-        w, h = 40.0 + 9.0 * math.sin(8.0 * t), rng.choice([1e-4, 1e-3, 0.01, 0.3])
-        rise = 0.0
-        if hold == InputHold.extrapolate and past:
-            rise = (w - before) * h / past
-        begin, end = (before, w) if hold == InputHold.interpolate else (w, w + rise)
-        slope = [[-1 / T, -B / T, A / T], [0.0, 0.0, (end - begin) / h], [0.0, 0.0, 0.0]]
-        tau = float((expm(np.array(slope) * h) @ [tau, begin, 1.0])[0])
-        unit.set(w=w).step(t, h)
-        expected = [tau, A - B * end, tau * end]
-        assert unit.outputs() == pytest.approx(expected, rel=1e-12, abs=1e-10)
-        t, before, past = t + h, w, h
-
-
-@functools.cache
-def revolution(finite: bool) -> tuple[dict[str, Any], float, list[float]]:
-    """Start values of a conveyor, the time of a revolution, and the states after it."""
-    m = crank_conveyor
-    values = {"rod.l": 0.2, "crank.r": 0.05, "rod.finite": finite}
-    p, u = start(m.Parameters, **values), start(m.Inputs, tau=20.0)
-    solution = solve_ivp(
-        lambda t, y: m.derivatives(p, t, m.State(*y), u),
-        (0.0, math.tau / 40.0),
-        [0.1, 60.0],
-        method="DOP853",
-        rtol=1e-13,
-        atol=1e-13,
-    )
-    return {**values, "phi": 0.1, "w": 60.0, "tau": 20.0}, solution.t[-1], list(solution.y[:, -1])
-
-
-@pytest.mark.parametrize("finite", [False, True])
-@pytest.mark.parametrize("h", [1e-4, 1e-3, 7e-3, 0.05, 1.0])
-def test_conveyor_follows_its_equations_over_a_revolution_at_any_communication_step(
-    h: float, finite: bool, both: Path
-) -> None:
-    values, stop, expected = revolution(finite)
-    unit = Unit(both / CONVEYOR).start(**values)
-    count = math.ceil(stop / h)
-    times = [*(n * h for n in range(count)), stop]
-    for begin, end in itertools.pairwise(times):
-        unit.step(begin, end - begin)
-    assert [unit.get("phi"), unit.get("w")] == pytest.approx(expected, rel=1e-9)
 
 
 @sampled

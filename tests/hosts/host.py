@@ -15,6 +15,9 @@ from fmpy import calloc, extract, fmi2, free, read_model_description
 from fmpy.fmi1 import FMICallException
 from fmpy.logging import addLoggerProxy
 
+from fmukit.declare.interface import Interface
+from fmukit.fmu.reference import by_equations
+
 ROOT = Path(__file__).resolve().parents[2]
 MESSAGES: list[str] = []
 FOLDERS: list[Any] = []
@@ -126,3 +129,26 @@ class Unit:
             assert error.status == (fmi2.fmi2Fatal if is_python else fmi2.fmi2Error)
             return "\n".join(MESSAGES)
         return ""
+
+
+class Equations(Unit):
+    """The functions of a model as they are written, behind the calls of an FMU."""
+
+    def __init__(self, model: Any) -> None:
+        self.fmi = by_equations(model)(instance_name="unit")
+        self.variables = Interface(model).by_name
+
+    def _access(self, verb: str, name: str) -> tuple[Callable[..., Any], list[int]]:
+        variable = self.variables[name]
+        return getattr(self.fmi, f"{verb.lower()}_{variable.kind.lower()}"), [variable.reference]
+
+    def start(self, t: float = 0.0, **values: Any) -> "Unit":
+        self.fmi.setup_experiment(t, None, None)
+        self.set(**values)
+        self.fmi.enter_initialization_mode()
+        self.fmi.exit_initialization_mode()
+        return self
+
+    def step(self, t: float, h: float) -> "Unit":
+        self.fmi.do_step(t, h)
+        return self

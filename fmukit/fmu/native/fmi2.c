@@ -72,7 +72,7 @@ static const char *const PHASES[] = {
 typedef struct {
     const char *name, *unit, *kind, *causality, *variability;
     int settable_before_start;
-    double start, most;
+    double start, least, most;
 } Variable;
 
 typedef struct {

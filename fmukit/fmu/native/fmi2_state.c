@@ -17,8 +17,7 @@ static int is_integer_between(double value, double least, double most) {
 
 /* Whether a variable can have this value. */
 static int is_possible_value(const Variable *v, double value) {
-    const double least = *v->kind == 'B' || *v->kind == 'E' ? 0.0 : -v->most;
-    return value >= least && value <= v->most && (*v->kind == 'R' || value == floor(value));
+    return value >= v->least && value <= v->most && (*v->kind == 'R' || value == floor(value));
 }
 
 /* Whether an instance can have this state: who knows the checksum can write any bytes. */
