@@ -211,18 +211,6 @@ def test_where_nothing_lifts_the_option_changes_no_bit(fmus: Path) -> None:
         assert np.array_equal(*rows)
 
 
-def test_a_follower_that_leaves_its_cam_needs_the_option(fmus: Path) -> None:
-    for values in (
-        {"gap": 0.1},
-        {"w_gap": 0.1},
-        {"w_gap": -0.1} | FLIES,
-    ):
-        unit = Unit(fmus / "IronDrive.fmu")
-        reason = unit.refusal(lambda u, values=values: u.start(**values))
-        assert "the follower can be off the cam only with follower.lifts" in reason
-        unit.fmi.freeInstance()
-
-
 def test_the_chain_stays_taut_above_the_speed_at_which_the_follower_leaves(fmus: Path) -> None:
     """Held to the cam, the run of the chain would go slack at 8.54 rad/s, the iron at 9.11 rad/s."""
     for w in (8.6, 9.4, 12.0):

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 from components.drive_motor import model as drive_motor
+from fmukit.declare.interface import Interface
 from fmukit.fmu.python.pythonfmu import CallError
 from fmukit.fmu.reference import by_equations
+from tests.fmukit.test_native import MODELS, units
 from tests.hosts import safety
 
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
@@ -25,6 +27,26 @@ def test_a_misuse_is_refused_and_harms_nobody(unit: str, both: Path, fmus: Path)
         assert (recovered, living, paths) == (1, int(both == fmus), 0), reason
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_every_number_out_of_its_bounds_is_refused_by_name(name: str, fmus: Path) -> None:
+    """Parameters, start values and inputs, in all flavours; a reset leads out of each refusal."""
+    for unit in units(name, fmus)[1:]:
+        for variable in Interface(MODELS[name]).variables:
+            d = variable.declaration
+            wrong = [math.nan, math.inf] if d.kind == "Real" else [99] * bool(d.items)
+            if d.min is not None:
+                wrong += [d.min - 1.0, *[d.min] * d.positive]
+            if d.max is not None:
+                wrong.append(d.max + 1.0)
+            for value in wrong if variable.settable_before_start else ():
+                values = {variable.name: value}
+                refusal = unit.refusal(lambda u, values=values: u.start(**values))
+                assert f"unit: {variable.name} = {value!r}" in refusal
+                assert "must be" in refusal
+                unit.fmi.reset()
+        assert all(map(math.isfinite, unit.start().outputs()))
+
+
 def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(both: Path) -> None:
     warning, outputs, refusal = safety.unusual(both / CONVEYOR)
     assert "100%s%n%d: crank.r = 0.15 m is not small compared with rod.l = 0.4 m" in warning
@@ -38,15 +60,6 @@ def test_a_failure_does_not_swallow_the_warnings_before_it() -> None:
     with pytest.raises(CallError) as failure:
         slave.do_step(0.0, 0.1)
     assert repr(failure.value).startswith("unit 7: unit 7: wear at 90 %%; doStep is not allowed")
-
-
-@pytest.mark.parametrize("serialised", [False, True])
-@pytest.mark.parametrize("hold", [0, 1, 2])
-@pytest.mark.parametrize("fmu", [MOTOR, CONVEYOR])
-def test_a_repeated_passage_is_the_same(fmu: str, hold: int, serialised: bool, both: Path) -> None:
-    undisturbed, *repeated = safety.redone(both / fmu, hold, serialised)
-    assert all(map(math.isfinite, undisturbed))
-    assert repeated == 3 * [undisturbed]
 
 
 def test_a_thousand_states_live_at_once(both: Path) -> None:
