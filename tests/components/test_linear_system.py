@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import random
 from pathlib import Path
 from typing import Any
 
@@ -165,17 +164,3 @@ def full(seed: int) -> dict[str, float]:
     draw = np.random.default_rng(seed)
     matrices = {name: draw.normal(size=(4, 4)) for name in "ABCD"}
     return system(**matrices | {"A": matrices["A"] - 3 * np.eye(4)}, x=draw.normal(size=4))
-
-
-@pytest.mark.parametrize("hold", InputHold)
-def test_the_fmu_equals_the_equations_to_the_bit(hold: InputHold, fmus: Path) -> None:
-    values, rng, t, past = full(3), random.Random(3), 0.0, 0.0
-    unit, (p, x, before) = Unit(fmus / FMU).start(**values, input_hold=hold), records(values)
-    for h in (1e-6, 0.01, 0.01, 0.3, 10.0):
-        u = [rng.uniform(-1, 1) for _ in range(4)]
-        now = fill(linear.Inputs, u)
-        inputs = motion.input_trajectory(hold, before, now, past, h)
-        x = motion.advance(linear, p, t, x, inputs)
-        unit.set(**entries("u", u)).step(t, h)
-        assert unit.outputs() == [*x, *linear.outputs(p, t + h, x, inputs.end)]
-        t, past, before = t + h, h, now

@@ -12,10 +12,9 @@ import pytest
 from fmukit.fmu.load import load
 from fmukit.fmu.make import make_all
 from fmukit.fmu.native import package
-from fmukit.fmu.reference import by_equations
 from fmukit.trace import tangents, tracer
 from fmukit.trace.execute import kinds
-from tests.hosts.host import Unit
+from tests.hosts.host import Equations, Unit
 
 HEAD = '''"""Functions with branches"""
 from __future__ import annotations
@@ -136,24 +135,17 @@ def compared(seed: int, count: int, forks: int, folder: Path) -> None:
     model = load(path)
     (folder / "native").mkdir()
     package.pack(package.collect(model), folder / "native" / f"Random{seed}.fmu")
-    slave: Any = by_equations(model)(instance_name="unit")
-    units = [Unit(folder / flavour / f"Random{seed}.fmu").start() for flavour in ("", "native")]
-    slave.setup_experiment(0.0, None, None)
-    slave.enter_initialization_mode()
-    slave.exit_initialization_mode()
-    rng, rows = random.Random(seed), []
-    for n in range(60):
-        slave_inputs = [rng.choice([rng.uniform(-3, 3), 0.0]) for _ in range(2)]
-        slave.set_real([2, 3], slave_inputs)
-        slave.do_step(0.1 * n, 0.1)
-        expected = slave.get_real(list(range(4, 5 + count)))
-        for unit in units:
-            assert (
-                unit.set(note=slave_inputs[0], result=slave_inputs[1]).step(0.1 * n, 0.1).outputs()
-                == expected
-            )
-        rows.append(expected)
-    assert np.mean(np.ptp(np.array(rows), axis=0) > 0) > 0.5
+    paths = [folder / flavour / f"Random{seed}.fmu" for flavour in ("", "native")]
+    rows = []
+    for unit in (Equations(model), *map(Unit, paths)):
+        rng, outputs = random.Random(seed), []
+        unit.start()
+        for n in range(60):
+            note, result = (rng.choice([rng.uniform(-3, 3), 0.0]) for _ in range(2))
+            outputs.append(unit.set(note=note, result=result).step(0.1 * n, 0.1).outputs())
+        rows.append(outputs)
+    assert rows[0] == rows[1] == rows[2]
+    assert np.mean(np.ptp(np.array(rows[0]), axis=0) > 0) > 0.5
 
 
 @pytest.mark.usefixtures("quick")

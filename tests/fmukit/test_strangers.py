@@ -17,14 +17,13 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
 from fmukit.codegen.entries import generate
-from fmukit.declare.interface import Interface, class_name
+from fmukit.declare.interface import class_name
 from fmukit.declare.record import declarations
 from fmukit.fmu.load import load
 from fmukit.fmu.make import make_all
-from fmukit.fmu.reference import by_equations
 from tests.conftest import ROOT
 from tests.fmukit.test_exchange import Model
-from tests.hosts.host import Unit
+from tests.hosts.host import Equations, Unit
 
 MODELS = sorted((ROOT / "tests" / "fmukit" / "models").glob("*.py"))
 FLAVOURS = ("", "native")
@@ -47,46 +46,43 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(fmu: Path, model: ModuleType, **start: float) -> np.ndarray:
-    """Time and outputs of the default experiment in an FMU."""
+def run(unit: Unit, model: ModuleType, **start: float) -> np.ndarray:
+    """Time and outputs of the default experiment."""
     stop, h = model.EXPERIMENT
-    unit = Unit(fmu).start(**start)
-    actual = [[0.0, *unit.outputs()]]
+    actual = [[0.0, *unit.start(**start).outputs()]]
     for n in range(round(stop / h)):
         actual.append([(n + 1) * h, *unit.step(n * h, h).outputs()])
     return np.array(actual)
 
 
-def from_equations(model: ModuleType) -> np.ndarray:
-    """The same from the functions of the model as they are written."""
-    stop, h = model.EXPERIMENT
-    slave = by_equations(model)(instance_name="unit")
-    outputs = [v.reference for v in Interface(model).variables if v.causality == "output"]
-    slave.setup_experiment(0.0, None, None)
-    slave.enter_initialization_mode()
-    slave.exit_initialization_mode()
-    actual = [[0.0, *slave.get_real(outputs)]]
-    for n in range(round(stop / h)):
-        slave.do_step(n * h, h)
-        actual.append([(n + 1) * h, *slave.get_real(outputs)])
-    return np.array(actual)
+def agreed(path: Path, folder: Path) -> np.ndarray:
+    """The default experiment of a model from its equations, whose bits both its FMUs in a folder have."""
+    model = load(path)
+    expected = run(Equations(model), model)
+    for flavour in FLAVOURS:
+        fmu = folder / flavour / f"{class_name(model)}.fmu"
+        assert validate_fmu(str(fmu)) == []
+        assert np.array_equal(run(Unit(fmu), model), expected)
+    return expected
+
+
+def agree(text: str, folder: Path) -> np.ndarray:
+    """The same for the text of a model, of which the FMUs are made."""
+    path = folder / "thing.py"
+    path.write_text(text)
+    assert make_all([path], "both", folder) == 0
+    return agreed(path, folder)
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_equations_and_both_fmus_of_a_stranger_agree_to_the_last_bit(
     path: Path, built: Path
 ) -> None:
-    model = load(path)
-    expected = from_equations(model)
-    for flavour in FLAVOURS:
-        fmu = built / flavour / f"{class_name(model)}.fmu"
-        assert validate_fmu(str(fmu)) == []
-        assert np.array_equal(run(fmu, model), expected)
+    agreed(path, built)
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
-def test_the_ball_bounces_at_the_times_of_the_closed_solution(flavour: str, built: Path) -> None:
-    rows = run(built / flavour / "BouncingBall.fmu", load(MODELS[0]), e=0.6)
+def test_the_ball_bounces_at_the_times_of_the_closed_solution(built: Path) -> None:
+    rows = run(Unit(built / "native" / "BouncingBall.fmu"), load(MODELS[0]), e=0.6)
     g, e, impact = 9.81, 0.6, math.sqrt(2 / 9.81)
     starts, v = [(0.0, 1.0, 0.0)], math.sqrt(2 * g)
     while impact < 1.2:
@@ -100,9 +96,8 @@ def test_the_ball_bounces_at_the_times_of_the_closed_solution(flavour: str, buil
     assert len(starts) > 2
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
-def test_the_oscillator_is_that_of_another_solver(flavour: str, built: Path) -> None:
-    rows = run(built / flavour / "VanDerPol.fmu", load(built_from("van_der_pol")), mu=3.0)
+def test_the_oscillator_is_that_of_another_solver(built: Path) -> None:
+    rows = run(Unit(built / "native" / "VanDerPol.fmu"), load(built_from("van_der_pol")), mu=3.0)
     solution = solve_ivp(
         lambda t, x: [x[1], 3.0 * (1 - x[0] ** 2) * x[1] - x[0]],
         (0.0, 20.0), [2.0, 0.0], method="DOP853", t_eval=rows[:, 0], rtol=1e-12, atol=1e-12,
@@ -114,22 +109,12 @@ def built_from(name: str) -> Path:
     return next(path for path in MODELS if path.stem == name)
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
-def test_the_controller_integrates_up_to_its_limit_and_no_further(
-    flavour: str, built: Path
-) -> None:
-    rows = run(built / flavour / "PiController.fmu", load(built_from("pi_controller")))
+def test_the_controller_integrates_up_to_its_limit_and_no_further(built: Path) -> None:
+    rows = run(Unit(built / "native" / "PiController.fmu"), load(built_from("pi_controller")))
     t, x, tau = rows.T
     assert tau == pytest.approx(np.minimum(10.0 + 20.0 * t, 30.0), abs=1e-9)
     assert x[t < 1.0] == pytest.approx(20.0 * t[t < 1.0], abs=1e-9)
     assert x[-1] == pytest.approx(20.0, abs=1e-6)
-
-
-@pytest.mark.parametrize("flavour", FLAVOURS)
-def test_a_gain_has_no_state(flavour: str, built: Path) -> None:
-    unit = Unit(built / flavour / "Gain.fmu").start(u=4.0)
-    assert unit.get("y") == 8.0
-    assert unit.set(u=5.0).step(0.0, 0.5).get("y") == 10.0
 
 
 HEAD = '''"""Thing"""
@@ -261,38 +246,30 @@ def test_an_event_indicator_without_a_finite_value_is_an_error(tmp_path: Path) -
 
 def test_names_of_a_model_are_not_those_of_the_printers(tmp_path: Path) -> None:
     """Parameters called as the generated code calls its own values and parameters."""
-    model = tmp_path / "names.py"
-    model.write_text(
+    expected = agree(
         f"{HEAD}{BODY}"
         "def rate(n1, n0):\n"
         "    a = n1 * n1\n"
         "    b = other(a, n0, n0 + 1.0, n0 + 2.0, n1, a, b=n0)\n"
         "    return n1 + n0 * a if b > 3.0 else b\n"
         "def other(c, d_c, result, note, int, v0_1, b):\n"
-        "    return c * 2.0 if d_c > result else note / int + v0_1 - b\n"
+        "    return c * 2.0 if d_c > result else note / int + v0_1 - b\n",
+        tmp_path,
     )
-    fmukit("build", model, "--out", tmp_path)
-    for flavour in FLAVOURS:
-        expected = from_equations(load(model))
-        assert np.array_equal(run(tmp_path / flavour / "Names.fmu", load(model)), expected)
     assert expected[1, 1] > 2.0
 
 
 def test_a_state_may_have_vectors(tmp_path: Path) -> None:
     """An oscillator, with its first state beside the vector of the others."""
-    model = tmp_path / "vectors.py"
-    model.write_text(
+    expected = agree(
         HEAD.replace("import Experiment,", "import Experiment, array, fill,") + "@record\n"
         "class State:\n"
         '    y: Length = real(0.5, "Integral")\n'
         '    x: tuple[Length, Length] = array([2.0, 1.0], "State {0}")\n'
         "def derivatives(p, t, x, u):\n"
-        "    return fill(State, [x.x[0], x.x[1], -x.x[0]])\n"
+        "    return fill(State, [x.x[0], x.x[1], -x.x[0]])\n",
+        tmp_path,
     )
-    fmukit("build", model, "--out", tmp_path)
-    expected = from_equations(load(model))
-    for flavour in FLAVOURS:
-        assert np.array_equal(run(tmp_path / flavour / "Vectors.fmu", load(model)), expected)
     t = expected[:, 0]
     assert expected[:, 2] == pytest.approx(2.0 * np.cos(t) + np.sin(t), abs=1e-9)
 
@@ -334,16 +311,12 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
     terms = [f"math.{name}(x)" for name in MATHEMATICS] + list(MORE)
     fields = "".join(f'    y{n}: Length = real(0.0, "Output")\n' for n in range(len(terms)))
     values = ", ".join(f"y{n}={term}" for n, term in enumerate(terms))
-    model = tmp_path / "mathematics.py"
-    model.write_text(
+    expected = agree(
         f"{HEAD}{BODY}def rate(x, c):\n    return 10.0 * c\n"
         f"@record\nclass Outputs:\n{fields}"
-        f"def outputs(p, t, x, u):\n    x, c = x.x, p.n0\n    return Outputs({values})\n"
+        f"def outputs(p, t, x, u):\n    x, c = x.x, p.n0\n    return Outputs({values})\n",
+        tmp_path,
     )
-    fmukit("build", model, "--out", tmp_path)
-    expected = from_equations(load(model))
-    for flavour in FLAVOURS:
-        assert np.array_equal(run(tmp_path / flavour / "Mathematics.fmu", load(model)), expected)
     assert all(np.any(a != b) for a, b in pairwise(expected.T))
 
 
