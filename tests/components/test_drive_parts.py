@@ -58,7 +58,7 @@ def test_motor_on_an_inertia_runs_up_as_the_closed_solution(J: float, swings: bo
 
 
 @pytest.mark.parametrize("h", [1e-5, 3e-3, 0.1])
-def test_motor_steps_exactly_and_its_power_balance_closes(h: float) -> None:
+def test_motor_steps_exactly(h: float) -> None:
     """A step over which voltage and speed run on lines, and v i = tau w + R i^2 + dE/dt."""
     p = start(motor.Parameters)
     for v0, v1, w0, w1, i in np.random.default_rng(1).uniform(-100, 100, (10, 5)):
@@ -213,7 +213,7 @@ def test_flanks_never_pull_and_a_shaft_never_makes_energy(b: float) -> None:
     assert energy[-1] < 0.9 * energy[0]
 
 
-def test_exciter_obeys_lagrange_and_balances_its_power() -> None:
+def test_exciter_obeys_lagrange() -> None:
     """From the energies of the places of both masses, by SymPy, at random points; the mount's force is
     what the momentum of both lacks.
     """
