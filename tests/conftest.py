@@ -186,6 +186,18 @@ def restore_ctrl_c() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
+def running(mark: str) -> list[str]:
+    """The processes that carry a mark in their environment."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark.encode() in (process / "environ").read_bytes():
+                found.append((process / "cmdline").read_text().replace("\0", " "))
+        except OSError:
+            continue
+    return found
+
+
 def until(condition: Callable[[], Any]) -> None:
     """Wait for what must come; the limit is only against waiting for ever."""
     deadline = time.monotonic() + 300.0

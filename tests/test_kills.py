@@ -23,7 +23,7 @@ import pytest
 from cosim import write_ssp
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
-from tests.conftest import ROOT, restore_ctrl_c, until
+from tests.conftest import ROOT, restore_ctrl_c, running, until
 from workbench.files import UNFINISHED
 
 ENDED_BUILDS = 6
@@ -113,18 +113,6 @@ class Place(NamedTuple):
                 assert CHANGING.sub(b"", path.read_bytes()) == self.files[inside], inside
 
 
-def running_processes(mark: str) -> list[str]:
-    """The processes that carry a mark in their environment."""
-    processes = []
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            if mark.encode() in (process / "environ").read_bytes():
-                processes.append((process / "cmdline").read_text().replace("\0", " "))
-        except OSError:
-            continue
-    return processes
-
-
 def was_ended(process: subprocess.Popen[bytes], after: float, number: signal.Signals) -> bool:
     """Send a signal after some time [s], and say whether it was before the end of the process."""
     try:
@@ -168,7 +156,7 @@ def test_an_end_at_any_moment_loses_nothing(number: signal.Signals, place: Place
         else:  # it was faster than before, or what the last one left was nearly all
             duration /= 2.0
             place.clear()
-        until(lambda: not running_processes(mark))
+        until(lambda: not running(mark))
         place.check_whole()
     assert place.begin(mark).wait() == 0
     assert place.written() == place.files
@@ -232,7 +220,7 @@ def test_a_build_that_is_ended_at_any_moment_leaves_whole_files_or_none(
             duration *= 0.9
             for file in expected:
                 (out / file).unlink()
-        until(lambda: not running_processes(mark))
+        until(lambda: not running(mark))
         assert files().items() <= expected.items()
     assert begin().wait() == 0
     assert files() == expected

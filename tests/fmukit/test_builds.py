@@ -20,7 +20,7 @@ from fmukit.__main__ import main
 from fmukit.fmu import make
 from fmukit.fmu.native import package
 from fmukit.fmu.workplace import OWNER, PREFIX, workplace
-from tests.conftest import ROOT, restore_ctrl_c, rewritten, until
+from tests.conftest import ROOT, restore_ctrl_c, rewritten, running, until
 
 MODEL = ROOT / "tests" / "fmukit" / "models" / "gain.py"
 FILES = ("Gain.fmu", "native/Gain.fmu", "wasm/Gain.wasm")
@@ -86,13 +86,6 @@ def test_fmus_for_this_machine_and_for_all_are_told_apart(
     assert fmu.read_bytes() == host[0]
 
 
-def test_the_fmu_names_the_platforms_that_it_is_for(tmp_path: Path, pretended: None) -> None:
-    for platforms, names in (("host", package.HOST), ("all", package.ALL)):
-        build(tmp_path, platforms)
-        text = members(tmp_path / "native" / "Gain.fmu")["documentation/externalDependencies.txt"]
-        assert f"The binaries for {', '.join(names)} need".encode() in text
-
-
 @pytest.mark.slow
 def test_libraries_for_all_platforms_are_of_their_kind(tmp_path: Path) -> None:
     build(tmp_path, "all")
@@ -135,22 +128,16 @@ def without_code(files: dict[str, Any]) -> None:
 
 DAMAGES: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "empty members": (FILES[1], lambda file: replaced(file, emptied)),
-    "empty members of a Python FMU": (FILES[0], lambda file: replaced(file, emptied)),
     "a library that is cut off": (FILES[1], lambda file: replaced(file, without_code)),
     "no library": (FILES[1], lambda file: replaced(file, lambda f: f.pop(HOST_LIBRARY))),
     "broken XML": (
         FILES[1],
         lambda file: replaced(file, lambda f: f.update({"modelDescription.xml": b"<fmiModel"})),
     ),
-    "no XML": (FILES[0], lambda file: replaced(file, lambda f: f.pop("modelDescription.xml"))),
     "an FMU that is cut off": (FILES[0], lambda file: cut(file, 100)),
     "an FMU with zeros": (FILES[1], zeroed),
-    "an empty FMU": (FILES[1], lambda file: file.write_bytes(b"")),
-    "no archive": (FILES[0], lambda file: file.write_bytes(b"PK" * 1000)),
     "a module that is cut off": (FILES[2], lambda file: cut(file, 2000)),
-    "a module that is cut off after its code": (FILES[2], lambda file: cut(file, 42)),
     "a module with zeros": (FILES[2], zeroed),
-    "an empty module": (FILES[2], lambda file: file.write_bytes(b"")),
 }
 
 
@@ -219,21 +206,6 @@ def test_what_is_no_model_is_refused_with_what_to_write(
     assert sentence in line
 
 
-def test_guids_are_printed_when_asked_for(
-    whole: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command = ["fmukit", "build", str(MODEL), "--out", str(whole)]
-    monkeypatch.setattr(sys, "argv", command)
-    assert main() == 0
-    assert capsys.readouterr().out == "Gain.fmu, native/Gain.fmu, wasm/Gain.wasm up to date\n"
-    monkeypatch.setattr(sys, "argv", [*command, "--verbose"])
-    assert main() == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.partition(" up to date, ")[0] for line in lines] == [*FILES]
-    assert guid(whole / FILES[1]) in lines[1]
-    assert guid(whole / FILES[1]) in lines[2]
-
-
 def test_folders_of_builds_that_have_ended_go_and_no_others(tmp_path: Path) -> None:
     """With an owner that ended, or as builds left them that knew no owner."""
     leftovers = [tmp_path / f"{PREFIX}a1b2c3_d", tmp_path / "native" / f"{PREFIX}abcdefgh"]
@@ -262,18 +234,6 @@ def test_folders_of_builds_that_have_ended_go_and_no_others(tmp_path: Path) -> N
     assert all((folder / "plan.txt").read_text() == "mine" for folder in kept)
     assert (tmp_path / f"{PREFIX}filefile").read_text() == "mine"
     assert (tmp_path / f"{PREFIX}linklink").is_symlink()
-
-
-def running(mark: str) -> list[str]:
-    """The processes that carry a mark in their environment."""
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            if mark.encode() in (process / "environ").read_bytes():
-                found.append((process / "cmdline").read_text().replace("\0", " "))
-        except OSError:
-            continue
-    return found
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are looked for in /proc")
