@@ -127,24 +127,6 @@ def test_factors_and_ratios_reduce_inertias(native: Path) -> None:
     assert fastest(wired) == pytest.approx(1j * w, rel=1e-8)
 
 
-def test_a_shaft_between_a_mass_and_the_conveyor(native: Path) -> None:
-    """At rest in the middle of the stroke, where the spring holds the crank with C r^2."""
-    m = SETS["A"]
-    parts = {"one": "Gearbox", "shaft": "ShaftLink", "conveyor": "CrankConveyor"}
-    wires = [
-        wire.replace("two.w_a", "conveyor.w").replace("two.tau_a", "conveyor.tau") for wire in SHAFT
-    ]
-    start = {k: v for k, v in RIGID.items() if "two" not in k} | {"conveyor.w": 0.0}
-    system = System({k: native / f"{v}.fmu" for k, v in parts.items()}, wires, start)
-    linear = linearize(system)
-    theta, d, k = m.theta1 + m.m * m.r**2, m.d * m.r**2, m.c * m.r**2
-    shaft = np.polymul([J_1, 0.0, STIFF], [theta, d, STIFF + k])
-    exact = np.roots(np.polysub(shaft, [STIFF**2]))
-    assert fastest(linear) == pytest.approx(max(exact, key=lambda s: (abs(s), s.imag)), rel=1e-8)
-    slow = min(exact, key=lambda s: (abs(s), -s.imag))
-    assert min(abs(linear.eigenvalues - slow)) <= 1e-8 * abs(slow)
-
-
 def test_a_lagging_motor_turns_an_inertia(native: Path) -> None:
     """J T s^2 + J s + B = 0; the columns, rows and units are those of the parts."""
     B, T, J = 20.0, 0.05, 0.4
@@ -211,16 +193,3 @@ def test_what_cannot_be_linearised_is_refused(native: Path, fmus: Path) -> None:
     linear = linearize(system)
     with pytest.raises(SetupError, match=r"conveyor\.tau is not one of none"):
         linear.frequency_response("conveyor.tau", "motor.tau", 1.0)
-
-
-def test_the_picture_shows_gain_phase_and_step(native: Path, tmp_path: Path) -> None:
-    linear = linearize(conveyor(native), inputs=["conveyor.tau"])
-    figure = linear.plot("conveyor.tau", "motor.tau", tmp_path / "bode.png")
-    gain = figure.axes[0].lines[0]
-    w, plotted = gain.get_xdata(), gain.get_ydata()
-    exact = np.abs(linear.frequency_response("conveyor.tau", "motor.tau", w))
-    assert plotted == pytest.approx(exact)
-    assert [axis.get_ylabel() for axis in figure.axes][1] == "phase / deg"
-    t, y = (getattr(figure.axes[2].lines[0], f"get_{axis}data")() for axis in "xy")
-    assert y == pytest.approx(linear.step_response("conveyor.tau", "motor.tau", t))
-    assert (tmp_path / "bode.png").stat().st_size > 10_000

@@ -16,12 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cosim.engine.driver
 import cosim.engine.initialise
 from cosim import ALGORITHMS, SetupError, System, run, verification
 from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
-from cosim.engine.algorithms import REGISTRY
-from cosim.engine.energy import BondSide
 from cosim.verification import checks
 from cosim.verification.checks import (
     HOLDING,
@@ -73,39 +70,13 @@ def wrong_sign(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(cosim.engine.initialise, "_connect", connected)
 
 
-def full_steps_for_halves(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(cosim.engine.driver, "find_algorithm", lambda _: REGISTRY["gauss-seidel"])
-
-
-def delayed_by_a_step(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(cosim.engine.driver, "find_algorithm", lambda _: REGISTRY["jacobi"])
-
-
 def ledger_of_the_wrong_sign(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(cosim.engine.initialise, "watts_per_product", lambda *_: -1.0)
 
 
-def ledger_at_the_end_only(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(cosim.engine.initialise, "BondSide", AtEnd)
-
-
-class AtEnd(BondSide):
-    """Takes the output at the end of a step for the whole of it."""
-
-    def __call__(self, t: float, h: float) -> None:
-        self.open()
-        super().__call__(t, h)
-
-    def layout(self) -> None:
-        """Python alone makes this mistake."""
-
-
 MUTANTS: dict[Callable[[pytest.MonkeyPatch], None], tuple[bool, bool]] = {
     wrong_sign: (False, False),
-    full_steps_for_halves: (False, False),
-    delayed_by_a_step: (False, False),
     ledger_of_the_wrong_sign: (True, False),
-    ledger_at_the_end_only: (True, False),
 }
 
 

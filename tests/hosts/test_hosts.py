@@ -142,10 +142,16 @@ def finish(
     return done
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_libcosim_reproduces_our_jacobi_master(both: Path, name: str) -> None:
+#: Cases with their flavour: of Python FMUs one, since both have the same bits.
+HOSTED = pytest.mark.parametrize(
+    ("name", "flavour"), [("conveyor", "."), *((name, "native") for name in CASES)]
+)
+
+
+@HOSTED
+def test_libcosim_reproduces_our_jacobi_master(name: str, flavour: str, fmus: Path) -> None:
     """Its n-th step ends at n*step; it steps by a difference of times, hence not to the bit."""
-    case = CASES[name]
+    case, both = CASES[name], fmus / flavour
     done = finish(sys.executable, HOSTS / "libcosim_system.py", case.task(both))
     time, *values = np.transpose(json.loads(done.stdout))
     assert_array_equal(time, 1e9 * case.step * np.arange(1, case.steps + 1))
@@ -227,10 +233,10 @@ def test_osp_structure_refuses_what_libcosim_would_drop(fmus: Path, tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_ecos_reproduces_our_jacobi_master_to_the_bit(both: Path, name: str) -> None:
+@HOSTED
+def test_ecos_reproduces_our_jacobi_master_to_the_bit(name: str, flavour: str, fmus: Path) -> None:
     """From the initial values on, although Ecos steps the FMUs in several threads."""
-    case = CASES[name]
+    case, both = CASES[name], fmus / flavour
     done = finish(sys.executable, HOSTS / "ecos_system.py", case.task(both))
     time, *values = np.transpose(json.loads(done.stdout))
     assert_allclose(time, case.step * np.arange(case.steps + 1), rtol=1e-12)
@@ -289,10 +295,7 @@ def test_ecos_program_without_python_prints_what_our_jacobi_master_computes(
 @pytest.mark.parametrize(
     ("opened", "created", "closed"),
     [("AB", *orders) for orders in product(("AB", "BA"), ("AB", "BA"))]
-    + [
-        ("ABC", *orders)
-        for orders in (("BCA", "CAB"), ("CBA", "ABC"), ("CBA", "CBA"), ("CAB", "C"))
-    ],
+    + [("ABC", "CBA", "ABC"), ("ABC", "CAB", "C")],
     ids="-".join,
 )
 def test_a_host_without_python_may_close_libraries_in_any_order(
