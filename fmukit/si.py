@@ -21,59 +21,10 @@ class Quantity(NamedTuple):
     display: Display | None = None
 
 
-Angle = Annotated[float, Quantity("Angle", "rad", {"rad": 1}, Display("deg", 180 / math.pi))]
-AngularVelocity = Annotated[
-    float, Quantity("AngularVelocity", "rad/s", {"rad": 1, "s": -1}, Display("rpm", 30 / math.pi))
-]
-AngularAcceleration = Annotated[
-    float, Quantity("AngularAcceleration", "rad/s2", {"rad": 1, "s": -2})
-]
-Length = Annotated[float, Quantity("Length", "m", {"m": 1})]
-Velocity = Annotated[float, Quantity("Velocity", "m/s", {"m": 1, "s": -1})]
-Acceleration = Annotated[float, Quantity("Acceleration", "m/s2", {"m": 1, "s": -2})]
-Time = Annotated[float, Quantity("Time", "s", {"s": 1})]
-Rate = Annotated[float, Quantity("Rate", "1/s", {"s": -1})]
-Mass = Annotated[float, Quantity("Mass", "kg", {"kg": 1})]
-LinearDensity = Annotated[float, Quantity("LinearDensity", "kg/m", {"kg": 1, "m": -1})]
-Inertia = Annotated[float, Quantity("MomentOfInertia", "kg.m2", {"kg": 1, "m": 2})]
-Force = Annotated[float, Quantity("Force", "N", {"kg": 1, "m": 1, "s": -2})]
-Impulse = Annotated[float, Quantity("Impulse", "N.s", {"kg": 1, "m": 1, "s": -1})]
-Torque = Annotated[float, Quantity("Torque", "N.m", {"kg": 1, "m": 2, "s": -2})]
-Energy = Annotated[float, Quantity("Energy", "J", {"kg": 1, "m": 2, "s": -2})]
-Power = Annotated[float, Quantity("Power", "W", {"kg": 1, "m": 2, "s": -3})]
-TranslationalStiffness = Annotated[
-    float, Quantity("TranslationalSpringConstant", "N/m", {"kg": 1, "s": -2})
-]
-TranslationalDamping = Annotated[
-    float, Quantity("TranslationalDampingConstant", "N.s/m", {"kg": 1, "s": -1})
-]
-RotationalStiffness = Annotated[
-    float,
-    Quantity("RotationalSpringConstant", "N.m/rad", {"kg": 1, "m": 2, "s": -2, "rad": -1}),
-]
-RotationalDamping = Annotated[
-    float, Quantity("RotationalDampingConstant", "N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1})
-]
-Pressure = Annotated[
-    float, Quantity("Pressure", "Pa", {"kg": 1, "m": -1, "s": -2}, Display("bar", 1e-5))
-]
-VolumeFlowRate = Annotated[float, Quantity("VolumeFlowRate", "m3/s", {"m": 3, "s": -1})]
-MassFlowRate = Annotated[float, Quantity("MassFlowRate", "kg/s", {"kg": 1, "s": -1})]
-Temperature = Annotated[float, Quantity("ThermodynamicTemperature", "K", {"K": 1})]
-Voltage = Annotated[float, Quantity("Voltage", "V", {"kg": 1, "m": 2, "s": -3, "A": -1})]
-Current = Annotated[float, Quantity("Current", "A", {"A": 1})]
-ElectricalTorqueConstant = Annotated[
-    float, Quantity("ElectricalTorqueConstant", "N.m/A", {"kg": 1, "m": 2, "s": -2, "A": -1})
-]
-Resistance = Annotated[float, Quantity("Resistance", "Ohm", {"kg": 1, "m": 2, "s": -3, "A": -2})]
-Inductance = Annotated[float, Quantity("Inductance", "H", {"kg": 1, "m": 2, "s": -2, "A": -2})]
-MagneticFlux = Annotated[float, Quantity("MagneticFlux", "Wb", {"kg": 1, "m": 2, "s": -2, "A": -1})]
-Ratio = Annotated[float, Quantity("DimensionlessRatio", "1", {})]
-
 #: Convention of the SI (9th brochure, tables 2 and 4): the exponents of the base units in each coherent unit.
 COHERENT: dict[str, dict[str, int]] = {
     "1": {},
-    "rad": {},
+    "rad": {"rad": 1},
     "sr": {},
     **{base: {base: 1} for base in ("kg", "m", "s", "A", "K", "mol", "cd")},
     "Hz": {"s": -1},
@@ -92,22 +43,8 @@ COHERENT: dict[str, dict[str, int]] = {
 }
 
 
-def require_exponents(quantity: Quantity) -> None:
-    """Raise ValueError if a unit that is made of those of the SI has other exponents than are declared."""
-    wanted = exponents_of(quantity.unit)
-    declared = {
-        base: power for base, power in quantity.exponents.items() if base != "rad" and power
-    }
-    if wanted is not None and wanted != declared:
-        radians = {"rad": quantity.exponents["rad"]} if "rad" in quantity.exponents else {}
-        raise ValueError(
-            f"the unit {quantity.unit} of {quantity.name} has the exponents {wanted}, not {declared}: "
-            f'write Quantity("{quantity.name}", "{quantity.unit}", {wanted | radians})'
-        )
-
-
 def exponents_of(unit: str) -> dict[str, int] | None:
-    """The exponents of the base units in a unit such as N.m/rad or W/(m2.K), the radian counted as one.
+    """The exponents of the base units in a unit such as N.m/rad or W/(m2.K), the radian among them.
 
     None if a part of it is no coherent unit of the SI, or if it cannot be read in one way only.
     """
@@ -124,6 +61,63 @@ def exponents_of(unit: str) -> dict[str, int] | None:
             for base, power in COHERENT[match[1]].items():
                 total[base] = total.get(base, 0) + sign * power * int(match[2] or 1)
     return {base: power for base, power in total.items() if power}
+
+
+def coherent(name: str, unit: str, display: Display | None = None) -> Quantity:
+    """A quantity in a coherent unit of the SI, which has its exponents."""
+    exponents = exponents_of(unit)
+    assert exponents is not None
+    return Quantity(name, unit, exponents, display)
+
+
+Angle = Annotated[float, coherent("Angle", "rad", Display("deg", 180 / math.pi))]
+AngularVelocity = Annotated[
+    float, coherent("AngularVelocity", "rad/s", Display("rpm", 30 / math.pi))
+]
+AngularAcceleration = Annotated[float, coherent("AngularAcceleration", "rad/s2")]
+Length = Annotated[float, coherent("Length", "m")]
+Velocity = Annotated[float, coherent("Velocity", "m/s")]
+Acceleration = Annotated[float, coherent("Acceleration", "m/s2")]
+Time = Annotated[float, coherent("Time", "s")]
+Rate = Annotated[float, coherent("Rate", "1/s")]
+Mass = Annotated[float, coherent("Mass", "kg")]
+LinearDensity = Annotated[float, coherent("LinearDensity", "kg/m")]
+Inertia = Annotated[float, coherent("MomentOfInertia", "kg.m2")]
+Force = Annotated[float, coherent("Force", "N")]
+Impulse = Annotated[float, coherent("Impulse", "N.s")]
+Torque = Annotated[float, coherent("Torque", "N.m")]
+Energy = Annotated[float, coherent("Energy", "J")]
+Power = Annotated[float, coherent("Power", "W")]
+TranslationalStiffness = Annotated[float, coherent("TranslationalSpringConstant", "N/m")]
+TranslationalDamping = Annotated[float, coherent("TranslationalDampingConstant", "N.s/m")]
+RotationalStiffness = Annotated[float, coherent("RotationalSpringConstant", "N.m/rad")]
+RotationalDamping = Annotated[float, coherent("RotationalDampingConstant", "N.m.s/rad")]
+Pressure = Annotated[float, coherent("Pressure", "Pa", Display("bar", 1e-5))]
+VolumeFlowRate = Annotated[float, coherent("VolumeFlowRate", "m3/s")]
+MassFlowRate = Annotated[float, coherent("MassFlowRate", "kg/s")]
+Temperature = Annotated[float, coherent("ThermodynamicTemperature", "K")]
+Voltage = Annotated[float, coherent("Voltage", "V")]
+Current = Annotated[float, coherent("Current", "A")]
+ElectricalTorqueConstant = Annotated[float, coherent("ElectricalTorqueConstant", "N.m/A")]
+Resistance = Annotated[float, coherent("Resistance", "Ohm")]
+Inductance = Annotated[float, coherent("Inductance", "H")]
+MagneticFlux = Annotated[float, coherent("MagneticFlux", "Wb")]
+Ratio = Annotated[float, coherent("DimensionlessRatio", "1")]
+
+
+def require_exponents(quantity: Quantity) -> None:
+    """Raise ValueError if a unit that is made of those of the SI has other exponents than are declared."""
+    exponents = exponents_of(quantity.unit)
+    wanted, declared = (
+        {base: power for base, power in (some or {}).items() if base != "rad" and power}
+        for some in (exponents, quantity.exponents)
+    )
+    if exponents is not None and wanted != declared:
+        radians = {"rad": quantity.exponents["rad"]} if "rad" in quantity.exponents else {}
+        raise ValueError(
+            f"the unit {quantity.unit} of {quantity.name} has the exponents {wanted}, not {declared}: "
+            f'write Quantity("{quantity.name}", "{quantity.unit}", {wanted | radians})'
+        )
 
 
 RATES: dict[str, Quantity] = {

@@ -20,7 +20,7 @@ from ..trace.graph import (
     Result,
     Text,
     UntraceableError,
-    calls_in,
+    nodes_in,
     size,
 )
 from ..trace.ops import OPS
@@ -51,7 +51,7 @@ def module(functions: list[Function], entries: tuple[str, ...]) -> str:
     wanted = set(entries)
     for function in reversed(functions):
         if function.name in wanted:
-            wanted |= {node.function.name for node in calls_in(function.tree)}
+            wanted |= {n.function.name for n in nodes_in(function.tree) if isinstance(n, Call)}
     needed_functions = [function for function in functions if function.name in wanted]
     return head() + "\n\n".join(definition(function) for function in needed_functions)
 

@@ -39,68 +39,8 @@ class Node:
     kind: str
     items: tuple[int, ...]
 
-    def __add__(self, other: Any) -> Any:
-        return operation("+", self, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return operation("+", other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return operation("-", self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return operation("-", other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return operation("*", self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return operation("*", other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return operation("/", self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return operation("/", other, self)
-
-    def __floordiv__(self, other: Any) -> Any:
-        return operation("floordiv", self, other)
-
-    def __rfloordiv__(self, other: Any) -> Any:
-        return operation("floordiv", other, self)
-
-    def __mod__(self, other: Any) -> Any:
-        return operation("modulo", self, other)
-
-    def __rmod__(self, other: Any) -> Any:
-        return operation("modulo", other, self)
-
-    def __pow__(self, other: Any) -> Any:
-        return operation("power", self, other)
-
-    def __rpow__(self, other: Any) -> Any:
-        return operation("power", other, self)
-
-    def __neg__(self) -> Any:
-        return operation("neg", self)
-
     def __pos__(self) -> Any:
         return self
-
-    def __abs__(self) -> Any:
-        return operation("fabs", self)
-
-    def __lt__(self, other: Any) -> Any:
-        return comparison("<", self, other)
-
-    def __le__(self, other: Any) -> Any:
-        return comparison("<=", self, other)
-
-    def __gt__(self, other: Any) -> Any:
-        return comparison(">", self, other)
-
-    def __ge__(self, other: Any) -> Any:
-        return comparison(">=", self, other)
 
     def __eq__(self, other: object) -> Any:
         return comparison("==", self, other)
@@ -144,6 +84,30 @@ class Node:
             "a number known only at run time used as a key, an index or a choice, "
             "which only an enumeration can be: write conditions"
         )
+
+
+def _binary(op: str, turned: bool = False) -> Callable[[Node, Any], Any]:
+    if turned:
+        return lambda self, other: operation(op, other, self)
+    return lambda self, other: operation(op, self, other)
+
+
+def _unary(op: str) -> Callable[[Node], Any]:
+    return lambda self: operation(op, self)
+
+
+def _compared(op: str) -> Callable[[Node, Any], Any]:
+    return lambda self, other: comparison(op, self, other)
+
+
+for _name, _op in {"add": "+", "sub": "-", "mul": "*", "truediv": "/", "floordiv": "floordiv",
+                   "mod": "modulo", "pow": "power"}.items():  # fmt: skip
+    setattr(Node, f"__{_name}__", _binary(_op))
+    setattr(Node, f"__r{_name}__", _binary(_op, turned=True))
+for _name, _op in {"neg": "neg", "abs": "fabs"}.items():
+    setattr(Node, f"__{_name}__", _unary(_op))
+for _name, _op in {"lt": "<", "le": "<=", "gt": ">", "ge": ">="}.items():
+    setattr(Node, f"__{_name}__", _compared(_op))
 
 
 def _refuse(what: str) -> Callable[..., Any]:
@@ -473,34 +437,22 @@ def subtrees(node: Node) -> tuple[Tree, ...]:
 def joins_of(tree: Tree) -> dict[int, list[Join]]:
     """Return the joins of a tree, by the numbers of their phis."""
     joins_by_phi: dict[int, list[Join]] = {}
-    for join in joins_in(tree):
-        for phi in join.phis:
-            joins_by_phi.setdefault(phi.number, []).append(join)
+    for node in nodes_in(tree):
+        if isinstance(node, Join):
+            for phi in node.phis:
+                joins_by_phi.setdefault(phi.number, []).append(node)
     return joins_by_phi
 
 
-def joins_in(tree: Tree) -> Iterator[Join]:
-    """Yield all joins of a tree."""
+def nodes_in(tree: Tree) -> Iterator[Node]:
+    """Yield all nodes of a tree, those of the trees within nodes after the node."""
     for node in tree.nodes:
-        if isinstance(node, Join):
-            yield node
+        yield node
         for part in subtrees(node):
-            yield from joins_in(part)
+            yield from nodes_in(part)
     if isinstance(tree, Branch):
-        yield from joins_in(tree.true)
-        yield from joins_in(tree.false)
-
-
-def calls_in(tree: Tree) -> Iterator[Call]:
-    """Yield all calls of a tree."""
-    for node in tree.nodes:
-        if isinstance(node, Call):
-            yield node
-        for part in subtrees(node):
-            yield from calls_in(part)
-    if isinstance(tree, Branch):
-        yield from calls_in(tree.true)
-        yield from calls_in(tree.false)
+        yield from nodes_in(tree.true)
+        yield from nodes_in(tree.false)
 
 
 def has_effect(node: Node) -> bool:
