@@ -30,7 +30,7 @@ SPACING = 2.5e-4
 TOLERANCE = 1e-13
 
 
-class ExactRows(NamedTuple):
+class ReferenceAnswer(NamedTuple):
     """Exact rows of a system: values, the error of each, events [s], and the share of the error that two solutions differ by."""
 
     time: Array
@@ -40,7 +40,7 @@ class ExactRows(NamedTuple):
     agreement: float
 
 
-def answer(equations: Solution, time: Array, system: System) -> ExactRows:
+def answer(equations: Solution, time: Array, system: System) -> ReferenceAnswer:
     """What the equations give, judged by the model-exchange sides of all FMUs, integrated as one system.
 
     The error of a value is that of its own integration and that of the judge, each from two tolerances. The two
@@ -71,7 +71,7 @@ def answer(equations: Solution, time: Array, system: System) -> ExactRows:
         np.abs(judge[name][rows] - equations.values[name]) / np.fmax(errors[name], rounding)
         for name in names
     ]
-    return ExactRows(
+    return ReferenceAnswer(
         time,
         equations.values,
         errors,
@@ -80,7 +80,7 @@ def answer(equations: Solution, time: Array, system: System) -> ExactRows:
     )
 
 
-def exact(key: str, system: System | None = None, stop: float | None = None) -> ExactRows:
+def exact(key: str, system: System | None = None, stop: float | None = None) -> ReferenceAnswer:
     """The answer of a reference system to its stop time or another [s], or what is judged of it by another `system`."""
     reference = SYSTEMS[key]
     rows = round((stop or reference.stop) / SPACING) + 1

@@ -54,7 +54,7 @@ class Nameplate(NamedTuple):
         return 1.0 / (2.0 * math.pi * self.frequency * self.breakdown_slip)
 
 
-def read(text: str) -> Nameplate:
+def read_nameplate(text: str) -> Nameplate:
     """Return what a nameplate says; raises SetupError for what it lacks, and for what contradicts itself."""
     values: dict[str, float] = {}
     for item in text.split(","):
@@ -123,7 +123,7 @@ def nameplate(
     >>> round(start["motor.kloss.tau_b"], 1), round(start["motor.T"], 4)
     (350.3, 0.0147)
     """
-    plate = read(text)
+    plate = read_nameplate(text)
     values: dict[str, Value] = {
         f"{motor}.characteristic": 1,
         f"{motor}.kloss.tau_b": plate.breakdown * plate.torque * plate.ratio,

@@ -27,7 +27,7 @@ from .options import Options, option
 #: Share by which the errors after two records may differ and both are as good; chosen: errors are not known better.
 SAME = 0.05
 #: What the errors of a fit are, which stands under its figures.
-ERROR_SCOPE = (
+FIT_ERROR_SCOPE = (
     "The error is the 95 % interval of the fit: the noise of the record and the deviations given with --known are "
     "in it. Values that were taken as exact, and what the model leaves out, are not in it."
 )

@@ -15,7 +15,7 @@ from ..describe import table
 from ..engine.changes import continuous_profiles
 from ..engine.control import Adaptive
 from ..engine.settings import RunSettings
-from ..engine.sources import change_within_steps
+from ..engine.sources import largest_change_within_steps
 from ..master import run
 from ..metrics import Largest, Last, Mean, Metric, Smallest
 from ..result import Result
@@ -256,7 +256,7 @@ def unseen_inputs(system: System, runs: NestedRuns) -> dict[str, str]:
     exact = breaks[breaks[:, 0] == breaks[:, 1], 0]
     unseen: dict[str, str] = {}
     for port, profile in continuous_profiles(network):
-        most, time = change_within_steps(profile, times, exact)
+        most, time = largest_change_within_steps(profile, times, exact)
         if not most:
             continue
         reached = {port.part}

@@ -199,21 +199,6 @@ def compare(
         If there is nothing to compare, for units of different quantities, and for values that are not
         finite numbers.
 
-    Parameters
-    ----------
-    result, reference : Result, DataFrame or path
-        What is checked, and what it is checked against.
-    columns : mapping or sequence of str, optional
-        Which columns are compared, and with which of the reference.
-    value : float
-        Half the height of the band, as a share.
-    time : float, optional
-        Half the width of the band [s].
-    errors : mapping, optional
-        Errors that add to the height, by the result's names.
-    gap : float
-        The longest distance of two rows of the reference between which values are compared [s].
-
     Examples
     --------
     >>> import pandas as pd

@@ -16,7 +16,7 @@ from .part import I, WiredPart
 from .sources import InputSource
 
 
-class Change(NamedTuple):
+class TimedChange(NamedTuple):
     """A value that a variable takes between two steps, at a time [s]."""
 
     time: float
@@ -32,11 +32,11 @@ def continuous_profiles(network: Network) -> list[tuple[Port, TableInput | Funct
 
 def discrete_changes(
     network: Network, parts: Mapping[str, WiredPart[I]], start: float, stop: float
-) -> list[Change]:
+) -> list[TimedChange]:
     """All other changes between start and stop [s], in their order."""
     moving = [port for port, _ in continuous_profiles(network)]
     changes = [
-        Change(time, parts[port.part].instance, port.variable, profile.at(time))
+        TimedChange(time, parts[port.part].instance, port.variable, profile.at(time))
         for port, profile in network.inputs
         if port not in moving
         for time in profile.jumps(start, stop)
@@ -48,17 +48,17 @@ class Jump(NamedTuple):
     """What happens at once at a time [s]: changes, and jumps of the inputs that follow `sources`."""
 
     time: float
-    changes: Sequence[Change]
+    changes: Sequence[TimedChange]
     sources: Sequence[InputSource]
 
 
 def known_jumps(
-    changes: Sequence[Change], sources: Iterable[InputSource], start: float, stop: float
+    changes: Sequence[TimedChange], sources: Iterable[InputSource], start: float, stop: float
 ) -> list[Jump]:
     """The jumps between start and stop [s], in their order; times that differ by rounding are one."""
-    events: list[tuple[float, Change | InputSource]] = [(each.time, each) for each in changes]
+    events: list[tuple[float, TimedChange | InputSource]] = [(each.time, each) for each in changes]
     events += [(t, source) for source in sources for t in source.profile.jumps(start, stop)]
-    groups: list[list[tuple[float, Change | InputSource]]] = []
+    groups: list[list[tuple[float, TimedChange | InputSource]]] = []
     for event in sorted(events, key=lambda event: event[0]):
         if groups and coincide(groups[-1][0][0], event[0]):
             groups[-1].append(event)
@@ -67,7 +67,7 @@ def known_jumps(
     return [
         Jump(
             group[0][0],
-            [each for _, each in group if isinstance(each, Change)],
+            [each for _, each in group if isinstance(each, TimedChange)],
             [each for _, each in group if isinstance(each, InputSource)],
         )
         for group in groups

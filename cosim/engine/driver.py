@@ -17,7 +17,7 @@ from ..series import Column, Kind
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
 from .algorithms import find_algorithm
-from .changes import Change, Jump, known_jumps, with_jumps
+from .changes import Jump, TimedChange, known_jumps, with_jumps
 from .control import Adaptive, Controller, by_energy, doubling
 from .iteration import Iteration
 from .loop import Loop, lay_out
@@ -87,7 +87,7 @@ class Driver:
         plan: RunSettings,
         row: RowReader,
         recorder: Recorder,
-        changes: Sequence[Change],
+        changes: Sequence[TimedChange],
         *,
         all_rows: RowFile | None = None,
     ) -> None:

@@ -61,7 +61,7 @@ class InputSource(Operation):
         return [self.cell[0] - 0.5 * slope * h, slope]
 
 
-def change_within_steps(
+def largest_change_within_steps(
     profile: TableInput | FunctionInput, times: Array, exact: Array = NOWHERE
 ) -> tuple[float, float]:
     """By how much an input changes within steps, unseen by their means, and when [s].

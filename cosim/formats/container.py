@@ -62,23 +62,6 @@ def write_container(
         What `connect` raises, and for what the container cannot do: factors, offsets and unit conversions
         on wires, strings with blanks as start values, and start values that would have to pass through a
         part before the part that drives it has started. Nothing is written then.
-
-    Parameters
-    ----------
-    system : System
-        What is packed.
-    path : Path
-        The FMU that is written.
-    step : float
-        The communication step inside the container [s].
-    algorithm : str
-        The coupling algorithm, one of those that a container can do.
-    order : sequence of str, optional
-        The order in which the parts step.
-    start : float
-        When the default experiment begins [s].
-    stop : float
-        When it ends [s].
     """
     from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     from fmu_manipulation_toolbox.operations import FMUError

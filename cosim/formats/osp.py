@@ -79,11 +79,6 @@ def read_osp(path: Path) -> Package:
     ------
     SetupError
         With file and line for what is invalid or not supported, such as FMUs that are not files.
-
-    Parameters
-    ----------
-    path : Path
-        The file or its folder.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)

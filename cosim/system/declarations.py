@@ -45,7 +45,7 @@ def integer_text(native: str) -> str:
     return f"{article} {bits}-bit {'' if signed else 'unsigned '}integer"
 
 
-def single(text: str) -> float:
+def float32(text: str) -> float:
     """A number that a 32-bit floating-point number holds but for rounding; raises ValueError for others."""
     number = real(text)
     if math.isfinite(number) and math.isinf(ctypes.c_float(number).value):
@@ -58,7 +58,7 @@ def value_reader(kind: str, version: str) -> Reader | None:
     native = NATIVE.get(kind) or NATIVE.get((kind, version), kind)
     if native in WIDTHS:
         return lambda text: integer(text, str(native))
-    return {"Float32": single, "Float64": real, "Real": real, "Boolean": truth}.get(kind)
+    return {"Float32": float32, "Float64": real, "Real": real, "Boolean": truth}.get(kind)
 
 
 class Declared:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import workbench
 from workbench import Context, option
 
-from ..motor import FORM, Nameplate, nameplate, read
+from ..motor import FORM, Nameplate, nameplate, read_nameplate
 from .drive_orbits import ALGORITHMS, Drive
 from .first_order import SETS, Machine
 from .machine import followed
@@ -47,7 +47,7 @@ class NameplateOptions(workbench.Options):
     @property
     def plate(self) -> Nameplate | None:
         """What the nameplate says."""
-        return read(self.nameplate) if self.nameplate else None
+        return read_nameplate(self.nameplate) if self.nameplate else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -98,6 +98,6 @@ def limits(system: System) -> dict[str, Figure]:
     return all_figures
 
 
-def first(f: Mapping[str, Figure]) -> tuple[Figure, str]:
+def first_limit(f: Mapping[str, Figure]) -> tuple[Figure, str]:
     """The lowest of these speeds, and what happens there."""
     return min((f[f"{name}_limit"], event) for name, (_, event, _) in LETS_GO.items())

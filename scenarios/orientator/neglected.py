@@ -137,14 +137,14 @@ def compare(
     """
     kinds, mu = effects.machines(base), effects.friction
     cases = [(system, n) for system in kinds.values() for n in speeds]
-    times = [*context.each(partial(takes, mu), cases, "effects", probes=True)]
+    times = [*context.each(partial(time_of_orientation, mu), cases, "effects", probes=True)]
     taken = {name: times[k * len(speeds) : (k + 1) * len(speeds)] for k, name in enumerate(kinds)}
     rows = (
         [n, *(of_kind[k].value for of_kind in taken.values())] for k, n in enumerate(speeds) if k
     )
     table = context.record_rows(TABLE, {"n": "rpm", **dict.fromkeys(kinds, "s")}, rows)
     all_figures = figures({name: of_kind[0] for name, of_kind in taken.items()})
-    ends = context.each(partial(ending, mu), [*kinds.values()], "limits", probes=True)
+    ends = context.each(partial(fastest_oriented, mu), [*kinds.values()], "limits", probes=True)
     for name, end in zip(kinds, ends):
         which = f"with {EFFECTS[name]}" if name in EFFECTS else "of the paper"
         all_figures[f"limit_{name}"] = end._replace(meaning=f"largest rotor speed {which}")
@@ -162,12 +162,12 @@ def with_slower_creep(system: System) -> list[System]:
     return [replace(system, start={**system.start, CREEP: creep}) for creep in creeps]
 
 
-def crept(values: Sequence[float]) -> float:
+def creep_error(values: Sequence[float]) -> float:
     """What the creep still makes of the first of values of `with_slower_creep` machines: they are linear in it."""
     return float(limit(values, 1.0).error) if len(values) > 1 else 0.0
 
 
-def takes(mu: float, case: tuple[System, float]) -> Figure:
+def time_of_orientation(mu: float, case: tuple[System, float]) -> Figure:
     """A time of orientation; its error is what half the step changes, and what is left of the creep."""
     system, n = case
     machines = with_slower_creep(system)
@@ -175,10 +175,10 @@ def takes(mu: float, case: tuple[System, float]) -> Figure:
     halved = simulate(machines[0], mu, n, STEP / 2).orientation_time
     if not np.isfinite([*times, halved]).all():
         return Figure.undetermined("s", JAMS)
-    return Figure(times[0], "s", crept(times) + abs(times[0] - halved) + ROUNDING)
+    return Figure(times[0], "s", creep_error(times) + abs(times[0] - halved) + ROUNDING)
 
 
-def ending(mu: float, system: System) -> Figure:
+def fastest_oriented(mu: float, system: System) -> Figure:
     """The fastest rotor that orients, sought below where friction holds cups in the chute; its error
     is the bracket, and what is left of the creep.
     """
@@ -191,7 +191,7 @@ def ending(mu: float, system: System) -> Figure:
         *(fastest(machine, near, mu) for machine in more_machines if fastest_rotor.error),
     ]
     refused = next((end for end in ends if end.error is None), None)
-    width = (fastest_rotor.error or 0.0) + crept([end.value for end in ends])
+    width = (fastest_rotor.error or 0.0) + creep_error([end.value for end in ends])
     return refused or fastest_rotor._replace(error=width)
 
 

@@ -135,21 +135,21 @@ def cycle_figures(r: Result) -> dict[str, Figure]:
 
 def cycles(r: Result) -> dict[str, Figure]:
     """Pace, cost of jams, powers and their ripple; no time of orientation after a jam."""
-    both = drives(r)
+    both = turns_of_drives(r)
     iron, _ = both
     cycle = iron.lasted / iron.number
     quantities: Quantities = {
         "cycle": (cycle, "s", "mean time from release to release"),
         "cam": (TURN / cycle, "rad/s", "mean speed of the cam"),
-        **powers(both),
+        **power_figures(both),
         **strongest_orders(both),
     }
     quantities["work"] = quantities["mean_supply"][0] * cycle, "J", "work of the supply in a cycle"
     figures = {n: Figure(float(x), unit, 0.0, what) for n, (x, unit, what) in quantities.items()}
-    return figures | products(r, cycle)
+    return figures | product_figures(r, cycle)
 
 
-def powers(both: Sequence[LastTurns]) -> Quantities:
+def power_figures(both: Sequence[LastTurns]) -> Quantities:
     """Return the powers of the drives and of their supply.
 
     Cam and crank have no common period, so that their powers add in the long run: means and ends as they
@@ -168,7 +168,7 @@ def powers(both: Sequence[LastTurns]) -> Quantities:
 
 def strongest_orders(both: Sequence[LastTurns]) -> Quantities:
     """Return the largest order of each drive, and the two strong ones that are nearest in frequency."""
-    orders, quantities = ripple(both), Quantities()
+    orders, quantities = with_supply_power(both), Quantities()
     for drive in sorted(HIGHEST):
         main, who = largest_order(orders, drive), POWERS[drive][1]
         quantities[f"main_{drive}"] = main.order_power, "W", f"largest order in the power of {who}"
@@ -183,7 +183,7 @@ def strongest_orders(both: Sequence[LastTurns]) -> Quantities:
     }
 
 
-def products(r: Result, cycle: float) -> dict[str, Figure]:
+def product_figures(r: Result, cycle: float) -> dict[str, Figure]:
     """Return the pace of the products, and the time of the last one; none after a jam."""
     begins = releases(r)
     time, reason = (r[f"orientator.{x}"][begins[-1] - 1] for x in ("orientation_time", "reason"))
@@ -208,24 +208,24 @@ def products(r: Result, cycle: float) -> dict[str, Figure]:
     }
 
 
-def drives(r: Result) -> list[LastTurns]:
+def turns_of_drives(r: Result) -> list[LastTurns]:
     """The cam and the crank in the last cycles."""
     return [turns(r, drive) for drive in HIGHEST]
 
 
-def ripple(both: Sequence[LastTurns]) -> list[Order]:
+def with_supply_power(both: Sequence[LastTurns]) -> list[Order]:
     """The orders of cam and crank."""
     orders = [x for drive in both for x in drive.orders]
     return [
         x._replace(
             supply=x.order_power
-            + sum(y.order_power for y in orders if y.drive != x.drive and meet(x, y))
+            + sum(y.order_power for y in orders if y.drive != x.drive and nearly_meet(x, y))
         )
         for x in orders
     ]
 
 
-def meet(x: Order, y: Order) -> bool:
+def nearly_meet(x: Order, y: Order) -> bool:
     """Whether they are less than half a turn of the slower drive apart."""
     slower = min(z.frequency / z.order for z in (x, y))
     return abs(x.frequency - y.frequency) < slower / 2

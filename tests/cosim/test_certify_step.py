@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cosim import Adaptive, Estimate, Result, Series, SimulationError, System, certify, run
-from cosim.engine.sources import change_within_steps
+from cosim.engine.sources import largest_change_within_steps
 from cosim.metrics import Largest, Last, Mean
 from cosim.series import TIME, Column
 from cosim.system.inputs import FunctionInput, TableInput
@@ -167,19 +167,22 @@ def test_a_pulse_as_short_as_a_step_is_seen_wherever_it_is_in_its_step_and_no_ju
     for begin, width, step in random.uniform([0.0, 1e-4, 0.1], [0.9, 1e-2, 3.0], (200, 3)).tolist():
         pulse = TableInput(knots(begin, begin + width), [step, step, 3.0, 3.0, step, step])
         if step < 2.9:
-            assert change_within_steps(pulse, times)[0] == pytest.approx(3.0 - step)
+            assert largest_change_within_steps(pulse, times)[0] == pytest.approx(3.0 - step)
         exact = np.array([begin, begin + width])
-        assert change_within_steps(pulse, np.union1d(times, exact), exact)[0] == 0.0
+        assert largest_change_within_steps(pulse, np.union1d(times, exact), exact)[0] == 0.0
         jumps = TableInput(knots(begin, 0.5 * (begin + 1.0)), [0.0, 0.0, step, step, 4.0, 4.0])
         for resolved in (jumps, TableInput([0.0, begin + 0.01, 1.0], [0.0, 0.0, step])):
-            assert change_within_steps(resolved, times)[0] == 0.0
+            assert largest_change_within_steps(resolved, times)[0] == 0.0
 
 
 def test_noise_with_a_row_in_each_step_is_seen_by_the_steps() -> None:
     times = np.linspace(0.0, 1.0, 1001)
     for seed in range(20):
         values = np.random.default_rng(seed).normal(size=1001)
-        assert change_within_steps(TableInput(times.tolist(), values.tolist()), times)[0] == 0.0
+        assert (
+            largest_change_within_steps(TableInput(times.tolist(), values.tolist()), times)[0]
+            == 0.0
+        )
     sharp = FunctionInput(lambda t: 1.0 + math.sin(2e4 * math.pi * t))
-    most, _ = change_within_steps(sharp, times)
+    most, _ = largest_change_within_steps(sharp, times)
     assert most == pytest.approx(2.0, abs=0.1)

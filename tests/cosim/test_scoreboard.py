@@ -15,7 +15,7 @@ import pytest
 
 from cosim import SetupError, read_ssp, run, scoreboard
 from cosim.cli.main import main
-from reference_systems.make import SPACING, ExactRows, exact, write
+from reference_systems.make import SPACING, ReferenceAnswer, exact, write
 from reference_systems.systems import SYSTEMS, build
 
 KEY = "conveyor_drive_b"
@@ -23,7 +23,7 @@ SIGNALS = SYSTEMS[KEY].signals
 
 
 @pytest.fixture(scope="module")
-def answer() -> ExactRows:
+def answer() -> ReferenceAnswer:
     return exact(KEY)
 
 
@@ -48,7 +48,9 @@ def board(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "board"))
 
 
-def test_a_master_is_off_by_what_it_is_off(board: Path, answer: ExactRows, tmp_path: Path) -> None:
+def test_a_master_is_off_by_what_it_is_off(
+    board: Path, answer: ReferenceAnswer, tmp_path: Path
+) -> None:
     found = scoreboard(board)
     (standing,) = found.standings
     expected = []
@@ -74,7 +76,7 @@ def test_a_master_is_off_by_what_it_is_off(board: Path, answer: ExactRows, tmp_p
     )
 
 
-def test_the_exact_answer_agrees_and_wins(board: Path, answer: ExactRows) -> None:
+def test_the_exact_answer_agrees_and_wins(board: Path, answer: ReferenceAnswer) -> None:
     folder = board / "results" / "exact"
     folder.mkdir()
     pd.DataFrame({"time": answer.time, **answer.values}).to_csv(
@@ -114,7 +116,7 @@ def test_what_is_no_result_gets_one_line(
 
 
 @pytest.mark.parametrize("name", ["motor.tau", "conveyor.w"])
-def test_a_cell_that_is_no_number_is_named(board: Path, answer: ExactRows, name: str) -> None:
+def test_a_cell_that_is_no_number_is_named(board: Path, answer: ReferenceAnswer, name: str) -> None:
     """Also where everything else is exact, so that nothing but the cell is wrong."""
     frame = pd.DataFrame({"time": answer.time, **answer.values}).astype(object)
     frame.loc[40, name] = "two"
@@ -125,7 +127,7 @@ def test_a_cell_that_is_no_number_is_named(board: Path, answer: ExactRows, name:
     )
 
 
-def changed(answer: ExactRows, change: str) -> pd.DataFrame:
+def changed(answer: ReferenceAnswer, change: str) -> pd.DataFrame:
     """Rows of the exact answer that are no whole result."""
     frame = pd.DataFrame({"time": answer.time, **answer.values})
     match change:
@@ -150,7 +152,7 @@ def changed(answer: ExactRows, change: str) -> pd.DataFrame:
     ],
 )
 def test_a_result_that_is_not_whole_is_none(
-    board: Path, answer: ExactRows, change: str, said: str
+    board: Path, answer: ReferenceAnswer, change: str, said: str
 ) -> None:
     """It would agree, and a missing column would make it the better."""
     changed(answer, change).to_csv(board / "results/held" / f"{KEY}_1ms.csv", index=False)

@@ -197,8 +197,8 @@ def test_what_neglected_friction_makes_lies_within_its_error_of_what_hardly_cree
     creeping = system(0.35, **{"orientator.neglected.mu_catcher": 0.35})
     hardly = replace(creeping, start=creeping.start | {neglected.CREEP: 1e-3 / 64})
     stated, limit = (
-        neglected.takes(0.35, (creeping, 60.0)),
-        neglected.ending(0.35, creeping),
+        neglected.time_of_orientation(0.35, (creeping, 60.0)),
+        neglected.fastest_oriented(0.35, creeping),
     )
     # the factor of safety is 3 where the observed order is not within a tenth of the expected one
     assert abs(stated.value - simulate(hardly, 0.35, 60.0)[4]) <= stated.error < 4e-4

@@ -114,7 +114,7 @@ def test_what_is_no_formula_is_refused(text: str) -> None:
 def recorded() -> dict[str, Result]:
     """A smooth run, one with jumps, and one of many turns."""
     bounce = load_module(names(PROJECT.home)["iron_bounce"])
-    flight = iron_bounce.flying(System(fmus_of(bounce)), 720, 9.4)
+    flight = iron_bounce.turns_with_flight(System(fmus_of(bounce)), 720, 9.4)
     return {
         "iron": flight,
         "conveyor": run_up(),

@@ -27,7 +27,7 @@ from .words import limits, sentence
 
 #: Figures, and remarks, that are sentences of the verdict, the rest is in the table; chosen: more is a log.
 SPOKEN = 3
-NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\w)")
+PRINTED_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\w)")
 
 RESERVED_COLUMNS = ("run", "status", "warnings", "message")
 NOTHING: Mapping[str, Any] = {"figures": {}, "warnings": []}
@@ -127,12 +127,12 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
         failed = [f"{outcome.status}: {outcome.message}"] * (outcome.status != OK)
         warned = (f"warning: {text}" for text in row_of(outcome)["warnings"])
         for text in (*failed, *warned, *refusals(outcome)):
-            runs_by_remark.setdefault(NUMBER.sub("#", text), {}).setdefault(number, text)
+            runs_by_remark.setdefault(PRINTED_NUMBER.sub("#", text), {}).setdefault(number, text)
     lines = []
     for runs in sorted(runs_by_remark.values(), key=len, reverse=True):
         number, text = next(iter(runs.items()))
         where = f"Run {number}" if len(runs) == 1 else f"{len(runs)} runs (first: run {number})"
-        short = NUMBER.sub(lambda number: f"{float(number[0]):.6g}", text)
+        short = PRINTED_NUMBER.sub(lambda number: f"{float(number[0]):.6g}", text)
         lines.append(f"{where}: {' '.join(short.split())}")
     more = [f"{len(lines) - SPOKEN} more remarks in the table."] * (len(lines) > SPOKEN)
     return lines[:SPOKEN] + more

@@ -24,7 +24,7 @@ STRAIGHT = 0.9
 #: Resamples of a bootstrap interval; derived from sqrt(0.025 * 0.975 / 400) / 0.058 standard
 #: deviations, 4 % of the interval, by which its ends then vary.
 RESAMPLES = 400
-LEAST = {"lhs": 64, "sobol": 64, "saltelli": 16}
+LEAST_SAMPLES = {"lhs": 64, "sobol": 64, "saltelli": 16}
 #: Samples beyond those through which a plane over all inputs always goes. Derived: a figure of noise alone then has an
 #: adjusted R2 above STRAIGHT, where chi-square with 20 degrees of freedom is below 2, once in ten million.
 FREEDOM = 20
@@ -59,7 +59,7 @@ def indices(
     is_complete = np.repeat(np.isfinite(y).reshape(-1, group).all(axis=1), group)
     x, y = x[is_complete], y[is_complete]
     count = len(y) // group
-    least = max(LEAST[sampling.method], len(inputs) + 1 + FREEDOM if not saltelli else 0)
+    least = max(LEAST_SAMPLES[sampling.method], len(inputs) + 1 + FREEDOM if not saltelli else 0)
     if count < least:
         return f"{count} complete samples are too few; at least {least} are needed"
     if np.ptp(y) <= FLAT * np.abs(y).max():

@@ -50,7 +50,7 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
     version = subject.description.fmiVersion
     verdicts: list[CheckResult] = []
     while names := list(CHECKS)[len(verdicts) :]:
-        finished = _some(path, version, step, names, timeout)
+        finished = _checked_in_child(path, version, step, names, timeout)
         verdicts += finished
         if finished[-1].check == "run":  # after which the process ended
             rest = (CHECKS[name] for name in names[len(finished) :])
@@ -62,12 +62,12 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
     return Crosscheck(str(fmu), name, standard, subject.how(), tuple(verdicts))
 
 
-def _some(
+def _checked_in_child(
     path: Path, version: str, step: float | None, names: Sequence[str], timeout: float
 ) -> list[CheckResult]:
     """Verdicts of these checks, up to the first that does not come to its end."""
     verdicts: list[CheckResult] = []
-    with child(_work, path, step, names) as (process, pipe):
+    with child(_run_in_child, path, step, names) as (process, pipe):
         for name in names:
             detail = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
             try:
@@ -90,7 +90,7 @@ def _end_group(leader: int | None) -> None:
             os.killpg(leader, signal.SIGKILL)
 
 
-def _work(pipe: Connection, path: Path, step: float | None, names: Sequence[str]) -> None:
+def _run_in_child(pipe: Connection, path: Path, step: float | None, names: Sequence[str]) -> None:
     """Run in the child process and send each verdict."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "setpgid"):

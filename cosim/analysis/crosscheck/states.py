@@ -25,7 +25,7 @@ def states(s: Subject) -> str:
     return f"{s.steps - third} rows from two states, bit for bit"
 
 
-def bytes_(s: Subject) -> str:
+def serialized(s: Subject) -> str:
     """A state carried as bytes from one instance to another."""
     s.needs("canSerializeFMUstate")
     half = s.steps // 2

@@ -62,7 +62,7 @@ def add_options(parser: Parser) -> None:
     """Add the result, what its columns are, and the files to write."""
     parser.path("--result", ".csv, .parquet, or .mat file of a Modelica tool")
     text = "judge the results of many masters, FOLDER/results/MASTER/SYSTEM_1ms.csv, on the reference systems in FOLDER"
-    parser.path("--scoreboard", text)
+    parser.path("--scoreboard", text, metavar="FOLDER")
     text = "column of a variable, where their names differ: motor.tau=M*0.73:N.m"
     parser.several("--map", text, metavar="NAME=COLUMN")
     text = "communication step of the other master [s] (default: several are tried)"

@@ -131,13 +131,6 @@ def read_ssp(path: Path, folder: Path) -> Package:
     SetupError
         For what is invalid, too large or not supported; the folder is then left as it was.
 
-    Parameters
-    ----------
-    path : Path
-        The package, its structure description, or its folder.
-    folder : Path
-        Where a package is unpacked.
-
     Examples
     --------
     >>> from pathlib import Path

@@ -77,7 +77,7 @@ def write_ssp(
     network = connect_for_export(system, "an .ssp")
     files = archived(network)
     has_fmi3 = any(d.fmiVersion == "3.0" for d in network.descriptions.values())
-    task = Content(network, files, "2.0" if has_fmi3 else "1.0", geometry or Geometry())
+    task = SspContent(network, files, "2.0" if has_fmi3 else "1.0", geometry or Geometry())
     structure = _structure(task, path.stem, (start, stop, step))
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         package = Path(folder) / path.name
@@ -100,7 +100,7 @@ def archived(network: Network) -> dict[Path, str]:
     return files
 
 
-class Content(NamedTuple):
+class SspContent(NamedTuple):
     """What is written: a network and its files, in the types of which version, drawn how."""
 
     network: Network
@@ -134,7 +134,9 @@ class WrittenVariable(NamedTuple):
         return self._replace(indices=())
 
 
-def _structure(task: Content, name: str, times: tuple[float, float | None, float | None]) -> bytes:
+def _structure(
+    task: SspContent, name: str, times: tuple[float, float | None, float | None]
+) -> bytes:
     for prefix, uri in {**NAMESPACES, "osp": OSP, "oms": OMS, "cosim": "urn:cosim"}.items():
         ElementTree.register_namespace(prefix, uri)
     network, drawing, (start, stop, step) = task.network, task.geometry, times
@@ -198,7 +200,7 @@ def _omsimulator(notes: Element, network: Network, step: float | None) -> None:
     SubElement(information, f"{{{OMS}}}FixedStepMaster", master)
 
 
-def _component(elements: Element, task: Content, part: str, enumerations: Enumerations) -> None:
+def _component(elements: Element, task: SspContent, part: str, enumerations: Enumerations) -> None:
     network, drawing = task.network, task.geometry
     source = f"resources/{quote(task.files[network.fmus[part].path])}"
     component = SubElement(elements, qualified("ssd:Component"), name=part, type=FMU, source=source)
@@ -216,7 +218,7 @@ def _component(elements: Element, task: Content, part: str, enumerations: Enumer
     _start_values(component, task, part)
 
 
-def _start_values(component: Element, task: Content, part: str) -> None:
+def _start_values(component: Element, task: SspContent, part: str) -> None:
     """The start values of a part as a parameter set; raises SetupError for a Binary."""
     variables: dict[WrittenVariable, list[tuple[Port, Value]]] = {}
     for port, value in task.network.start:
@@ -275,7 +277,7 @@ def _enumerations(parent: Element, prefix: str, items_by_name: Enumerations) -> 
 
 def _parameter(
     parameters: Element,
-    task: Content,
+    task: SspContent,
     variable: WrittenVariable,
     start: list[tuple[Port, Value]],
     enumerations: Enumerations,
@@ -316,7 +318,7 @@ def scaled(wire: Connection) -> bool:
     return (wire.factor, wire.offset) != (1.0, 0.0)
 
 
-def _connections(connections: Element, task: Content) -> None:
+def _connections(connections: Element, task: SspContent) -> None:
     """The wires, those between all elements of two arrays as one connection."""
     arrays: dict[tuple[WrittenVariable, WrittenVariable, float, float], list[Connection]] = {}
     for wire in task.network.wires:
@@ -339,7 +341,7 @@ def _connections(connections: Element, task: Content) -> None:
 
 def _connection(
     connections: Element,
-    task: Content,
+    task: SspContent,
     wire: Connection,
     variables: tuple[WrittenVariable, WrittenVariable],
 ) -> None:

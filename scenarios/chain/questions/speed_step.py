@@ -252,10 +252,10 @@ def rests_of(r: Result) -> list[float]:
         ]
         for end in ends
     ]
-    return [rest(*values) for values in zip(*turns)]
+    return [remaining_change(*values) for values in zip(*turns)]
 
 
-def rest(last: float, before: float, first: float) -> float:
+def remaining_change(last: float, before: float, first: float) -> float:
     """What a value may still change that took these values in three turns, as a geometric series."""
     change, earlier = abs(last - before), abs(before - first)
     share = min(change / earlier, SLOWEST) if earlier > 0.0 else SLOWEST

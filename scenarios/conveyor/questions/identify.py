@@ -65,7 +65,7 @@ class Identify(Question, RecordOptions, RippleOptions):
 
     parts = DRIVE
     sources = cited(22)
-    error_scope = fitting.ERROR_SCOPE
+    error_scope = fitting.FIT_ERROR_SCOPE
 
     speed: float | None = option(
         None, "operating speed, the mean of the record by default", "rad/s", above=0.0

@@ -150,15 +150,15 @@ class IronBounce(Question):
         system = System(context.fmus, start=self.start)
         e, v = (float(parameters(system)[f"iron.follower.{x}"].value) for x in ("e", "v"))
         flights = context.each(
-            partial(last, system, self.samples), self.speeds, "speeds", probes=True
+            partial(last_flight, system, self.samples), self.speeds, "speeds", probes=True
         )
         table = context.record_rows(TABLE, UNITS, (flight[:-1] for flight in flights))
-        result = flying(system, self.samples, self.speed)
+        result = turns_with_flight(system, self.samples, self.speed)
         before, now = (
             flight(result, self.samples, self.speed, turn) for turn in (TURNS - 2, TURNS - 1)
         )
         finer = replace(system, start={**system.start, "iron.follower.v": v / FINER})
-        other = last(finer, 2 * self.samples, self.speed)
+        other = last_flight(finer, 2 * self.samples, self.speed)
         reason = "" if now.are_distinct else HIDDEN
         if now.landings != before.landings:
             reason = UNLIKE
@@ -228,7 +228,7 @@ class IronBounce(Question):
         return motion.live_motion("The mechanism in this turn", *r[:2], 4.0, REVOLUTION)
 
     def live(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Live:
-        """The last of three turns at the speed of the slider, as `flying` has them."""
+        """The last of three turns at the speed of the slider, as `turns_with_flight` has them."""
         warns = {} if "iron.on_invalid" in self.start else {"iron.on_invalid": 1}
         return self.page(
             f, r, start=self.start_values | warns, stop=f"{TURNS} * 2 * pi / speed", step="2 * pi / (speed * samples)",
@@ -236,7 +236,7 @@ class IronBounce(Question):
         )  # fmt: skip
 
 
-def flying(system: System, samples: int, speed: float) -> Result:
+def turns_with_flight(system: System, samples: int, speed: float) -> Result:
     """Turns at constant speed [rad/s], from phi = 0, with a follower that may lift off."""
     turning = iron.imposed(system, speed)
     turning = replace(turning, start={**turning.start, "iron.follower.lifts": True})
@@ -244,9 +244,9 @@ def flying(system: System, samples: int, speed: float) -> Result:
     return cosim.run(turning, stop=h * samples * TURNS, step=h)
 
 
-def last(system: System, samples: int, speed: float) -> Flight:
+def last_flight(system: System, samples: int, speed: float) -> Flight:
     """The last of these turns."""
-    return flight(flying(system, samples, speed), samples, speed, TURNS - 1)
+    return flight(turns_with_flight(system, samples, speed), samples, speed, TURNS - 1)
 
 
 def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:

@@ -121,7 +121,7 @@ class IronCycle(Question):
         }
         work = scaled(f["work"], self.speed, "J", f["work"].meaning)
         cycles = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-        (limit, _), meaning = iron.first(r[1].limits), "speed as a share of the first limit"
+        (limit, _), meaning = iron.first_limit(r[1].limits), "speed as a share of the first limit"
         share = Figure.undetermined("%", "the first limit is 0", meaning)
         if limit.value:
             value = 100 * self.speed / limit.value
@@ -136,7 +136,7 @@ class IronCycle(Question):
 
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """Whether the speed is safe, what the drive carries, and which dimensions matter."""
-        limit, event = iron.first(f)
+        limit, event = iron.first_limit(f)
         at = f"{self.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
         safe = Judgement(
             f"{at} is below the speed where {event}",

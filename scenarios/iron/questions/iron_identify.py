@@ -69,7 +69,7 @@ class IronIdentify(Question, RecordOptions):
 
     parts = iron.PARTS
     fixed_starts = (SUPPLY, *STATES[1:])
-    error_scope = fitting.ERROR_SCOPE
+    error_scope = fitting.FIT_ERROR_SCOPE
     is_sequential = True
 
     rated_torque: float = option(
@@ -109,7 +109,7 @@ class IronIdentify(Question, RecordOptions):
         """What was found, how far the record is from the lift-off, and what to record next."""
         if r.fit.misfit:
             return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
-        mean = pace(r.fit)
+        mean = mean_cam_speed(r.fit)
         return [
             Judgement(
                 "the follower stays on the cam at the speed of the record",
@@ -132,7 +132,7 @@ class IronIdentify(Question, RecordOptions):
         if not r.fit.misfit:
             charts.insert(0, band(r))
         result = r.fit.result
-        last = float(result["time"][0]) + 2 * math.pi / pace(r.fit)
+        last = float(result["time"][0]) + 2 * math.pi / mean_cam_speed(r.fit)
         moving = motion.live_motion("A turn of the fitted drive", result, r.machine, 4.0)
         return Show(charts, [moved(moving, result, last=last)])
 
@@ -175,7 +175,7 @@ def drive(fit: Identified, values: Mapping[str, float]) -> System:
     return replace(system, start={**system.start, **mine})
 
 
-def follows(fit: Identified) -> dict[str, Callable[[Mapping[str, float]], float]]:
+def derived_quantities(fit: Identified) -> dict[str, Callable[[Mapping[str, float]], float]]:
     """What follows from the values found, by the names of DERIVED."""
 
     @cache
@@ -206,7 +206,7 @@ def figures(iron_data: IdentifiedIron) -> dict[str, Figure]:
         why = "no drive of this kind fits the record"
         each = {**DERIVED, "away": margin}
         return {name: Figure.undetermined(unit, why, text) for name, (unit, text) in each.items()}
-    quantities = follows(fit)
+    quantities = derived_quantities(fit)
     all_figures = {
         name: figure_of(fit.interval(quantities[name], unit), text)
         for name, (unit, text) in DERIVED.items()
@@ -214,7 +214,7 @@ def figures(iron_data: IdentifiedIron) -> dict[str, Figure]:
     fixed = iron.limits(iron_data.machine)["follower_limit"].error or 0.0
     limit = all_figures["follower_limit"]
     all_figures["follower_limit"] = limit._replace(error=(limit.error or 0.0) + fixed)
-    mean = pace(fit)
+    mean = mean_cam_speed(fit)
     limit = all_figures["follower_limit"]
     all_figures["away"] = Figure(
         100 * (limit.value / mean - 1), margin[0], 100 * (limit.error or 0.0) / mean, margin[1]
@@ -222,7 +222,7 @@ def figures(iron_data: IdentifiedIron) -> dict[str, Figure]:
     return all_figures | fitting.fitted_figures(fit)
 
 
-def pace(fit: Identified) -> float:
+def mean_cam_speed(fit: Identified) -> float:
     """Mean speed of the cam in the record [rad/s]."""
     t, phi = fit.result["time"], fit.result["iron.phi"]
     return float((phi[-1] - phi[0]) / (t[-1] - t[0]))
@@ -243,7 +243,7 @@ def advice(o: IronIdentify, fit: Identified) -> list[Advice]:
         "a step of the supply to half": {**last, SUPPLY: 0.5 * values[SUPPLY]},
     }
     experiments = fitting.planned_experiments(kinds, SUPPLY, stop, noise, torque)
-    return cosim.advise(fit, experiments, follows(fit)["mu"])
+    return cosim.advise(fit, experiments, derived_quantities(fit)["mu"])
 
 
 def band(r: IdentifiedIron) -> Chart:

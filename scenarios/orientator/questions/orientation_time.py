@@ -102,7 +102,7 @@ class OrientationTime(Question):
         cosim.SetupError
             For options that the comparison cannot take.
         """
-        frictions, speeds = chosen(self)
+        frictions, speeds = frictions_and_speeds(self)
         machine = orientator.system(context.fmus, 0.0, self.friction, self.start)
         connect(machine)
         run = partial(sweep, machine, speeds)
@@ -166,7 +166,7 @@ class OrientationData(NamedTuple):
     comparison: OrientationComparison | None
 
 
-def chosen(o: OrientationTime) -> tuple[Sequence[float], Sequence[float]]:
+def frictions_and_speeds(o: OrientationTime) -> tuple[Sequence[float], Sequence[float]]:
     """Return the frictions and the speeds [rpm] of the sweep; raises SetupError for what cannot be compared."""
     if o.compare == NEGLECTED:
         check_fixed_starts(o.start, neglected.NEGLECTED_STARTS)

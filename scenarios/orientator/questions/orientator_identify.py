@@ -57,7 +57,7 @@ class OrientatorIdentify(Question, RecordOptions):
 
     parts = orientator.PARTS
     fixed_starts = (SPEED, DROP, FRICTION)
-    error_scope = fitting.ERROR_SCOPE
+    error_scope = fitting.FIT_ERROR_SCOPE
     is_sequential = True
 
     def solve(self, context: Context) -> Findings:

@@ -53,11 +53,11 @@ from ..power import (
     MEASURED,
     ORDER_UNITS,
     cycle_figures,
-    drives,
-    meet,
     nearest,
+    nearly_meet,
     releases,
-    ripple,
+    turns_of_drives,
+    with_supply_power,
 )
 
 #: Time before and after a cycle that a chart shows, over the cycle; a convention.
@@ -114,7 +114,11 @@ class PackingLine(Question, Run):
 
     def tables(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> dict[str, Table]:
         """Return the orders of both drives."""
-        return {"packing_line_orders.csv": Table.of_rows(ripple(drives(r[0])), ORDER_UNITS)}
+        return {
+            "packing_line_orders.csv": Table.of_rows(
+                with_supply_power(turns_of_drives(r[0])), ORDER_UNITS
+            )
+        }
 
     def files(self, r: tuple[Result, System]) -> dict[str, partial[None]]:
         """Write the line as an SSP."""
@@ -123,7 +127,7 @@ class PackingLine(Question, Run):
     def judgements(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> list[Judgement]:
         """Whether the line keeps pace, what a jam costs, and what the supply gives."""
         keeps, why = f["oriented"].value >= f["released"].value, f["orientation"].reason
-        (cam, crank), distance = nearest(ripple(drives(r[0]))), f["gap"]
+        (cam, crank), distance = nearest(with_supply_power(turns_of_drives(r[0]))), f["gap"]
         return [
             Judgement(
                 "the line keeps pace: products oriented of those released",
@@ -155,7 +159,7 @@ class PackingLine(Question, Run):
                         distance,
                     )
                 ]
-                if meet(cam, crank)
+                if nearly_meet(cam, crank)
                 else []
             ),
         ]
