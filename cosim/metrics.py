@@ -8,6 +8,7 @@ times t [s] and values x, both of shape (rows,). Both look between the rows.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from difflib import get_close_matches
@@ -163,6 +164,12 @@ class Metric:
         """Why it has no number of single curves, with the unit of its column."""
         return "it has no value in its stretch of the run"
 
+    def __str__(self) -> str:
+        """What it is in words, "time of largest of motor.tau from 2 to 3 s"."""
+        kind = re.sub(r"(?<=.)([A-Z])", r" \1", type(self).__name__).lower()
+        ends = [f" {word} {t:g} s" for word, t in (("from", self.begin), ("to", self.end)) if math.isfinite(t)]  # fmt: skip
+        return f"{kind} of {self.column if isinstance(self.column, Metric) else self.columns[0]}{''.join(ends)}"
+
     def check(self, columns: Mapping[str, Column], start: float, stop: float) -> None:
         """Refuse columns that a run does not have, and a stretch outside it.
 
@@ -174,15 +181,15 @@ class Metric:
         for name in self.columns:
             if name not in columns:
                 near = get_close_matches(name, columns, 1)
-                hint = f"; did you mean {near[0]!r}?" if near else ""
+                hint = f"; did you mean {near[0]!r}?" if near else "."
                 raise SetupError(
-                    f"{self!r}: there is no column {name!r}{hint} The columns are {', '.join(columns)}"
+                    f"{self}: there is no column {name!r}{hint} The columns are {', '.join(columns)}"
                 )
             if columns[name].kind is Kind.TEXT:
-                raise SetupError(f"{self!r}: the column {name!r} is text and has no such number")
+                raise SetupError(f"{self}: the column {name!r} is text and has no such number")
         if not max(self.begin, start) < min(self.end, stop):
             raise SetupError(
-                f"{self!r}: its stretch must lie in the run, from {start:g} to {stop:g} s"
+                f"{self}: its stretch must lie in the run, from {start:g} to {stop:g} s"
             )
 
 

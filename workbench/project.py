@@ -77,10 +77,8 @@ class Project(NamedTuple):
 
     def modules(self, question: type[Question]) -> dict[str, Path]:
         """Return the modules for WebAssembly by part, for a question with a live part and built FMUs."""
-        from .question import Question
-
         parts = question.parts
-        if question.live is Question.live or any(fmu.endswith(FMU) for fmu in parts.values()):
+        if not question.is_live() or any(fmu.endswith(FMU) for fmu in parts.values()):
             return {}
         return {
             part: self.folders[MODULES] / f"{fmu}.wasm"

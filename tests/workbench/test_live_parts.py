@@ -9,7 +9,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ from workbench.live import (
 )  # fmt: skip
 from workbench.live.build import FOLDER, PAGE, WORKER, script
 from workbench.live.declare import READERS
-from workbench.question import Question, read
+from workbench.question import read
 
 #: bytes of the scripts of a page without plotly
 LARGEST_SCRIPT = 40_000
@@ -265,7 +265,7 @@ def test_a_drawing_is_a_table_of_coefficients_or_is_refused(javascript: Evaluate
     zero = ground[0][0]
     assert (tip[:, 1] - zero) / scale == pytest.approx(np.exp(-1j * phi), abs=1e-6)
     assert ((slide[:, 0] - zero) / scale).real == pytest.approx(x, abs=1e-6)
-    coordinates = [[c.column, list(c.turns)] for c in motion.coordinates]
+    coordinates = [asdict(c) for c in motion.coordinates]
     source = (FOLDER / "motion.js").read_text()
     poses = javascript(f"""{source} const table = {json.dumps(table)};
         const features = featured({json.dumps(coordinates)}, [2.0, 0.7]);
@@ -321,9 +321,7 @@ def test_no_slider_changes_the_elements_of_a_drawing(name: str) -> None:
 
 def test_all_these_questions_are_live() -> None:
     questions = {name: PROJECT.load(name) for name in names(PROJECT.home)}
-    lives = {
-        name for name, each in questions.items() if each.live is not Question.live or each.sliders
-    }
+    lives = {name for name, each in questions.items() if PROJECT.modules(each)}
     assert lives == set(LIVE_QUESTIONS)
 
 

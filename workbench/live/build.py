@@ -76,13 +76,13 @@ def of(
     if not isinstance(live, Live):
         raise SetupError("live(self, f, r) must return a workbench.live.Live")
     network = connect(findings.system)
-    content = Content(network, o, findings)
+    content = Content(network, o, findings, live)
     options = declared(type(o))
     values = {name: getattr(o, name) for name in options}
     changed = {
         name: x for name, x in values.items() if x != options[name].read(options[name].default)
     }
-    data = content.of(live) | {
+    data = content.data() | {
         "command": [command, *(_argument(name, x) for name, x in changed.items())],
         "user": numeric((port, x) for port, x in network.start if port.name in o.start),
         "adapted": [name for name, text in live.start.items() if name in Formula.read(text).names],

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from cosim import SetupError
 from cosim.metrics import (
@@ -30,6 +31,12 @@ from ..formula import Formula
 
 Text = str | float
 Formulas = Mapping[str, Text]
+#: Formulas by what they may name, as `content` encodes them: values; numbers read before, too; columns; and a window,
+#: which is a time, `REVOLUTION`, or empty.
+ValuesText = Annotated[Text, "of_values"]
+NumbersText = Annotated[Text, "of_numbers"]
+ColumnText = Annotated[str, "of_columns"]
+Window = Annotated[Text, "of_window"]
 #: the window of the last revolution of `Live.angle`
 REVOLUTION = "revolution"
 #: How a number may be read from a column: a function of js/readers.js, and the metric that it has in an answer.
@@ -79,10 +86,10 @@ class Reader:
     """
 
     kind: str
-    column: str
-    window: Text = ""
+    column: ColumnText
+    window: Window = ""
     order: int = 1
-    level: Text = 0.0
+    level: NumbersText = 0.0
     run: str = ""
     angle: str = ""
 
@@ -126,10 +133,10 @@ class Number:
     """
 
     name: str
-    value: Reader | Metric | Text
+    value: Annotated[Reader | Metric | Text, "of_numbers"]
     unit: str = ""
     meaning: str = ""
-    when: Text = 1.0
+    when: NumbersText = 1.0
     otherwise: str = ""
     is_visible: bool = True
 
@@ -189,8 +196,8 @@ class RunChart:
     title: str
     label: str
     panels: Sequence[RunPanel]
-    x: str = "time"
-    window: Text = ""
+    x: ColumnText = "time"
+    window: Window = ""
     marks: Mapping[str, tuple[Text, str]] = field(default_factory=dict)
 
 
@@ -220,7 +227,7 @@ class Caption:
     """A value below the drawing: its text, formula, unit and decimals, or the texts of 0, 1, 2 .."""
 
     text: str
-    value: str
+    value: ColumnText
     unit: str = ""
     decimals: int = 1
     texts: tuple[str, ...] = ()
@@ -260,7 +267,7 @@ class LiveMotion:
     captions: Sequence[Caption]
     slow: float
     note: str = ""
-    window: Text = ""
+    window: Window = ""
     offset: tuple[float, float] = (0.0, 0.0)
 
 
@@ -311,7 +318,7 @@ class LiveSweep:
 
     over: str
     values: Sequence[float]
-    step: Text
+    step: ValuesText
     numbers: Sequence[Number]
     chart: RunChart
     steady: Steady | None = None
@@ -359,10 +366,10 @@ class Live:
     start: Formulas = field(default_factory=dict)
     factors: Formulas = field(default_factory=dict)
     runs: Sequence[LiveRun] = (LiveRun(),)
-    stop: Text = "stop"
-    step: Text = "step"
+    stop: ValuesText = "stop"
+    step: ValuesText = "step"
     algorithm: str = ""
     angle: str = ""
     steady: Steady | None = None
-    until: Text = ""
+    until: Window = ""
     sweep: LiveSweep | None = None

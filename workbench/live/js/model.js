@@ -3,6 +3,8 @@
 
 // More rows than these are thinned before they are drawn.
 const MOST = 2000;
+// Points of a curve without numbers over a sweep, for a smooth line on a wide screen.
+const FINE = 300;
 // Frames of a motion.
 const FRAMES = 480;
 
@@ -86,8 +88,9 @@ class Model {
   numbers(list, runs, v) {
     const numbers = {};
     for (const item of list) {
-      const { name, kind, run, value } = item;
-      numbers[name] = kind ? this.number(item, runs[run], v) : +formulas[value](v);
+      const { name, value } = item;
+      const isRead = typeof value === "object";
+      numbers[name] = isRead ? this.number(value, runs[value.run], v) : +formulas[value](v);
       v[`figures.${name}`] = numbers[name];
     }
     for (const { name, when } of list) if (!formulas[when](v)) numbers[name] = NaN;
@@ -128,12 +131,12 @@ class Model {
       const { t } = since({ t: rows.time, x: rows.time, angle: rows.time }, begin);
       const frames = evenly(t, this.end(rows, v), FRAMES);
       const pick = (x) => frames.map((k) => x[k]);
-      const coordinate = ([name]) =>
-        since({ t: rows.time, x: rows[name], angle: rows.time }, begin).x;
+      const coordinate = ({ column }) =>
+        since({ t: rows.time, x: rows[column], angle: rows.time }, begin).x;
       return {
         times: pick(t).map((now) => now - t[0]),
         coordinates: coordinates.map((one) => pick(coordinate(one))),
-        captions: captions.map((one) => pick(this.column(rows, one, window, v).x)),
+        captions: captions.map(({ value }) => pick(this.column(rows, value, window, v).x)),
       };
     });
     return { times: views[0].times, runs: views };
@@ -169,10 +172,11 @@ class Model {
 
   // The chart of a sweep from its points so far.
   curve(points, sliders) {
-    const { over, values, fine, traces, marks } = this.data.sweep;
+    const { over, values, chart } = this.data.sweep;
+    const { traces, marks } = chart;
     const sorted = [...points].sort((a, b) => a[over] - b[over]);
     const [low, high] = [Math.min(...values), Math.max(...values)];
-    const grid = Array.from({ length: fine }, (_, k) => low + ((high - low) * k) / (fine - 1));
+    const grid = Array.from({ length: FINE }, (_, k) => low + ((high - low) * k) / (FINE - 1));
     const smooth = grid.map((value) => this.values({ ...sliders, [over]: value }));
     const now = this.values(sliders);
     const drawn = traces.map((trace) => {

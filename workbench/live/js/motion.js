@@ -4,7 +4,7 @@ const SVG = "http://www.w3.org/2000/svg";
 // The features [re, im] of coordinates: 1, each length, and exp(+-i q angle) of each angle.
 const featured = (coordinates, values) => {
   const features = [[1, 0]];
-  coordinates.forEach(([, turns], k) => {
+  coordinates.forEach(({ turns }, k) => {
     if (!turns.length) features.push([values[k], 0]);
     for (const turn of turns) {
       const [cosine, sine] = [Math.cos(turn * values[k]), Math.sin(turn * values[k])];

@@ -155,7 +155,7 @@ const live = async (content) => {
     ask();
   };
 
-  const charts = [...(data.sweep ? [data.sweep] : []), ...data.charts].map((chart) => {
+  const charts = [...(data.sweep ? [data.sweep.chart] : []), ...data.charts].map((chart) => {
     const place = element("div", { class: "live-chart", role: "img" });
     find(".live-charts").append(element("figure", {}, element("h3", {}, chart.title), place));
     return charted(place, chart);
