@@ -17,7 +17,7 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 
 from cosim import __version__
-from cosim.fmu.reference_rows import read_reference_rows
+from cosim.fmu.reference_rows import ReferenceRows
 
 #: Most variables and bytes of a file of results: the rules.
 MOST_VARIABLES = 10
@@ -68,7 +68,7 @@ def write_compatibility(fmus: list[Path], folder: Path) -> None:
 
 def write_example(fmu: Path, folder: Path) -> str:
     """Write the files of an FMU; the line of the page that says how it ran."""
-    rows, about = read_reference_rows(fmu), read_model_description(str(fmu))
+    rows, about = ReferenceRows.of_fmu(fmu), read_model_description(str(fmu))
     if rows is None:
         raise ValueError(f"{fmu} carries no results")
     if problems := validate_fmu(str(fmu)):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .accuracy.certify import Certified, certify, summary
+    from .accuracy.coupled_ode import CoupledOde
     from .accuracy.estimate import Estimate
     from .accuracy.limit import Limit, limit
     from .accuracy.referee import RefereeReport, referee
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from .engine.control import Adaptive
     from .engine.settings import RunSettings
     from .ensemble import Case, Ensemble
-    from .errors import SetupError
+    from .errors import FmuError, SetupError
     from .fmu.messages import quiet
+    from .fmu.reference_rows import ReferenceRows
     from .formats.container import write_container
     from .formats.osp import read_osp, write_osp
     from .formats.ssp.read import Package, read_ssp
@@ -35,11 +37,12 @@ if TYPE_CHECKING:
     from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
     from .prepared import How, Prepared
     from .result import Interrupted, Result, SimulationError
-    from .scoreboards import Scoreboard, Standing, scoreboard
+    from .scoreboards import scoreboard
     from .series import Column, Kind, Series
     from .simulation import versions
+    from .standings import Scoreboard, Standing
     from .sweeps import combinations, sample, sweep
-    from .system import System, Wire
+    from .system import Network, Port, System, Wire, connect, conversion_to
 
 __version__ = "1.0.0"
 
@@ -48,6 +51,7 @@ _HOMES = {
     name: module
     for module, names in {
         "accuracy.certify": "Certified, certify, summary",
+        "accuracy.coupled_ode": "CoupledOde",
         "accuracy.estimate": "Estimate",
         "accuracy.limit": "Limit, limit",
         "accuracy.referee": "RefereeReport, referee",
@@ -62,8 +66,9 @@ _HOMES = {
         "engine.control": "Adaptive",
         "engine.settings": "RunSettings",
         "ensemble": "Case, Ensemble",
-        "errors": "SetupError",
+        "errors": "FmuError, SetupError",
         "fmu.messages": "quiet",
+        "fmu.reference_rows": "ReferenceRows",
         "formats.container": "write_container",
         "formats.osp": "read_osp, write_osp",
         "formats.ssp.read": "Package, read_ssp",
@@ -78,10 +83,11 @@ _HOMES = {
         "prepared": "How, Prepared",
         "result": "Interrupted, Result, SimulationError",
         "simulation": "versions",
-        "scoreboards": "Scoreboard, Standing, scoreboard",
+        "scoreboards": "scoreboard",
+        "standings": "Scoreboard, Standing",
         "sweeps": "combinations, sample, sweep",
         "series": "Column, Kind, Series",
-        "system": "System, Wire",
+        "system": "Network, Port, System, Wire, connect, conversion_to",
     }.items()
     for name in names.split(", ")
 }
@@ -96,12 +102,14 @@ __all__ = [
     "CheckResult",
     "Column",
     "Comparison",
+    "CoupledOde",
     "Crosscheck",
     "Deviation",
     "Diagnosis",
     "Ensemble",
     "Estimate",
     "Experiment",
+    "FmuError",
     "How",
     "Identified",
     "Interrupted",
@@ -110,9 +118,12 @@ __all__ = [
     "Kind",
     "Limit",
     "Linear",
+    "Network",
     "Package",
+    "Port",
     "Prepared",
     "RefereeReport",
+    "ReferenceRows",
     "Result",
     "RunSettings",
     "Scoreboard",
@@ -126,6 +137,8 @@ __all__ = [
     "certify",
     "combinations",
     "compare",
+    "connect",
+    "conversion_to",
     "crosscheck",
     "crossing",
     "diagnose",

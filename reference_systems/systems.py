@@ -85,6 +85,7 @@ def build(platforms: str = "host", fmus: Path = ROOT / "fmus") -> int:
         ROOT / "components" / name / "model.py"
         for name in sorted(names) if not (MODELS / f"{name}.py").is_file()
     ]  # fmt: skip
+    fmus = fmus.absolute()  # validation needs a URI
     return sum(
         make_all(models, flavour, folder, platforms=platforms)
         for flavour in ("native", "fmi3")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import time as clock
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.changes import discrete_changes
+from ..engine.driver import RowReader
 from ..engine.initialise import prepare
 from ..engine.newton import SINGULAR_EXACT, condition, solve_fixed_point
 from ..engine.part import WiredPart
@@ -45,7 +46,7 @@ class Blocks(NamedTuple):
 
 
 class CoupledOde:
-    """A coupled system at a time `t` [s], from `opened`.
+    """A coupled system at a time `t` [s] as one differential equation dx/dt = f(t, x), from `open`.
 
     `states`, `inputs` and `outputs` are its Real ports, part by part; `stops` are the times at which
     something changes from outside. After the `deadline`, a reading of the monotonic clock [s], no rates are
@@ -55,7 +56,7 @@ class CoupledOde:
     def __init__(
         self, network: Network, models: Mapping[str, ExchangePart], start: float, stop: float
     ) -> None:
-        self.network, self.models, self.t = network, models, start
+        self.network, self.models, self.t, self.stop = network, models, start, stop
         self.parts = list(models.values())
         self.states = [Port(p.name, v) for p in self.parts for v in p.instance.states]
         self.inputs = [Port(p.name, v) for p in self.parts for v in p.instance.continuous_inputs()]
@@ -67,6 +68,28 @@ class CoupledOde:
         self.until = math.inf
         self.deadline = math.inf
         self.jump(start)
+
+    @classmethod
+    @contextmanager
+    def open(cls, network: Network, start: float, stop: float) -> Iterator[CoupledOde]:
+        """The system at `start` [s], its start values consistent; at the end of the context all instances are freed.
+
+        Raises SetupError for a part without model exchange or with a clock that is to tick, FmuError
+        where an FMU refuses.
+        """
+        for name, description in network.descriptions.items():
+            if description.modelExchange is None:
+                raise SetupError(f"{name}: {network.system.parts[name]} offers no model exchange")
+            for v in description.modelVariables:
+                if v.type == "Clock" and v.causality == "input":
+                    raise SetupError(
+                        f"{name}.{v.name} is a clock, which ticks in co-simulation only"
+                    )
+        with ExitStack() as stack:
+            sequence = stepping_order(network, None)
+            settings = RunSettings(stop, math.inf, start)
+            parts, _ = prepare(network, settings, sequence, stack, ModelExchange)
+            yield cls(network, {name: parts[name] for name in network.system.parts}, start, stop)
 
     @property
     def x(self) -> Array:
@@ -109,6 +132,18 @@ class CoupledOde:
         except EvaluationError:
             return np.full(len(x), math.nan)
         return np.array([value for part in self.parts for value in part.instance.dx])
+
+    def reader(self, ports: Sequence[Port]) -> Callable[[], list[float]]:
+        """What gives the values of variables at the time and state that the system is at."""
+        row = RowReader(self.parts, ports)
+        outputs = [block for part in self.parts for block in part.outputs]
+
+        def read() -> list[float]:
+            for block in outputs:
+                block.move()
+            return row(self.t)[1:]
+
+        return read
 
     def signs(self) -> list[float]:
         """Values whose change is an event.
@@ -268,23 +303,3 @@ class CoupledOde:
             raise FmuError(
                 f"{part.name} ended the simulation at t = {self.t!r} s: {part.messages.reason()}"
             )
-
-
-@contextmanager
-def opened(network: Network, start: float, stop: float) -> Iterator[CoupledOde]:
-    """The system at `start` [s], its start values consistent.
-
-    Raises SetupError for a part without model exchange or with a clock that is to tick, FmuError
-    where an FMU refuses.
-    """
-    for name, description in network.descriptions.items():
-        if description.modelExchange is None:
-            raise SetupError(f"{name}: {network.system.parts[name]} offers no model exchange")
-        for v in description.modelVariables:
-            if v.type == "Clock" and v.causality == "input":
-                raise SetupError(f"{name}.{v.name} is a clock, which ticks in co-simulation only")
-    with ExitStack() as stack:
-        sequence = stepping_order(network, None)
-        settings = RunSettings(stop, math.inf, start)
-        parts, _ = prepare(network, settings, sequence, stack, ModelExchange)
-        yield CoupledOde(network, {name: parts[name] for name in network.system.parts}, start, stop)

@@ -15,17 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engine.changes import known_jumps
-from ..engine.control import Adaptive
-from ..engine.driver import RowReader
 from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
 from ..fmu.exchange import Array
 from ..result import Result, SimulationError
 from ..series import TIME
 from ..simulation import versions
-from ..system import System, connect, require_cosimulation
+from ..system import Port, System, connect, require_cosimulation
 from .certify import Metrics, certify, evaluate, summary_metrics
-from .coupled_ode import CoupledOde, opened
+from .coupled_ode import CoupledOde
 from .estimate import Estimate
 
 METHODS = ("DOP853", "Radau", "LSODA")
@@ -78,18 +76,16 @@ def oracle(
     stop: float,
     start: float = 0.0,
     output_step: float | None = None,
+    times: Array | None = None,
     record: Sequence[str] | None = None,
     method: str = "DOP853",
     tolerance: float = DEFAULT_TOLERANCE,
     timeout: float = math.inf,
 ) -> Result:
-    """Integrate the coupled system from `start` to `stop` [s] as one ordinary differential equation.
+    """Integrate the coupled system as one ordinary differential equation.
 
-    `method` is one of SciPy's: DOP853, or Radau or LSODA for stiff systems. `tolerance` is relative to
-    each state, or to its nominal value where that is larger. Rows are `output_step` [s] apart, by default
-    a thousandth of the time. Where an input jumps or a parameter changes, and at each event at which a column
-    jumps, there are two more, with equal times: before and after. `record` lists the columns (default: all
-    outputs).
+    Where an input jumps or a parameter changes, and at each event at which a column jumps, there are two more rows,
+    with equal times: before and after.
 
     The system is integrated twice. `provenance["errors"]` gives, by column, the largest distance of the
     rows from those with a tolerance TOLERANCE_RATIO times as large; `provenance["events"]` gives the times [s] of
@@ -105,13 +101,15 @@ def oracle(
     start : float
         When it begins [s].
     output_step : float, optional
-        The distance of the rows [s].
+        The distance of the rows [s], by default a thousandth of the time.
+    times : array of shape (rows,), optional
+        The times of the rows after the first [s], which rise, in place of equally distant ones.
     record : sequence of str, optional
-        The columns.
+        The columns, by default all outputs.
     method : str
-        A method of `scipy.integrate.solve_ivp`.
+        DOP853 of `scipy.integrate`, or Radau or LSODA for stiff systems.
     tolerance : float
-        The relative tolerance of the integration.
+        The tolerance relative to each state, or to its nominal value where that is larger.
     timeout : float
         The most real time for each integration [s].
 
@@ -129,6 +127,8 @@ def oracle(
     RunSettings(stop, 1.0, start, output_step=output_step).check()
     plan = RunSettings(stop, spacing, start, record=record)
     ports = plan.ports(network)
+    equal = np.append(start + np.arange(1, plan.number()) * spacing, stop)
+    wanted = equal if times is None else times
     if method not in METHODS:
         raise SetupError(f"method {method!r} must be one of {', '.join(METHODS)}")
     if not LEAST_TOLERANCE <= tolerance <= LARGEST_TOLERANCE:
@@ -146,14 +146,14 @@ def oracle(
     }  # fmt: skip
 
     def once(allowed: float) -> Result:
-        with opened(network, start, stop) as ode:
+        with CoupledOde.open(network, start, stop) as ode:
             ode.deadline = clock.monotonic() + timeout
             rows: list[list[float]] = []
             events: list[float] = []
             outcome = {"status": "complete", "reason": "", "reached": stop, "events": events}
             try:
                 pieces = travel(ode, stop, method, allowed)
-                rows.extend(_rows(ode, RowReader(ode.parts, ports), plan, pieces, events))
+                rows.extend(_rows(ode, ports, wanted, pieces, events))
             except FmuError as failure:
                 outcome |= {"status": "failed", "reason": str(failure), "reached": ode.t}
             outcome["warnings"] = [
@@ -178,14 +178,20 @@ def oracle(
         loose, result = once(TOLERANCE_RATIO * tolerance), once(tolerance)
     except FmuError as failure:
         raise SetupError(str(failure)) from failure
-    tight_rows, loose_rows = result.data, loose.data
-    _, tight_index, loose_index = np.intersect1d(
-        tight_rows[:, 0], loose_rows[:, 0], return_indices=True
-    )
-    distances = np.abs(tight_rows[tight_index] - loose_rows[loose_index]).max(axis=0)
+    distances = _distances(result, loose)
     result.provenance["errors"] = dict(zip(result.names[1:], distances[1:].tolist()))
     result.provenance["wall_time"] = clock.perf_counter() - began
     return result
+
+
+def _distances(tight: Result, loose: Result) -> Array:
+    """The largest distance of two results in each column, at the times that both have."""
+    common, *rows = np.intersect1d(tight.data[:, 0], loose.data[:, 0], return_indices=True)
+    distances = np.abs(tight.data[rows[0]] - loose.data[rows[1]])
+    for both in zip(tight.provenance["events"], loose.provenance["events"]):
+        # a row between the two times of an event is before it in one of them only
+        distances[(common >= min(both)) & (common <= max(both))] = 0.0
+    return np.asarray(distances.max(axis=0))
 
 
 def true_errors(
@@ -305,38 +311,32 @@ def _crossing(
 
 def _rows(
     ode: CoupledOde,
-    row: RowReader,
-    plan: RunSettings,
+    ports: Sequence[Port],
+    times: Array,
     pieces: Iterable[SolutionPiece],
     events: list[float],
 ) -> Iterator[list[float]]:
-    """The rows of a plan, and those before and after a jump."""
-    assert not isinstance(plan.step, Adaptive)
-
-    def read_row(t: float) -> list[float]:
-        for part in ode.parts:
-            for block in part.outputs:
-                block.move()
-        return row(t)
-
-    last = read_row(plan.start)
+    """The rows at the start and at times [s], and those before and after a jump."""
+    read = ode.reader(ports)
+    start, stop = ode.t, ode.stop
+    last = [start, *read()]
     yield last
-    known = {jump.time for jump in known_jumps(ode.changes, ode.feeds, plan.start, plan.stop)}
-    times = iter([*(plan.start + k * plan.step for k in range(1, plan.number())), plan.stop])
-    due = next(times)
+    known = {jump.time for jump in known_jumps(ode.changes, ode.feeds, start, stop)}
+    waiting = iter(times[(times > start) & (times <= stop)].tolist())
+    due = next(waiting, math.inf)
     before: list[float] = []
     for _, end, curve in pieces:
         if curve is not None:
             while due <= end:
                 ode.at(due, curve(due))
-                last = read_row(due)
+                last = [due, *read()]
                 yield last
-                due = next(times, math.inf)
+                due = next(waiting, math.inf)
         elif not before:
-            before = read_row(end)
+            before = [end, *read()]
         else:
             events.append(end)
-            after = read_row(end)
+            after = [end, *read()]
             if after != before or end in known:
                 yield from (after,) if last[0] == end else (before, after)
                 last = after

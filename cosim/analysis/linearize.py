@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..accuracy.coupled_ode import opened
+from ..accuracy.coupled_ode import CoupledOde
 from ..accuracy.reference import DEFAULT_TOLERANCE, travel
 from ..errors import FmuError, SetupError
 from ..fmu.exchange import Array
@@ -277,7 +277,7 @@ def linearize(
         if port.variable.causality != "input" or port.type != "Real":
             raise SetupError(f"{port} is not a Real input")
     try:
-        with opened(network, start, start + at) as ode:
+        with CoupledOde.open(network, start, start + at) as ode:
             for _ in travel(ode, start + at, "DOP853", DEFAULT_TOLERANCE):
                 pass
             A, B, C, D, F = blocks = ode.blocks()

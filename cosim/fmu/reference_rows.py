@@ -27,47 +27,47 @@ MOST_BYTES = 100_000_000
 
 
 class ReferenceRows(NamedTuple):
-    """The results of a default experiment over time, in the units of the FMU, and the largest errors of each."""
+    """Rows that are known to be right, and the largest error of each value, in the same columns at the same times."""
 
     values: Series
     errors: Series
 
+    def checked(self) -> ReferenceRows:
+        """The same; raises SetupError if they do not belong together, do not rise in time, or lack a number."""
+        values, errors = self
+        if values.names != errors.names or not np.array_equal(values.t, errors.t):
+            raise SetupError(
+                f"{values.label} and {errors.label} must have the same columns and times"
+            )
+        if not np.all(np.diff(values.t) > 0.0):
+            raise SetupError(f"{values.label}: times must rise")
+        for series in self:
+            for name in series.names:
+                series.numbers(name)
+        return self
 
-def read_reference_rows(fmu: Path) -> ReferenceRows | None:
-    """Read the results that an FMU carries.
+    @classmethod
+    def read(cls, path: Path | str) -> ReferenceRows:
+        """Read NAME.csv, and the errors in NAME_error.csv beside it; raises SetupError."""
+        errors = Path(path).with_name(f"{Path(path).stem}{ERRORS}")
+        return cls(Series.read(path), Series.read(errors)).checked()
 
-    Returns
-    -------
-    ReferenceRows or None
-        None if it carries none with errors, or none that can be read.
-    """
-    try:
-        with ZipFile(fmu) as archive:
-            members = {entry.filename: entry.file_size for entry in archive.infolist()}
-            manifest = f"{FOLDER}/fmi-ls-manifest.xml"
-            if manifest not in members:
-                return None
-            for related in ElementTree.fromstring(archive.read(manifest)).iter("Related"):
-                source = posixpath.normpath(f"{FOLDER}/{related.get('source')}")
-                errors = source.removesuffix(".csv") + ERRORS
-                files = [source, errors]
-                if related.get("role") == "result" and all(
-                    members.get(file, MOST_BYTES) < MOST_BYTES for file in files
-                ):
-                    return _reference_rows(*(archive.read(file).decode() for file in files))
-    except (OSError, BadZipFile, ElementTree.ParseError, ValueError, SetupError):
+    @classmethod
+    def of_fmu(cls, fmu: Path | str) -> ReferenceRows | None:
+        """The results of its default experiment that an FMU carries; None if there are none with errors that can be read."""
+        try:
+            with ZipFile(fmu) as archive:
+                sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
+                manifest = f"{FOLDER}/fmi-ls-manifest.xml"
+                if manifest not in sizes:
+                    return None
+                for related in ElementTree.fromstring(archive.read(manifest)).iter("Related"):
+                    source = posixpath.normpath(f"{FOLDER}/{related.get('source')}")
+                    files = [source, source.removesuffix(".csv") + ERRORS]
+                    is_small = all(sizes.get(file, MOST_BYTES) < MOST_BYTES for file in files)
+                    if related.get("role") == "result" and is_small:
+                        texts = (archive.read(file).decode() for file in files)
+                        return cls(*(Series.of_text(*x) for x in zip(texts, files))).checked()
+        except (OSError, BadZipFile, ElementTree.ParseError, ValueError, SetupError):
+            return None
         return None
-    return None
-
-
-def _reference_rows(results: str, errors: str) -> ReferenceRows:
-    """The rows of both texts; raises ValueError or SetupError if they do not belong together."""
-    rows = ReferenceRows(Series.of_text(results, "results"), Series.of_text(errors, "errors"))
-    if rows.values.names != rows.errors.names or not np.array_equal(rows.values.t, rows.errors.t):
-        raise ValueError("results and errors have different columns or times")
-    if not np.all(np.diff(rows.values.t) > 0.0):
-        raise ValueError("times must rise")
-    for series in rows:
-        for name in series.names:
-            series.numbers(name)
-    return rows

@@ -7,13 +7,11 @@ import logging
 import math
 import os
 import re
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -35,7 +33,7 @@ from cosim import (
 from cosim.fmu.library import LOADED
 from cosim.isolated import _error_with_rows
 from cosim.scratch import MARK, _folder_of
-from tests.conftest import DESCRIPTION, ROOT, described, restore_ctrl_c, rewritten, until
+from tests.conftest import DESCRIPTION, ROOT, described, restore_ctrl_c, rewritten
 from tests.cosim.foreign import BINARY, Value, library, pack
 
 Make = Callable[..., Path]
@@ -902,57 +900,52 @@ def test_an_error_of_the_caller_ends_an_isolated_run(
 
 
 SCRIPT = """
-import sys, tempfile
+import os, signal, sys
 from pathlib import Path
-from cosim import System, run_isolated
+from cosim import System, isolated, run_isolated
+
+FMU, CSV, DIARY, WHOM, *DUE = sys.argv[1:]
+PARTIAL, send = Path(CSV).with_suffix(".partial.csv"), os.killpg if WHOM == "all" else os.kill
+IS_DUE = {"early": lambda: True, "rows": lambda: PARTIAL.exists() and PARTIAL.stat().st_size,
+          "hangs": lambda: Path(DIARY).exists() and "hangs A" in Path(DIARY).read_text()}
+look = isolated.wait
+
+def look_and_interrupt(*arguments):
+    if DUE and IS_DUE[DUE[0]]():
+        DUE.pop(0)
+        send(os.getpid(), signal.SIGINT)
+    return look(*arguments)
+
 if __name__ == "__main__":
+    isolated.wait = look_and_interrupt
     start = {"A.u": 0.0, "A.integer_in": 0, "A.boolean_in": False, "A.string_in": "",
              "A.enumeration_in": 1}
-    fmu, csv = sys.argv[1:]
-    print("started", flush=True)
-    run_isolated(System({"A": Path(fmu)}, (), start), csv=Path(csv), stop=1e7, step=0.1,
+    run_isolated(System({"A": Path(FMU)}, (), start), csv=Path(CSV), stop=1e7, step=0.1,
                  output_step=0.25, record=["A.y"])
 """
 
 
 @pytest.mark.parametrize(
-    ("when", "whom", "hangs"),
-    [("early", "all", False), ("running", "parent", False), ("running", "all", True)],
+    ("whom", "due"), [("all", ["early"]), ("parent", ["rows"]), ("all", ["hangs", "early"])]
 )
 def test_ctrl_c_ends_an_isolated_run(
-    when: str, whom: str, hangs: bool, make: Make, diary: Diary, tmp_path: Path, scratch: Path
+    whom: str, due: list[str], make: Make, tmp_path: Path, scratch: Path
 ) -> None:
-    """Be it heard by all processes or by the first; a child that hangs takes a second one."""
-    script, partial = tmp_path / "script.py", tmp_path / "run.partial.csv"
+    """Be it heard by all processes or by the first, which sends it to itself as it looks at its child; one that hangs takes a second."""
+    script = tmp_path / "script.py"
     script.write_text(SCRIPT)
-    fmu = make(hang_at=3e3 if hangs else 1e300)
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(fmu), str(tmp_path / "run.csv")], start_new_session=True,
-        env=os.environ | {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT)}, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    hangs = "hangs" in due
+    files = [make(hang_at=3e3 if hangs else 1e300), tmp_path / "run.csv", tmp_path / "diary.txt"]
+    done = subprocess.run(
+        [sys.executable, script, *files, whom, *due], start_new_session=True, capture_output=True,
+        check=False, text=True, timeout=600, preexec_fn=restore_ctrl_c,
+        env=os.environ | {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"started\n"
-        if when == "running":
-            until(lambda: partial.exists() and partial.stat().st_size)
-        until(lambda: not hangs or "hangs A" in diary())
-        time.sleep(0.3)
-        kill = os.killpg if whom == "all" else os.kill
-        kill(process.pid, signal.SIGINT)
-        if hangs:
-            time.sleep(1.0)
-            assert process.poll() is None
-            kill(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=600)
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-    text = errors.decode()
-    assert text.count("Traceback") == 1, text
-    assert ("killed by signal SIGKILL" if hangs else "interrupted by the user; stopped at") in text
+    assert done.stderr.count("Traceback") == 1, done.stderr
+    said = "killed by signal SIGKILL" if hangs else "interrupted by the user; stopped at"
+    assert said in done.stderr
     facts = json.loads((tmp_path / "run.partial.json").read_text())
     assert facts["status"] == "interrupted"
-    rows = read(partial)
+    rows = read(tmp_path / "run.partial.csv")
     assert facts["reached"] == rows[-1, 0]
-    assert len(rows) > (when == "running")
+    assert len(rows) > ("rows" in due)

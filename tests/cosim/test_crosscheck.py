@@ -15,7 +15,7 @@ import pytest
 from cosim import Crosscheck, SetupError, crosscheck
 from cosim.analysis.crosscheck import checks
 from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED
-from cosim.analysis.crosscheck.report import COLORS, WRITERS
+from cosim.analysis.crosscheck.report import COLORS
 from cosim.analysis.crosscheck.subject import Subject
 from cosim.fmu.messages import quiet
 from tests.conftest import ROOT, described, rewritten
@@ -113,7 +113,7 @@ def test_the_command_survives_a_crash_and_writes_its_reports(
         (["gone.fmu"], "there is no file"),
         (["sound.fmu", "--step", "0"], "step = 0.0 s must be a finite number above 0"),
         (["sound.fmu", "--timeout", "nan"], "timeout = nan s must be a finite number above 0"),
-        (["sound.fmu", "--out", "it.pdf"], "it.pdf must end in .txt or .xml or .html or .svg"),
+        (["sound.fmu", "--out", "it.pdf"], "it.pdf must end in one of .txt, .xml, .html, .svg"),
         (["other.fmu"], "offers model exchange only; this master runs co-simulation by FMI 2.0"),
     ],
 )
@@ -240,4 +240,4 @@ def test_the_action_is_valid_and_its_options_exist() -> None:
     for option in re.findall(r"--\w+", call):
         assert option in {"--timeout", "--step", "--out"}
     for suffix in re.findall(r"crosscheck(\.\w+)\"", call):
-        assert suffix in WRITERS
+        assert suffix in Crosscheck.FORMATS

@@ -183,6 +183,16 @@ def test_an_empty_folder_and_one_without_results_are_refused(board: Path, tmp_pa
         scoreboard(board)
 
 
+def test_a_system_without_any_result_has_a_row(board: Path) -> None:
+    shutil.copytree(board / KEY, board / "copy")
+    for path in (board / "copy").glob(f"{KEY}*"):
+        path.rename(path.with_name(path.name.replace(KEY, "copy")))
+    found = scoreboard(board, cause_seconds=0.0)
+    (row,) = [standing for standing in found.standings if standing.system == "copy"]
+    assert row.verdict == "no result" and "results/MASTER/copy_1ms.csv" in row.reason
+    assert found.systems == [KEY] and "no result" in found.text()
+
+
 def test_a_master_that_was_not_run_has_its_reason(board: Path) -> None:
     for name, facts in (("a", {"not_run": "no wheel"}), ("b", {"failed": {KEY: "1 ms: refused"}})):
         (board / "results" / name).mkdir()
@@ -204,6 +214,14 @@ MISTAKES = {
         "*row.values()]",
         "row['motor.tau'], 30.0 / 3.141592653589793 * row['conveyor.w']]",
         "conveyor.w is in rpm, not in rad/s",
+    ),
+    "rad/s on a wire": (
+        "[values[source]]", "[values[source] * (0.10471975511966 if source == 'conveyor.w' else 1.0)]",
+        "the factor of the wire from conveyor.w to motor.w seems to be 0.10472, not 1: rad/s for rpm?",
+    ),
+    "kN.m on a wire": (
+        "[values[source]]", "[values[source] / (1e3 if source == 'motor.tau' else 1.0)]",
+        "the wire from motor.tau to conveyor.tau brings 0.001 times its source: kN.m for N.m?",
     ),
 }  # fmt: skip
 

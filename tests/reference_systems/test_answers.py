@@ -85,6 +85,17 @@ def test_the_error_falls_with_the_stated_order(
     assert np.log2(coarse / fine) > reference.orders[name] - 0.1
 
 
+def test_fmus_are_built_into_a_relative_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    quarter_car = {"quarter_car": SYSTEMS["quarter_car"]}
+    monkeypatch.setattr("reference_systems.systems.SYSTEMS", quarter_car)
+    assert build(fmus=Path("made")) == 0
+    made = {path.name for path in tmp_path.glob("made/reference/*/*.fmu")}
+    assert made == {"Wheel.fmu", "Chassis.fmu"}
+
+
 def test_the_files_of_a_system_are_what_the_page_says(tmp_path: Path) -> None:
     write("stiff_bond", SYSTEMS["stiff_bond"], tmp_path)
     for name, ssp, fmi in (("stiff_bond", "1.0", "2.0"), ("stiff_bond_fmi3", "2.0", "3.0")):

@@ -8,20 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...engine.settings import RunSettings
 from ...errors import SetupError, pluralize
 from ...series import Series
 from ...system import Network, System, connect
 from ...units import multiples
-from .causes import Cause, not_finite, table_causes
-from .connections import DECISIVE_REDUCTION
+from .causes import DECISIVE_REDUCTION, Cause, table_causes
 from .report import RefereeReport
+from .search import Search, coupling_causes, find_causes
 from .signals import SignalJudgement, Verdict, judge_signal
-from .solution import ReferenceSolution, SolutionRequest, read_exact, solve_reference
+from .solution import ReferenceSolution, Request, exact_rows, solve_reference
 from .table import MatchedColumn, match_columns, read_foreign
-from .variants import Reproduction, best_coupling, variant_causes
 
 if TYPE_CHECKING:
     from .table import Source
@@ -112,9 +110,9 @@ def referee(
     label = Path(table.label).name
     table, time_cause = _in_seconds(table, stop)
     ports = RunSettings(math.inf, 1.0, start).ports(network)
-    exact = None if reference is None else read_exact(Path(reference))
-    if exact is not None:
-        ports = [port for port in ports if port.name in exact.values.names]
+    if reference is not None:
+        known = Series.read(reference).names
+        ports = [port for port in ports if port.name in known]
     matches = match_columns(table, network, ports, columns or {})
     if not matches:
         raise SetupError(
@@ -127,106 +125,80 @@ def referee(
             f"{table.label} ends at {table.t[-1]:g} s: it has no rows after {start:g} s"
         )
     names = [port.name for port in ports]
-    times = table.t[rows]
-    request = SolutionRequest(names, times, start, PRECISION * tolerance, step, timeout)
+    request = Request(names, table.t[rows], start, PRECISION * tolerance, step, timeout)
     notes = tuple(_notes(table, matches, rows))
-    if exact is not None:
-        solution = exact.at(request)
+    if reference is not None:
+        solution = exact_rows(reference, request)
     else:
         try:
-            solution = solve_reference(system, request)
+            solution = solve_reference(network, request)
         except SetupError as error:
             return RefereeReport(label, Verdict.UNDECIDED, (), (), str(error), tolerance, notes)
     signals = tuple(judge_signal(match, solution, rows, tolerance, step) for match in matches)
     causes = [time_cause] if time_cause else []
     if cause_seconds > 0.0:
         causes += _find_causes(network, signals, solution, request, cause_seconds)
-    verdict = _overall(signals, time_cause)
-    return RefereeReport(label, verdict, signals, tuple(causes), solution.method, tolerance, notes)
-
-
-def _overall(signals: Iterable[SignalJudgement], time_cause: Cause | None) -> Verdict:
     verdicts = {signal.verdict for signal in signals}
-    if Verdict.DIFFERS in verdicts or time_cause is not None:
-        return Verdict.DIFFERS
-    return Verdict.UNDECIDED if Verdict.UNDECIDED in verdicts else Verdict.AGREES
+    verdict = next(
+        (v for v in (Verdict.DIFFERS, Verdict.UNDECIDED) if v in verdicts), Verdict.AGREES
+    )
+    verdict = Verdict.DIFFERS if time_cause else verdict
+    return RefereeReport(label, verdict, signals, tuple(causes), solution.method, tolerance, notes)
 
 
 def _in_seconds(table: Series, stop: float | None) -> tuple[Series, Cause | None]:
     """The table with its times in s, and the cause if they were in another unit without saying so."""
-    if not stop or stop <= 0.0:
+    ratio = table.t[-1] / stop if stop and stop > 0.0 else 1.0
+    fits = [
+        (unit, scale)
+        for unit, scale in multiples("s").items()
+        if abs(ratio * scale - 1.0) <= TIME_UNIT_MARGIN
+    ]
+    if 1.0 / TIME_UNIT_DOUBT < ratio < TIME_UNIT_DOUBT or not fits:
         return table, None
-    ratio = float(table.t[-1]) / stop
-    if 1.0 / TIME_UNIT_DOUBT < ratio < TIME_UNIT_DOUBT:
-        return table, None
-    for unit, scale in multiples("s").items():
-        if scale != 1.0 and abs(ratio * scale - 1.0) <= TIME_UNIT_MARGIN:
-            text = f"the times are in {unit}, not in s: the last is {table.t[-1]:g}, not {stop:g}"
-            return _with_times(table, scale * table.t), Cause("time unit", text, math.inf, ())
-    return table, None
-
-
-def _with_times(table: Series, times: NDArray[np.float64]) -> Series:
-    """The table with other times [s] in its first column."""
-    return Series(table.columns, lambda k: table[table.names[k]] if k else times, label=table.label)
+    ((unit, scale),) = fits
+    times = scale * table.t
+    text = f"the times are in {unit}, not in s: the last is {table.t[-1]:g}, not {stop:g}"
+    in_seconds = table.with_values(lambda k: table.load(k) if k else times)
+    return in_seconds, Cause("time unit", text, math.inf, ())
 
 
 def _find_causes(
     network: Network,
     signals: Sequence[SignalJudgement],
     solution: ReferenceSolution,
-    request: SolutionRequest,
+    request: Request,
     seconds: float,
 ) -> list[Cause]:
     """What explains the signals that differ: each from the table alone, then all that are left by variants."""
     causes: list[Cause] = []
-    differing = [signal for signal in signals if signal.verdict is Verdict.DIFFERS]
-    references = [(network.port(name), values) for name, values in solution.values.items()]
-    unexplained = []
-    for signal in differing:
-        best = not_finite(signal) or max(
-            table_causes(signal, network, references),
-            key=lambda cause: cause.reduction,
-            default=None,
-        )
-        if best is None:
-            unexplained.append(signal)
-        else:
-            causes.append(best)
+    unexplained = False
+    for signal in signals:
+        if signal.verdict is Verdict.DIFFERS:
+            found = table_causes(signal, network, solution.values)
+            best = max(found, key=lambda cause: cause.reduction, default=None)
+            causes += [] if best is None else [best]
+            unexplained = unexplained or best is None
     # What explains a column roughly may be a trace of what explains all columns exactly.
     doubtful = [c for c in causes if c.kind in DOUBTFUL_KINDS or c.reduction < DECISIVE_REDUCTION]
+    certain = [cause for cause in causes if cause not in doubtful]
     if not unexplained and not doubtful:
         return causes
-    certain = [cause for cause in causes if cause not in doubtful]
-    is_approximate = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)
-    common = _common_cause(
-        network, signals, certain, request, seconds, thorough=is_approximate or bool(unexplained)
-    )
-    if common is not None and all(
-        common.reduction > min(cause.reduction, DECISIVE_REDUCTION) for cause in doubtful
-    ):
-        return [*certain, common]
+
+    def common(explained: Sequence[Cause], *, thorough: bool) -> Cause | None:
+        """What explains all signals that these causes do not; only a coupling unless it is thorough."""
+        names = {name for cause in explained for name in cause.signals}
+        rest = [s for s in signals if s.name not in names and s.verdict is not Verdict.UNDECIDED]
+        search = Search(network, rest, request, seconds)
+        return next(iter(find_causes(search) if thorough else coupling_causes(search)), None)
+
+    is_rough = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)
+    one = common(certain, thorough=is_rough or unexplained)
+    if one and all(one.reduction > min(c.reduction, DECISIVE_REDUCTION) for c in doubtful):
+        return [*certain, one]
     if unexplained and doubtful:
-        common = _common_cause(network, signals, causes, request, seconds, thorough=True)
-    return causes if common is None or not unexplained else [*causes, common]
-
-
-def _common_cause(
-    network: Network,
-    signals: Sequence[SignalJudgement],
-    explained: Sequence[Cause],
-    request: SolutionRequest,
-    seconds: float,
-    *,
-    thorough: bool,
-) -> Cause | None:
-    """What explains all signals that these causes do not; only a coupling unless the search is thorough."""
-    names = {name for cause in explained for name in cause.signals}
-    rest = [s for s in signals if s.name not in names and s.verdict is not Verdict.UNDECIDED]
-    reproduction = Reproduction(network, rest, request, seconds)
-    if not thorough:
-        return best_coupling(reproduction, reproduction.system)[1]
-    return next(iter(variant_causes(reproduction)), None)
+        one = common(causes, thorough=True)
+    return [*causes, one] if one and unexplained else causes
 
 
 def _notes(

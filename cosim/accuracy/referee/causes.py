@@ -7,29 +7,33 @@ ten times closer to the column than the reference solution is. These causes need
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import pluralize
-from ...system import Network, Port
-from ...units import multiples
-from .signals import SignalJudgement, column_scale
-from .table import Array
+from ...system import Network
+from .conversions import units_of, wrong_factors
+from .signals import SignalJudgement
+from .solution import Array
 
-#: By how much reproducing a cause must reduce a difference: a convention of the referee.
+#: By how much reproducing a cause must reduce a difference: a convention of the referee. Where two things have to be
+#: right, such as a number of a list and a cause at all, its square.
 LEAST_REDUCTION = 10.0
+#: A reduction from which on no other cause is sought, and that of a cause with a number that is fitted: what is left
+#: is a thousandth of the difference.
+DECISIVE_REDUCTION = 1e3
 #: Largest reduction that is stated: a difference between results in double precision shows no more.
 MOST_REDUCTION = 1e9
 #: Longest delay that is sought, as a share of a run: a convention; a longer one is another experiment.
 LONGEST_DELAY = 0.1
 #: Delays tried before the best is refined: twice the rows within LONGEST_DELAY, at most this many.
 MOST_DELAYS = 400
-#: Kelvin at 0 degrees Celsius: the definition of the degree Celsius.
-CELSIUS_ZERO = 273.15
 #: Events of a discrete column that are left out one by one: a convention, to limit the time.
 MOST_CHANGES = 100
+#: Most events over rows of a column whose events are looked at one by one.
+MOST_EVENTS = 0.1
 
 
 @dataclass(frozen=True)
@@ -39,9 +43,9 @@ class Cause:
     Attributes
     ----------
     kind : str
-        One of "no number", "unit", "sign", "columns crossed", "delay", "offset", "missed event", "time unit", "held inputs",
-        "step too long", "lost start value", "lost wire", "wires crossed", "lost factor", "lost input",
-        "wrong start value", "late input", "integration in the FMUs".
+        One of "no number", "unit", "sign", "scale", "columns crossed", "delay", "offset", "missed event", "time unit",
+        "held inputs", "step too long", "lost start value", "lost wire", "wires crossed", "lost factor",
+        "lost input", "wrong start value", "late input", "integration in the FMUs".
     text : str
         The cause as a clause.
     reduction : float
@@ -67,13 +71,6 @@ def root_mean_square(values: Array) -> float:
         return math.sqrt(float(np.mean(np.square(values))))
 
 
-def reduction(signal: SignalJudgement, reproduced: Array) -> float:
-    """How many times closer a reproduced column is to the one of the table than the reference is."""
-    before = root_mean_square(signal.values - signal.reference)
-    after = root_mean_square(signal.values - reproduced)
-    return ratio(before, after)
-
-
 def ratio(before: float, after: float) -> float:
     """How many times smaller a distance has become, at most MOST_REDUCTION; 0 where one is infinite."""
     if not math.isfinite(before) or not math.isfinite(after):
@@ -82,87 +79,63 @@ def ratio(before: float, after: float) -> float:
 
 
 def table_causes(
-    signal: SignalJudgement,
-    network: Network,
-    references: Sequence[tuple[Port, Array]],
+    signal: SignalJudgement, network: Network, references: Mapping[str, Array]
 ) -> Iterator[Cause]:
-    """The causes that explain a column from the table alone.
-
-    Parameters
-    ----------
-    signal : SignalJudgement
-        A column that differs.
-    network : Network
-        The system; its FMUs define units.
-    references : sequence of (Port, array)
-        Every variable of the reference solution at the same rows.
-    """
-    finders: tuple[Callable[[], Iterator[tuple[str, str, Array]]], ...] = (
-        lambda: _units(signal, network),
-        lambda: _crossed(signal, references),
-        lambda: _delays(signal),
-        lambda: _offsets(signal),
-        lambda: _missed_events(signal, network),
-    )
-    for find in finders:
-        for kind, text, reproduced in find():
-            better = reduction(signal, reproduced)
-            # A column of zeros is close to everything that is small: it must be close as measured by itself.
-            distance = root_mean_square(signal.values - reproduced)
-            is_close = LEAST_REDUCTION * distance <= root_mean_square(reproduced)
-            if better >= LEAST_REDUCTION and is_close:
-                yield Cause(kind, text, better, (signal.name,))
-
-
-def not_finite(signal: SignalJudgement) -> Cause | None:
-    """The cause of a column that has rows without a finite number; None if it has none."""
-    rows = np.flatnonzero(~np.isfinite(signal.values))
-    if not rows.size:
-        return None
-    text = (
-        f"{signal.column} has no finite number in {pluralize(rows.size, 'row')}, "
-        f"the first at {signal.t[rows[0]]:.6g} s"
-    )
-    return Cause("no number", text, MOST_REDUCTION, (signal.name,))
-
-
-def _units(signal: SignalJudgement, network: Network) -> Iterator[tuple[str, str, Array]]:
-    """The reference in other units, and with the other sign."""
-    port = network.port(signal.name)
-    if port.type != "Real":
+    """The causes that explain a column that differs from the table alone; `references` are all variables at the same rows."""
+    missing = np.flatnonzero(~np.isfinite(signal.values))
+    if missing.size:
+        text = (
+            f"{signal.column} has no finite number in {pluralize(missing.size, 'row')}, "
+            f"the first at {signal.t[missing[0]]:.6g} s"
+        )
+        yield Cause("no number", text, MOST_REDUCTION, (signal.name,))
         return
-    x = signal.reference
-    yield "sign", f"{signal.column} has the opposite sign", -x
-    for unit, factor in sorted(_ratios(port, network).items()):
-        if factor != 1.0:
-            yield "unit", f"{signal.column} is in {unit}, not in {port.unit or '1'}", factor * x
-    if port.unit == "K":
-        yield "unit", f"{signal.column} is in degC, not in K", x - CELSIUS_ZERO
+    before = root_mean_square(signal.values - signal.reference)
+    is_found = False
+    for kind, text, reproduced, least in _candidates(signal, network, references):
+        distance = root_mean_square(signal.values - reproduced)
+        # A column of zeros is close to everything that is small: it must be close as measured by itself.
+        is_close = LEAST_REDUCTION * distance < root_mean_square(reproduced)
+        better = ratio(before, distance)
+        # a number that is fitted, the last, fits at least as well as a listed one
+        if better >= least and is_close and not (is_found and least == DECISIVE_REDUCTION):
+            is_found = True
+            yield Cause(kind, f"{signal.column} {text}", better, (signal.name,))
 
 
-def _ratios(port: Port, network: Network) -> dict[str, float]:
-    """By unit, the number that stands for 1 of the variable's own unit."""
-    ratios = {unit: 1.0 / scale for unit, scale in multiples(port.unit).items()}
-    definitions = network.fmus[port.part].description.unitDefinitions
-    for display in (d for unit in definitions if unit.name == port.unit for d in unit.displayUnits):
-        if not display.offset and not display.inverse:
-            ratios[display.name] = float(display.factor)
-    return ratios
+def _candidates(
+    signal: SignalJudgement, network: Network, references: Mapping[str, Array]
+) -> Iterator[tuple[str, str, Array, float]]:
+    """Ways to make a column: kind, the rest of a clause, what they make, and the least reduction for which they count."""
+    port, x, rest = network.port(signal.name), signal.reference, signal.values - signal.reference
+    if port.type == "Real":
+        yield "sign", "has the opposite sign", -x, LEAST_REDUCTION
+        for unit, factor, offset in units_of(port, network):
+            text = f"is in {unit}, not in {port.unit or '1'}"
+            yield "unit", text, factor * x + offset, LEAST_REDUCTION
+        if signal.varies:
+            for what, factor in wrong_factors(port.unit):
+                text = f"is {factor:.6g} times the reference: {what}?"
+                yield "scale", text, factor * x, LEAST_REDUCTION**2
+    for name, other in references.items():
+        # as far as the column is that variable and not merely small like it
+        distance = root_mean_square(signal.values - other)
+        if name != signal.name and distance * LEAST_REDUCTION <= float(np.std(other)):
+            yield "columns crossed", f"holds {name}", other, LEAST_REDUCTION
+    yield _delay(signal)
+    offset = float(np.mean(rest))
+    if abs(offset) > LEAST_REDUCTION * np.finfo(float).eps * signal.scale:
+        number = f"{offset:+.6g} {signal.unit}".rstrip()
+        text = f"is {number} off from the first row on: its start value or zero"
+        yield "offset", text, x + offset, LEAST_REDUCTION
+    if port.kind.is_held:
+        yield from _missed_events(signal)
+    if port.type == "Real" and signal.varies:
+        fit = float(signal.values @ x) / float(x @ x)
+        yield "scale", f"is {fit:.6g} times the reference", fit * x, DECISIVE_REDUCTION
 
 
-def _crossed(
-    signal: SignalJudgement, references: Sequence[tuple[Port, Array]]
-) -> Iterator[tuple[str, str, Array]]:
-    """Other variables in place of this one, as far as the column is them and not merely small like them."""
-    for port, x in references:
-        if port.name == signal.name:
-            continue
-        distance = root_mean_square(signal.values - x)
-        if distance * LEAST_REDUCTION <= root_mean_square(x - x.mean()):
-            yield "columns crossed", f"{signal.column} holds {port.name}", x
-
-
-def _delays(signal: SignalJudgement) -> Iterator[tuple[str, str, Array]]:
+def _delay(signal: SignalJudgement) -> tuple[str, str, Array, float]:
     """The reference some time later or earlier."""
     from scipy.optimize import minimize_scalar
 
@@ -170,11 +143,8 @@ def _delays(signal: SignalJudgement) -> Iterator[tuple[str, str, Array]]:
     spacing = float(np.median(np.diff(t)))
     longest = LONGEST_DELAY * (t[-1] - t[0])
 
-    def shift(delay: float) -> Array:
-        return np.interp(t - delay, t, x)
-
     def distance(delay: float) -> float:
-        return root_mean_square(signal.values - shift(delay))
+        return root_mean_square(signal.values - np.interp(t - delay, t, x))
 
     count = min(MOST_DELAYS, 4 * math.ceil(longest / spacing) + 1)
     delays = np.linspace(-longest, longest, count)
@@ -186,32 +156,18 @@ def _delays(signal: SignalJudgement) -> Iterator[tuple[str, str, Array]]:
     if not rows or distance(delay) > LEAST_REDUCTION * distance(float(refined.x)):
         delay = float(refined.x)
     direction = "late" if delay > 0.0 else "early"
-    text = (
-        f"{signal.column} is {abs(delay):.4g} s ({abs(delay) / spacing:.3g} rows) too {direction}"
-    )
-    yield "delay", text, shift(delay)
+    text = f"is {abs(delay):.4g} s ({abs(delay) / spacing:.3g} rows) too {direction}"
+    return "delay", text, np.interp(t - delay, t, x), LEAST_REDUCTION
 
 
-def _offsets(signal: SignalJudgement) -> Iterator[tuple[str, str, Array]]:
-    """The reference plus a constant that is there from the first row on."""
-    if not np.isfinite(signal.values).all():
-        return
-    offset = float(np.mean(signal.values - signal.reference))
-    if abs(offset) > LEAST_REDUCTION * np.finfo(float).eps * column_scale(signal.reference):
-        text = f"{signal.column} is {offset:+.6g} {signal.unit} off from the first row on: its start value or zero"
-        yield "offset", text.replace("  ", " "), signal.reference + offset
-
-
-def _missed_events(signal: SignalJudgement, network: Network) -> Iterator[tuple[str, str, Array]]:
+def _missed_events(signal: SignalJudgement) -> Iterator[tuple[str, str, Array, float]]:
     """A column that holds its values, with one of its changes left out."""
-    if not network.port(signal.name).column.kind.is_held:
+    x = signal.reference
+    changes = np.flatnonzero(np.diff(x))[:MOST_CHANGES]
+    if len(changes) > MOST_EVENTS * len(x):
         return
-    changes = np.flatnonzero(np.diff(signal.reference))[:MOST_CHANGES]
-    if len(changes) * 10 > len(signal.reference):
-        return
-    for n, k in enumerate(changes):
-        reproduced = signal.reference.copy()
-        end = changes[n + 1] + 1 if n + 1 < len(changes) else len(reproduced)
-        reproduced[k + 1 : end] = signal.reference[k]
-        text = f"{signal.column} misses the event at {signal.t[k + 1]:.6g} s"
-        yield "missed event", text, reproduced
+    for k, end in zip(changes, [*(changes[1:] + 1), len(x)]):
+        reproduced = x.copy()
+        reproduced[k + 1 : end] = x[k]
+        text = f"misses the event at {signal.t[k + 1]:.6g} s"
+        yield "missed event", text, reproduced, LEAST_REDUCTION

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import base64
-import html
-import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from io import BytesIO
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
-from xml.etree import ElementTree
+from typing import IO, TYPE_CHECKING, Any, ClassVar
 
 from ...describe import table
-from ...errors import SetupError, pluralize
-from ...files import replacement
-from ...json_values import without_infinities
+from ...errors import pluralize
+from ...report_files import (
+    AMBER,
+    GREEN,
+    RED,
+    ReportFile,
+    html_table,
+    junit,
+    page,
+    paragraphs,
+    picture,
+)
 from .causes import Cause
 from .signals import SignalJudgement, Verdict
 
@@ -25,39 +29,20 @@ if TYPE_CHECKING:
 
 #: Panels of a picture: a convention, what fits a page.
 MOST_PANELS = 8
-#: Width of a picture [inch]: a convention, that of all pictures of results.
-WIDTH = 9.0
-#: Height of what is around its panels [inch]: a convention.
-FRAME_HEIGHT = 1.0
-#: Height of a panel [inch]: a convention.
-PANEL_HEIGHT = 2.2
+#: Width of a picture, height of what is around its panels, and of a panel [inch]: conventions of all pictures of results.
+WIDTH, FRAME_HEIGHT, PANEL_HEIGHT = 9.0, 1.0, 2.2
 #: Dots per inch of a picture: a convention of printers, halved.
 RESOLUTION = 150
 #: A reduction of a difference from which on its size does not matter to a reader: a convention.
 WORTH_STATING = 1e6
 NO_CAUSE = "cause not found"
-COLORS = {Verdict.AGREES: "#1a7f37", Verdict.DIFFERS: "#cf222e", Verdict.UNDECIDED: "#9a6700"}
-PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
-body {{ font: 15px/1.4 sans-serif; max-width: 64em; margin: 2em auto; padding: 0 1em; color: #1f2328 }}
-table {{ border-collapse: collapse; width: 100%; margin: 1em 0 }}
-td, th {{ text-align: left; vertical-align: top; padding: .35em .8em .35em 0; border-bottom: 1px solid #d0d7de }}
-img {{ max-width: 100% }}
-</style></head><body><h1>{title}</h1><p style="color:{color}"><b>{sentence}</b></p>
-{causes}<p>{method}</p>
-<table><tr><th>Signal</th><th>Column</th><th>Verdict</th><th>Off by</th><th>Allowed</th><th>From</th></tr>
-{signals}
-</table>
-<table><tr><th>Signal</th><th>Figure</th><th>Result</th><th>Reference</th><th>Off by</th></tr>
-{figures}
-</table>
-<img alt="the signals and the reference" src="data:image/png;base64,{picture}">
-{notes}</body></html>
-"""
+COLORS = {Verdict.AGREES: GREEN, Verdict.DIFFERS: RED, Verdict.UNDECIDED: AMBER}
+SIGNAL_HEADING = ("Signal", "Column", "Verdict", "Off by", "Allowed", "From")
+FIGURE_HEADING = ("Signal", "Figure", "Result", "Reference", "Off by")
 
 
 @dataclass(frozen=True)
-class RefereeReport:
+class RefereeReport(ReportFile):
     """The judgement of a result that another master wrote.
 
     Attributes
@@ -86,14 +71,13 @@ class RefereeReport:
     tolerance: float
     notes: tuple[str, ...] = ()
 
-    def __getitem__(self, name: str) -> SignalJudgement:
-        """The judgement of the variable of this name.
+    FORMATS: ClassVar = {
+        ".txt": "text", ".json": "to_json", ".xml": "junit", ".html": "html", ".png": "plot",
+        ".svg": "plot", ".pdf": "plot",
+    }  # fmt: skip
 
-        Raises
-        ------
-        KeyError
-            For a variable that was not judged.
-        """
+    def __getitem__(self, name: str) -> SignalJudgement:
+        """The judgement of a variable by its dotted name; raises KeyError for one that was not judged."""
         for signal in self.signals:
             if signal.name == name:
                 return signal
@@ -102,69 +86,77 @@ class RefereeReport:
     @property
     def exit_status(self) -> int:
         """0 if the result agrees, 1 if it differs, 2 if that cannot be told."""
-        return {Verdict.AGREES: 0, Verdict.DIFFERS: 1, Verdict.UNDECIDED: 2}[self.verdict]
+        return list(Verdict).index(self.verdict)
 
     def explained(self, name: str) -> Cause | None:
-        """The best cause for a signal, None if there is none.
-
-        Parameters
-        ----------
-        name : str
-            The dotted name of a signal.
-        """
+        """The best cause for a signal by its dotted name, None if there is none."""
         return next((cause for cause in self.causes if name in cause.signals), None)
+
+    def _named(self, verdict: Verdict) -> str:
+        """The signals with a verdict."""
+        return ", ".join(s.name for s in self.signals if s.verdict is verdict)
 
     def sentence(self) -> str:
         """The verdict in a sentence."""
-        differing = [signal for signal in self.signals if signal.verdict is Verdict.DIFFERS]
+        vague, many = self._named(Verdict.UNDECIDED), pluralize(len(self.signals), "signal")
+        inexact = f"the reference is not exact enough for {vague}"
         if self.verdict is Verdict.UNDECIDED:
-            vague = ", ".join(s.name for s in self.signals if s.verdict is Verdict.UNDECIDED)
-            reason = f"the reference is not exact enough for {vague}" if vague else self.method
+            reason = inexact if vague else self.method
             return f"It cannot be told whether {self.source} is right: {reason}."
-        times = next((cause for cause in self.causes if cause.kind == "time unit"), None)
-        if not differing:
+        if self.verdict is Verdict.AGREES:
             allowed = f"within {self.tolerance:.3g} of its range"
-            many = pluralize(len(self.signals), "signal")
-            if times is not None:
-                return f"{self.source} differs from the reference solution in its times: {times.text}; {self._in_seconds()}."
             return f"{self.source} agrees with the reference solution: {many}, each {allowed} and the error of the reference."
+        times = next((cause.text for cause in self.causes if cause.kind == "time unit"), "")
+        differs = f"{self.source} differs from the reference solution in"
+        differing = [signal for signal in self.signals if signal.verdict is Verdict.DIFFERS]
+        if not differing:
+            others = f"none differs, but {inexact}" if vague else f"{many} would agree"
+            return f"{differs} its times: {times}; with times in s, {others}."
         worst = max(differing, key=_severity)
-        first = (
-            f"{self.source} differs from the reference solution in {len(differing)} of "
-            f"{pluralize(len(self.signals), 'signal')}: {worst.name} {_distance(worst)} at {worst.time:.4g} s"
+        because = _because(self.explained(worst.name))
+        return (
+            f"{differs} {len(differing)} of {many}: {worst.name} {_distance(worst)} at {worst.time:.4g} s; "
+            f"{because}{f'; and {times}' if times else ''}."
         )
-        second = f"; and {times.text}" if times is not None else ""
-        return f"{first}; {_because(self.explained(worst.name))}{second}."
 
-    def _in_seconds(self) -> str:
-        """What is said of the signals once their times are in s, where none differs."""
-        vague = [s.name for s in self.signals if s.verdict is Verdict.UNDECIDED]
-        if vague:
-            return f"with times in s, none differs, but the reference is not exact enough for {', '.join(vague)}"
-        return f"with times in s, {pluralize(len(self.signals), 'signal')} would agree"
+    def _signal_rows(self) -> Iterator[tuple[str, ...]]:
+        for s in self.signals:
+            allowed, since = _quantity(s.allowed, s.unit), _since(s)
+            yield s.name, s.column, str(s.verdict), _deviation(s), allowed, since
+
+    def _figure_rows(self, *, all_of_them: bool) -> Iterator[tuple[str, ...]]:
+        for s in self.signals:
+            for f in s.figures:
+                if all_of_them or abs(f.deviation) > s.allowed + f.error:
+                    reference, off = (
+                        f"{x:.6g} +- {f.error:.1g} {s.unit}".rstrip()
+                        for x in (f.reference, f.deviation)
+                    )
+                    yield s.name, f.name, _quantity(f.value, s.unit), reference, off
+
+    def _cause_lines(self) -> Iterator[str]:
+        for c in self.causes:
+            name = "cause" if c.is_certain else "not certain"
+            explained = f" (the difference of {', '.join(c.signals)} is {_smaller(c)} with it)"
+            yield f"{name}: {c.text}{explained if c.signals else ''}"
 
     def text(self) -> str:
         """The verdict, how it was reached, and a line for each signal and each figure that is off."""
-        rows = [
-            (s.name, s.column if s.column != s.name else "", str(s.verdict), _deviation(s),
-             f"allowed {_quantity(s.allowed, s.unit)}", _since(s))
-            for s in self.signals
-        ]  # fmt: skip
-        figures = [
-            (f"{s.name} {f.name}", _quantity(f.value, s.unit), f"reference {_with_error(f.reference, f.error, s.unit)}",
-             f"off by {_with_error(f.deviation, f.error, s.unit)}")
-            for s in self.signals for f in s.figures if abs(f.deviation) > s.allowed + f.error
-        ]  # fmt: skip
-        causes = [
-            f"{'cause' if c.is_certain else 'not certain'}: {c.text} (the difference of {', '.join(c.signals)} is {_smaller(c)} with it)"
-            if c.signals
-            else f"cause: {c.text}"
-            for c in self.causes
+        signals = [
+            (name, column if column != name else "", verdict, off, f"allowed {allowed}", since)
+            for name, column, verdict, off, allowed, since in self._signal_rows()
         ]
-        method = f"reference: {self.method}; tolerance {self.tolerance:g} of the range of a signal"
+        figures = [
+            (f"{name} {figure}", value, f"reference {reference}", f"off by {off}")
+            for name, figure, value, reference, off in self._figure_rows(all_of_them=False)
+        ]
+        tables = [*table(signals), *table(figures)]
         return "\n".join(
-            [self.sentence(), method, *table(rows), *table(figures), *causes, *self.notes]
+            [self.sentence(), self._method(), *tables, *self._cause_lines(), *self.notes]
         )
+
+    def _method(self) -> str:
+        return f"reference: {self.method}; tolerance {self.tolerance:g} of the range of a signal"
 
     def to_json(self) -> dict[str, Any]:
         """The report for programs."""
@@ -174,17 +166,12 @@ class RefereeReport:
             "sentence": self.sentence(),
             "method": self.method,
             "tolerance": self.tolerance,
-            "signals": [_signal_json(signal) for signal in self.signals],
-            "causes": [
-                {
-                    "kind": c.kind,
-                    "text": c.text,
-                    "is_certain": c.is_certain,
-                    "reduction": c.reduction,
-                    "signals": list(c.signals),
-                }
-                for c in self.causes
+            "signals": [
+                {f.name: getattr(s, f.name) for f in fields(s) if f.repr}
+                | {"figures": [asdict(f) | {"deviation": f.deviation} for f in s.figures]}
+                for s in self.signals
             ],
+            "causes": [asdict(cause) for cause in self.causes],
             "notes": list(self.notes),
         }
 
@@ -193,69 +180,27 @@ class RefereeReport:
 
         A signal of which nothing can be told is skipped.
         """
-        counts = {v: sum(s.verdict is v for s in self.signals) for v in Verdict}
-        times = [cause for cause in self.causes if cause.kind == "time unit"]
-        suite = ElementTree.Element(
-            "testsuite", name=f"referee of {Path(self.source).name}", tests=str(len(self.signals) + len(times)),
-            failures=str(counts[Verdict.DIFFERS] + len(times)), errors="0", skipped=str(counts[Verdict.UNDECIDED]),
-        )  # fmt: skip
-        for unit in times:
-            case = ElementTree.SubElement(suite, "testcase", classname=self.source, name="time")
-            ElementTree.SubElement(case, "failure", message=unit.text).text = unit.text
-        for signal in self.signals:
-            case = ElementTree.SubElement(
-                suite, "testcase", classname=self.source, name=signal.name
-            )
-            if signal.verdict is Verdict.DIFFERS:
-                cause = self.explained(signal.name)
-                failure = ElementTree.SubElement(
-                    case, "failure", message=f"{_distance(signal)} {_since(signal)}"
-                )
-                failure.text = _because(cause)
-            elif signal.verdict is Verdict.UNDECIDED:
-                ElementTree.SubElement(case, "skipped", message="the reference is not exact enough")
-        ElementTree.indent(suite)
-        return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+        cases = [("time", "failure", c.text, c.text) for c in self.causes if c.kind == "time unit"]
+        for s in self.signals:
+            message, text = f"{_distance(s)} {_since(s)}", _because(self.explained(s.name))
+            cases.append({
+                Verdict.AGREES: (s.name, "", "", ""),
+                Verdict.DIFFERS: (s.name, "failure", message, text),
+                Verdict.UNDECIDED: (s.name, "skipped", "the reference is not exact enough", ""),
+            }[s.verdict])  # fmt: skip
+        return junit(f"referee of {Path(self.source).name}", self.source, cases)
 
     def html(self) -> str:
         """A page that needs nothing else."""
-        signals = "\n".join(
-            _row(
-                s.name,
-                s.column,
-                str(s.verdict),
-                _deviation(s),
-                _quantity(s.allowed, s.unit),
-                _since(s),
-            )
-            for s in self.signals
+        return page(
+            f"Is {Path(self.source).name} right?",
+            paragraphs([self.sentence()], COLORS[self.verdict]),
+            paragraphs([*self._cause_lines(), self._method()]),
+            html_table([SIGNAL_HEADING, *self._signal_rows()]),
+            html_table([FIGURE_HEADING, *self._figure_rows(all_of_them=True)]),
+            picture(self.plot(), "the signals and the reference", RESOLUTION),
+            paragraphs(self.notes),
         )
-        figures = "\n".join(
-            _row(
-                s.name,
-                f.name,
-                _quantity(f.value, s.unit),
-                _with_error(f.reference, f.error, s.unit),
-                _with_error(f.deviation, f.error, s.unit),
-            )
-            for s in self.signals
-            for f in s.figures
-        )
-        image = BytesIO()
-        self.plot(image)
-        causes = [
-            f"{'Probable' if c.is_certain else 'No certain'} cause for {', '.join(c.signals)}: {c.text}. With it, the difference is {_smaller(c)}."
-            if c.signals
-            else f"Cause: {c.text}."
-            for c in self.causes
-        ]
-        return PAGE.format(
-            title=html.escape(f"Is {Path(self.source).name} right?"), color=COLORS[self.verdict],
-            sentence=html.escape(self.sentence()), causes="".join(map(_paragraph, causes)),
-            method=html.escape(f"Reference: {self.method}. Tolerance: {self.tolerance:g} of the range of a signal."),
-            signals=signals, figures=figures, picture=base64.b64encode(image.getvalue()).decode(),
-            notes="".join(map(_paragraph, self.notes)),
-        )  # fmt: skip
 
     def plot(self, path: Path | str | IO[bytes] | None = None) -> Figure:
         """Plot the signals beside the reference, the worst first; `path` also writes the picture."""
@@ -266,15 +211,8 @@ class RefereeReport:
         figure = Picture(figsize=size, layout="constrained")
         axes = figure.subplots(max(1, len(signals)), sharex=True, squeeze=False)[:, 0]
         for axis, s in zip(axes, signals):
-            band = s.allowed + s.errors
-            axis.fill_between(
-                s.t,
-                s.reference - band,
-                s.reference + band,
-                color="0.85",
-                linewidth=0,
-                label="allowed",
-            )
+            low, high = (s.reference + sign * (s.allowed + s.errors) for sign in (-1.0, 1.0))
+            axis.fill_between(s.t, low, high, color="0.85", linewidth=0, label="allowed")
             axis.plot(s.t, s.reference, color="0.4", linewidth=1, label="reference")
             axis.plot(s.t, s.values, color=COLORS[s.verdict], linewidth=1, label=s.name)
             if math.isfinite(s.since):
@@ -286,53 +224,6 @@ class RefereeReport:
         if path is not None:
             figure.savefig(path, dpi=RESOLUTION)
         return figure
-
-    def write(self, path: Path | str) -> None:
-        """Write a .txt, .json, JUnit's .xml, a page .html, or a picture .png, .svg or .pdf.
-
-        Raises SetupError for another suffix.
-
-        Parameters
-        ----------
-        path : path
-            The file, whose suffix decides the format.
-        """
-        path = Path(path)
-        write = writer(path)
-        with replacement(path) as fresh:
-            write(self, fresh)
-
-
-def writer(path: Path) -> Callable[[RefereeReport, Path], object]:
-    """What writes a file of this suffix; raises SetupError for one that is not known."""
-    if path.suffix not in WRITERS:
-        raise SetupError(f"{path} must end in one of {', '.join(WRITERS)}")
-    return WRITERS[path.suffix]
-
-
-WRITERS: dict[str, Callable[[RefereeReport, Path], object]] = {
-    ".txt": lambda report, path: path.write_text(report.text() + "\n", encoding="utf-8"),
-    ".json": lambda report, path: path.write_text(
-        json.dumps(without_infinities(report.to_json()), indent=2) + "\n", encoding="utf-8"
-    ),
-    ".xml": lambda report, path: path.write_text(report.junit(), encoding="utf-8"),
-    ".html": lambda report, path: path.write_text(report.html(), encoding="utf-8"),
-    ".png": lambda report, path: report.plot(path),
-    ".svg": lambda report, path: report.plot(path),
-    ".pdf": lambda report, path: report.plot(path),
-}
-
-
-def _signal_json(signal: SignalJudgement) -> dict[str, Any]:
-    return {
-        "name": signal.name, "column": signal.column, "unit": signal.unit,
-        "verdict": str(signal.verdict), "deviation": signal.deviation, "error": signal.error, "time": signal.time,
-        "allowed": signal.allowed, "since": signal.since, "rows_beyond": signal.rows_beyond,
-        "figures": [
-            {"name": f.name, "value": f.value, "reference": f.reference, "error": f.error, "deviation": f.deviation}
-            for f in signal.figures
-        ],
-    }  # fmt: skip
 
 
 def _because(cause: Cause | None) -> str:
@@ -348,11 +239,7 @@ def _severity(signal: SignalJudgement) -> float:
 
 
 def _quantity(value: float, unit: str) -> str:
-    return f"{value:.6g} {unit}".rstrip() if unit != "1" else f"{value:.6g}"
-
-
-def _with_error(value: float, error: float, unit: str) -> str:
-    return f"{value:.6g} +- {error:.1g} {unit}".rstrip()
+    return f"{value:.6g} {'' if unit == '1' else unit}".rstrip()
 
 
 def _distance(signal: SignalJudgement) -> str:
@@ -378,11 +265,3 @@ def _since(signal: SignalJudgement) -> str:
     if math.isfinite(signal.since):
         return f"from {signal.since:.4g} s on"
     return f"{pluralize(signal.rows_beyond, 'single row')} beyond" if signal.rows_beyond else ""
-
-
-def _row(*cells: str) -> str:
-    return f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>"
-
-
-def _paragraph(text: str) -> str:
-    return f"<p>{html.escape(text)}</p>"

@@ -10,8 +10,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from .solution import ReferenceSolution
-from .table import Array, MatchedColumn
+from .solution import Array, ReferenceSolution
+from .table import MatchedColumn
 
 #: Share of a run for which a difference must stay to count: a convention; a spike of a row is reported, but no reason
 #: to reject a result.
@@ -32,6 +32,8 @@ FIGURES: dict[str, Callable[[Array, Array], float]] = {
     "largest": lambda _, x: float(x.max()),
     "mean": lambda t, x: float(np.trapezoid(x, t) / (t[-1] - t[0])),
 }
+#: Figures that no row states.
+EXTREMES = ("smallest", "largest")
 
 
 class Verdict(StrEnum):
@@ -99,16 +101,24 @@ class SignalJudgement:
     errors: Array = field(repr=False)
 
     @property
+    def varies(self) -> bool:
+        """Whether the reference is not constant."""
+        return varies(self.reference)
+
+    @property
     def scale(self) -> float:
-        """The range of the reference, or its size where it is constant [unit]."""
-        return column_scale(self.reference)
+        """The range of the reference, or its size where it is constant, or 1 where it is zero [unit]."""
+        return scale_of(self.reference)
 
 
-def column_scale(values: Array) -> float:
+def varies(values: Array) -> bool:
+    """Whether a column is not constant but for rounding."""
+    return bool(np.ptp(values) > CONSTANT * np.abs(values).max())
+
+
+def scale_of(values: Array) -> float:
     """The range of a column, or its largest value where it is constant, or 1 where it is zero."""
-    size = float(np.abs(values).max())
-    extent = float(np.ptp(values))
-    return extent if extent > CONSTANT * size else size or 1.0
+    return float(np.ptp(values) if varies(values) else np.abs(values).max()) or 1.0
 
 
 def judge_signal(
@@ -118,87 +128,58 @@ def judge_signal(
     tolerance: float,
     step: float | None = None,
 ) -> SignalJudgement:
-    """Compare a column with the reference solution.
-
-    Parameters
-    ----------
-    match : MatchedColumn
-        The column.
-    solution : ReferenceSolution
-        Its values at the rows that are compared.
-    rows : array of bool, shape (rows of the table,)
-        Which rows of the table these are.
-    tolerance : float
-        The difference that is allowed, as a share of the range of the reference.
-    step : float, optional
-        The communication step [s]; by default the time between rows.
-    """
-    name, t = match.port.name, solution.time
-    values, reference, errors = match.values[rows], solution.values[name], solution.errors[name]
+    """Compare some rows of a column with the reference solution; `step` [s] is the time between rows unless it is known."""
+    port, t, values = match.port, solution.time, match.values[rows]
+    reference, errors = solution.values[port.name], solution.errors[port.name]
+    allowed = tolerance * scale_of(reference)
+    low, high = _around_events(reference, solution, is_held=port.type != "Real", step=step)
     finite = np.isfinite(values)
-    allowed = tolerance * column_scale(reference)
-    low, high = _around_events(match, solution, step)
-    distance = np.maximum(0.0, np.maximum(values - high, low - values))
-    distance = np.where(finite, distance, np.inf)
+    distance = np.where(finite, np.maximum(0.0, np.maximum(values - high, low - values)), np.inf)
     beyond = distance > allowed + errors
     since = min([_lasting_since(t, beyond), *t[~finite][:1].tolist()])
-    vague = np.count_nonzero(errors > allowed) > LASTING * len(t)
-    verdict = Verdict.AGREES if since == math.inf else Verdict.DIFFERS
-    if verdict is Verdict.AGREES and vague:
-        verdict = Verdict.UNDECIDED
+    verdict = Verdict.DIFFERS
+    if since == math.inf:
+        is_vague = np.count_nonzero(errors > allowed) > LASTING * len(t)
+        verdict = Verdict.UNDECIDED if is_vague else Verdict.AGREES
     with np.errstate(invalid="ignore"):
         worst = int(np.argmax(np.where(np.isfinite(errors), distance - errors, distance)))
     figures = tuple(
-        FigureComparison(what, take(t, values), take(t, reference), _figure_error(what, t, errors))
+        # no extreme moves further than the rows do
+        FigureComparison(what, take(t, values), take(t, reference),
+                         float(errors.max()) if what in EXTREMES else take(t, errors))
         for what, take in FIGURES.items()
-    )
+    )  # fmt: skip
     return SignalJudgement(
-        name, match.column, match.port.unit, verdict, float(distance[worst]), float(errors[worst]),
+        port.name, match.column, port.unit, verdict, float(distance[worst]), float(errors[worst]),
         float(t[worst]), allowed, since, int(np.count_nonzero(beyond)), figures, t, values, reference,
         errors,
     )  # fmt: skip
 
 
-def _figure_error(what: str, t: Array, errors: Array) -> float:
-    """The error of a figure from those of the rows: none of these figures moves further than the rows do."""
-    if what in ("at the end", "mean"):
-        return FIGURES[what](t, errors)
-    return float(errors.max())
-
-
 def _around_events(
-    match: MatchedColumn, solution: ReferenceSolution, step: float | None
+    x: Array, solution: ReferenceSolution, *, is_held: bool, step: float | None
 ) -> tuple[Array, Array]:
     """The least and the largest value that a column may have: where it jumps, those of the rows around.
 
     A master that exchanges values only at its steps shows an event up to LATE_STEPS late.
     """
-    x, t = solution.values[match.port.name], solution.time
-    held = match.port.type != "Real"
-    if not held and not solution.events:
-        return x, x
+    t = solution.time
     spacing = float(np.median(np.diff(t)))
     late = LATE_STEPS * max(1, math.ceil((step or spacing) / spacing - ROUNDING))
-    near = np.full(len(t), held)
-    for event in solution.events:
-        k = int(np.searchsorted(t, event))
+    near = np.full(len(t), is_held)
+    for k in np.searchsorted(t, solution.events):
         near[max(0, k - 1) : k + late + 1] = True
-    before, after = np.pad(x, (late, 0), "edge"), np.append(x[1:], x[-1:])
-    stack = np.stack([after, *(before[n : n + len(x)] for n in range(late + 1))])
-    return np.where(near, stack.min(axis=0), x), np.where(near, stack.max(axis=0), x)
+    padded = np.pad(x, (late, 1), "edge")
+    around = np.stack([padded[n : n + len(x)] for n in range(late + 2)])
+    return np.where(near, around.min(axis=0), x), np.where(near, around.max(axis=0), x)
 
 
 def _lasting_since(t: Array, beyond: NDArray[np.bool_]) -> float:
     """The first time from which on most rows are beyond for LASTING of the run; infinite if there is none."""
-    starts = np.flatnonzero(beyond)
-    if not len(starts):
-        return math.inf
     window = LASTING * (t[-1] - t[0])
+    # At the end of the run the window would be cut off: it then reaches back.
+    begins = np.minimum(np.arange(len(t)), np.searchsorted(t, t[-1] - window, "left"))
+    ends = np.searchsorted(t, t[begins] + window, "right")
     count = np.concatenate([[0], np.cumsum(beyond)])
-    stops = np.searchsorted(t, t[starts] + window, "right")
-    lasting = count[stops] - count[starts] >= MAJORITY * (stops - starts)
-    # At the end of the run the window is cut off: it then reaches back.
-    cut = t[starts] + window > t[-1]
-    begins = np.searchsorted(t, t[-1] - window, "left")
-    lasting[cut] = count[-1] - count[begins] >= MAJORITY * (len(t) - begins)
-    return float(t[starts[lasting][0]]) if lasting.any() else math.inf
+    lasting = beyond & (count[ends] - count[begins] >= MAJORITY * (ends - begins))
+    return float(t[lasting][0]) if lasting.any() else math.inf

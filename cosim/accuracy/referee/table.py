@@ -8,14 +8,13 @@ with the other; a name that fits two variables or two columns is left out.
 from __future__ import annotations
 
 import re
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import SetupError
 from ...result import Result
@@ -23,13 +22,13 @@ from ...series import TIME, Reading, Series
 from ...system import Network, Port, conversion_to
 from ...table_file import TIMES
 from ...units import multiples
+from .solution import Array
 
 if TYPE_CHECKING:
     import pandas as pd
 
     Source = Result | pd.DataFrame | Path | str
 
-Array = NDArray[np.float64]
 #: Columns that count steps instead of measuring something. A convention of Ecos and of libcosim.
 COUNTERS = ("iterations", "stepcount")
 
@@ -50,16 +49,8 @@ class MatchedColumn:
 def read_foreign(source: Source) -> Series:
     """Read what another master wrote: the time [s], and its columns but those that count steps.
 
-    Parameters
-    ----------
-    source : Result, pandas frame or path
-        A file as `Series.read` takes it. Rows without a time are left out, and of rows with the same time the last
-        one counts.
-
-    Raises
-    ------
-    SetupError
-        If it cannot be read, has fewer than two rows, or has times that fall.
+    Rows without a time at the end are left out, and of rows with the same time the last one counts. Raises SetupError
+    if it cannot be read, has fewer than two rows, or has times that fall.
     """
     if isinstance(source, Result):
         whole = Series(source.columns, source.load, label="the result")
@@ -67,97 +58,73 @@ def read_foreign(source: Source) -> Series:
         whole = Series.read(source)
     else:
         whole = Series.of(source)
-    clock = whole.clock
+    clock, label = whole.clock, whole.label
     unit = whole.column(clock).unit or "s"
-    scale = multiples("s").get(unit)
-    if scale is None:
-        raise SetupError(f"{whole.label}: the time must be in a unit of time, not in {unit}")
+    if unit not in multiples("s"):
+        raise SetupError(f"{label}: the time must be in a unit of time, not in {unit}")
     try:
-        time = scale * whole.numbers(clock, finite=False)
+        time = multiples("s")[unit] * whole.numbers(clock, finite=False)
         finite = np.isfinite(time)
         if not finite[: np.flatnonzero(finite).max(initial=0)].all():
-            raise SetupError(
-                f"{whole.label}: row {np.argmin(finite) + 1} below the heading has no time"
-            )
+            raise SetupError(f"{label}: row {np.argmin(finite) + 1} below the heading has no time")
         time = time[finite]
         if (falls := np.flatnonzero(np.diff(time) < 0.0)).size:
             before, after = time[falls[0] :][:2].tolist()
-            raise SetupError(f"{whole.label}: time {after!r} s after {before!r} s must not fall")
-        last = np.append(np.diff(time) > 0.0, True)
-        if np.count_nonzero(last) <= 1 or len(whole.columns) <= 1:
-            raise SetupError(f"{whole.label} needs two rows with a time and values")
+            raise SetupError(f"{label}: time {after!r} s after {before!r} s must not fall")
+        rows = np.append(np.diff(time) > 0.0, True)
+        if np.count_nonzero(rows) <= 1 or len(whole.columns) <= 1:
+            raise SetupError(f"{label} needs two rows with a time and values")
     except SetupError as error:
         if clock.lower() in TIMES:
             raise
         reason = f"no column is called time, so that the first, {clock}, is taken for it"
         raise SetupError(f"{error}; {reason}") from error
     kept = [c for c in whole.columns if c.name != clock and c.name.lower() not in COUNTERS]
-
-    def load(k: int) -> NDArray[Any]:
-        values = whole[kept[k - 1].name][finite] if k else time
-        selected: NDArray[Any] = values[last]
-        return selected
-
-    return Series([TIME, *kept], load, label=whole.label)
+    return Series(
+        [TIME, *kept],
+        lambda k: (whole[kept[k - 1].name][finite] if k else time)[rows],
+        label=label,
+    )
 
 
 def match_columns(
     table: Series, network: Network, ports: Sequence[Port], columns: Mapping[str, str]
 ) -> list[MatchedColumn]:
-    """The columns of a table as variables of a system.
+    """The columns of a table as those of these variables of a system that they are.
 
-    Parameters
-    ----------
-    table : Series
-        The result of another master.
-    network : Network
-        The system, whose FMUs define units.
-    ports : sequence of Port
-        The variables that can be judged.
-    columns : mapping of str to str
-        Variables whose column is stated: "motor.tau": "M * 0.73:N.m", with a factor, an offset and a unit
-        where needed.
-
-    Raises
-    ------
-    SetupError
-        For a variable or a column that does not exist, and for a unit that cannot be converted.
+    `columns` has variables whose column is stated: "motor.tau": "M * 0.73:N.m", with a factor, an offset and a unit
+    where needed. Raises SetupError for a variable or a column that does not exist, and for a unit that cannot be converted.
     """
-    by_name = {port.name: port for port in ports}
-    names = table.names[1:]
-    matches: list[MatchedColumn] = []
+    readings: dict[str, Reading] = {}
+    names = [port.name for port in ports]
     for variable, text in columns.items():
         port = network.port(variable)
-        if port.name not in by_name:
+        if port.name not in names:
             raise SetupError(f"{port} cannot be judged: it must be a numeric output")
-        reading = Reading.read(text, names, table.label)
-        numbers = table.numbers(reading.name, finite=False)
-        values = reading.factor * numbers + reading.offset
-        unit = table.column(reading.name).unit if reading.unit is None else reading.unit
-        matches.append(_matched(network, port, reading.name, unit, values))
-    taken = {match.port.name for match in matches}
-    used = {match.column for match in matches}
-    for port, column in _pairs(
-        [port for port in ports if port.name not in taken],
-        [name for name in names if name not in used],
-        Path(table.label).stem,
-    ):
-        values = table.numbers(column, finite=False)
-        matches.append(_matched(network, port, column, table.column(column).unit, values))
-    order = list(by_name)
-    return sorted(matches, key=lambda match: order.index(match.port.name))
-
-
-def _matched(network: Network, port: Port, column: str, unit: str, values: Array) -> MatchedColumn:
-    factor, offset = (
-        (1.0, 0.0) if port.type != "Real" else conversion_to(network, port, unit, "be judged")
-    )
-    return MatchedColumn(port, column, unit, factor * values + offset)
+        readings[port.name] = Reading.read(text, table.names[1:], table.label)
+    used = {reading.name for reading in readings.values()}
+    free = [port for port in ports if port.name not in readings]
+    others = [name for name in table.names[1:] if name not in used]
+    for port, column in _pairs(free, others, Path(table.label).stem):
+        readings[port.name] = Reading(column)
+    matches = []
+    for port in ports:
+        if port.name in readings:
+            column, scale, shift, stated = readings[port.name]
+            unit = table.column(column).unit if stated is None else stated
+            factor, offset = (
+                conversion_to(network, port, unit, "be judged")
+                if port.type == "Real"
+                else (1.0, 0.0)
+            )
+            numbers = scale * table.numbers(column, finite=False) + shift
+            matches.append(MatchedColumn(port, column, unit, factor * numbers + offset))
+    return matches
 
 
 def _pairs(ports: Sequence[Port], columns: Sequence[str], stem: str) -> list[tuple[Port, str]]:
     """Variables and columns whose names agree, from the strictest rule to the loosest."""
-    rules = (
+    rules: tuple[Callable[[Port, str], bool], ...] = (
         lambda port, column: column == port.name,
         lambda port, column: _ends_with(_path(column), _path(port.name)),
         lambda port, column: _ends_with(_flat(column), _flat(port.name)),
@@ -167,22 +134,15 @@ def _pairs(ports: Sequence[Port], columns: Sequence[str], stem: str) -> list[tup
         lambda port, column: _path(column) == _path(port.variable.name),
     )
     pairs: list[tuple[Port, str]] = []
-    free_ports, free_columns = list(ports), list(columns)
+    free, unused = list(ports), list(columns)
     for agrees in rules:
-        by_column: dict[str, list[Port]] = defaultdict(list)
-        by_port: dict[str, list[str]] = defaultdict(list)
-        for port in free_ports:
-            for column in free_columns:
-                if agrees(port, column):
-                    by_column[column].append(port)
-                    by_port[port.name].append(column)
-        for column, candidates in by_column.items():
-            if len(candidates) == 1 and len(by_port[candidates[0].name]) == 1:
-                pairs.append((candidates[0], column))
-        taken = {port.name for port, _ in pairs}
-        used = {column for _, column in pairs}
-        free_ports = [port for port in free_ports if port.name not in taken]
-        free_columns = [column for column in free_columns if column not in used]
+        fit = [(port, column) for port in free for column in unused if agrees(port, column)]
+        of_port = Counter(port.name for port, _ in fit)
+        of_column = Counter(column for _, column in fit)
+        clear = [(p, c) for p, c in fit if of_port[p.name] == of_column[c] == 1]
+        pairs += clear
+        free = [port for port in free if not any(port is p for p, _ in clear)]
+        unused = [column for column in unused if column not in [c for _, c in clear]]
     return pairs
 
 

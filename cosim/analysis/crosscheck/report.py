@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import html
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
+from typing import ClassVar
 
 from ...describe import table
-from ...errors import SetupError
-from ...files import replacement
+from ...report_files import (
+    AMBER,
+    GREEN,
+    GREY,
+    RED,
+    ReportFile,
+    html_table,
+    junit,
+    page,
+    paragraphs,
+)
 from .checks import FAILED, NOT_OFFERED, NOT_RUN, PASSED, CheckResult
 
-COLORS = {PASSED: "#1a7f37", FAILED: "#cf222e", NOT_OFFERED: "#6e7781", NOT_RUN: "#9a6700"}
-PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
-body {{ font: 15px/1.4 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #1f2328 }}
-table {{ border-collapse: collapse; width: 100% }}
-td, th {{ text-align: left; vertical-align: top; padding: .35em .8em .35em 0; border-bottom: 1px solid #d0d7de }}
-td:nth-child(3) {{ white-space: nowrap; font-weight: bold }}
-</style></head><body><h1>{title}</h1><p>{summary}; {how}</p>
-<table><tr><th>Check</th><th>{standard}</th><th>Verdict</th><th>Found</th><th>By hand</th></tr>
-{rows}
-</table></body></html>
-"""
+COLORS = {PASSED: GREEN, FAILED: RED, NOT_OFFERED: GREY, NOT_RUN: AMBER}
 #: Width of a letter of a badge [px]: derived from a sans-serif font of 11 px, whose letters are about 0.6 as wide.
 BADGE_LETTER = 6.6
 #: Space around the text of a field of a badge [px]: a convention.
@@ -40,8 +36,10 @@ aria-label="{left}: {right}"><title>{left}: {right}</title>
 
 
 @dataclass(frozen=True)
-class Crosscheck:
+class Crosscheck(ReportFile):
     """The verdicts on an FMU, and how it was run for them."""
+
+    FORMATS: ClassVar = {".txt": "text", ".xml": "junit", ".html": "html", ".svg": "badge"}
 
     fmu: str
     model: str
@@ -74,37 +72,26 @@ class Crosscheck:
 
     def junit(self) -> str:
         """JUnit's XML; what is not offered or not run is skipped."""
-        counts = Counter(verdict.status for verdict in self.verdicts)
-        skipped = counts[NOT_OFFERED] + counts[NOT_RUN]
-        suite = ElementTree.Element(
-            "testsuite", name=f"crosscheck of {self.model}", tests=str(len(self.verdicts)),
-            failures=str(counts[FAILED]), errors="0", skipped=str(skipped),
-        )  # fmt: skip
-        for v in self.verdicts:
-            case = ElementTree.SubElement(suite, "testcase", classname=self.fmu, name=v.check)
+
+        def case(v: CheckResult) -> tuple[str, str, str, str]:
             if v.status == FAILED:
-                failure = ElementTree.SubElement(case, "failure", message=v.detail)
-                failure.text = f"{self.standard}, {v.clause}\n{v.instructions}\n{self.how}"
-            elif v.status == PASSED:
-                ElementTree.SubElement(case, "system-out").text = v.detail
-            else:
-                ElementTree.SubElement(case, "skipped", message=f"{v.status}: {v.detail}")
-        ElementTree.indent(suite)
-        return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+                text = f"{self.standard}, {v.clause}\n{v.instructions}\n{self.how}"
+                return v.check, "failure", v.detail, text
+            if v.status == PASSED:
+                return v.check, "system-out", "", v.detail
+            return v.check, "skipped", f"{v.status}: {v.detail}", ""
+
+        return junit(f"crosscheck of {self.model}", self.fmu, [case(v) for v in self.verdicts])
 
     def html(self) -> str:
         """A page that needs nothing else."""
-        rows = []
-        for v in self.verdicts:
-            check, clause, status, detail, instructions = map(html.escape, v)
-            color = COLORS[v.status]
-            rows.append(
-                f'<tr><td>{check}</td><td>{clause}</td><td style="color:{color}">{status}</td>'
-                f"<td>{detail}</td><td>{instructions}</td></tr>"
-            )
-        title = html.escape(f"{self.model}: crosscheck of {Path(self.fmu).name}")
-        fields = {"title": title, "summary": self.summary(), "how": html.escape(self.how)}
-        return PAGE.format(**fields, standard=self.standard, rows="\n".join(rows))
+        heading = ("Check", self.standard, "Verdict", "Found", "By hand")
+        title = f"{self.model}: crosscheck of {Path(self.fmu).name}"
+        return page(
+            title,
+            paragraphs([f"{self.summary()}; {self.how}"]),
+            html_table([heading, *self.verdicts], COLORS),
+        )
 
     def badge(self) -> str:
         """A badge as SVG: the standard, and how many checks passed or failed."""
@@ -117,31 +104,3 @@ class Crosscheck:
             left=texts[0], right=texts[1], color=COLORS[FAILED if failed else PASSED],
             width=left + right, begin=left, rest=right, first=left / 2, second=left + right / 2,
         )  # fmt: skip
-
-    def write(self, path: Path | str) -> None:
-        """Write `path`, a .txt, JUnit's .xml, a page .html or a badge .svg; raise SetupError for another suffix.
-
-        Parameters
-        ----------
-        path : path
-            The file, whose suffix decides the format.
-        """
-        path = Path(path)
-        text = writer(path)(self)
-        with replacement(path) as fresh:
-            fresh.write_text(text, encoding="utf-8")
-
-
-WRITERS: dict[str, Callable[[Crosscheck], str]] = {
-    ".txt": lambda report: report.text() + "\n",
-    ".xml": Crosscheck.junit,
-    ".html": Crosscheck.html,
-    ".svg": Crosscheck.badge,
-}
-
-
-def writer(path: Path) -> Callable[[Crosscheck], str]:
-    """What makes the content of a file; raises SetupError for a suffix that is not known."""
-    if path.suffix not in WRITERS:
-        raise SetupError(f"{path} must end in {' or '.join(WRITERS)}")
-    return WRITERS[path.suffix]

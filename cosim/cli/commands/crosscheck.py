@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ...analysis.crosscheck import crosscheck
-from ...analysis.crosscheck.report import writer
+from ...analysis.crosscheck.report import Crosscheck
 from ..command import Command
 from ..options import Parser
 from ..output import require_writable
@@ -15,7 +15,7 @@ from ..output import require_writable
 def check_fmu(options: argparse.Namespace) -> int:
     """Print and write the report of an FMU; return 1 if a check failed."""
     for path in options.out:
-        writer(path)
+        Crosscheck.format_of(path)
         require_writable(path)
     report = crosscheck(options.fmu, step=options.step, timeout=options.timeout)
     for path in options.out:

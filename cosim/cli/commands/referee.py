@@ -6,11 +6,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from ...accuracy.referee import TIMEOUT, TOLERANCE, referee
-from ...accuracy.referee.report import writer
+from ...accuracy.referee import TIMEOUT, TOLERANCE, RefereeReport, referee
 from ...errors import SetupError
 from ...scoreboards import UNREADABLE, scoreboard
-from ...scoreboards import writer as board_writer
+from ...standings import Scoreboard
 from ..command import Command
 from ..options import Parser, assignment
 from ..output import require_writable
@@ -24,7 +23,7 @@ def judge_result(options: argparse.Namespace) -> int:
     if not options.files or options.result is None:
         raise SetupError("give a file and --result FILE, or --scoreboard FOLDER alone")
     for path in options.out:
-        writer(path)
+        RefereeReport.format_of(path)
         require_writable(path)
     with open_system(options) as file:
         report = referee(
@@ -46,7 +45,7 @@ def judge_masters(options: argparse.Namespace) -> int:
             "--scoreboard takes its systems and results from its folder: give no file and no --result"
         )
     for path in options.out:
-        board_writer(path)
+        Scoreboard.format_of(path)
         require_writable(path)
     board = scoreboard(
         options.scoreboard, tolerance=options.tolerance,

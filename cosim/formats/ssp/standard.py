@@ -17,13 +17,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 from ...errors import SetupError
 from .files import SCHEMAS, Budget, Element, load, load_schema, plain, unpack
 from .second import make_1_0
-from .standard_report import (
-    ALLOWED_ROOTS,
-    CLAUSES,
-    Finding,
-    Severity,
-    StandardReport,
-)
+from .standard_report import ALLOWED_ROOTS, Finding, CheckedFile, Severity, StandardReport
 from .standard_structure import check_structure
 from .standard_tools import check_tools
 
@@ -58,28 +52,24 @@ def check_standard(path: Path | str) -> StandardReport:
     """
     path = Path(path)
     if path.is_dir():
-        return _report(path, list(_check_folder(path)))
-    if path.suffix in SSP_SUFFIXES:
-        return _report(path, list(_check_file(path)))
-    if path.suffix != ".ssp":
+        findings = list(_check_folder(path))
+    elif path.suffix in SSP_SUFFIXES:
+        findings = list(_check_file(path))
+    elif path.suffix == ".ssp":
+        findings = list(_check_archive(path))
+        with TemporaryDirectory() as scratch:
+            unpack(path, Path(scratch), Budget(path.stat().st_size))
+            findings += _check_folder(Path(scratch))
+    else:
         raise SetupError(
             f"{path} must be an .ssp, a folder with {ROOT}, or one of {', '.join(SSP_SUFFIXES)}"
         )
-    with TemporaryDirectory() as scratch:
-        findings = list(_check_archive(path))
-        folder = Path(scratch)
-        unpack(path, folder, Budget(path.stat().st_size))
-        findings += _check_folder(folder)
-    return _report(path, findings)
-
-
-def _report(path: Path, findings: list[Finding]) -> StandardReport:
     return StandardReport(str(path), tuple(dict.fromkeys(findings)))
 
 
 def _check_archive(path: Path) -> Iterator[Finding]:
     """The rules for the ZIP file."""
-    clause, file = CLAUSES["package"], path.name
+    place = CheckedFile(path.name)
     if not path.is_file():
         raise SetupError(f"there is no file {path}")
     try:
@@ -88,33 +78,24 @@ def _check_archive(path: Path) -> Iterator[Finding]:
     except BadZipFile as error:
         raise SetupError(f"{path} is not a readable zip file: {error}") from error
     for entry in entries:
-        if entry.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-            yield Finding(
-                clause, Severity.ERROR, file, 0, f"{entry.filename} is neither stored nor deflated"
-            )
-        if entry.flag_bits & ENCRYPTED:
-            yield Finding(clause, Severity.ERROR, file, 0, f"{entry.filename} is encrypted")
-        if entry.extract_version > HIGHEST_ZIP_VERSION:
-            needed = f"{entry.extract_version / 10:.1f}"
-            yield Finding(
-                clause,
-                Severity.ERROR,
-                file,
-                0,
-                f"{entry.filename} needs version {needed} of ZIP, above 2.0",
-            )
+        needed = f"needs version {entry.extract_version / 10:.1f} of ZIP, above 2.0"
+        flaws = {
+            "is neither stored nor deflated": entry.compress_type not in (ZIP_STORED, ZIP_DEFLATED),
+            "is encrypted": entry.flag_bits & ENCRYPTED,
+            needed: entry.extract_version > HIGHEST_ZIP_VERSION,
+        }
+        for text, is_so in flaws.items():
+            if is_so:
+                yield place.finding("package", 0, f"{entry.filename} {text}")
     for name, count in Counter(entry.filename for entry in entries).items():
         if count > 1:
-            yield Finding(
-                clause, Severity.ERROR, file, 0, f"{name} is in the archive {count} times"
-            )
+            yield place.finding("package", 0, f"{name} is in the archive {count} times")
 
 
 def _check_folder(folder: Path) -> Iterator[Finding]:
     """The rules for the entries of a package, and for each file of SSP in it."""
-    clause = CLAUSES["package"]
     if not (folder / ROOT).is_file():
-        yield Finding(clause, Severity.ERROR, ROOT, 0, f"there is no {ROOT} at the root")
+        yield CheckedFile(ROOT).finding("package", 0, f"there is no {ROOT} at the root")
     names: dict[str, str] = {}
     has_version_2 = False
     for file in sorted(folder.glob("*.ssd")):
@@ -127,16 +108,16 @@ def _check_folder(folder: Path) -> Iterator[Finding]:
         name = root.get("name")
         if has_version_2 and name in names:
             text = f"the name {name!r} is also that of {names[name]}"
-            yield Finding(clause, Severity.ERROR, file.name, root.sourceline, text)
+            yield CheckedFile(file.name).finding("package", root, text)
         names.setdefault(name, file.name)
     documentation = folder / "documentation"
     if has_version_2 and documentation.is_dir() and not (documentation / "index.html").is_file():
         text = "documentation/ has no index.html"
-        yield Finding(clause, Severity.ERROR, "documentation", 0, text)
+        yield CheckedFile("documentation").finding("package", 0, text)
     for entry in sorted(folder.iterdir()):
         if entry.name not in ALLOWED_ROOTS and entry.suffix != ".ssd":
             text = "only resources/, extra/, documentation/ and .ssd files are at the root; others are reserved"
-            yield Finding(clause, Severity.ADVICE, entry.name, 0, text)
+            yield CheckedFile(entry.name).finding("package", 0, text, Severity.ADVICE)
 
 
 def _check_file(file: Path) -> Iterator[Finding]:
@@ -151,7 +132,7 @@ def _check_file(file: Path) -> Iterator[Finding]:
         try:
             root = load(path)
         except SetupError as error:
-            yield Finding(CLAUSES["xml"], Severity.ERROR, path.name, 0, str(error))
+            yield CheckedFile(path.name).finding("xml", 0, str(error))
             continue
         yield from _check_document(root, path)
         if plain(root.tag) == "SystemStructureDescription":
@@ -175,72 +156,52 @@ def _references(root: Element, path: Path) -> Iterator[Path]:
 
 def _check_document(root: Element, path: Path) -> Iterator[Finding]:
     """Encoding, namespace, version and schema of a file; units and enumerations that it refers to."""
-    clause, file = CLAUSES["xml"], path.name
+    place = CheckedFile(path.name)
     encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
     if encoding not in ("UTF-8", "ASCII", "US-ASCII"):
-        yield Finding(clause, Severity.ERROR, file, 1, f"the encoding is {encoding}, not UTF-8")
-    space = root.tag.rpartition("}")[0][1:]
+        yield place.finding("xml", 1, f"the encoding is {encoding}, not UTF-8")
+    space, version = root.tag.rpartition("}")[0][1:] or "none", root.get("version")
     if root.tag not in SCHEMAS:
-        text = (
-            f"{plain(root.tag)} in the namespace {space or 'none'} is not the root of an SSP file"
-        )
-        yield Finding(clause, Severity.ERROR, file, root.sourceline, text)
+        text = f"{plain(root.tag)} in the namespace {space} is not the root of an SSP file"
+        yield place.finding("xml", root, text)
         return
-    version = root.get("version")
     if version not in VERSIONS:
-        text = f"the version is {version!r}, not 1.0 or 2.0"
-        yield Finding(CLAUSES["version"], Severity.ERROR, file, root.sourceline, text)
+        yield place.finding("version", root, f"the version is {version!r}, not 1.0 or 2.0")
         return
-    candidate = root
-    if version == "2.0":
-        candidate = deepcopy(root)
-        try:
-            make_1_0(candidate, file)
-        except SetupError as error:
-            yield Finding(
-                clause, Severity.UNCHECKED, file, 0, f"the schema is not checked: {error}"
-            )
-            candidate = None
-    if candidate is not None:
-        yield from _check_schema(candidate, root.tag, file)
-    yield from _check_definitions(root, file)
+    candidate = deepcopy(root)
+    try:
+        if version == "2.0":
+            make_1_0(candidate, path.name)
+        schema = load_schema(SCHEMAS[root.tag])
+        if not schema.validate(candidate):
+            for error in list(schema.error_log)[:MOST_SCHEMA_ERRORS]:
+                yield place.finding("xml", error.line, plain(error.message))
+    except SetupError as error:
+        text = f"the schema is not checked: {error}"
+        yield place.finding("xml", 0, text, Severity.UNCHECKED)
+    yield from _check_definitions(place, root)
 
 
-def _check_schema(root: Element, tag: str, file: str) -> Iterator[Finding]:
-    schema = load_schema(SCHEMAS[tag])
-    if not schema.validate(root):
-        for error in list(schema.error_log)[:MOST_SCHEMA_ERRORS]:
-            text = plain(error.message)
-            yield Finding(CLAUSES["xml"], Severity.ERROR, file, error.line, text)
-
-
-def _check_definitions(root: Element, file: str) -> Iterator[Finding]:
+def _check_definitions(place: CheckedFile, root: Element) -> Iterator[Finding]:
     """Units and enumerations have distinct names and are defined where they are referred to."""
-    scopes = [
-        root,
-        *(e for e in root.iter("{*}ParameterSet", "{*}SignalDictionary") if e is not root),
-    ]
-    defined: dict[str, set[str]] = {"Unit": set(), "Enumeration": set()}
-    for kind, group in (("Unit", "Units"), ("Enumeration", "Enumerations")):
-        clause = CLAUSES["units" if kind == "Unit" else "enumerations"]
+    inner = (e for e in root.iter("{*}ParameterSet", "{*}SignalDictionary") if e is not root)
+    scopes = [root, *inner]
+    references = {
+        "Unit": [(e, e.get("unit")) for e in root.iter("{*}*")],
+        "Enumeration": [
+            (e, e.get("name"))
+            for e in root.iter("{*}Enumeration")
+            if e.getparent() is not None and plain(e.getparent().tag) != "Enumerations"
+        ],
+    }
+    for kind, referring in references.items():
+        clause, defined = f"{kind.lower()}s", set[str]()
         for scope in scopes:
-            names = [e.get("name") for e in scope.iterfind(f"{{*}}{group}/{{*}}{kind}")]
-            defined[kind] |= set(names)
-            for name, count in Counter(names).items():
-                if count > 1:
-                    text = f"{kind} {name!r} is defined {count} times"
-                    yield Finding(clause, Severity.ERROR, file, scope.sourceline, text)
-    for element in root.iter("{*}*"):
-        if (unit := element.get("unit")) and unit not in defined["Unit"]:
-            text = f"the unit {unit!r} is not defined in the file"
-            yield Finding(CLAUSES["units"], Severity.ERROR, file, element.sourceline, text)
-        parent = element.getparent()
-        if (
-            plain(element.tag) != "Enumeration"
-            or parent is None
-            or plain(parent.tag) == "Enumerations"
-        ):
-            continue
-        if (name := element.get("name")) and name not in defined["Enumeration"]:
-            text = f"the enumeration {name!r} is not defined in the file"
-            yield Finding(CLAUSES["enumerations"], Severity.ERROR, file, element.sourceline, text)
+            names = [e.get("name") for e in scope.iterfind(f"{{*}}{kind}s/{{*}}{kind}")]
+            defined.update(names)
+            text = f"{kind} {{name}} is defined {{count}} times"
+            yield from place.doubles(clause, scope, names, text)
+        for element, name in referring:
+            if name and name not in defined:
+                text = f"the {kind.lower()} {name!r} is not defined in the file"
+                yield place.finding(clause, element, text)

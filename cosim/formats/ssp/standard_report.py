@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from xml.etree import ElementTree
 
 from ...describe import table
+from ...report_files import junit
+from .files import Element
 
 #: Entries that the root of a package may have, beside .ssd files: a clause of the standard.
 ALLOWED_ROOTS = ("resources", "extra", "documentation")
@@ -59,6 +61,28 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class CheckedFile:
+    """A file in which findings are."""
+
+    file: str
+
+    def finding(
+        self, clause: str, where: Element | int, text: str, severity: Severity = Severity.ERROR
+    ) -> Finding:
+        """A clause that an element, or a line of the file, breaks."""
+        line = where if isinstance(where, int) else where.sourceline
+        return Finding(CLAUSES[clause], severity, self.file, line, text)
+
+    def doubles(
+        self, clause: str, where: Element | int, names: Iterable[object], text: str
+    ) -> Iterator[Finding]:
+        """Names that there are several times; the text says so of {name!r}, which there is {count} times."""
+        for name, count in Counter(names).items():
+            if count > 1:
+                yield self.finding(clause, where, text.format(name=repr(name), count=count))
+
+
+@dataclass(frozen=True)
 class StandardReport:
     """What was found in a package or file."""
 
@@ -87,18 +111,10 @@ class StandardReport:
 
     def junit(self) -> str:
         """JUnit's XML: a test for each clause that has a finding, and one that passes if there is none."""
-        errors = [f for f in self.findings if f.severity is Severity.ERROR]
-        remarks = [f for f in self.findings if f.severity is not Severity.ERROR]
-        suite = ElementTree.Element(
-            "testsuite", name=f"SSP standard, {self.source}", tests=str(len(self.findings) or 1),
-            failures=str(len(errors)), errors="0", skipped=str(len(remarks)),
-        )  # fmt: skip
-        for f in self.findings:
-            name = f"{f.clause}: {f.file}:{f.line}"
-            case = ElementTree.SubElement(suite, "testcase", classname=self.source, name=name)
-            kind = "failure" if f.severity is Severity.ERROR else "skipped"
-            ElementTree.SubElement(case, kind, message=f"{f.severity}: {f.text}")
-        if not self.findings:
-            ElementTree.SubElement(suite, "testcase", classname=self.source, name="all clauses")
-        ElementTree.indent(suite)
-        return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+        cases = [
+            (f"{f.clause}: {f.file}:{f.line}", "failure" if f.severity is Severity.ERROR else "skipped",
+             f"{f.severity}: {f.text}", "")
+            for f in self.findings
+        ]  # fmt: skip
+        name = f"SSP standard, {self.source}"
+        return junit(name, self.source, cases or [("all clauses", "", "", "")])

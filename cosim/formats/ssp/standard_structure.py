@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 from ...errors import SetupError
 from ...system import describe_fmu
 from .files import Element, children, plain
-from .standard_report import CLAUSES, Finding, Severity
+from .standard_report import Finding, CheckedFile, Severity
 
 ELEMENTS = ("Component", "System", "SignalDictionaryReference")
 INWARD = ("structuralParameter", "parameter", "input", "inout")
@@ -33,45 +33,46 @@ ALLOWED: dict[tuple[str, str], dict[str, tuple[str, ...]]] = {
 }
 #: Kinds that stand for any kind: a clause of the standard for "unspecified"; acausal ones have no direction.
 WILD = ("unspecified", "acausal", None)
-CAUSALITIES = {
-    "input": ("input",), "output": ("output",), "parameter": ("parameter",),
-    "calculatedParameter": ("calculatedParameter",), "structuralParameter": ("structuralParameter",),
-    "local": ("local",),
-}  # fmt: skip
+#: Kinds of connectors that are causalities of variables.
+CAUSALITIES = (
+    "input",
+    "output",
+    "parameter",
+    "calculatedParameter",
+    "structuralParameter",
+    "local",
+)
+#: What of an element is not its content.
+NO_CONTENT = ("Annotations", "MetaData")
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 
 @dataclass(frozen=True)
-class Structure:
+class Structure(CheckedFile):
     """An open SSD: where its findings and its files are."""
 
-    file: str
     folder: Path
     version: str
 
-    def error(self, clause: str, element: Element, text: str) -> Finding:
-        """A clause that an element breaks."""
-        return Finding(CLAUSES[clause], Severity.ERROR, self.file, element.sourceline, text)
-
-    def missing(self, clause: str, element: Element, text: str) -> Finding:
-        """A file that an element names and that is not there."""
-        return Finding(CLAUSES[clause], Severity.MISSING, self.file, element.sourceline, text)
+    def missing(
+        self, clause: str, element: Element, owner: Element, source: str
+    ) -> Iterator[Finding]:
+        """A file that an element names and that is not there; only a file in the package can be told to be missing."""
+        if not (self.folder / unquote(urlsplit(source).path)).exists():
+            text = f"{owner.get('name')}: there is no file {source!r}"
+            yield self.finding(clause, element, text, Severity.MISSING)
 
 
 def check_structure(root: Element, path: Path) -> Iterator[Finding]:
-    """The findings in a system structure description.
-
-    Parameters
-    ----------
-    root : Element
-        The description.
-    path : Path
-        Its file.
-    """
+    """The findings in a system structure description, the root of a file."""
     structure = Structure(path.name, path.parent, root.get("version") or "1.0")
     for system in children(root, "ssd:System"):
         yield from _check_element(structure, system)
         yield from _check_system(structure, system, {})
+
+
+def _connectors(element: Element) -> list[Element]:
+    return children(element, "ssd:Connectors", "ssd:Connector")
 
 
 def _check_system(
@@ -80,20 +81,15 @@ def _check_system(
     dictionaries = dict(outer)
     for dictionary in children(system, "ssd:SignalDictionaries", "ssd:SignalDictionary"):
         entries = {e.get("name") for e in dictionary.iter("{*}DictionaryEntry")}
-        if dictionary.get("source") is None or entries:
-            dictionaries[dictionary.get("name")] = entries
-        else:
-            dictionaries[dictionary.get("name")] = {"*"}
+        is_known = dictionary.get("source") is None or entries
+        dictionaries[dictionary.get("name")] = entries if is_known else {"*"}
     elements = [e for e in children(system, "ssd:Elements", "*") if plain(e.tag) in ELEMENTS]
     names = [element.get("name") for element in elements]
-    for name, count in Counter(names).items():
-        if count > 1:
-            yield structure.error(
-                "name", system, f"{count} elements of a system are named {name!r}"
-            )
+    text = "{count} elements of a system are named {name}"
+    yield from structure.doubles("name", system, names, text)
     for element in elements:
         if element.get("name") == "":
-            yield structure.error("name", element, "the name of an element must not be empty")
+            yield structure.finding("name", element, "the name of an element must not be empty")
         yield from _check_element(structure, element)
         if plain(element.tag) == "Component":
             yield from _check_component(structure, element)
@@ -105,57 +101,42 @@ def _check_system(
     for geometry in children(system, "ssd:SystemGeometry"):
         x1, y1, x2, y2 = (float(geometry.get(key) or "nan") for key in ("x1", "y1", "x2", "y2"))
         if x1 >= x2 or y1 >= y2:
-            yield structure.error("geometry", geometry, "x1 must be below x2, and y1 below y2")
+            yield structure.finding("geometry", geometry, "x1 must be below x2, and y1 below y2")
 
 
 def _check_element(structure: Structure, element: Element) -> Iterator[Finding]:
     """What components and systems have in common: connectors and parameter bindings."""
-    names = [c.get("name") for c in children(element, "ssd:Connectors", "ssd:Connector")]
-    for name, count in Counter(names).items():
-        if count > 1:
-            text = f"{element.get('name')} has {count} connectors named {name!r}"
-            yield structure.error("connectors", element, text)
+    names = [connector.get("name") for connector in _connectors(element)]
+    text = f"{element.get('name')} has {{count}} connectors named {{name}}"
+    yield from structure.doubles("connectors", element, names, text)
     for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
-        yield from _check_source(structure, binding, "bindings", "ParameterValues", element)
+        inline = children(binding, "ssd:ParameterValues")
+        yield from _check_source(structure, binding, "bindings", inline, element)
         for mapping in children(binding, "ssd:ParameterMapping"):
-            yield from _check_source(structure, mapping, "mapping", None, element)
-            targets = Counter(entry.get("target") for entry in mapping.iter("{*}MappingEntry"))
-            for target, count in targets.items():
-                if count > 1:
-                    text = f"{count} parameters are mapped to {target!r}"
-                    yield structure.error("entries", mapping, text)
+            inline = [e for e in mapping.iterchildren("*") if plain(e.tag) not in NO_CONTENT]
+            yield from _check_source(structure, mapping, "mapping", inline, element)
+            targets = [entry.get("target") for entry in mapping.iter("{*}MappingEntry")]
+            text = "{count} parameters are mapped to {name}"
+            yield from structure.doubles("entries", mapping, targets, text)
         for values in binding.iter("{*}Parameters"):
-            parameters = Counter(p.get("name") for p in values.iterfind("{*}Parameter"))
-            for name, count in parameters.items():
-                if count > 1:
-                    text = f"the parameter {name!r} is in a parameter set {count} times"
-                    yield structure.error("parameters", values, text)
+            names = [parameter.get("name") for parameter in values.iterfind("{*}Parameter")]
+            text = "the parameter {name} is in a parameter set {count} times"
+            yield from structure.doubles("parameters", values, names, text)
 
 
 def _check_source(
-    structure: Structure, element: Element, clause: str, inline: str | None, owner: Element
+    structure: Structure, element: Element, clause: str, inline: list[Element], owner: Element
 ) -> Iterator[Finding]:
     """A binding or mapping has either a source, which is there, or its content inline."""
-    source = element.get("source")
-    content = (
-        children(element, f"ssd:{inline}") if inline else [e for e in element if _is_content(e)]
-    )
-    what = plain(element.tag)
-    if source is None and not content:
-        yield structure.error(
-            clause, element, f"{what} has neither a source nor its content inline"
-        )
-    if source and content:
-        yield structure.error(clause, element, f"{what} has both a source and its content inline")
-    is_local = source and element.get("sourceBase", "SSD") == "SSD" and _is_local(source)
-    if is_local and not (structure.folder / unquote(urlsplit(source).path)).is_file():
-        yield structure.missing(
-            clause, element, f"{owner.get('name')}: there is no file {source!r}"
-        )
-
-
-def _is_content(element: Element) -> bool:
-    return isinstance(element.tag, str) and plain(element.tag) not in ("Annotations", "MetaData")
+    source, what = element.get("source"), plain(element.tag)
+    if source is None and not inline:
+        text = f"{what} has neither a source nor its content inline"
+        yield structure.finding(clause, element, text)
+    if source and inline:
+        text = f"{what} has both a source and its content inline"
+        yield structure.finding(clause, element, text)
+    if source and element.get("sourceBase", "SSD") == "SSD" and _is_local(source):
+        yield from structure.missing(clause, element, owner, source)
 
 
 def _is_local(source: str) -> bool:
@@ -166,18 +147,17 @@ def _is_local(source: str) -> bool:
 def _check_component(structure: Structure, component: Element) -> Iterator[Finding]:
     name, source = component.get("name"), component.get("source")
     if source == "" and structure.version == "2.0":
-        yield structure.error("component", component, f"{name}: an empty source is not allowed")
+        yield structure.finding("component", component, f"{name}: an empty source is not allowed")
     if source and source.startswith("#"):
         identifiers = component.xpath("//*[local-name()='System']/@id")
         if unquote(source[1:]) not in identifiers:
             text = f"{name}: no system of this file has the id {source[1:]!r}"
-            yield structure.error("component", component, text)
+            yield structure.finding("component", component, text)
     if source is None or not _is_local(source):
         return
+    yield from structure.missing("component", component, component, source)
     path = structure.folder / unquote(urlsplit(source).path)
-    if not path.exists():
-        yield structure.missing("component", component, f"{name}: there is no file {source!r}")
-    elif component.get("type", FMU_TYPE) == FMU_TYPE and path.is_file() and path.suffix == ".fmu":
+    if component.get("type", FMU_TYPE) == FMU_TYPE and path.is_file() and path.suffix == ".fmu":
         yield from _check_fmu(structure, component, path)
 
 
@@ -187,22 +167,22 @@ def _check_fmu(structure: Structure, component: Element, path: Path) -> Iterator
     try:
         description = describe_fmu("fmu", path.absolute(), runnable=False)
     except SetupError as error:
-        clause, text = CLAUSES["connectors"], f"{name}: its FMU is not read: {error}"
-        yield Finding(clause, Severity.UNCHECKED, structure.file, component.sourceline, text)
+        text = f"{name}: its FMU is not read: {error}"
+        yield structure.finding("connectors", component, text, Severity.UNCHECKED)
         return
     variables = {v.name: v for v in description.modelVariables}
     arrays = {v.name.partition("[")[0] for v in description.modelVariables if "[" in v.name}
-    for connector in children(component, "ssd:Connectors", "ssd:Connector"):
+    for connector in _connectors(component):
         variable, kind = connector.get("name"), connector.get("kind")
         if variable not in variables:
             if variable not in arrays:
                 text = f"{name}: the FMU has no variable {variable!r}"
-                yield structure.error("connectors", connector, text)
+                yield structure.finding("connectors", connector, text)
             continue
         causality = variables[variable].causality
-        if kind in CAUSALITIES and causality not in CAUSALITIES[kind]:
+        if kind in CAUSALITIES and causality != kind:
             text = f"{name}.{variable} is of kind {kind}, and of causality {causality} in the FMU"
-            yield structure.error("connectors", connector, text)
+            yield structure.finding("connectors", connector, text)
 
 
 def _check_reference(
@@ -212,13 +192,13 @@ def _check_reference(
     dictionary = element.get("dictionary")
     if dictionary not in dictionaries:
         text = f"no enclosing system has a signal dictionary {dictionary!r}"
-        yield structure.error("reference", element, text)
+        yield structure.finding("reference", element, text)
         return
     entries = dictionaries[dictionary]
-    for connector in children(element, "ssd:Connectors", "ssd:Connector"):
+    for connector in _connectors(element):
         if "*" not in entries and connector.get("name") not in entries:
             text = f"the dictionary {dictionary!r} has no entry {connector.get('name')!r}"
-            yield structure.error("reference", connector, text)
+            yield structure.finding("reference", connector, text)
 
 
 def _check_connections(
@@ -234,15 +214,13 @@ def _check_connections(
             owner, name = connection.get(f"{end}Element") or None, connection.get(f"{end}Connector")
             if owner is not None and owner not in owners:
                 text = f"the system has no element {owner!r}"
-                yield structure.error("connections", connection, text)
+                yield structure.finding("connections", connection, text)
                 continue
-            declared = children(
-                owners[owner] if owner else system, "ssd:Connectors", "ssd:Connector"
-            )
+            declared = _connectors(owners[owner] if owner else system)
             kinds = [c.get("kind") for c in declared if c.get("name") == name]
             if not kinds:
                 text = f"{owner or 'the system'} declares no connector {name!r}"
-                yield structure.error("connectors", connection, text)
+                yield structure.finding("connectors", connection, text)
                 continue
             ends.append((owner or "", str(name), kinds[0]))
         if len(ends) > 1 and not {ends[0][0], ends[1][0]} & dictionaries:
@@ -250,7 +228,7 @@ def _check_connections(
     for (owner, name), count in driven.items():
         if count > 1:
             text = f"{owner}.{name} is driven by {count} connections".removeprefix(".")
-            yield structure.error("allowed", system, text)
+            yield structure.finding("allowed", system, text)
 
 
 def _check_ends(
@@ -266,7 +244,7 @@ def _check_ends(
     forth, back = _is_allowed(first, second), _is_allowed(second, first)
     if not forth and not back:
         texts = [f"{kind} {owner}.{name}".replace(" .", " ") for owner, name, kind in ends]
-        yield structure.error(
+        yield structure.finding(
             "allowed", connection, f"{texts[0]} and {texts[1]} must not be connected"
         )
     elif forth != back:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from .files import Element, children, plain
-from .standard_report import CLAUSES, Finding, Severity
+from .standard_report import Finding, CheckedFile, Severity
 
 LITERAL_PREFIXES = {
     "http://ssp-standard.org/SSP1/SystemStructureDescription": "ssd",
@@ -21,47 +21,41 @@ LITERAL_PREFIXES = {
 
 def check_tools(root: Element, path: Path) -> Iterator[Finding]:
     """What of a system structure description a tool cannot read."""
+    place = CheckedFile(path.name)
 
-    def note(tool: str, element: Element, text: str) -> Finding:
-        return Finding(CLAUSES[tool], Severity.TOOL, path.name, element.sourceline, text)
+    def notes(tools: str, element: Element, text: str) -> Iterator[Finding]:
+        for tool in tools.split():
+            yield place.finding(tool, element, text, Severity.TOOL)
 
     if root.get("version") == "2.0":
-        yield note("Ecos", root, "it reads version 1.0 only")
+        yield from notes("Ecos", root, "it reads version 1.0 only")
     prefixes = {(e.prefix, plain_space(e)) for e in root.iter("{*}*")}
     for prefix, space in sorted(prefixes, key=str):
         expected = LITERAL_PREFIXES.get(space)
         if expected is not None and prefix != expected:
-            for tool in ("libcosim", "Ecos"):
-                yield note(
-                    tool, root, f"it reads the prefix {expected}: literally, here it is {prefix!r}"
-                )
+            text = f"it reads the prefix {expected}: literally, here it is {prefix!r}"
+            yield from notes("libcosim Ecos", root, text)
     for system in children(root, "ssd:System"):
-        inner = children(system, "ssd:Elements", "ssd:System")
-        for nested in inner:
-            for tool in ("libcosim", "Ecos"):
-                yield note(
-                    tool, nested, f"it reads no systems within systems: {nested.get('name')}"
-                )
+        for nested in children(system, "ssd:Elements", "ssd:System"):
+            text = f"it reads no systems within systems: {nested.get('name')}"
+            yield from notes("libcosim Ecos", nested, text)
         if not children(system, "ssd:Elements"):
-            yield note("libcosim", system, "it needs the element Elements in the system")
+            text = "it needs the element Elements in the system"
+            yield from notes("libcosim", system, text)
         for connection in children(system, "ssd:Connections", "ssd:Connection"):
             if not connection.get("startElement") or not connection.get("endElement"):
-                for tool in ("libcosim", "Ecos"):
-                    text = "it reads no connections to connectors of the system itself"
-                    yield note(tool, connection, text)
-        for connector in children(
-            system, "ssd:Elements", "ssd:Component", "ssd:Connectors", "ssd:Connector"
-        ):
+                text = "it reads no connections to connectors of the system itself"
+                yield from notes("libcosim Ecos", connection, text)
+        path_of_connectors = ("ssd:Elements", "ssd:Component", "ssd:Connectors", "ssd:Connector")
+        for connector in children(system, *path_of_connectors):
             if not any(plain_space(e).endswith("Common") for e in connector.iter("{*}*")):
-                yield note(
-                    "libcosim",
-                    connector,
-                    f"it needs a type of the connector {connector.get('name')}",
-                )
+                text = f"it needs a type of the connector {connector.get('name')}"
+                yield from notes("libcosim", connector, text)
     for component in root.iter("{*}Component"):
         source = component.get("source") or ""
         if source and not source.endswith((".fmu", ".csv", ".mat", ".ssd", ".ssp")):
-            yield note("OMSimulator", component, f"it takes .fmu, .csv and .mat only, not {source}")
+            text = f"it takes .fmu, .csv and .mat only, not {source}"
+            yield from notes("OMSimulator", component, text)
 
 
 def plain_space(element: Element) -> str:
