@@ -16,7 +16,7 @@ from ...system import Network, System, connect
 from ...units import multiples
 from .causes import DECISIVE_REDUCTION, Cause, table_causes
 from .report import RefereeReport
-from .search import Search, coupling_causes, find_causes
+from .search import CauseSearch, coupling_causes, find_causes
 from .signals import SignalJudgement, Verdict, judge_signal
 from .solution import ReferenceSolution, Request, exact_rows, solve_reference
 from .table import MatchedColumn, match_columns, read_foreign
@@ -189,7 +189,7 @@ def _find_causes(
         """What explains all signals that these causes do not; only a coupling unless it is thorough."""
         names = {name for cause in explained for name in cause.signals}
         rest = [s for s in signals if s.name not in names and s.verdict is not Verdict.UNDECIDED]
-        search = Search(network, rest, request, seconds)
+        search = CauseSearch(network, rest, request, seconds)
         return next(iter(find_causes(search) if thorough else coupling_causes(search)), None)
 
     is_rough = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)

@@ -29,7 +29,7 @@ from .causes import (
 )
 from .signals import SignalJudgement, Verdict
 from .solution import INTEGRATION_TOLERANCE, SPACING_TOLERANCE, Array, Request, integrate
-from .variants import MOST_VARIANTS, Number, Variant, numbers, variants
+from .variants import MOST_VARIANTS, FreeNumber, Variant, numbers, variants
 from .whole import EULERS, Method, by_method, late, plain_wires
 
 #: Numbers of communication steps per row that masters are run with: a convention of decimal steps.
@@ -101,7 +101,7 @@ class OutOfTimeError(Exception):
     """A run takes longer than it may."""
 
 
-class Search:
+class CauseSearch:
     """Makes the columns of a table by variants of a system, and measures how close they come.
 
     Columns are arrays of shape (signals, rows), each over its range. All are measured, so that those that agree tell two
@@ -230,7 +230,7 @@ class Search:
         return move, root_mean_square(self.table - y - move * slope)
 
 
-def find_causes(search: Search) -> list[Cause]:
+def find_causes(search: CauseSearch) -> list[Cause]:
     """The causes that explain the columns of a table, the best first."""
     causes: list[Cause] = []
     scores: list[tuple[float, Variant]] = []
@@ -253,7 +253,7 @@ def find_causes(search: Search) -> list[Cause]:
     return sorted(causes, key=lambda cause: -cause.reduction)
 
 
-def coupling_causes(search: Search) -> Iterator[Cause]:
+def coupling_causes(search: CauseSearch) -> Iterator[Cause]:
     """The coupling that comes closest to the table, if it is close enough."""
     coupling, columns = _best_coupling(search, search.network.system)
     if coupling is not None:
@@ -261,7 +261,7 @@ def coupling_causes(search: Search) -> Iterator[Cause]:
         yield from [] if cause is None else [cause]
 
 
-def _best_coupling(search: Search, system: System) -> tuple[Coupling | None, Array | None]:
+def _best_coupling(search: CauseSearch, system: System) -> tuple[Coupling | None, Array | None]:
     """The coupling of a system that comes closest to the table, and what it makes."""
     best: tuple[Coupling | None, Array | None] = None, None
     nearest = math.inf
@@ -273,7 +273,7 @@ def _best_coupling(search: Search, system: System) -> tuple[Coupling | None, Arr
     return best
 
 
-def _coupled(search: Search, system: System) -> Iterator[tuple[Coupling, Array]]:
+def _coupled(search: CauseSearch, system: System) -> Iterator[tuple[Coupling, Array]]:
     """What each coupling makes of a system; at last those whose rows are a step early for some of the parts."""
     if not (search.network.wires or search.network.inputs):
         return
@@ -305,7 +305,7 @@ def _coupled(search: Search, system: System) -> Iterator[tuple[Coupling, Array]]
             yield replace(coupling, early_parts=tuple(early)), mixed
 
 
-def _euler_causes(search: Search) -> Iterator[Cause]:
+def _euler_causes(search: CauseSearch) -> Iterator[Cause]:
     """Euler's methods over the whole system, with the steps of a row and shorter ones."""
     for name, method in EULERS.items():
         best: tuple[float, Array | None] = math.inf, None
@@ -329,12 +329,12 @@ def _euler_causes(search: Search) -> Iterator[Cause]:
             yield variant.clause(cause)
 
 
-def _by_method(search: Search, method: Method, step: float) -> Array | None:
+def _by_method(search: CauseSearch, method: Method, step: float) -> Array | None:
     columns = by_method(search.network, search.request, method, step)
     return None if columns is None else columns / search.scale
 
 
-def _variant_causes(search: Search, scores: list[tuple[float, Variant]]) -> Iterator[Cause]:
+def _variant_causes(search: CauseSearch, scores: list[tuple[float, Variant]]) -> Iterator[Cause]:
     """What is lost, crossed or wrongly converted; the distance of each variant is added to the scores."""
     for variant in variants(search.network):
         columns = search.columns(variant.system)
@@ -343,13 +343,13 @@ def _variant_causes(search: Search, scores: list[tuple[float, Variant]]) -> Iter
             yield variant.clause(_confirmed(search, cause, variant.system))
 
 
-def _confirmed(search: Search, cause: Cause, system: System) -> Cause:
+def _confirmed(search: CauseSearch, cause: Cause, system: System) -> Cause:
     """The cause with what an integration says of its reduction, where that is more."""
     exact = search.cause(cause.kind, cause.text, search.integrated(system))
     return cause if exact is None or exact.reduction < cause.reduction else exact
 
 
-def _combined_causes(search: Search, scores: list[tuple[float, Variant]]) -> Iterator[Cause]:
+def _combined_causes(search: CauseSearch, scores: list[tuple[float, Variant]]) -> Iterator[Cause]:
     """What is lost, together with a coupling: two free choices, so that each must pay its LEAST_REDUCTION."""
     for _, variant in sorted(scores, key=lambda score: score[0])[:MOST_COMBINED]:
         coupling, columns = _best_coupling(search, variant.system)
@@ -359,7 +359,7 @@ def _combined_causes(search: Search, scores: list[tuple[float, Variant]]) -> Ite
             yield replace(told, text=f"{told.text}; and {coupling.text()}")
 
 
-def _number_causes(search: Search) -> Iterator[Cause]:
+def _number_causes(search: CauseSearch) -> Iterator[Cause]:
     """A number that is another one, which is fitted, without a coupling and with those of the known step.
 
     It moves the columns in proportion to its change, to begin with: that tells which numbers to fit.
@@ -385,7 +385,7 @@ def _number_causes(search: Search) -> Iterator[Cause]:
 
 
 def _fitted_number(
-    search: Search, number: Number, change: float, coupling: Coupling | None
+    search: CauseSearch, number: FreeNumber, change: float, coupling: Coupling | None
 ) -> tuple[float, Array | None]:
     """The value of a number that comes closest to the table, and what it makes; by integrations once it is close."""
     value, columns = search.fitted(
@@ -401,7 +401,7 @@ def _fitted_number(
 
 
 def _delayed(
-    search: Search, wires: Sequence[Wire], delay: float, *, held: bool = False
+    search: CauseSearch, wires: Sequence[Wire], delay: float, *, held: bool = False
 ) -> Array | None:
     """What a system does whose wires bring what their sources were a time [s] earlier."""
     request = search.request
@@ -413,7 +413,7 @@ def _delayed(
     return None if columns is None else columns / search.scale
 
 
-def _delayable(search: Search) -> list[Wire]:
+def _delayable(search: CauseSearch) -> list[Wire]:
     """The wires whose values can be late."""
     return [
         wire
@@ -422,7 +422,7 @@ def _delayable(search: Search) -> list[Wire]:
     ]
 
 
-def _step_late_causes(search: Search) -> Iterator[Cause]:
+def _step_late_causes(search: CauseSearch) -> Iterator[Cause]:
     """All inputs of a step are what their sources were a step before its begin."""
     step = search.request.step or search.request.output_step()
     text = (
@@ -435,7 +435,7 @@ def _step_late_causes(search: Search) -> Iterator[Cause]:
         yield cause
 
 
-def _late_causes(search: Search) -> Iterator[Cause]:
+def _late_causes(search: CauseSearch) -> Iterator[Cause]:
     """Wires whose values arrive a time later, which is fitted, one by one and all together."""
     wires = _delayable(search)
     for some in [[wire] for wire in wires[:MOST_VARIANTS]] + ([wires] if len(wires) > 1 else []):
@@ -452,7 +452,7 @@ def _late_causes(search: Search) -> Iterator[Cause]:
             yield Variant("late input", text, imitation, search.network.system).clause(cause)
 
 
-def _inexact_causes(search: Search) -> Iterator[Cause]:
+def _inexact_causes(search: CauseSearch) -> Iterator[Cause]:
     """The integrators within the FMUs, where co-simulation tends to something else than model exchange."""
     finest: Array | None = None
     for n in range(MOST_HALVINGS):

@@ -38,7 +38,7 @@ class Variant:
         return replace(cause, kind=self.kind, text=text, is_certain=is_certain)
 
 
-class Number(NamedTuple):
+class FreeNumber(NamedTuple):
     """A number of a system that may be another one: what it is, as a clause says it, its value, and the system with another."""
 
     kind: str
@@ -60,7 +60,7 @@ def variants(network: Network) -> Iterator[Variant]:
     yield from _wrong_conversions(network)
 
 
-def numbers(network: Network) -> Iterator[Number]:
+def numbers(network: Network) -> Iterator[FreeNumber]:
     """The start values and the factors of wires."""
     system = network.system
 
@@ -74,12 +74,12 @@ def numbers(network: Network) -> Iterator[Number]:
         if isinstance(value, float):
             what = f"the start value {name}"
             change = partial(with_start, name)
-            yield Number("wrong start value", what, network.port(name).unit, value, change)
+            yield FreeNumber("wrong start value", what, network.port(name).unit, value, change)
     for k, wire in enumerate(plain_wires(network)):
         if network.wires[k].source.type == "Real":
             what = f"the factor of the wire from {wire.source} to {wire.target}"
             unit, change = network.wires[k].target.unit, partial(with_factor, k, wire)
-            yield Number("lost factor", what, unit, wire.factor, change)
+            yield FreeNumber("lost factor", what, unit, wire.factor, change)
 
 
 def rewired(network: Network, changed: Mapping[int, Wire | None]) -> System:

@@ -17,7 +17,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 from ...errors import SetupError
 from .files import SCHEMAS, Budget, Element, load, load_schema, plain, unpack
 from .second import make_1_0
-from .standard_report import ALLOWED_ROOTS, Finding, CheckedFile, Severity, StandardReport
+from .standard_report import ALLOWED_ROOTS, CheckedFile, Finding, Severity, StandardReport
 from .standard_structure import check_structure
 from .standard_tools import check_tools
 

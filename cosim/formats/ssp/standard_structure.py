@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 from ...errors import SetupError
 from ...system import describe_fmu
 from .files import Element, children, plain
-from .standard_report import Finding, CheckedFile, Severity
+from .standard_report import CheckedFile, Finding, Severity
 
 ELEMENTS = ("Component", "System", "SignalDictionaryReference")
 INWARD = ("structuralParameter", "parameter", "input", "inout")

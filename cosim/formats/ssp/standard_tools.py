@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from .files import Element, children, plain
-from .standard_report import Finding, CheckedFile, Severity
+from .standard_report import CheckedFile, Finding, Severity
 
 LITERAL_PREFIXES = {
     "http://ssp-standard.org/SSP1/SystemStructureDescription": "ssd",
