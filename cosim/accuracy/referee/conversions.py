@@ -21,7 +21,7 @@ RATIOS = {
 #: Share by which a factor may differ from that of a conversion and be it: a number that is fitted has its errors.
 CLOSE = 1e-3
 #: Prefixes of SI by the power of ten that they stand for.
-PREFIXES = {-9: "n", -6: "u", -3: "m", -2: "c", -1: "d", 1: "da", 2: "h", 3: "k", 6: "M", 9: "G"}
+PREFIXES = {-6: "u", -3: "m", -2: "c", 2: "h", 3: "k", 6: "M"}
 
 
 def units_of(port: Port, network: Network) -> Iterator[tuple[str, float, float]]:

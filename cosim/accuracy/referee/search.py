@@ -63,7 +63,11 @@ MOST_COMBINED = 3
 SHORTEST_DELAY = 0.01
 #: Difference from the reference, in ranges, from which on a table tells nothing more: it has become unstable.
 UNSTABLE = 10.0
-#: Fewest rows that are looked at of a table that becomes unstable: a convention.
+#: Share of the largest difference that shows how a table begins to differ.
+SHOWN = 0.1
+#: Share of the difference that the first rows of a guess may leave to be looked at any further.
+ALIKE = 0.5
+#: Fewest rows that are looked at of a table that becomes unstable, or of the begin of any: a convention.
 FEWEST_STABLE_ROWS = 20
 HELD = {
     "jacobi": "all parts step at once with inputs that are one step old (Jacobi)",
@@ -128,11 +132,22 @@ class CauseSearch:
         self.request = replace(request, names=self.names, times=times, timeout=timeout)
         self.deadline = clock.process_time() + seconds
         self.before = self.distance(self.reference)
+        apart = np.abs(self.table - self.reference).max(axis=0)
+        shown = int(np.argmax(apart >= SHOWN * apart.max(initial=0.0)))
+        self.beginning = min(rows, max(FEWEST_STABLE_ROWS, shown + 1))
         self.fine = self._fine_coupling()
 
     def distance(self, columns: Array | None) -> float:
         """The distance of columns from those of the table; infinite where there are none."""
-        return math.inf if columns is None else root_mean_square(columns - self.table)
+        if columns is None:
+            return math.inf
+        return root_mean_square(columns - self.table[:, : columns.shape[1]])
+
+    def begins_alike(self, system: System) -> bool:
+        """Whether the first rows of a system are clearly closer to those of the table than the reference is."""
+        columns = self.columns(system, rows=self.beginning)
+        before = self.distance(self.reference[:, : self.beginning])
+        return self.distance(columns) <= ALIKE * before
 
     def cause(self, kind: str, text: str, columns: Array | None) -> Cause | None:
         """The cause that makes these columns, None if they are not close enough to those of the table."""
@@ -153,12 +168,16 @@ class CauseSearch:
         return [step for step in dict.fromkeys(steps) if span / MOST_RUN_STEPS <= step <= span]
 
     def columns(
-        self, system: System, coupling: Coupling | None = None, later: float = 0.0
+        self,
+        system: System,
+        coupling: Coupling | None = None,
+        later: float = 0.0,
+        rows: int | None = None,
     ) -> Array | None:
         """What a system does at times that are later by so much [s]; by default without a coupling error that matters."""
         how = coupling or self.fine
         if how is None:
-            return self.integrated(system)
+            return self.integrated(system, rows)
         if self.is_over:
             return None
         spacing = self.request.output_step()
@@ -169,7 +188,7 @@ class CauseSearch:
             if clock.process_time() > deadline:
                 raise OutOfTimeError
 
-        request = replace(self.request, times=self.request.times + later)
+        request = replace(self.request, times=self.request.times[:rows] + later)
         try:
             with quiet():
                 result = run(
@@ -182,12 +201,13 @@ class CauseSearch:
         columns = request.at(result.t, result.data[:, 1:], held=not is_fine)
         return np.asarray(columns / self.scale)
 
-    def integrated(self, system: System) -> Array | None:
+    def integrated(self, system: System, rows: int | None = None) -> Array | None:
         """What a system does by model exchange; None if it cannot be integrated."""
         if self.is_over:
             return None
+        request = replace(self.request, times=self.request.times[:rows])
         try:
-            values = integrate(connect(system), self.request, 100.0 * INTEGRATION_TOLERANCE).values
+            values = integrate(connect(system), request, 100.0 * INTEGRATION_TOLERANCE).values
         except (SetupError, SimulationError):
             return None
         return np.array([values[name] for name in self.names] / self.scale)
@@ -337,6 +357,8 @@ def _by_method(search: CauseSearch, method: Method, step: float) -> Array | None
 def _variant_causes(search: CauseSearch, scores: list[tuple[float, Variant]]) -> Iterator[Cause]:
     """What is lost, crossed or wrongly converted; the distance of each variant is added to the scores."""
     for variant in variants(search.network):
+        if variant.is_guess and not search.begins_alike(variant.system):
+            continue
         columns = search.columns(variant.system)
         scores.append((search.distance(columns), variant))
         if cause := search.cause(variant.kind, variant.text, columns):
@@ -350,8 +372,14 @@ def _confirmed(search: CauseSearch, cause: Cause, system: System) -> Cause:
 
 
 def _combined_causes(search: CauseSearch, scores: list[tuple[float, Variant]]) -> Iterator[Cause]:
-    """What is lost, together with a coupling: two free choices, so that each must pay its LEAST_REDUCTION."""
+    """What is lost, by integration where steps are too long for it, and together with a coupling.
+
+    Two free choices must each pay their LEAST_REDUCTION.
+    """
     for _, variant in sorted(scores, key=lambda score: score[0])[:MOST_COMBINED]:
+        exact = search.cause(variant.kind, variant.text, search.integrated(variant.system))
+        if exact:
+            yield variant.clause(exact)
         coupling, columns = _best_coupling(search, variant.system)
         cause = search.cause(variant.kind, variant.text, columns)
         if coupling is not None and cause and cause.reduction >= LEAST_REDUCTION**2:

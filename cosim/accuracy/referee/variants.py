@@ -15,6 +15,8 @@ from .whole import plain_wires
 
 #: Most variants of one kind that are tried: a convention, to limit the time.
 MOST_VARIANTS = 30
+#: Largest factor by which a wire is tried to be wrong: a larger one makes most systems fail at once.
+MOST_WRONG = 1e4
 #: Units of temperatures whose zeros differ.
 TEMPERATURES = ("K", "degC")
 
@@ -24,12 +26,14 @@ class Variant:
     """A changed system and the cause that it stands for, as a clause.
 
     `subject` is what is said of it where it makes the difference only some times smaller: another cause may do so, too.
+    A guess is one of a long list.
     """
 
     kind: str
     text: str
     subject: str
     system: System
+    is_guess: bool = False
 
     def clause(self, cause: Cause) -> Cause:
         """The cause in words that fit its reduction: only a decisive one is told from what imitates it."""
@@ -152,8 +156,11 @@ def _wrong_conversions(network: Network) -> Iterator[Variant]:
     """Wires that convert what needs no conversion, or convert it wrongly."""
     for k, (source, target, factor, offset) in enumerate(network.wires):
         for what, times in wrong_factors(target.unit) if source.type == "Real" else ():
+            if not 1.0 / MOST_WRONG <= times <= MOST_WRONG:
+                continue
             said = f"brings {{}} times its source: {what}?"
-            yield _other(network, k, said, times * factor, times * offset)
+            guess = _other(network, k, said, times * factor, times * offset)
+            yield replace(guess, is_guess=True)
         for shift in (CELSIUS_ZERO, -CELSIUS_ZERO) if target.unit in TEMPERATURES else ():
             said = "brings its source {}: degC for K, or K for degC?"
             yield _other(network, k, said, factor, offset + shift)
