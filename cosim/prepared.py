@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .engine.control import Adaptive
-from .engine.members import Span
+from .engine.members import StepAndStop
 from .engine.process_state import ProcessState
 from .engine.row_file import RowFile
 from .engine.settings import RunSettings
@@ -233,7 +233,7 @@ class Prepared:
         for name, values in (("steps", steps), ("stops", stops)):
             if len(values) != n:
                 raise SetupError(f"there are {len(values)} {name} for {n} cases")
-        spans = [Span(*pair) for pair in zip(steps, stops)]
+        spans = [StepAndStop(*pair) for pair in zip(steps, stops)]
         keys = [repr(span) for span in spans]
         rows = {key: self._rows(span) for key, span in dict(zip(keys, spans)).items()}
         groups: dict[tuple[int, str], list[int]] = {}
@@ -250,7 +250,7 @@ class Prepared:
                 chunks.append(Chunk(np.array(some), [spans[k] for k in some], settings.output_step))
         return chunks
 
-    def _rows(self, span: Span) -> tuple[int, str]:
+    def _rows(self, span: StepAndStop) -> tuple[int, str]:
         """About how many rows a member has, and its steps if they are adaptive; raises SetupError for what makes no run."""
         settings = replace(self.settings, step=span.step, stop=span.stop)
         if settings != self.settings:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .accuracy.certify import certify
 from .engine.control import Adaptive
-from .engine.members import Span
+from .engine.members import StepAndStop
 from .engine.row_file import RowFile
 from .engine.settings import RunSettings
 from .ensemble import Array, Cases, Ensemble
@@ -172,7 +172,7 @@ class _Runs:
         """The run of a member, with rows so far apart [s]."""
         key = repr(step), output_step
         if key not in self._ensembles:
-            spans = [Span(step, span.stop) for span in self._chunk.spans]
+            spans = [StepAndStop(step, span.stop) for span in self._chunk.spans]
             chunk = self._chunk._replace(spans=spans, output_step=output_step)
             self._ensembles[key] = self._worker.run(self._cases, chunk)
         ensemble = self._ensembles[key]

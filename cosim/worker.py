@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .engine.control import Adaptive
 from .engine.energy import NEGLIGIBLE, NOTICEABLE, bond_warnings
 from .engine.member_layout import EXACT, NeedsPythonError
-from .engine.members import LEFT, Block, Members, Place, Span
+from .engine.members import LEFT, Block, Members, Place, StepAndStop
 from .engine.process_state import ProcessState
 from .engine.settings import RunSettings
 from .ensemble import Array, Case, Cases, Ensemble, Numbers
@@ -44,7 +44,7 @@ class Chunk(NamedTuple):
     """Members that one worker runs one after the other, each for its span; rows of the same distance [s]."""
 
     numbers: Numbers
-    spans: Sequence[Span]
+    spans: Sequence[StepAndStop]
     output_step: float | None
 
     def part(self, which: Numbers) -> Chunk:

@@ -32,7 +32,7 @@ PRINTED_WARNINGS = 3
 ROWS_OF_A_PIECE = 10_000
 
 
-class Parameter(NamedTuple):
+class GivenValue(NamedTuple):
     """A value that was given or that an FMU has, its unit and meaning."""
 
     value: Any
@@ -170,8 +170,8 @@ class Answer(Findings):
     question: str
     verdict: str
     judgements: Sequence[Judgement] = ()
-    parameters: Mapping[str, Parameter] = field(default_factory=dict)
-    options: Mapping[str, Parameter] = field(default_factory=dict)
+    parameters: Mapping[str, GivenValue] = field(default_factory=dict)
+    options: Mapping[str, GivenValue] = field(default_factory=dict)
     show: Callable[[], Show] = Show
     live: LivePart | None = None
     refused: bool = False
@@ -204,7 +204,7 @@ class Answer(Findings):
         return f'<pre style="white-space: pre-wrap">{escape(repr(self))}</pre>{self.picture(self)}'
 
 
-def parameters(system: System, fixed_starts: Iterable[str] = ()) -> dict[str, Parameter]:
+def parameters(system: System, fixed_starts: Iterable[str] = ()) -> dict[str, GivenValue]:
     """All parameters of a system's FMUs and other variables with a start value, by dotted name.
 
     Those of `fixed_starts`, which the question sets itself, are not among them.
@@ -220,5 +220,5 @@ def parameters(system: System, fixed_starts: Iterable[str] = ()) -> dict[str, Pa
             if variable.causality == "parameter" or port.name in starts:
                 value = starts.get(port.name, declared_start(variable))
                 if value is not None and port.name not in fixed_starts:
-                    values[port.name] = Parameter(value, port.unit, variable.description or "")
+                    values[port.name] = GivenValue(value, port.unit, variable.description or "")
     return values

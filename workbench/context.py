@@ -21,7 +21,7 @@ from .answer import Table
 from .figure import Figure
 from .files import stream
 from .options import Run
-from .runs.journal import Journal
+from .runs.journal import OutcomeJournal
 from .runs.local import LocalRunner
 from .runs.runner import Runner
 
@@ -52,7 +52,7 @@ class Context:
     fmus: Mapping[str, Path]
     runner: Runner = IN_PROCESS
     out: Path | None = None
-    journal: Callable[[], Journal | None] = lambda: None
+    journal: Callable[[], OutcomeJournal | None] = lambda: None
 
     @property
     def threads(self) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 from .figure import Figure
 
 
-class Verdict(StrEnum):
+class Holds(StrEnum):
     """Whether a claim holds."""
 
     YES = "yes"
@@ -57,19 +57,19 @@ class Judgement:
     @property
     def good(self) -> bool | None:
         """Whether the answer is what one wants; None where nothing is decided."""
-        return {Verdict.YES: self.is_wanted, Verdict.NO: not self.is_wanted}.get(
-            self.answer or Verdict.OPEN
+        return {Holds.YES: self.is_wanted, Holds.NO: not self.is_wanted}.get(
+            self.answer or Holds.OPEN
         )
 
     @property
-    def answer(self) -> Verdict | None:
+    def answer(self) -> Holds | None:
         """Whether the claim holds; None for a figure without bounds."""
         if self.is_so is not None:
-            return Verdict.YES if self.is_so else Verdict.NO
+            return Holds.YES if self.is_so else Holds.NO
         answers = [x for x in (self._of_figure(), *(x.answer for x in self.also)) if x]
-        return next((x for x in (Verdict.NO, Verdict.OPEN, Verdict.YES) if x in answers), None)
+        return next((x for x in (Holds.NO, Holds.OPEN, Holds.YES) if x in answers), None)
 
-    def _of_figure(self) -> Verdict | None:
+    def _of_figure(self) -> Holds | None:
         bounds = [(bounded(x, self.figure), s) for x, s in ((self.least, 1.0), (self.most, -1.0))]
         bounds = [(bound, sign) for bound, sign in bounds if not math.isinf(bound.value)]
         if self.figure is None or not bounds:
@@ -80,9 +80,9 @@ class Judgement:
             if self.figure.error is not None and bound.error is not None
         ]
         if any(distance + error < 0.0 for distance, error in room):
-            return Verdict.NO
+            return Holds.NO
         is_sure = len(room) == len(bounds) and all(d - error >= 0.0 for d, error in room)
-        return Verdict.YES if is_sure else Verdict.OPEN
+        return Holds.YES if is_sure else Holds.OPEN
 
     @property
     def reason(self) -> str:
@@ -90,16 +90,16 @@ class Judgement:
         for x in (self.figure, self.least, self.most):
             if isinstance(x, Figure) and x.error is None:
                 return x.reason
-        if self._of_figure() is Verdict.OPEN:
+        if self._of_figure() is Holds.OPEN:
             return "the bound lies within the error"
-        return next((x.reason for x in self.also if x.answer is Verdict.OPEN), "")
+        return next((x.reason for x in self.also if x.answer is Holds.OPEN), "")
 
     def evidence(self) -> str:
         """Return the figure, its bounds and how much of them it takes, "16.2 of 62.5 N.m (26 %)"."""
         answer = self.answer
         decisive = [x for x in self.also if x.answer is answer]
         own = self.measured() if self.is_so is None and self._of_figure() is answer else ""
-        if answer is Verdict.OPEN:
+        if answer is Holds.OPEN:
             own = f"because {self.reason}"
             decisive = []
         return ", ".join([*[own] * bool(own), *(f"{x.what} {x.measured()}" for x in decisive)])
@@ -131,7 +131,7 @@ class Judgement:
 
     def headline(self) -> str:
         """Return the judgement as the first line of an answer: what to do, and the figure that says so."""
-        do = {Verdict.YES: self.yes, Verdict.NO: self.no}.get(self.answer or Verdict.OPEN, "")
+        do = {Holds.YES: self.yes, Holds.NO: self.no}.get(self.answer or Holds.OPEN, "")
         said = "; ".join(x for x in (self.evidence(), self.note) if x)
         return capital(": ".join(x for x in (do, said) if x)) if do else self.text()
 
@@ -146,7 +146,7 @@ class Judgement:
         record: dict[str, Any] = {"claim": self.what, "answer": self.answer and str(self.answer)}
         record |= {name: figure.get(name) for name in ("value", "unit", "error")} | values
         return record | {
-            "reason": self.reason if self.answer is Verdict.OPEN else "",
+            "reason": self.reason if self.answer is Holds.OPEN else "",
             "also": [x.json() for x in self.also],
             "text": self.text(),
         }

@@ -53,7 +53,7 @@ TOP_GRID = 61
 NO_VALUE = "there is no value where the search wants one"
 
 
-class Crossing(NamedTuple):
+class ZeroCrossing(NamedTuple):
     """Where a curve passes through 0, and its slope there."""
 
     x: float
@@ -269,11 +269,13 @@ def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:
     return [root(*grid[k : k + 2].tolist()) for k in changes.tolist()]
 
 
-def falling_roots(x: Array, values: Array) -> list[Crossing]:
+def falling_roots(x: Array, values: Array) -> list[ZeroCrossing]:
     """Return where the polygon through values of shape (n,) at x falls through 0."""
     k = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
     slopes = (values[k + 1] - values[k]) / (x[k + 1] - x[k])
-    return [Crossing(*pair) for pair in zip((x[k] - values[k] / slopes).tolist(), slopes.tolist())]
+    return [
+        ZeroCrossing(*pair) for pair in zip((x[k] - values[k] / slopes).tolist(), slopes.tolist())
+    ]
 
 
 def bisect_flag(is_true: Callable[[float], bool], low: float, high: float, width: float) -> float:

@@ -17,7 +17,7 @@ from cosim import SetupError, System
 from cosim.system import connect
 
 from . import catalog, export, live
-from .answer import Answer, Findings, Parameter, Show, parameters
+from .answer import Answer, Findings, GivenValue, Show, parameters
 from .catalog import QuestionError, attribute_errors
 from .context import IN_PROCESS, Context, captured_warnings
 from .figure import Figure, checked
@@ -28,7 +28,7 @@ from .question import Question, read
 from .runs.cluster import ClusterRunner
 from .runs.fingerprint import computation
 from .runs.folder import reservation
-from .runs.journal import Journal, open_journal
+from .runs.journal import OutcomeJournal, open_journal
 from .runs.local import LocalRunner
 from .runs.runner import Runner
 from .runs.worker import OK, Outcome, failure
@@ -189,7 +189,7 @@ def found(
         runner = replace(runner, page=question.locator, files=files)
 
         @cache
-        def journal() -> Journal | None:
+        def journal() -> OutcomeJournal | None:
             if out is None:
                 return None
             packages = _packages(question, runner.packages)
@@ -306,14 +306,14 @@ def _packages(question: type[Question], packages: Sequence[str]) -> Sequence[str
 
 def option_values(
     o: Options, defaults: Mapping[str, Any] = MappingProxyType({})
-) -> dict[str, Parameter]:
+) -> dict[str, GivenValue]:
     """Return the options of an answer, with the question's `defaults` for those left to it."""
     values = {
         key: vars(o)[key] if vars(o)[key] not in (None, ()) else defaults.get(key, vars(o)[key])
         for key in declared(type(o))
     }
     return {
-        key: Parameter(values[key], option.unit, option.meaning)
+        key: GivenValue(values[key], option.unit, option.meaning)
         for key, option in declared(type(o)).items()
     }
 

@@ -40,7 +40,7 @@ NEXT_TO_A_ROW = 1e-100
 #: as 1e-2, 3e-4, 2e-7, 5e-12 of a step; that after a change of 1e-7 is below 1e-15.
 ANGLE_ROUNDS, MOST_CHANGE = 5, 1e-7
 #: Even angles of a revolution at which values are kept; as many as the orders up to 31 need.
-ANGLES = 64
+ORBIT_ANGLES = 64
 #: Relative settling error of an orbit that is accepted at once. It is a convention, a thousandth of the
 #: smallest coupling errors that the questions state.
 SETTLED = 3e-9
@@ -52,7 +52,7 @@ STALLED_RATIO = 0.3
 #: Relative change per revolution above which the Jacobian is taken anew; below it, rounding would tell it.
 JACOBIAN_UPDATE = 1e-6
 #: Changes that rounding makes, which interpolation between rows multiplies by its weights: they tell no Jacobian.
-ROUNDING = 1e-11
+CHANGE_BY_ROUNDING = 1e-11
 #: Singular values, over the largest, below which the Jacobian along a direction is not known. It is a
 #: convention: differences that are 200 times smaller than the others show the curvature of P, not its slope.
 RANK_TOLERANCE = 5e-3
@@ -123,7 +123,7 @@ class Turns:
         return np.abs(of_both[:, 1] - of_both[:, 0]) * share
 
 
-class _Search:
+class _NewtonState:
     """The state of Newton's method of every member; sections are over the scale of each state."""
 
     def __init__(
@@ -163,7 +163,7 @@ class _Search:
         previous, self.change[m] = self.change[m], np.abs(differences[:, -1]).max(-1)
         is_new = np.isnan(self.turns.contraction[m])
         is_new |= np.abs(differences).max((1, 2)) > JACOBIAN_UPDATE
-        resolved = np.where(np.abs(differences) > ROUNDING, differences, 0.0)
+        resolved = np.where(np.abs(differences) > CHANGE_BY_ROUNDING, differences, 0.0)
         jacobian, contraction = return_maps(resolved[is_new])
         self.jacobian[m[is_new]], self.turns.contraction[m[is_new]] = jacobian, contraction
 
@@ -199,7 +199,7 @@ def steady_turns(
     steps_per_rev: Any,
     record: Sequence[str],
     algorithm: str = "strang",
-    angles: int = ANGLES,
+    angles: int = ORBIT_ANGLES,
     jobs: int = 1,
 ) -> Turns:
     """Return the last two of several revolutions on the steady orbits near start values.
@@ -238,7 +238,7 @@ def steady_turns(
     speed, turns = np.asarray(speed, float), len(states) + 1
     begin = np.stack([np.asarray(cases[name], float) for name in states], axis=1)
     step = TURN / (speed * steps_per_rev)
-    search = _Search(begin, speed, step, columns, angles)
+    search = _NewtonState(begin, speed, step, columns, angles)
     if not len(speed):
         return search.turns
     log = logging.getLogger("cosim")
@@ -286,7 +286,7 @@ def steady_turns(
     return search.turns
 
 
-def _read(search: _Search, m: NDArray[Any], block: Ensemble, speed: Array, turns: int) -> None:
+def _read(search: _NewtonState, m: NDArray[Any], block: Ensemble, speed: Array, turns: int) -> None:
     """Take the runs of members m: those that fail, stall or are too slow one by one, the others together."""
     wanted = TURN * turns
     failed = np.array([bool(reason) for reason in block.reasons])

@@ -34,7 +34,7 @@ class Place(ctypes.Structure):
     _fields_ = [("member", LONG), ("steps", LONG)]
 
 
-class Span(NamedTuple):
+class StepAndStop(NamedTuple):
     """The communication step of a member and its stop [s]."""
 
     step: float | Adaptive
@@ -113,7 +113,7 @@ class Members:
         self,
         numbers: NDArray[np.int64],
         values: Array,
-        spans: Sequence[Span],
+        spans: Sequence[StepAndStop],
         output_step: float | None,
     ) -> Block:
         """Memory for members of these numbers with these values; raises NeedsPythonError."""

@@ -52,7 +52,7 @@ MOST_ROUNDS = 4
 RPM = SecondUnit("rpm", 30 / math.pi)
 
 
-class Quantity(NamedTuple):
+class CalculatedLoad(NamedTuple):
     """What is calculated: its column, name, unit and color."""
 
     column: str
@@ -61,14 +61,14 @@ class Quantity(NamedTuple):
     color: str
 
 
-QUANTITIES = {
-    "torque": Quantity("tau2", "torque ripple", "N.m", TORQUE),
-    "speed": Quantity("w2", "speed ripple", "rad/s", SPEED),
-    "force": Quantity("f_rod_peak", "largest rod force", "N", FORCE),
+LOADS = {
+    "torque": CalculatedLoad("tau2", "torque ripple", "N.m", TORQUE),
+    "speed": CalculatedLoad("w2", "speed ripple", "rad/s", SPEED),
+    "force": CalculatedLoad("f_rod_peak", "largest rod force", "N", FORCE),
 }
 
 
-class Case(NamedTuple):
+class Calculation(NamedTuple):
     """A calculation, by its load, and what it calculates."""
 
     method: str
@@ -91,10 +91,10 @@ class Case(NamedTuple):
         return abs(machine.torque_ripple(nu) if self.load == "torque" else machine.speed_ripple(nu))
 
 
-CASES = [Case(method, load) for method in WITH_INERTIA for load in QUANTITIES]
+CALCULATIONS = [Calculation(method, load) for method in WITH_INERTIA for load in LOADS]
 
 
-class Comparison(NamedTuple):
+class ClassicalComparison(NamedTuple):
     """The classical calculation beside a sweep: up to where it holds, and its errors over the speed."""
 
     figures: dict[str, Figure]
@@ -109,26 +109,28 @@ class Comparison(NamedTuple):
         return self.table.frame
 
 
-def compare(machine: Machine, sweep: SpeedSweep, tolerance: float) -> Comparison:
+def compare(machine: Machine, sweep: SpeedSweep, tolerance: float) -> ClassicalComparison:
     """Compare the calculation with a sweep, and find where an error leaves the tolerance [%].
 
     Where an error may leave it between two speeds and come back, orbits are added to the sweep.
     """
     for _ in range(MOST_ROUNDS):
-        more = {nu for case in CASES for nu in excursions(case, machine, sweep, tolerance)}
+        more = {nu for case in CALCULATIONS for nu in excursions(case, machine, sweep, tolerance)}
         if not more:
             break
         sweep = sweep.with_more(sorted(more))
     limits = limits_of(machine, sweep, tolerance)
     figures = {}
-    for case in CASES:
-        what = f"{QUANTITIES[case.load].name} {LOAD_TEXTS[case.method]}"
+    for case in CALCULATIONS:
+        what = f"{LOADS[case.load].name} {LOAD_TEXTS[case.method]}"
         meaning = f"speed up to which the {what} is accurate enough"
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
         errors = deviation(case, machine, sweep.columns)
         figures[f"worst_{case.key}"] = worst(*errors, f"largest error, {what}")
-    figures["share"] = inertia_share(machine, limits[Case("spring", "torque")])
-    return Comparison(figures, table_of(machine, sweep), machine, tolerance, sweep.speeds[0])
+    figures["share"] = inertia_share(machine, limits[Calculation("spring", "torque")])
+    return ClassicalComparison(
+        figures, table_of(machine, sweep), machine, tolerance, sweep.speeds[0]
+    )
 
 
 def inertia_share(machine: Machine, end: Figure) -> Figure:
@@ -141,10 +143,10 @@ def inertia_share(machine: Machine, end: Figure) -> Figure:
 
 
 def deviation(
-    case: Case, machine: Machine, columns: Mapping[str, Samples]
+    case: Calculation, machine: Machine, columns: Mapping[str, Samples]
 ) -> tuple[Samples, Samples]:
     """Return how far a calculation is above what was simulated, in %, and the error of that, at each speed."""
-    column = QUANTITIES[case.load].column
+    column = LOADS[case.load].column
     true, error = columns[column], columns[f"{column}_error"]
     ratio = case.amplitude(machine, columns["nu"]) / true
     return 100 * (ratio - 1), 100 * ratio * error / true
@@ -153,12 +155,12 @@ def deviation(
 def table_of(machine: Machine, sweep: SpeedSweep) -> Table:
     """Return the quantities over the speed, and the error of each calculation."""
     units = {"nu": "rad/s"}
-    for quantity in QUANTITIES.values():
+    for quantity in LOADS.values():
         units |= dict.fromkeys((quantity.column, f"{quantity.column}_error"), quantity.unit)
     columns = list(units)
-    units |= {f"{case.key}{x}": "%" for case in CASES for x in ("", "_error")}
+    units |= {f"{case.key}{x}": "%" for case in CALCULATIONS for x in ("", "_error")}
     values = [sweep.columns[column] for column in columns]
-    values += [x for case in CASES for x in deviation(case, machine, sweep.columns)]
+    values += [x for case in CALCULATIONS for x in deviation(case, machine, sweep.columns)]
     return Table.of_rows(np.transpose(values).tolist(), units)
 
 
@@ -182,14 +184,14 @@ class ErrorCurve(NamedTuple):
     doubt: Samples
 
 
-def error_curve(case: Case, machine: Machine, sweep: SpeedSweep) -> ErrorCurve:
+def error_curve(case: Calculation, machine: Machine, sweep: SpeedSweep) -> ErrorCurve:
     """Return the error of a calculation between the speeds of a sweep, which are among those of the curve.
 
     Both the calculation and first-order theory are known in closed form; only the ratio of orbits to theory, which
     is smooth, is interpolated. A straight line in place of the spline says what that leaves open.
     """
     nus = np.array(sweep.speeds)
-    column = QUANTITIES[case.load].column
+    column = LOADS[case.load].column
     ratios = sweep.columns[column] / case.theory(machine, nus)
     parts = [np.linspace(a, b, CURVE_POINTS, endpoint=False) for a, b in pairwise(nus)]
     nu = np.concatenate([*parts, nus[-1:]])
@@ -202,7 +204,7 @@ def error_curve(case: Case, machine: Machine, sweep: SpeedSweep) -> ErrorCurve:
 
 
 def excursions(
-    case: Case, machine: Machine, sweep: SpeedSweep, tolerance: float
+    case: Calculation, machine: Machine, sweep: SpeedSweep, tolerance: float
 ) -> Iterator[float]:
     """Yield speeds between those of a sweep at which an error may leave its tolerance and come back.
 
@@ -233,7 +235,7 @@ class LimitGuess(NamedTuple):
 
 
 def first_guess(
-    case: Case, machine: Machine, sweep: SpeedSweep, tolerance: float
+    case: Calculation, machine: Machine, sweep: SpeedSweep, tolerance: float
 ) -> LimitGuess | Figure:
     """Return where the sweep says that an error first leaves its tolerance, or the reason against one."""
     nus = np.array(sweep.speeds)
@@ -262,9 +264,9 @@ def first_guess(
     return LimitGuess(x, level, float(spline(x, 1)))
 
 
-def limits_of(machine: Machine, sweep: SpeedSweep, tolerance: float) -> dict[Case, Figure]:
+def limits_of(machine: Machine, sweep: SpeedSweep, tolerance: float) -> dict[Calculation, Figure]:
     """Return the lowest speed of the sweep at which each error leaves its tolerance, on orbits there."""
-    guesses = {case: first_guess(case, machine, sweep, tolerance) for case in CASES}
+    guesses = {case: first_guess(case, machine, sweep, tolerance) for case in CALCULATIONS}
     figures = {case: x for case, x in guesses.items() if isinstance(x, Figure)}
     searched = {case: x for case, x in guesses.items() if isinstance(x, LimitGuess)}
     x, level, slope = np.array(list(searched.values())).reshape(-1, 3).T
@@ -292,16 +294,16 @@ def limits_of(machine: Machine, sweep: SpeedSweep, tolerance: float) -> dict[Cas
     return figures
 
 
-def judgements(r: Comparison) -> list[Judgement]:
+def judgements(r: ClassicalComparison) -> list[Judgement]:
     """Return up to which speed both calculations hold."""
     return [holds(r, method) for method in WITH_INERTIA]
 
 
-def holds(r: Comparison, method: str) -> Judgement:
+def holds(r: ClassicalComparison, method: str) -> Judgement:
     """Return up to which speed a calculation is within the tolerance."""
     what = f"classical calculation {LOAD_TEXTS[method]} as its load, within {r.tolerance:g} % up to"
-    limits = {load: r.figures[f"limit_{method}_{load}"] for load in QUANTITIES}
-    inaccurate = [QUANTITIES[load].name for load, end in limits.items() if end.reason == NOWHERE]
+    limits = {load: r.figures[f"limit_{method}_{load}"] for load in LOADS}
+    inaccurate = [LOADS[load].name for load, end in limits.items() if end.reason == NOWHERE]
     if inaccurate:
         note = (
             f"no speed of the sweep: it is off by more for the {' and the '.join(inaccurate)} already at "
@@ -322,27 +324,27 @@ def holds(r: Comparison, method: str) -> Judgement:
 def curves(machine: Machine, load: str, nu: Any) -> list[Curve]:
     """Return both calculations of a load over speeds nu [rad/s]."""
     return [
-        Curve(label, nu, Case(method, load).amplitude(machine, nu), shade, "theory")
+        Curve(label, nu, Calculation(method, load).amplitude(machine, nu), shade, "theory")
         for method, (label, shade) in STYLES.items()
     ]
 
 
-def force_panel(r: Comparison, nu: Any) -> Panel:
+def force_panel(r: ClassicalComparison, nu: Any) -> Panel:
     """Return the largest rod force by both calculations, over speeds nu [rad/s], and of the orbits."""
-    column, name, unit, color = QUANTITIES["force"]
+    column, name, unit, color = LOADS["force"]
     at, y, error = (r.frame[x].to_numpy() for x in ("nu", column, f"{column}_error"))
     points = Curve("co-simulation", at, y, color, "points", error)
     return Panel(name, unit, [*curves(r.machine, "force", nu), points], includes=(0.0,))
 
 
-def error_chart(r: Comparison, marks: Sequence[Mark]) -> Chart:
+def error_chart(r: ClassicalComparison, marks: Sequence[Mark]) -> Chart:
     """Return the errors of both calculations over the speed."""
     levels = [Mark(s * r.tolerance, f"{s * r.tolerance:+g} %") for s in (1, -1)]
     at, panels = r.frame["nu"].to_numpy(), []
     for method in STYLES:
         lines = [
             Curve(name, at, r.frame[f"{method}_{load}"].to_numpy(), color, "linked")
-            for load, (_, name, _, color) in QUANTITIES.items()
+            for load, (_, name, _, color) in LOADS.items()
         ]
         text = LOAD_TEXTS[method].removeprefix("with ").removeprefix("the ")
         panels.append(Panel(f"error, {text}", "%", lines, levels))

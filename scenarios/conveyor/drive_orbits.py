@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.accuracy.limit import Limit, Reason, limit
 from workbench import Context, Figure
-from workbench.steady import ANGLES, TURN, Turns, steady_turns
+from workbench.steady import ORBIT_ANGLES, TURN, Turns, steady_turns
 
 from .first_order import Machine, longest_step
 from .machine import conveyor_drive, start_values
 
 Array = NDArray[np.float64]
-ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
+ORBIT_ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 STATES, FORCE = ("conveyor.w", "motor.tau"), "conveyor.f_rod"
 #: Communication steps of a run over the shortest one. Three runs give value, error and observed order.
 STEP_MULTIPLES = (1, 2, 4)
@@ -34,8 +34,8 @@ FEWEST_STEPS = 18
 #: Sectors of a revolution, of each of which the largest rod forces are kept; a convention, finer than the peaks
 #: of the orders 1 to 7 are apart.
 SECTORS = 16
-#: Even angles between which the largest force of a sector is interpolated by a parabola; sixteen for each of ANGLES.
-FINE = 16 * ANGLES
+#: Even angles between which the largest force of a sector is interpolated by a parabola; sixteen for each of ORBIT_ANGLES.
+FINE_ANGLES = 16 * ORBIT_ANGLES
 #: Orbits of a map that are run side by side before their rows are kept. Chosen: half a second of work.
 AT_ONCE = 256
 #: Convergence order of the rod force, which follows the torque of half a step before at once.
@@ -57,7 +57,7 @@ class Orbits:
     torque_error, speed_error
         Settling errors of the amplitudes.
     waveform
-        Rod force at ANGLES even crank angles, a last axis more [N].
+        Rod force at ORBIT_ANGLES even crank angles, a last axis more [N].
     contraction
         Share of a deviation from the orbit that a revolution leaves.
     states
@@ -268,8 +268,8 @@ def with_error(values: Any, order: float, noise: Array | float = 0.0) -> tuple[A
 def sector_peaks(waveform: Array) -> Array:
     """Return the largest value of every sector of a turn, then the largest of the other sense.
 
-    Which of two nearly equal peaks is the larger may change with the step; each by itself converges. Between FINE
-    points of the Fourier series a parabola is laid; its error is that of the fourth derivative, over FINE^4.
+    Which of two nearly equal peaks is the larger may change with the step; each by itself converges. Between FINE_ANGLES
+    points of the Fourier series a parabola is laid; its error is that of the fourth derivative, over FINE_ANGLES^4.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def sector_peaks(waveform: Array) -> Array:
     -------
     ndarray, shape (..., 2 * SECTORS)
     """
-    fine = np.fft.irfft(np.fft.rfft(waveform), FINE) * (FINE / waveform.shape[-1])
+    fine = np.fft.irfft(np.fft.rfft(waveform), FINE_ANGLES) * (FINE_ANGLES / waveform.shape[-1])
     before, after = np.roll(fine, 1, -1), np.roll(fine, -1, -1)
     bend, rise = before - 2.0 * fine + after, after - before
     is_turn = np.abs(rise) < np.abs(2.0 * bend)
@@ -318,7 +318,7 @@ class Peaks:
 
 
 def force_peaks(waveform: Array) -> Peaks:
-    """Return the peaks of waveforms, shape (k, ..., ANGLES), of the first k of STEP_MULTIPLES."""
+    """Return the peaks of waveforms, shape (k, ..., ORBIT_ANGLES), of the first k of STEP_MULTIPLES."""
     peaks = sector_peaks(waveform)
     rows = np.abs(sector_peaks(waveform[..., ::2]) - peaks) / 4.0
     of_all = at_zero_step(peaks, FORCE_ORDER)

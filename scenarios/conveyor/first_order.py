@@ -28,7 +28,7 @@ HIGHEST = 16
 NODES = 256
 #: Relative step of a central difference in the speed; its error is of the order of its square.
 SLOPE = 1e-3
-ANGLES = np.linspace(0.0, 2 * math.pi, NODES, endpoint=False)
+NODE_ANGLES = np.linspace(0.0, 2 * math.pi, NODES, endpoint=False)
 FIELDS = {
     "motor.B": "B",
     "motor.T": "T",
@@ -177,7 +177,7 @@ class Ripples(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Mechanism:
     """The motor of a machine on any mechanism that is given by the reduced inertia theta(phi) [kg.m2]
-    and the load torque M_c(phi, w, a) [N.m], with a = dw/dt, at the crank angles ANGLES.
+    and the load torque M_c(phi, w, a) [N.m], with a = dw/dt, at the crank angles NODE_ANGLES.
     """
 
     machine: Machine
@@ -214,15 +214,15 @@ class Mechanism:
         return Ripples(load, np.asarray(-load * lag / damped), m.B * load / damped, resonances)
 
     def motion(self, nu: float) -> tuple[Samples, Samples]:
-        """Speed [rad/s] and acceleration [rad/s2] at ANGLES, to first order in the ripple."""
+        """Speed [rad/s] and acceleration [rad/s2] at NODE_ANGLES, to first order in the ripple."""
         k, speed = np.arange(1, HIGHEST + 1), self.ripples(nu).speed
-        waves = np.exp(1j * np.outer(ANGLES, k))
+        waves = np.exp(1j * np.outer(NODE_ANGLES, k))
         w = nu + (waves @ speed).imag
         return w, w * (waves @ (1j * k * speed)).imag
 
 
 def push(machine: Machine, position: Position, w: Any, a: Any) -> Samples:
-    """Force along x that the trough takes at ANGLES, at a speed [rad/s] and acceleration [rad/s2] [N]."""
+    """Force along x that the trough takes at NODE_ANGLES, at a speed [rad/s] and acceleration [rad/s2] [N]."""
     x, dx, _ = path = at_angles(position)
     return np.asarray(machine.m * along(path, w, a) + machine.c * x + machine.d * dx * w)
 
@@ -233,15 +233,15 @@ def along(path: Path, w: Any, a: Any) -> Samples:
 
 
 def at_angles(position: Position) -> Path:
-    """x, dx/dphi and its derivative at ANGLES, by the Fourier series of x."""
-    wave, k = np.fft.rfft(position(ANGLES)), 1j * np.arange(NODES // 2 + 1)
+    """x, dx/dphi and its derivative at NODE_ANGLES, by the Fourier series of x."""
+    wave, k = np.fft.rfft(position(NODE_ANGLES)), 1j * np.arange(NODES // 2 + 1)
     k[-1] = 0.0
     x, dx, ddx = np.array([np.fft.irfft(k**n * wave, NODES) for n in range(3)])
     return x, dx, ddx
 
 
 def amplitudes(x: Samples) -> Amplitudes:
-    """Those of the orders 1 .. HIGHEST of values at ANGLES."""
+    """Those of the orders 1 .. HIGHEST of values at NODE_ANGLES."""
     return np.asarray(2j * np.fft.rfft(x, norm="forward")[1 : HIGHEST + 1])
 
 

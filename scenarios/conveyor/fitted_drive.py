@@ -32,7 +32,7 @@ SWEEP = (0.2, 2.5)
 #: Factors of a parameter between which the limit of the ripple is sought; a convention.
 FACTORS = (0.2, 5.0)
 #: Points at which a sign is taken before Brent's method; two crossings within one step of 0.4 % are not told apart.
-GRID = 600
+SIGN_POINTS = 600
 #: Relative step of a central difference. Its error, of the order of its square, is far below that of a fit.
 SLIGHT = 1e-3
 
@@ -161,7 +161,7 @@ def edges(
     if fit.misfit:
         return []
     values = fit.start_values
-    nus = machine(values).nu_res * np.geomspace(*SWEEP, GRID)
+    nus = machine(values).nu_res * np.geomspace(*SWEEP, SIGN_POINTS)
 
     def passed(v: Mapping[str, float]) -> list[float]:
         drive = machine(v)
@@ -231,5 +231,5 @@ def clearing(
         changed: dict[str, Any] = {field: values[name] * factor}
         return np.log(np.abs(replace(drive, **changed).torque_ripple(nu)) / o.ripple_limit)
 
-    factors = roots_between(over_limit, np.geomspace(*FACTORS, GRID))
+    factors = roots_between(over_limit, np.geomspace(*FACTORS, SIGN_POINTS))
     return min(factors, key=lambda x: abs(math.log(x)), default=math.nan)

@@ -31,8 +31,8 @@ SWEEP_STEPS = 256
 SWEEP_POINTS = 60
 #: The shares to which live revolutions repeat, below the step differences of 512 and of 256 steps.
 ORBIT, SWEEP_ORBIT = Steady(1e-6, 200), Steady(1e-4, 80)
-TORQUE = Reader("amplitude", "motor.tau", REVOLUTION, 2)
-SPEED = Reader("amplitude", "conveyor.w", REVOLUTION, 2)
+TORQUE_RIPPLE = Reader("amplitude", "motor.tau", REVOLUTION, 2)
+SPEED_RIPPLE = Reader("amplitude", "conveyor.w", REVOLUTION, 2)
 PHASE = Number(
     "tau2_phase",
     Reader("phase", "motor.tau", REVOLUTION, 2),
@@ -40,14 +40,14 @@ PHASE = Number(
     "phase of the torque ripple",
     is_visible=False,
 )
-LAG = "mod(atan2(load_im, load_re) * 180 / pi - figures.tau2_phase, 360)"
+LIVE_LAG = "mod(atan2(load_im, load_re) * 180 / pi - figures.tau2_phase, 360)"
 
 
 #: Quantity, unit, what runs give and formula of first-order theory, color.
 PANELS = (
     ("torque ripple", "N.m", "figures.tau2", "torque_ripple", colors.TORQUE),
     ("speed ripple", "rad/s", "figures.w2", "speed_ripple", colors.SPEED),
-    ("lag behind the load", "deg", LAG, "torque_lag", colors.LIFT),
+    ("lag behind the load", "deg", LIVE_LAG, "torque_lag", colors.LIFT),
 )
 
 
@@ -76,10 +76,10 @@ def live_part(
         angle="conveyor.phi",
         steady=ORBIT,
         numbers=[
-            Number("tau2_operating", TORQUE),
-            Number("w2", SPEED, "rad/s", "speed ripple at the operating speed"),
+            Number("tau2_operating", TORQUE_RIPPLE),
+            Number("w2", SPEED_RIPPLE, "rad/s", "speed ripple at the operating speed"),
             PHASE,
-            Number("lag_operating", LAG),
+            Number("lag_operating", LIVE_LAG),
             *(live_theory.NUMBERS if is_linear else ()),
         ],
         charts=[motion.REVOLUTION_CHART],
@@ -122,8 +122,8 @@ def live_sweep(
         step=f"2 * pi / (speed * {SWEEP_STEPS})",
         steady=SWEEP_ORBIT,
         numbers=[
-            Number("tau2", TORQUE, "N.m", "torque ripple"),
-            Number("w2", SPEED, "rad/s", "speed ripple"),
+            Number("tau2", TORQUE_RIPPLE, "N.m", "torque ripple"),
+            Number("w2", SPEED_RIPPLE, "rad/s", "speed ripple"),
             PHASE,
         ],
         chart=RunChart(

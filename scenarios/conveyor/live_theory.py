@@ -9,7 +9,7 @@ from .machine import induction
 
 LINEAR = {"B": "motor.B"}
 #: the slope of Kloss's characteristic at the load of the mean speed, as `drive.linearised` has it
-KLOSS = {
+KLOSS_LINE = {
     "share": "load_slope * speed / motor.kloss.tau_b",
     "b": "motor.kloss.s_b * motor.kloss.w_s",
     "slip": "b * share / (1 + sqrt(1 - share**2))",
@@ -30,7 +30,7 @@ def values(machine: Machine) -> dict[str, str]:
     load = "conveyor.crank.r**2 / 2"
     return {
         "load_slope": f"conveyor.trough.d * {load}",
-        **(KLOSS if induction(machine) else LINEAR),
+        **(KLOSS_LINE if induction(machine) else LINEAR),
         "slope": "B + load_slope",
         "theta0": f"conveyor.rotor.J + conveyor.trough.m * {load}",
         "J": "theta0 + motor.T * load_slope",

@@ -10,7 +10,7 @@ import workbench
 from workbench import Context, option
 
 from ..motor import FORM, Nameplate, nameplate, read_nameplate
-from .drive_orbits import ALGORITHMS, Drive
+from .drive_orbits import ORBIT_ALGORITHMS, Drive
 from .first_order import SETS, Machine
 from .machine import followed
 
@@ -61,7 +61,7 @@ class RippleOptions(workbench.Options):
     rated_torque: float | None = option(
         None, f"rated motor torque at the crank, {by_set(RATED)}", "N.m", above=0.0
     )
-    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
+    algorithm: str = option("strang", "coupling algorithm", choices=ORBIT_ALGORITHMS)
 
     @property
     def rated(self) -> float:
@@ -86,7 +86,7 @@ class SweepOptions(workbench.Options):
 
     set: str = option("A", "parameter set", choices=SETS)
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
+    algorithm: str = option("strang", "coupling algorithm", choices=ORBIT_ALGORITHMS)
     speeds: tuple[float, ...] = option(
         (), "speeds of the sweep, those of the set by default", "rad/s", above=0.0
     )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
 from cosim import SetupError
-from workbench.answer import Parameter, parameters
+from workbench.answer import GivenValue, parameters
 from workbench.charts.model import Direction
 from workbench.options import at_least
 
@@ -28,7 +28,7 @@ from .machine import conveyor_drive
 from .response import Lines
 
 Real = NDArray[np.float64]
-SPEED = "speed"
+SPEED_NAME = "speed"
 #: Seed of the scrambled Sobol points, a convention: the same machines in every run.
 SEED = 1
 #: Level of the interval of a counted share, a convention.
@@ -36,10 +36,10 @@ CONFIDENCE = 0.95
 #: Probabilities between which the outcome at a point is open.
 OPEN = (0.05, 0.95)
 #: Points along either axis at which the coupling error of a map is sampled.
-GRID = 5
+ERROR_GRID = 5
 
 
-class Axis(NamedTuple):
+class ParameterAxis(NamedTuple):
     """A parameter and its values."""
 
     name: str
@@ -49,8 +49,8 @@ class Axis(NamedTuple):
 class Plane(NamedTuple):
     """Two axes; all else is as in `machine`, which turns at `speed` [rad/s] unless x is the speed."""
 
-    x: Axis
-    y: Axis
+    x: ParameterAxis
+    y: ParameterAxis
     machine: Machine
     speed: float
 
@@ -62,7 +62,7 @@ class Plane(NamedTuple):
     def at(self, x: Any, y: Any) -> tuple[Machine, Any]:
         """The machine at a point, or machines at arrays of points, and its mean speed [rad/s]."""
         coordinates = {self.x.name: x, self.y.name: y}
-        nu = coordinates.pop(SPEED, self.speed)
+        nu = coordinates.pop(SPEED_NAME, self.speed)
         return replace(self.machine, **{FIELDS[name]: v for name, v in coordinates.items()}), nu
 
     def nodes(self) -> list[tuple[float, float]]:
@@ -164,7 +164,7 @@ def coupling_error(
 ) -> float:
     """Return the largest relative coupling error of a quantity of orbits, by runs with longer steps.
 
-    The runs are spread over the plane, GRID by GRID. The error vanishes with the order of the
+    The runs are spread over the plane, ERROR_GRID by ERROR_GRID. The error vanishes with the order of the
     algorithm, unless another one is given.
 
     Raises
@@ -173,7 +173,7 @@ def coupling_error(
         If none of these orbits is steady with all step multiples.
     """
     x, y = (
-        np.unique(np.linspace(0, len(axis.along.values) - 1, GRID).round().astype(int))
+        np.unique(np.linspace(0, len(axis.along.values) - 1, ERROR_GRID).round().astype(int))
         for axis in (plane.x, plane.y)
     )
     some = (y[:, None] * len(plane.x.along.values) + x).ravel()
@@ -226,20 +226,20 @@ def interval(hits: int, samples: int) -> tuple[float, float]:
     return float(bounds.low), float(bounds.high)
 
 
-def part(fmus: Mapping[str, Path], name: str) -> Parameter:
+def part(fmus: Mapping[str, Path], name: str) -> GivenValue:
     """A parameter as its FMU has it; raises SetupError for names not in FIELDS."""
     if name not in FIELDS:
         raise SetupError(f"{name!r} is not a parameter of the drive, only {', '.join(FIELDS)}")
     return parameters(conveyor_drive(fmus, {}))[name]
 
 
-def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
+def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> ParameterAxis:
     """Read NAME=FROM:TO:NUMBER[:log], at least so many values; raises SetupError."""
     name, _, numbers = text.partition("=")
-    if name == SPEED and option != "x":
+    if name == SPEED_NAME and option != "x":
         raise SetupError(f"--{option} {text}: the speed belongs on x")
     label, unit = "operating speed", "rad/s"
-    if name != SPEED:
+    if name != SPEED_NAME:
         _, unit, meaning = part(fmus, name)
         label = f"{meaning[:1].lower()}{meaning[1:]}\n{name}"
     log = numbers.endswith(":log")
@@ -254,7 +254,7 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
         raise SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
     at_least(f"--{option} number of values of {name}", number, least)
     values = np.geomspace(low, high, number) if log else np.linspace(low, high, number)
-    return Axis(name, Direction(label, unit, values, log))
+    return ParameterAxis(name, Direction(label, unit, values, log))
 
 
 def shares(

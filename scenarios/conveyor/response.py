@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.accuracy.limit import Limit
 from workbench import Figure
-from workbench.roots import NO_VALUE, Crossing, Roots, falling_roots, peaks, secant
+from workbench.roots import NO_VALUE, Roots, ZeroCrossing, falling_roots, peaks, secant
 
 from .drive_orbits import Drive, Orbits, at_zero_step, figure_of, near
 from .first_order import Machine
@@ -30,7 +30,7 @@ from .machine import linearised
 Array = NDArray[np.float64]
 #: Points of a line, about, at which an interpolant is looked at, between the speeds of a sweep: a cubic spline through
 #: so many leaves 1e-9 of a polynomial of degree five over a decade.
-GRID = 1000
+LINE_POINTS = 1000
 #: Chords by which a crossing is polished between two points of a line; each leaves a thousandth of its error.
 POLISHES = 3
 #: Load ripple over its largest one on the line below which its phase is not defined well enough.
@@ -45,7 +45,7 @@ AT_EDGE = "the maximum lies at the edge of the swept range; extend the speeds"
 NOT_IN_RANGE = "the swept range does not contain it"
 PHASE_UNDEFINED = "the load ripple is almost zero {}, so its phase is undefined"
 #: The quantities whose ripple is sought, with their units, and their numbers.
-QUANTITIES = (("torque", "N.m"), ("speed", "rad/s"))
+RIPPLES = (("torque", "N.m"), ("speed", "rad/s"))
 TORQUE, SPEED = range(2)
 
 
@@ -123,7 +123,7 @@ class Lines:
         return machine.load_ripple(nu) + 0.0 * x
 
     def theory(self, x: Any, line: Any) -> Any:
-        """Return load over response of both QUANTITIES by first-order theory, the same for every load.
+        """Return load over response of both RIPPLES by first-order theory, the same for every load.
 
         It is taken without a spring, which may cancel the load ripple and leave 0 / 0.
         """
@@ -200,7 +200,7 @@ class Response:
     @cached_property
     def grid(self) -> Array:
         """All of the line, evenly between the places of the sweep."""
-        x, per = self.x, max(8, GRID // max(1, len(self.x) - 1))
+        x, per = self.x, max(8, LINE_POINTS // max(1, len(self.x) - 1))
         if len(x) == 1:
             return x
         parts = x[:-1] + np.diff(x) * np.linspace(0.0, 1.0, per, endpoint=False)[:, None]
@@ -210,7 +210,7 @@ class Response:
     def _on_grid(self) -> Any:
         return self.inverse(self.grid)
 
-    def crossings(self, sought: Sought) -> list[Crossing]:
+    def crossings(self, sought: Sought) -> list[ZeroCrossing]:
         """Return where the response has a feature that is no peak, with the slope of its residual."""
 
         def residual(x: Any, inverse: Any) -> Any:
@@ -220,7 +220,7 @@ class Response:
         for x, slope in falling_roots(self.grid, residual(self.grid, self._on_grid)):
             for _ in range(POLISHES):
                 x -= float(residual(x, self.inverse(x))) / slope
-            found.append(Crossing(x, slope))
+            found.append(ZeroCrossing(x, slope))
         return found
 
     def lag(self) -> Sought:
@@ -292,7 +292,7 @@ class Located(NamedTuple):
         """Return place and height of each feature."""
         pairs = []
         for k, (feature, why) in enumerate(zip(sought, self.reasons)):
-            name, of_height = QUANTITIES[feature.quantity]
+            name, of_height = RIPPLES[feature.quantity]
             meaning = f"{name} ripple there, order 2"
             height = figure_of(self.height, k, of_height, meaning, why)
             pairs.append((figure_of(self.x, k, unit, feature.meaning, why), height))
@@ -318,7 +318,7 @@ def locate(drive: Drive, responses: Sequence[Response], sought: Sequence[Sought]
         some = np.array([f.is_peak == is_peak and not f.reason for f in sought], bool)
         if some.any():
             multiple, which = at = tuple(k.ravel() for k in np.indices(shape)[:, :, some])
-            search = _Search(drive, responses, [sought[k] for k in which], multiple)
+            search = _FeatureSearch(drive, responses, [sought[k] for k in which], multiple)
             places, *heights = find(search)
             x[at], error[at] = places.x, places.error
             lost = (places.reasons == NO_VALUE) & (search.problems != "")
@@ -330,7 +330,7 @@ def locate(drive: Drive, responses: Sequence[Response], sought: Sequence[Sought]
     return Located(at_zero_step(x, order, error), at_zero_step(height, order, height_error), why)
 
 
-class _Search:
+class _FeatureSearch:
     """Features of one kind, each with a step multiple: arrays of shape (n,)."""
 
     def __init__(
@@ -364,7 +364,7 @@ class _Search:
         return np.where(self.quantity[of] == TORQUE, torque, speed)
 
 
-def _roots(search: _Search) -> tuple[Roots, ...]:
+def _roots(search: _FeatureSearch) -> tuple[Roots, ...]:
     """Return where features are that are no peaks."""
 
     def residual(x: Array) -> tuple[Array, Array]:
@@ -376,7 +376,7 @@ def _roots(search: _Search) -> tuple[Roots, ...]:
     return (secant(residual, search.x, search.slope),)
 
 
-def _peaks(search: _Search) -> tuple[Roots, ...]:
+def _peaks(search: _FeatureSearch) -> tuple[Roots, ...]:
     """Return where ripples are largest, and how large."""
     half = np.minimum(peak_half_widths(search.lines, search.x, search.line), 0.9 * search.x)
 

@@ -15,7 +15,7 @@ from workbench.charts import model as colors
 from workbench.charts.model import Direction, Field, Level, SecondUnit
 
 from .drive_orbits import Drive, Orbits
-from .first_order import ANGLES, Machine
+from .first_order import NODE_ANGLES, Machine
 from .parameter_plane import Plane, torque_ripple
 from .rod_waveform import between, largest_forces, peak, waveform
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Real = NDArray[np.float64]
 SPRINGS = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
 #: Speeds at which a curve of theory is drawn, 0.5 rad/s apart over the default map; a convention.
-FINE = 121
+CURVE_SPEEDS = 121
 
 
 class RodForceData(NamedTuple):
@@ -63,7 +63,7 @@ class RodForceData(NamedTuple):
 
 def over_angle(r: RodForceData) -> Chart:
     """The rod force over the crank angle at the operating speed: formula, theory, co-simulation."""
-    nu, deg, panels = r.plane.speed, np.degrees(ANGLES), []
+    nu, deg, panels = r.plane.speed, np.degrees(NODE_ANGLES), []
     for name, machine in r.machines.items():
         steady, swinging = (
             1e-3 * waveform(machine, r.length, nu, steady=kind) for kind in (True, False)
@@ -86,7 +86,7 @@ def over_angle(r: RodForceData) -> Chart:
 
 def over_speed(r: RodForceData) -> Chart:
     """Rod force and torque ripple over the speed with either spring, theory as lines."""
-    fine, forces, ripples = np.linspace(r.speeds[0], r.speeds[-1], FINE), [], []
+    fine, forces, ripples = np.linspace(r.speeds[0], r.speeds[-1], CURVE_SPEEDS), [], []
     for name, machine in r.machines.items():
         orbits, (label, color) = r.sweeps[name], SPRINGS[name]
         theory = [1e-3 * peak(waveform(machine, r.length, nu)) for nu in fine.tolist()]
@@ -115,7 +115,7 @@ def maps(r: RodForceData, limit: float) -> list[Field]:
     """
     x, present, title = r.plane.x.along, r.plane.machine, "The torque ripple"
     y = Direction("stiffness of the spring", "kN/m", 1e-3 * r.plane.y.along.values)
-    nu = np.linspace(x.values[0], x.values[-1], FINE)
+    nu = np.linspace(x.values[0], x.values[-1], CURVE_SPEEDS)
     formula = 1e-3 * present.m * nu**2
     inside = (y.values[0] <= formula) & (formula <= y.values[-1])
     curves = [Curve("formula (17)", nu[inside], formula[inside], "sky", "theory")]

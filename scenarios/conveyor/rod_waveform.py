@@ -15,39 +15,39 @@ from scipy.optimize import minimize_scalar
 from workbench import Figure
 
 from .drive_orbits import FORCE_ORDER, Drive, Orbits, at_zero_step, figure_of, sector_peaks
-from .first_order import ANGLES, Machine, Mechanism, crank, push
+from .first_order import NODE_ANGLES, Machine, Mechanism, crank, push
 
 #: Springs around that of formula (17), over it.
 AROUND = (0.5, 0.75, 1.0, 1.25, 1.5)
 #: Even angles from the best of which Newton's method begins; a period of order 32 has 128 of them.
-FINE = 4096
+FIRST_ANGLES = 4096
 #: Relative error to which a spring is located; a convention, below the coupling errors of a force.
 CLOSE = 1e-6
-#: Newton's steps from one of FINE angles to a peak, which leaves an error of the order of 1e-3^8; then rounding.
+#: Newton's steps from one of FIRST_ANGLES angles to a peak, which leaves an error of the order of 1e-3^8; then rounding.
 NEWTON_STEPS = 4
 
 
 def waveform(
     machine: Machine, length: float, nu: float, *, steady: bool = False
 ) -> NDArray[np.float64]:
-    """The force of a rod of that length [m] at ANGLES [N], to first order in the ripple of the speed;
+    """The force of a rod of that length [m] at NODE_ANGLES [N], to first order in the ripple of the speed;
     without it at a `steady` speed. The length may be infinite.
     """
     position = crank(machine.r, length)
     motion = (nu, 0.0) if steady else Mechanism.of(machine, position).motion(nu)
-    tilt = machine.r / length * np.cos(ANGLES)
+    tilt = machine.r / length * np.cos(NODE_ANGLES)
     return np.asarray(push(machine, position, *motion) / np.sqrt(1 - tilt**2))
 
 
 def peak(waveform: Any) -> float:
     """The largest size of values at even angles of a turn, on the Fourier series through them.
 
-    From the best of FINE angles, Newton's method goes to where the slope of the series is 0.
+    From the best of FIRST_ANGLES angles, Newton's method goes to where the slope of the series is 0.
     """
     wave = np.fft.rfft(waveform, norm="forward")
-    fine = np.abs(np.fft.irfft(wave, FINE, norm="forward"))
+    fine = np.abs(np.fft.irfft(wave, FIRST_ANGLES, norm="forward"))
     at = int(fine.argmax())
-    best, angle, k = float(fine[at]), 2 * math.pi * at / FINE, np.arange(len(wave))
+    best, angle, k = float(fine[at]), 2 * math.pi * at / FIRST_ANGLES, np.arange(len(wave))
     wave[1:] *= 2.0
     if len(waveform) % 2 == 0:
         wave[-1] /= 2.0

@@ -16,10 +16,10 @@ from tests.conftest import LONG, QUICK, ask, plain
 from workbench.answer import Answer
 from workbench.export import content
 from workbench.figure import Figure
-from workbench.judgement import Judgement, Verdict, lines
+from workbench.judgement import Holds, Judgement, lines
 from workbench.options import declared
 
-YES, NO, OPEN = Verdict
+YES, NO, OPEN = Holds
 
 SWEEP: dict[str, Any] = {"speeds": "34:46:7", "steps_per_rev": 128}
 #: A feeder with 320 kg on 900 kN/m and a soft motor of 5.5 kW, damped so strongly that nothing is amplified.
@@ -32,7 +32,7 @@ JAMMED = {"speed": "62.5rpm", "friction": 0.5}
 RECORD = QUICK["identify"]
 
 #: Question, the beginning of a judgement, and for each answer options with which it must be given.
-TURNS: list[tuple[str, str, dict[Verdict, dict[str, Any]]]] = [
+TURNS: list[tuple[str, str, dict[Holds, dict[str, Any]]]] = [
     ("resonance", "torque ripple below", {YES: SWEEP | {"limit": 150.0}, NO: SWEEP,
                                           OPEN: SWEEP | {"algorithm": "jacobi"}}),
     ("resonance", "on resonance", {YES: SWEEP, NO: SWEEP | {"speed": 45.0}, OPEN: SWEEP | {"algorithm": "jacobi"}}),
@@ -76,7 +76,7 @@ SLOW = {*LONG, "resonance_map", "rod_force", "iron_orders", "orientator_identify
     ],
 )
 def test_a_judgement_turns_where_the_machine_does(
-    name: str, begin: str, options: dict[str, Any], wanted: Verdict
+    name: str, begin: str, options: dict[str, Any], wanted: Holds
 ) -> None:
     answer = ask(name, **options)
     judgement = next(x for x in answer.judgements if x.what.startswith(begin) and x.answer)

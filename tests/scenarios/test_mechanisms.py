@@ -13,7 +13,7 @@ import sympy
 
 from cosim import System
 from scenarios.conveyor.first_order import (
-    ANGLES,
+    NODE_ANGLES,
     SETS,
     Machine,
     Mechanism,
@@ -35,7 +35,7 @@ class Link(Drive):
 
     @property
     def slope(self) -> float:
-        return self.B + self.d * float(np.mean(self.trough(ANGLES)[1] ** 2))
+        return self.B + self.d * float(np.mean(self.trough(NODE_ANGLES)[1] ** 2))
 
     def trough(self, phi: Any) -> tuple[Any, Any, Any, Any]:
         q, s, c = self.r / self.l, np.sin(phi), np.cos(phi)
@@ -122,7 +122,7 @@ def test_equation_10_follows_with_its_minus_and_the_inertia_of_the_load() -> Non
     values = {"T": 0.05, "B": 150.0, "theta0": 0.5, "s": 0.3, "j": 0.2}
     size, swing = 0.01 - 0.02j, 3.0 + 5.0j
     for order in (1, 3):
-        shape = np.exp(1j * order * ANGLES)
+        shape = np.exp(1j * order * NODE_ANGLES)
         any_ = Mechanism(
             Machine(B=values["B"], T=values["T"]),
             values["theta0"] + (size * shape).imag,

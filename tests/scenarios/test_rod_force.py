@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
 from scenarios.conveyor import drive_orbits
-from scenarios.conveyor.first_order import ANGLES, SETS, Machine, rod_force
+from scenarios.conveyor.first_order import NODE_ANGLES, SETS, Machine, rod_force
 from scenarios.conveyor.parameter_plane import coupling_error
 from scenarios.conveyor.questions import rod_force as page
 from scenarios.conveyor.rod_waveform import largest_forces, peak, unloading, waveform
@@ -33,7 +33,7 @@ class Short(Drive):
 
     @property
     def slope(self) -> float:
-        return self.B + self.d * float(np.mean(self.trough(ANGLES)[1] ** 2))
+        return self.B + self.d * float(np.mean(self.trough(NODE_ANGLES)[1] ** 2))
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +56,8 @@ def test_formula_17_is_the_amplitude_of_the_force_and_its_lever_the_load_ripple(
     formula = rod_force(SETS["A"], 40.0)
     assert abs(formula) == pytest.approx(math.sqrt(square.subs(values)), rel=1e-12)
     assert abs(formula) == pytest.approx(4308.131845708, rel=1e-12)
-    at = [float(force.subs(values).subs(phi, angle)) for angle in ANGLES]
-    assert (formula * np.exp(1j * ANGLES)).imag == pytest.approx(at, rel=1e-9, abs=1e-6)
+    at = [float(force.subs(values).subs(phi, angle)) for angle in NODE_ANGLES]
+    assert (formula * np.exp(1j * NODE_ANGLES)).imag == pytest.approx(at, rel=1e-9, abs=1e-6)
     assert SETS["A"].load_ripple(40.0) == pytest.approx(formula * 0.01 / 2, rel=1e-12)
     wrong = replace(SETS["A"], c=-7.2e5)
     assert abs(abs(rod_force(wrong, 40.0)) / abs(formula) - 1) > 1.0
@@ -73,7 +73,7 @@ def test_theory_misses_by_the_order_that_it_neglects(name: str) -> None:
         errors = []
         for share in (1.0, 0.5, 0.25):
             machine = weakened(full_machine, share)
-            true = orbit(drive(machine), nu).f_rod(ANGLES)
+            true = orbit(drive(machine), nu).f_rod(NODE_ANGLES)
             errors.append(
                 [
                     np.abs(waveform(machine, math.inf, nu, steady=steady) - true).max()
@@ -92,7 +92,7 @@ def test_the_force_of_a_short_rod_is_along_it(name: str) -> None:
     errors = []
     for share in (0.1, 0.05):
         machine = weakened(SETS[name], share)
-        true = orbit(drive(machine, Short, l=0.03, finite=True), 35.0).f_rod(ANGLES)
+        true = orbit(drive(machine, Short, l=0.03, finite=True), 35.0).f_rod(NODE_ANGLES)
         error = np.abs(waveform(machine, 0.03, 35.0) - true).max() / np.abs(true).max()
         errors.append(error)
     assert errors[1] < 1e-3

@@ -24,7 +24,7 @@ from tests.conftest import ROOT, ask, until
 from workbench import study
 from workbench.cli import main
 from workbench.runs.cluster import ClusterRunner
-from workbench.runs.journal import NAME, Journal
+from workbench.runs.journal import NAME, OutcomeJournal
 
 PLANE = """
 scenario = "plane.py"
@@ -264,8 +264,8 @@ def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
     monkeypatch.setattr("workbench.runs.cluster.GRACE", 2.0)
     address, _, vanish = elsewhere
     path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
-    stored, add = [], Journal.__setitem__
-    monkeypatch.setattr(Journal, "__setitem__", lambda *row: stored.append(add(*row)))
+    stored, add = [], OutcomeJournal.__setitem__
+    monkeypatch.setattr(OutcomeJournal, "__setitem__", lambda *row: stored.append(add(*row)))
 
     def vanish_with_a_row() -> None:
         until(lambda: stored or pass_gate(tmp_path))

@@ -17,7 +17,7 @@ from cosim import SetupError, SimulationError
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, until
 from workbench import study
-from workbench.runs.worker import Worker
+from workbench.runs.worker import CallWorker
 
 QUESTION = '''
 """What does the machine do to a run?"""
@@ -167,7 +167,7 @@ def test_without_a_process_the_error_is_a_line_and_nothing_is_left(tmp_path: Pat
     """A worker that cannot be started has nothing to end."""
     from tests.hosts import light
 
-    worker = Worker()
+    worker = CallWorker()
     assert worker.do(light.modules, None, None).status == "ok"
     worker.close()
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

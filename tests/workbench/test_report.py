@@ -33,7 +33,7 @@ from scenarios.iron import motion as iron_mechanism
 from scenarios.project import PROJECT
 from tests.conftest import SAMPLED, ask, fmus_of, plain
 from tests.workbench.browser import Browser, browser
-from workbench.answer import Answer, Parameter, Show, Table
+from workbench.answer import Answer, GivenValue, Show, Table
 from workbench.catalog import load_module, names
 from workbench.charts import model as pictures
 from workbench.charts import mpl, plotly
@@ -665,7 +665,7 @@ def opened(page_browser: Browser, sample: Path) -> Browser:
 def test_parameters_of_a_page_have_six_digits_in_lists_too() -> None:
     answer, _ = answered("orientation_time")
     with_lists = replace(
-        answer, options={"speeds": Parameter((1.2217304763960306, 2.0), "rad/s", "")}
+        answer, options={"speeds": GivenValue((1.2217304763960306, 2.0), "rad/s", "")}
     )
     rows = html._parameters(with_lists)
     assert rows[0] == ("speeds", "1.22173, 2", "rad/s", "")

@@ -27,14 +27,14 @@ from workbench.runs import fingerprint, journal
 from workbench.runs.bundle import Bundle
 from workbench.runs.cluster import ClusterRunner
 from workbench.runs.local import LocalRunner
-from workbench.runs.worker import Worker
+from workbench.runs.worker import CallWorker
 
 LONG = 100.0
 
 
 @pytest.fixture
-def worker() -> Iterator[Worker]:
-    new_worker = Worker()
+def worker() -> Iterator[CallWorker]:
+    new_worker = CallWorker()
     yield new_worker
     new_worker.close()
 
@@ -44,7 +44,7 @@ def lines(ledger: Path) -> list[str]:
 
 
 def test_every_end_of_a_call_is_reported_and_the_next_call_is_done(
-    worker: Worker, tmp_path: Path
+    worker: CallWorker, tmp_path: Path
 ) -> None:
     for mood, status, message, trace in (
         ("segfault", "crashed", "the run ended its process: SIGSEGV", "last words"),
@@ -68,7 +68,7 @@ def test_every_end_of_a_call_is_reported_and_the_next_call_is_done(
     assert outcome.seconds < LONG
 
 
-def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
+def test_a_child_imports_what_its_call_needs(worker: CallWorker) -> None:
     modules = worker.do(light.modules, None, LONG).answer
     assert "tests.hosts.light" in modules
     assert not {"numpy", "scipy", "pandas", "fmpy", "rich", "matplotlib"} & set(modules)
@@ -77,8 +77,8 @@ def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
 CALL = """
 import sys
 from tests.hosts import light, plane
-from workbench.runs.worker import Worker
-Worker().do(plane.be, tuple(sys.argv[1:]), None)
+from workbench.runs.worker import CallWorker
+CallWorker().do(plane.be, tuple(sys.argv[1:]), None)
 """
 
 
@@ -310,7 +310,9 @@ def test_an_option_without_effect_is_refused() -> None:
                 ask(PROJECT, name, {}, jobs=2)
 
 
-def test_no_process_for_runs_is_a_sentence(worker: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_process_for_runs_is_a_sentence(
+    worker: CallWorker, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cosim.child._begin", sys.exit)
     with pytest.raises(SetupError, match="no process for runs can be started: "):
         worker.do(plane.be, ("good", "/dev/null"), None)

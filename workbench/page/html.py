@@ -22,7 +22,7 @@ from ..charts.plotly import PlotlyDict, alt_text, figure
 from ..charts.style import STYLE
 from ..charts.svg import svg
 from ..figure import Figure
-from ..judgement import Verdict
+from ..judgement import Holds
 from .script import compact
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def judged(answer: Answer) -> Iterator[tuple[str, str, str]]:
     }
     for line, judgement in zip_longest(answer.verdict.splitlines(), answer.judgements):
         good = judgement.good if judgement else None
-        is_open = judgement is not None and judgement.answer is Verdict.OPEN
+        is_open = judgement is not None and judgement.answer is Holds.OPEN
         yield *(("?", "open") if is_open else signs[good]), line
 
 

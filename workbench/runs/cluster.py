@@ -26,7 +26,7 @@ from .bundle import Bundle
 from .fingerprint import facts
 from .journal import Key
 from .runner import Outcomes, RunFailedError, Runner
-from .worker import MAX_DEATHS, Outcome, Worker
+from .worker import MAX_DEATHS, CallWorker, Outcome
 
 #: Time to reach the scheduler [s], a convention of this project.
 CONNECT = 10.0
@@ -40,7 +40,7 @@ POLL = 1.0
 TLS = "tls://"
 ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
 #: Child processes of this worker that have nothing to do.
-_idle: SimpleQueue[Worker] = SimpleQueue()
+_idle: SimpleQueue[CallWorker] = SimpleQueue()
 
 
 class Shipment(NamedTuple):
@@ -279,7 +279,7 @@ def _run(call: bytes, shipment: Shipment, timeout: float | None) -> Outcome:
     try:
         child = _idle.get_nowait()
     except Empty:
-        child = Worker()
+        child = CallWorker()
     outcome = child.do(opened, (call, folder), timeout, page)
     _idle.put(child)
     return outcome

@@ -69,7 +69,7 @@ def _apart(answer: Any) -> tuple[list[float], Any]:
 PLAIN = Form(_apart, lambda numbers, tree: _again(tree, iter(numbers)))
 
 
-class Journal:
+class OutcomeJournal:
     """Outcomes of runs by number, of this session and of those before, in the order in which they came."""
 
     def __init__(self, path: Path, file: cosim.journal.Journal, form: Form) -> None:
@@ -136,7 +136,7 @@ class Journal:
 @contextmanager
 def open_journal(
     folder: Path, identity: Mapping[str, Any], form: Form = PLAIN, *, passing: bool = False
-) -> Iterator[Journal]:
+) -> Iterator[OutcomeJournal]:
     """The journal in this folder, begun or gone on with; it raises what `cosim.journal.open_journal` does.
 
     That of a sweep is `passing`: it drops rows of another identity, says on stderr what becomes of rows that are
@@ -151,7 +151,7 @@ def open_journal(
     with cosim.journal.open_journal(
         path, identity, keep=not passing, drop=dropped if passing else None
     ) as file:
-        journal = Journal(path, file, form)
+        journal = OutcomeJournal(path, file, form)
         if passing and len(journal):
             print(f"{folder}: {pluralize(len(journal), 'row')} already there", file=sys.stderr)
         yield journal

@@ -11,7 +11,7 @@ from typing import Any
 from ..options import at_least
 from .journal import Key
 from .runner import Outcomes, Runner
-from .worker import OK, Outcome, Worker, wait_for_step
+from .worker import OK, CallWorker, Outcome, wait_for_step
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ class LocalRunner(Runner):
                 yield key, Outcome(OK, function(task))
             return
         waiting = iter(tasks.items())
-        workers = [Worker() for _ in range(min(self.width, len(tasks)))]
-        key_of: dict[Worker, Key] = {}
+        workers = [CallWorker() for _ in range(min(self.width, len(tasks)))]
+        key_of: dict[CallWorker, Key] = {}
 
-        def start_next(worker: Worker) -> None:
+        def start_next(worker: CallWorker) -> None:
             for key, task in islice(waiting, 1):
                 key_of[worker] = key
                 worker.give(function, task, timeout, self.page)

@@ -19,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 from cosim import Result, SetupError, SimulationError
 from cosim.signals import handle_stop_signals
 
-from .journal import Journal, Key
+from .journal import Key, OutcomeJournal
 from .worker import MACHINE, OK, Outcome
 
 Task = TypeVar("Task")
@@ -78,7 +78,7 @@ class Runner(ABC):
         function: Callable[[Any], Any],
         tasks: Mapping[Key, Any],
         title: str,
-        journal: Journal | None = None,
+        journal: OutcomeJournal | None = None,
         *,
         timeout: float | None = None,
         at_once: int = 0,
@@ -156,7 +156,7 @@ class Runner(ABC):
         function: Callable[[Task], Answer],
         tasks: Sequence[Task],
         title: str,
-        journal: Journal | None = None,
+        journal: OutcomeJournal | None = None,
     ) -> Iterator[Answer]:
         """Give function(task) for every task, in their sequence; a journal keeps answers by their place in it.
 

@@ -59,7 +59,7 @@ class Outcome(NamedTuple):
     trace: str = ""
 
 
-class Worker:
+class CallWorker:
     """A child process that does one call after the other, and the next process when it dies."""
 
     def __init__(self) -> None:
@@ -160,7 +160,7 @@ class Worker:
         return words, death
 
 
-def wait_for_step(workers: Sequence[Worker]) -> None:
+def wait_for_step(workers: Sequence[CallWorker]) -> None:
     """Block until one of these workers can do a step."""
     left = [seconds for worker in workers if (seconds := worker.left()) is not None]
     handles = [handle for worker in workers for handle in worker.handles()]

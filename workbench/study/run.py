@@ -25,7 +25,7 @@ from ..run import rows, select_runner
 from ..runs.bundle import Bundle, digest
 from ..runs.fingerprint import computation
 from ..runs.folder import reservation
-from ..runs.journal import FIGURES, Journal, open_journal
+from ..runs.journal import FIGURES, OutcomeJournal, open_journal
 from ..runs.worker import TIMEOUT
 from .file import Study, ends
 from .report import conclude
@@ -92,7 +92,7 @@ def run(
     return answer
 
 
-def _forget_short_of(timeout: float | None, journal: Journal) -> None:
+def _forget_short_of(timeout: float | None, journal: OutcomeJournal) -> None:
     """Let runs be done again that had less time than they may take now [s]; None is without end."""
     ended = [
         number

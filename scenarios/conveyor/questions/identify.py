@@ -37,7 +37,7 @@ from workbench import (
 from workbench.charts import model as colors
 from workbench.charts.model import SecondUnit, Span
 from workbench.fitting import RecordOptions
-from workbench.judgement import Verdict
+from workbench.judgement import Holds
 
 from ..first_order import SETS, Machine
 from ..fitted_drive import CHANGED, IdentifiedDrive, edges, figures
@@ -140,7 +140,7 @@ class Identify(Question, RecordOptions, RippleOptions):
                     f"at the limit, and no further, with a change of {name} by", f[f"change_{key}"]
                 )
                 for name, key in CHANGED.items()
-                if ripple.answer is not Verdict.YES and f[f"change_{key}"].error is not None
+                if ripple.answer is not Holds.YES and f[f"change_{key}"].error is not None
             ),
             fitting.next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
         ]

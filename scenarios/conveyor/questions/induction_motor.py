@@ -34,7 +34,7 @@ from workbench import (
 from workbench.charts.model import LIFT, THEORY
 
 from .. import motion
-from ..drive_orbits import ALGORITHMS, STEP_MULTIPLES, Drive
+from ..drive_orbits import ORBIT_ALGORITHMS, STEP_MULTIPLES, Drive
 from ..first_order import SETS, Machine, Samples, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised, require_torque
 from ..machine import PARTS as DRIVE
@@ -83,7 +83,7 @@ class InductionMotor(Question, NameplateOptions):
         "0.08,0.1,0.13,0.16,0.22,0.35", "breakdown slips", "1", above=0.0
     )
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
+    algorithm: str = option("strang", "coupling algorithm", choices=ORBIT_ALGORITHMS)
 
     def solve(self, context: Context) -> Findings:
         """All motors together, and the one of the data sheet over the speed.

@@ -41,7 +41,7 @@ from workbench import (
 from workbench.charts import model as colors
 from workbench.charts.model import Span
 from workbench.figure import listed
-from workbench.judgement import Verdict
+from workbench.judgement import Holds
 from workbench.live import Live
 from workbench.options import check_fixed_starts
 
@@ -63,7 +63,7 @@ from ..machine import (
 )
 from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
 from ..papers import cited
-from ..response import PHASE_UNDEFINED, QUANTITIES, SPEED, TORQUE, VANISHING, Lines, Sought, locate
+from ..response import PHASE_UNDEFINED, RIPPLES, SPEED, TORQUE, VANISHING, Lines, Sought, locate
 from ..ripple_limit import LimitCrossing, RippleLimit
 from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, sweeps
 
@@ -155,7 +155,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         whole numbers for start values.
         """
         found: dict[int, Findings | SetupError] = {}
-        batches: dict[Hashable, dict[int, Plan]] = {}
+        batches: dict[Hashable, dict[int, SweepPlan]] = {}
         machines = [SETS[question.set].follow(question.start) for question in questions]
         refused = refusals(context.fmus, machines)
         for k, (question, machine, why) in enumerate(zip(questions, machines, refused)):
@@ -228,7 +228,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         return live_part(r.sweep, r.machine, r.speed, levels_of(self))
 
 
-class Plan(NamedTuple):
+class SweepPlan(NamedTuple):
     """A question with its machine, how that is run, over which speeds it is swept, at which it operates [rad/s]."""
 
     question: Resonance
@@ -253,7 +253,7 @@ class ResonanceData:
     speed: float
     operating: SpeedSweep
     limit: RippleLimit
-    classical: classical.Comparison | None = None
+    classical: classical.ClassicalComparison | None = None
 
     @property
     def machine(self) -> Machine:
@@ -265,7 +265,7 @@ class ResonanceData:
         return self.sweep.machine(nu)
 
 
-def planned(o: Resonance, context: Context, base: Machine, why: str) -> Plan:
+def planned(o: Resonance, context: Context, base: Machine, why: str) -> SweepPlan:
     """Return how the machine of a question is swept.
 
     Raises SetupError for a machine that is refused, which says why, and for settings that cannot give an answer.
@@ -282,10 +282,10 @@ def planned(o: Resonance, context: Context, base: Machine, why: str) -> Plan:
     every = sorted({*speeds, speed})
     for nu in every if induction(base) else every[:1]:
         drive.check(linearised(base, nu), nu)
-    return Plan(o, base, drive.checked(linearised(base, every[0]), every[0]), speeds, speed)
+    return SweepPlan(o, base, drive.checked(linearised(base, every[0]), every[0]), speeds, speed)
 
 
-def solved(plans: Sequence[Plan]) -> Iterator[Findings]:
+def solved(plans: Sequence[SweepPlan]) -> Iterator[Findings]:
     """Yield what each of many machines that are run alike gives: all are swept together, and all features located."""
     drive = plans[0].drive
     every = {k: np.array(sorted({*plan.speeds, plan.speed})) for k, plan in enumerate(plans)}
@@ -303,7 +303,7 @@ def solved(plans: Sequence[Plan]) -> Iterator[Findings]:
 
 
 def findings(
-    plan: Plan,
+    plan: SweepPlan,
     every: SpeedSweep,
     sought: Sequence[Sought],
     located: Sequence[tuple[Figure, Figure]],
@@ -385,7 +385,7 @@ def taken(o: Resonance) -> list[Judgement]:
             most,
             note=f"it contradicts the nameplate, whose slip gives {o.plate.lag:.4g} s",
         )
-        judgements += [agrees] if agrees.answer is Verdict.NO else []
+        judgements += [agrees] if agrees.answer is Holds.NO else []
     lacking = [x for x in FIELDS if x not in o.start and not (x == "motor.B" and is_induction)]
     if o.rated_torque is None and not o.plate:
         lacking.append("rated torque")
@@ -520,7 +520,7 @@ def ripple(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
             includes=(0.0, *(180.0,) * (unit == "deg")),
         )
 
-    (_, tau2), (_, w2) = QUANTITIES
+    (_, tau2), (_, w2) = RIPPLES
     located = {MARKS[name]: x for name, x in f.items() if name in MARKS and math.isfinite(x.value)}
     ends = [Mark(x, f"{x:g} deg, half power") for x in BAND]
     return Chart(

@@ -33,7 +33,7 @@ from ..machine import conveyor_drive, followed
 from ..options import RippleOptions
 from ..papers import cited
 from ..parameter_plane import (
-    SPEED,
+    SPEED_NAME,
     Built,
     Plane,
     Sample,
@@ -212,7 +212,7 @@ def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, floa
         raise SetupError(f"--x and --y are both {up.name}")
     check_fixed_starts(o.start, (across.name, up.name))
     plane = Plane(across, up, followed(context.fmus, SETS[o.set], o.start), o.speed or FIXED)
-    if across.name != SPEED:
+    if across.name != SPEED_NAME:
         if o.range is not None:
             raise SetupError("--range is for maps whose x is the speed")
         return plane, None

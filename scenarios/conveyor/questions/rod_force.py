@@ -38,7 +38,7 @@ from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
 from ..papers import cited
-from ..parameter_plane import SPEED, Axis, Plane, coupling_error, torque_ripple
+from ..parameter_plane import SPEED_NAME, ParameterAxis, Plane, coupling_error, torque_ripple
 from ..response import LAG, TORQUE, Lines, Response, locate
 from ..rod_force_map import SPRINGS, RodForceData, maps, over_angle, over_speed
 from ..rod_waveform import CLOSE, around, largest_forces, least, peak, unloading, waveform
@@ -93,7 +93,7 @@ class RodForce(Question, RippleOptions):
         drive.check(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
         across = Direction("operating speed", "rad/s", np.array(self.speeds))
         up = Direction("stiffness of the spring", "N/m", np.array(self.springs))
-        plane = Plane(Axis(SPEED, across), Axis(SPRING, up), present, nu)
+        plane = Plane(ParameterAxis(SPEED_NAME, across), ParameterAxis(SPRING, up), present, nu)
 
         parts: list[Orbits] = []
         table = context.record_rows(TABLE, UNITS, rows(drive, length, plane, parts))

@@ -34,7 +34,7 @@ from workbench import (
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
 from workbench.figure import ROUNDING
-from workbench.judgement import Verdict
+from workbench.judgement import Holds
 from workbench.live import (
     REVOLUTION,
     Live,
@@ -189,7 +189,7 @@ class IronBounce(Question):
             yes=f"The follower stays on the cam at {at}",
             no=f"The follower leaves the cam at {at}",
         )
-        if stays.answer is Verdict.YES:
+        if stays.answer is Holds.YES:
             return [stays]
         landing = (
             ("landings", "speed", "force")

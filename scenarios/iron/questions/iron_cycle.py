@@ -19,7 +19,7 @@ from cosim.metrics import Integral, TimeOfLargest, TimeOfSmallest
 from workbench import Context, Figure, Judgement, Question, Run, Show, Table, option
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE
 from workbench.figure import scaled
-from workbench.judgement import Verdict
+from workbench.judgement import Holds
 from workbench.live import (
     Live,
     LiveMotion,
@@ -151,7 +151,7 @@ class IronCycle(Question):
             "largest torque of the cam shaft": f["tau_cam_max"],
             "largest pull of the chain": f["run_force_max"],
         }
-        if safe.answer is Verdict.NO:
+        if safe.answer is Holds.NO:
             why = (
                 f"{event} at this speed, and the figures are those of a drive that is held together"
             )

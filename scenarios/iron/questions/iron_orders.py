@@ -40,7 +40,7 @@ from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.context import captured_warnings
 from workbench.figure import listed, of_rows
-from workbench.judgement import Verdict
+from workbench.judgement import Holds
 from workbench.live import moved
 from workbench.steady import Turns, steady_turns
 
@@ -127,8 +127,8 @@ class IronOrders(Question):
                     note=added.reason if adds_nothing else "",
                 )
             )
-        first = (Verdict.NO, Verdict.OPEN, Verdict.YES)
-        answers.sort(key=lambda x: first.index(x.answer or Verdict.OPEN))
+        first = (Holds.NO, Holds.OPEN, Holds.YES)
+        answers.sort(key=lambda x: first.index(x.answer or Holds.OPEN))
         return [*answers, Judgement("the follower lifts off at", f["follower_limit"])]
 
     def show(self, f: Mapping[str, Figure], r: tuple[MeasuredDrive, Frame]) -> Show:
