@@ -13,6 +13,7 @@ from .dense import MOST_POINTS, Curves
 from .engine.energy import balance
 from .errors import SetupError, pluralize
 from .metrics import Metric
+from .names import only
 from .result import Result
 from .series import NO_BREAKS, Column
 from .system import Network, Port, Value
@@ -176,7 +177,7 @@ class Ensemble:
 
     def _index(self, name: str) -> int:
         if name not in self.names:
-            raise KeyError(f"{name} was not recorded, only {', '.join(self.names)}")
+            raise KeyError(f"{name} was not recorded, {only(name, self.names)}")
         return self.names.index(name)
 
     def result(self, k: int) -> Result:

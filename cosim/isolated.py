@@ -21,7 +21,8 @@ from .child import GRACE, child, death
 from .engine.settings import RunSettings
 from .errors import SetupError, pluralize
 from .fmu.messages import log, quiet
-from .master import begin, run
+from .master import run
+from .prepared import Prepared
 from .result import Interrupted, Result, SimulationError, file_columns, partial, write_json
 from .series import described_columns
 from .signals import collect_interrupts
@@ -125,7 +126,8 @@ def _start(pipe: Connection, system: System, settings: RunSettings) -> None:
     """Begin in the child and tell the parent what is refused, or None."""
     with suppress(BrokenPipeError), quiet():
         try:
-            begin(system, settings)
+            with Prepared.open(system, settings) as prepared:
+                prepared.begin()
         except SetupError as error:
             pipe.send(error)
         else:

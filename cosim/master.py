@@ -97,22 +97,3 @@ def run(
     )  # fmt: skip
     with Prepared.open(system, settings) as prepared:
         return prepared.run(csv=csv, progress=progress, all_rows=all_rows)
-
-
-def begin(system: System, settings: RunSettings) -> None:
-    """Bring a system to its start, as `run` does before the first step, and end it there.
-
-    Parameters
-    ----------
-    system : System
-        What is begun.
-    settings : RunSettings
-        How it would be run.
-
-    Raises
-    ------
-    SetupError
-        For what `run` refuses before the first step.
-    """
-    with Prepared.open(system, settings) as prepared:
-        prepared.begin()

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-#: Names that a message lists. A convention: an FMU of thousands of variables fills no screen.
-MOST_LISTED = 40
+#: Names that a message lists. A convention: as many, as long as tools make them, fill a few lines of a screen.
+MOST_LISTED = 12
 
 
 def only(wrong: object, names: Iterable[str]) -> str:
-    """The words "only a, b" of what there is, and "; did you mean b?" where a name is near."""
+    """The words "only a, b" of what there is, of many the nearest, and "; did you mean b?" where a name is near."""
     known = [*dict.fromkeys(names)]
-    listed = ", ".join(known[:MOST_LISTED]) or "none"
-    more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
-    return f"only {listed}{more}{meant(wrong, known)}"
+    if (more := len(known) - MOST_LISTED) <= 0:
+        return f"only {', '.join(known) or 'none'}{meant(wrong, known)}"
+    nearest = get_close_matches(str(wrong), known, MOST_LISTED, 0.0)
+    return f"only {', '.join(nearest)} and {more} more{meant(wrong, known)}"
 
 
 def meant(wrong: object, names: Iterable[str]) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import SetupError
+from .names import only
 from .table_file import TIMES, TableFile, is_empty, number_of, of_columns, read_file, read_text
 from .units import multiples
 
@@ -104,7 +105,7 @@ class Reading(NamedTuple):
         match = SCALED.fullmatch(scaled if colon else text)
         name = match["name"] if match and text not in names else text
         if name not in names:
-            raise SetupError(f"{where} has no column {text!r}, only {', '.join(names)}")
+            raise SetupError(f"{where} has no column {text!r}, {only(text, names)}")
         if names.count(name) > 1:
             raise SetupError(f"{where} has two columns {name!r}")
         if match is None or name == text:
@@ -170,7 +171,7 @@ class Series:
         for k, column in enumerate(self.columns):
             if column.name == name:
                 return k
-        raise KeyError(f"{name} was not recorded, only {', '.join(self.names)}")
+        raise KeyError(f"{name} was not recorded, {only(name, self.names)}")
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """The values of a column in their own type, shape (rows,); raises KeyError for one that there is not."""

@@ -91,13 +91,7 @@ class ErrorScale:
         self.names = [name for block in self.blocks for name in block.names]
         self.tolerance = settings.tolerance
         self.absolute = [settings.absolute.get(name) for name in self.names]
-        nominal = {
-            f"{part.name}.{v.name}": abs(float(v.nominal or 1.0))
-            for part in parts
-            for v in part.description.modelVariables
-            if v.type == "Real"
-        }
-        self.largest = [nominal[name] for name in self.names]
+        self.largest = [size for block in self.blocks for size in block.nominals()]
         self.instant = [name in control.instant for name in self.names]
 
     def values(self) -> list[float]:

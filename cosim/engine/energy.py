@@ -151,15 +151,19 @@ def balance(given: float, taken: float, exchanged: float) -> Balance:
 
 def energy_balance(sides: Iterable[BondSide]) -> dict[str, Balance]:
     """The energy of each bond, from both of its sides."""
-    pairs: dict[str, list[BondSide]] = {}
-    for side in sides:
-        pairs.setdefault(side.bond, []).append(side)
     balances = {}
-    for bond, pair in pairs.items():
-        first, second = sorted(pair, key=lambda side: side.side)
+    for bond, (first, second) in by_bond(sides).items():
         exchanged = max(first.totals[EXCHANGED], second.totals[EXCHANGED])
         balances[bond] = balance(first.energy, second.energy, exchanged)
     return balances
+
+
+def by_bond(sides: Iterable[BondSide]) -> dict[str, list[BondSide]]:
+    """The two sides of each bond, that of its first output first."""
+    pairs: dict[str, list[BondSide]] = {}
+    for side in sides:
+        pairs.setdefault(side.bond, []).append(side)
+    return {bond: sorted(pair, key=lambda side: side.side) for bond, pair in pairs.items()}
 
 
 def bond_warnings(balances: Mapping[str, Balance]) -> Iterator[str]:

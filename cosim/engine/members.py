@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..fmu.messages import FATAL, WARNING
 from ..system import Network
 from .control import Adaptive
+from .energy import by_bond
 from .loop import Loop, library
 from .member_layout import SpanLayout, SystemLayout
 from .part import Part
@@ -97,12 +98,9 @@ class Members:
 
     def energy(self, block: Block) -> dict[str, Array]:
         """Energy given, taken and exchanged [J] over each power bond, shape (n, 3)."""
-        pairs: dict[str, list[int]] = {}
-        for k, side in enumerate(self._layout.bond_sides):
-            pairs.setdefault(side.bond, []).append(k)
-        energy = {}
-        for bond, pair in pairs.items():
-            first, second = sorted(pair, key=lambda k: self._layout.bond_sides[k].side)
+        sides, energy = self._layout.bond_sides, {}
+        for bond, pair in by_bond(sides).items():
+            first, second = map(sides.index, pair)
             exchanged = np.maximum(block.work[:, first, 1], block.work[:, second, 1])
             energy[bond] = np.stack(
                 [block.work[:, first, 0], block.work[:, second, 0], exchanged], 1

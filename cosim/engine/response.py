@@ -84,7 +84,6 @@ def values_by_probe(
     snapshot, sizes = Snapshot(parts), (PROBE * h, 0.5 * PROBE * h)
     snapshot.take()
     feeds = [(feed.cell, feed.cell[0]) for part in parts for feed in part.feeds]
-    inputs = [(b.cells, list(b.cells)) for part in parts for b in part.inputs]
     counts = [(part, part.do_steps, part.instance.forward) for part in parts]
     noted = [(p.intermediate_values, len(p.intermediate_values)) for p in _watched(parts)]
     shown: list[Values] = []
@@ -107,8 +106,6 @@ def values_by_probe(
             part.instance.go_forward_only(forward=forward)
         for cell, value in feeds:
             cell[0] = value
-        for cells, values in inputs:
-            cells[:] = values
         for observations, count in noted:
             del observations[count:]
     whole, half = shown

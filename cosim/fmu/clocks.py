@@ -15,15 +15,6 @@ def is_reached(time: float, t: float) -> bool:
 
 
 @dataclass(frozen=True)
-class ClockState:
-    """When a clock ticks: `count` intervals [s] after `begin` [s]."""
-
-    begin: float
-    interval: float
-    count: int
-
-
-@dataclass(frozen=True)
 class EventState:
     """What the master keeps of a part's events.
 
@@ -34,7 +25,7 @@ class EventState:
     due: float
     now: float
     entered: tuple[list[object], ...]
-    clocks: tuple[ClockState, ...]
+    clocks: tuple[IntervalClock, ...]
 
 
 class IntervalClock:
@@ -60,11 +51,3 @@ class IntervalClock:
     def restart(self, t: float, interval: float) -> None:
         """Tick an interval [s] after the time t [s], and from there on."""
         self.begin, self.interval, self.count = t, interval, 1
-
-    def state(self) -> ClockState:
-        """When it ticks."""
-        return ClockState(self.begin, self.interval, self.count)
-
-    def restore(self, state: ClockState) -> None:
-        """Tick as it did in this state."""
-        self.begin, self.interval, self.count = state.begin, state.interval, state.count

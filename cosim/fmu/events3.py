@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 
 from ..errors import FmuError
 from ..system.description import Variable
@@ -89,8 +90,7 @@ class EventMode:
     def state(self) -> EventState:
         """What the master keeps of the events."""
         entered = tuple(list[object](block.entered or ()) for block in self.held)
-        clocks = tuple(clock.state() for clock in self._clocks)
-        return EventState(self.due.value, self.now, entered, clocks)
+        return EventState(self.due.value, self.now, entered, tuple(map(copy, self._clocks)))
 
     def restore(self, state: EventState) -> None:
         """Return to a saved state."""
@@ -98,8 +98,7 @@ class EventMode:
         for block, cells in zip(self.held, state.entered):
             if block.entered is not None:
                 block.entered[:] = cells
-        for clock, saved in zip(self._clocks, state.clocks):
-            clock.restore(saved)
+        self._clocks = list(map(copy, state.clocks))
 
     def _ticking(self, clock: Variable) -> IntervalClock:
         """A clock as it starts, with the interval of the description or what the FMU says."""
