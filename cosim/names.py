@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-#: Names that a message lists. A convention: as many, as long as tools make them, fill a few lines of a screen.
-MOST_LISTED = 12
+#: Names up to which a message lists all. A convention: they fill a few lines of a screen.
+MOST_LISTED = 40
+#: The nearest names that it lists of more. A convention: names of so many variables are long.
+NEAREST = 12
 
 
 def only(wrong: object, names: Iterable[str]) -> str:
     """The words "only a, b" of what there is, of many the nearest, and "; did you mean b?" where a name is near."""
     known = [*dict.fromkeys(names)]
-    if (more := len(known) - MOST_LISTED) <= 0:
-        return f"only {', '.join(known) or 'none'}{meant(wrong, known)}"
-    nearest = get_close_matches(str(wrong), known, MOST_LISTED, 0.0)
-    return f"only {', '.join(nearest)} and {more} more{meant(wrong, known)}"
+    listed, more = known, ""
+    if len(known) > MOST_LISTED:
+        listed = get_close_matches(str(wrong), known, NEAREST, 0.0)
+        more = f" and {len(known) - NEAREST} more"
+    return f"only {', '.join(listed) or 'none'}{more}{meant(wrong, known)}"
 
 
 def meant(wrong: object, names: Iterable[str]) -> str:
