@@ -304,24 +304,6 @@ def test_columns_of_several_lengths_are_no_table() -> None:
         Series.of({"t": [0.0, 1.0], "u": [1.0]})
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("time,tau\n0,1\n1,x\n", "row 3, column tau: 'x' is not a number"),
-        ("time,w\n0,1\n", "has no column 'tau', only time, w"),
-        ("time [m],tau\n0,1\n", r"time \[m\] cannot be converted to s, only from s or ms"),
-        ("", "cannot be read as a table"),
-        (f"time,tau\n0,{'1' * 200_000}\n", "row 2, column tau: '1{40}' is not a"),
-        ("time,tau,tau\n0,1,2\n", "has two columns named 'tau'"),
-    ],
-)
-def test_what_is_no_file_of_rows_is_refused(text: str, message: str, tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(SetupError, match=message):
-        table = Series.read(tmp_path / "a.csv", "tau")
-        assert len(table.numbers()) == len(table.t)
-
-
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_function_that_gives_no_number_ends_the_run(
     compiled: bool, tmp_path: Path, request: pytest.FixtureRequest
