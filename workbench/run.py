@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -11,6 +12,9 @@ from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 import cosim
 from cosim import SetupError, System
@@ -32,6 +36,9 @@ from .runs.journal import OutcomeJournal, open_journal
 from .runs.local import LocalRunner
 from .runs.runner import Runner
 from .runs.worker import OK, Outcome, failure
+
+#: What was found: name, unit and reason of each figure; value and error of each, nan without one; and warnings.
+Row = tuple[list[list[str]], NDArray[np.float64], list[str]]
 
 
 def ask(
@@ -231,8 +238,7 @@ def rows(
 ) -> list[Outcome]:
     """Return what becomes of the question of a file or a module in each case: options, and start values, which have a dot.
 
-    The answer of an outcome is {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Cases that cannot be
-    solved together are solved in halves. Errors name no folder.
+    The answer of an outcome is a `Row`. Cases that cannot be solved together are solved in halves. Errors name no folder.
     """
     began = perf_counter()
     try:
@@ -251,7 +257,7 @@ def rows(
 
 def _solved(
     page: Path | str, fmus: Mapping[str, Path], cases: Sequence[Mapping[str, Any]]
-) -> list[dict[str, Any] | Exception]:
+) -> list[Row | Exception]:
     """The answers to cases, or why they are refused; raises what `solve_all` does, and if it is not clear who warns."""
     try:
         question = read(catalog.load_cached(str(page)))
@@ -279,13 +285,12 @@ def _solved(
         raise type(error)(text) from error
 
 
-def _row(findings: Findings, logged: Sequence[str]) -> dict[str, Any]:
+def _row(findings: Findings, logged: Sequence[str]) -> Row:
     """What a row of a study has of what was found."""
-    figures = {
-        key: (float(f.value), f.unit, None if f.error is None else float(f.error), f.reason)
-        for key, f in findings.figures.items()
-    }
-    return {"figures": figures, "warnings": [*findings.warnings, *logged]}
+    figures = findings.figures.items()
+    numbers = [(f.value, math.nan if f.error is None else f.error) for _, f in figures]
+    texts = [[name, f.unit, f.reason] for name, f in figures]
+    return texts, np.array(numbers, float).reshape(-1, 2), [*findings.warnings, *logged]
 
 
 def _fingerprint(

@@ -89,7 +89,7 @@ class Evil:
         return Path.touch, (self.path,)
 
 
-OK_ROW = ["ok", "", "", [[["y", "m", ""]], []]]
+OK_ROW = ["ok", "", "", {"tuple": [[["y", "m", ""]], {"array": [1, 2]}, []]}]
 #: Rows with a right checksum that no run can have written: numbers and text.
 FORGED: dict[str, tuple[list[float], str]] = {
     "no JSON": ([0.1, 1.0, 0.0], "x"),

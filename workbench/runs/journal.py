@@ -1,7 +1,6 @@
 """Outcomes of runs as they are done, in a journal of `cosim`: kept whatever happens, never mixed with others.
 
-The numbers of a row are its wall time and its answer's, which the question's side takes apart and puts together; its
-text has the rest as JSON. Nothing of a file is executed, and a row is believed if all of it is what a run can say.
+The numbers of a row are its wall time and those of the arrays of its answer; its text has the rest as JSON. Nothing of a file is executed, and a row is believed if all of it is what a run can say.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,16 +23,6 @@ from .worker import OK, STATUSES, Outcome
 
 NAME = "journal.runs"
 Key = int
-
-
-class Form(NamedTuple):
-    """How an answer is kept: `apart` gives its numbers and the rest for JSON, `together` the answer from these.
-
-    Both raise ValueError, TypeError, KeyError or AttributeError for what they do not know.
-    """
-
-    apart: Callable[[Any], tuple[list[float], Any]]
-    together: Callable[[list[float], Any], Any]
 
 
 def _plain(value: Any, numbers: list[float]) -> Any:
@@ -59,21 +48,13 @@ def _again(tree: Any, numbers: Iterator[float]) -> Any:
     return [_again(item, numbers) for item in tree] if isinstance(tree, list) else tree
 
 
-def _apart(answer: Any) -> tuple[list[float], Any]:
-    numbers: list[float] = []
-    tree = _plain(answer, numbers)
-    return numbers, tree
-
-
-#: Answers of numbers, texts, arrays of numbers, lists and tuples; others are not kept.
-PLAIN = Form(_apart, lambda numbers, tree: _again(tree, iter(numbers)))
-
-
 class OutcomeJournal:
     """Outcomes of runs by number, of this session and of those before, in the order in which they came."""
 
-    def __init__(self, path: Path, file: cosim.journal.Journal, form: Form) -> None:
-        self.path, self._file, self._form = path, file, form
+    def __init__(
+        self, path: Path, file: cosim.journal.Journal, is_sound: Callable[[Any], bool]
+    ) -> None:
+        self.path, self._file, self._is_sound = path, file, is_sound
         self._rows: dict[Key, Outcome] = {}
         self._asked = 0
         for number, (values, text) in file.rows.items():
@@ -97,20 +78,24 @@ class OutcomeJournal:
 
     def __setitem__(self, key: Key, outcome: Outcome) -> None:
         status, answer, message, seconds, trace = outcome
+        numbers = [seconds]
         try:
-            numbers, rest = self._form.apart(answer) if status == OK else ([], None)
-        except (ValueError, TypeError, LookupError, AttributeError):
+            tree = _plain(answer, numbers)
+        except TypeError:
             return
         self._rows[key] = outcome
-        values = np.array([[seconds, *numbers]])
-        self._file.add([key], values, [json.dumps([status, message, trace, rest])])
+        text = json.dumps([status, message, trace, tree])
+        self._file.add([key], np.array([numbers]), [text])
 
     def _outcome(self, values: list[float], text: str) -> Outcome:
-        """The outcome that a row tells; raises what `Form` says for one that it cannot be."""
-        status, message, trace, rest = json.loads(text)
+        """The outcome that a row tells; raises ValueError, TypeError, LookupError or AttributeError for none."""
+        status, message, trace, tree = json.loads(text)
         if status not in STATUSES or not isinstance(message, str) or not isinstance(trace, str):
             raise ValueError(text)
-        answer = self._form.together(values[1:], rest) if status == OK else None
+        numbers = iter(values[1:])
+        answer = _again(tree, numbers) if status == OK else None
+        if any(True for _ in numbers) or (status == OK and not self._is_sound(answer)):
+            raise ValueError(text)
         return Outcome(status, answer, message, values[0], trace)
 
     def numbers(self, count: int) -> range:
@@ -135,9 +120,13 @@ class OutcomeJournal:
 
 @contextmanager
 def open_journal(
-    folder: Path, identity: Mapping[str, Any], form: Form = PLAIN, *, passing: bool = False
+    folder: Path,
+    identity: Mapping[str, Any],
+    is_sound: Callable[[Any], bool] = lambda _: True,
+    *,
+    passing: bool = False,
 ) -> Iterator[OutcomeJournal]:
-    """The journal in this folder, begun or gone on with; it raises what `cosim.journal.open_journal` does.
+    """The journal in this folder of answers that are sound, begun or gone on with; it raises what `cosim.journal.open_journal` does.
 
     That of a sweep is `passing`: it drops rows of another identity, says on stderr what becomes of rows that are
     there, and goes when the sweep ends well. Rows that are damaged are done again, which is said on stderr.
@@ -151,33 +140,7 @@ def open_journal(
     with cosim.journal.open_journal(
         path, identity, keep=not passing, drop=dropped if passing else None
     ) as file:
-        journal = OutcomeJournal(path, file, form)
+        journal = OutcomeJournal(path, file, is_sound)
         if passing and len(journal):
             print(f"{folder}: {pluralize(len(journal), 'row')} already there", file=sys.stderr)
         yield journal
-
-
-def figures_apart(row: Any) -> tuple[list[float], Any]:
-    """The figures of a row as numbers: value and error of each, nan without an error; and the rest of it."""
-    figures = row["figures"]
-    numbers = [x for value, _, error, _ in figures.values()
-               for x in (value, math.nan if error is None else error)]  # fmt: skip
-    texts = [[name, unit, reason] for name, (_, unit, _, reason) in figures.items()]
-    return numbers, [texts, row["warnings"]]
-
-
-def figures_together(numbers: list[float], rest: Any) -> dict[str, Any]:
-    """The row that `figures_apart` took apart."""
-    texts, warnings = rest
-    words = [word for words in (*texts, warnings) for word in words]
-    if not all(isinstance(word, str) for word in words) or len(numbers) != 2 * len(texts):
-        raise ValueError(rest)
-    figures = {
-        name: (value, unit, None if math.isnan(error) else error, reason)
-        for (name, unit, reason), value, error in zip(texts, numbers[::2], numbers[1::2])
-    }
-    return {"figures": figures, "warnings": warnings}
-
-
-#: The rows of a study, what `workbench.run.row` returns.
-FIGURES = Form(figures_apart, figures_together)

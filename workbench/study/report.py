@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from cosim.errors import pluralize
 
 from ..answer import Answer, Show, Table
 from ..charts.mpl import draw
+from ..run import Row
 from ..runs.worker import OK, Outcome
 from . import charts
 from .file import Study
@@ -30,7 +32,7 @@ SPOKEN = 3
 PRINTED_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\w)")
 
 RESERVED_COLUMNS = ("run", "status", "warnings", "message")
-NOTHING: Mapping[str, Any] = {"figures": {}, "warnings": []}
+NOTHING: Row = [], np.empty((0, 2)), []
 
 
 def conclude(
@@ -125,7 +127,7 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
     runs_by_remark: dict[str, dict[int, str]] = {}
     for number, outcome in enumerate(outcomes):
         failed = [f"{outcome.status}: {outcome.message}"] * (outcome.status != OK)
-        warned = (f"warning: {text}" for text in row_of(outcome)["warnings"])
+        warned = (f"warning: {text}" for text in warnings_of(outcome))
         for text in (*failed, *warned, *refusals(outcome)):
             runs_by_remark.setdefault(PRINTED_NUMBER.sub("#", text), {}).setdefault(number, text)
     lines = []
@@ -138,14 +140,34 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
     return lines[:SPOKEN] + more
 
 
-def row_of(outcome: Outcome) -> Mapping[str, Any]:
-    """What `row` made of a run; nothing of one that failed."""
-    return outcome.answer or NOTHING
+def is_row(answer: Any) -> bool:
+    """Whether an answer is a row of a study."""
+    match answer:
+        case ([*figures], np.ndarray(shape=shape), [*warnings]):
+            texts = [text for figure in (*figures, warnings) for text in figure]
+            is_each = all(isinstance(text, str) for text in texts)
+            is_each &= {len(figure) for figure in figures} <= {3}
+            return is_each and shape == (len(figures), 2)
+    return False
+
+
+def figures_of(outcome: Outcome) -> dict[str, tuple[float, str, float | None, str]]:
+    """Value, unit, error and reason of the figures of a run by name; of one that failed none."""
+    figures, numbers, _ = outcome.answer or NOTHING
+    return {
+        name: (value, unit, None if math.isnan(error) else error, reason)
+        for (name, unit, reason), (value, error) in zip(figures, numbers)
+    }
+
+
+def warnings_of(outcome: Outcome) -> list[str]:
+    """What FMUs and the question warned of in a run."""
+    return list((outcome.answer or NOTHING)[2])
 
 
 def refusals(outcome: Outcome) -> list[str]:
     """The figures that a run did not determine, and why."""
-    figures = row_of(outcome)["figures"].items()
+    figures = figures_of(outcome).items()
     return [f"{name} not determined: {reason}" for name, (*_, reason) in figures if reason]
 
 
@@ -160,7 +182,7 @@ def frame(
     """
     names: dict[str, str] = {}
     units = dict(units)
-    rows = [row_of(outcome)["figures"] for outcome in outcomes]
+    rows = [figures_of(outcome) for outcome in outcomes]
     for figure, (_, unit, error, _) in (item for row in rows for item in row.items()):
         taken = figure in study.varied or figure in RESERVED_COLUMNS
         name = names.setdefault(figure, f"answer.{figure}" if taken else figure)
@@ -181,6 +203,6 @@ def frame(
                 [error for _, _, error, _ in cells], dtype=float
             )
     columns["status"] = [outcome.status for outcome in outcomes]
-    columns["warnings"] = ["; ".join(row_of(outcome)["warnings"]) for outcome in outcomes]
+    columns["warnings"] = ["; ".join(warnings_of(outcome)) for outcome in outcomes]
     columns["message"] = [x.message or "; ".join(refusals(x)) for x in outcomes]
     return Table.of_frame(pd.DataFrame(columns), units), names

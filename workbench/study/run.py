@@ -25,10 +25,10 @@ from ..run import rows, select_runner
 from ..runs.bundle import Bundle, digest
 from ..runs.fingerprint import computation
 from ..runs.folder import reservation
-from ..runs.journal import FIGURES, OutcomeJournal, open_journal
+from ..runs.journal import OutcomeJournal, open_journal
 from ..runs.worker import TIMEOUT
 from .file import Study, ends
-from .report import conclude
+from .report import conclude, is_row
 
 #: Keys of a study file on which no row depends.
 BESIDE_ROWS = ("figures", "timeout", "limits")
@@ -57,7 +57,7 @@ def run(
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
     scratch()  # removes what killed runs left there, though this one may have no run to do
-    with reservation(folder), open_journal(folder, who, FIGURES) as journal:
+    with reservation(folder), open_journal(folder, who, is_row) as journal:
         with replacement(folder / "study.toml") as fresh:
             fresh.write_bytes(study.path.read_bytes())
         _forget_short_of(study.timeout, journal)
