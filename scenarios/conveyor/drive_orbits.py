@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ FEWEST_STEPS = 18
 SECTORS = 16
 #: Even angles between which the largest force of a sector is interpolated by a parabola; sixteen for each of ORBIT_ANGLES.
 FINE_ANGLES = 16 * ORBIT_ANGLES
-#: Orbits of a map that are run side by side before their rows are kept. Chosen: half a second of work.
+#: Orbits that are run side by side before they are kept. Chosen: half a second of work.
 AT_ONCE = 256
 #: Convergence order of the rod force, which follows the torque of half a step before at once.
 FORCE_ORDER = 1.0
@@ -152,13 +153,24 @@ class Drive:
         arrays = {name: x for name, x in starts.items() if np.ndim(x)}
         n = max((len(x) for x in arrays.values()), default=1)
         speed = np.broadcast_to(np.asarray(nu, float), n)
+        steps = self.steps_per_rev if steps_per_rev is None else steps_per_rev
+        steps = np.broadcast_to(steps, n)
         cases = {name: np.broadcast_to(starts[name], n) for name in (*STATES, *arrays)}
         shared = {name: x for name, x in starts.items() if name not in cases}
-        return steady_turns(
-            conveyor_drive(self.context.fmus, shared), cases, STATES, "conveyor.phi", speed,
-            steps_per_rev=self.steps_per_rev if steps_per_rev is None else steps_per_rev,
-            record=record, algorithm=self.algorithm,
-        )  # fmt: skip
+        system, threads = conveyor_drive(self.context.fmus, shared), self.context.threads
+
+        def block(some: NDArray[Any]) -> tuple[Any, ...]:
+            turns = steady_turns(
+                system, {name: x[some] for name, x in cases.items()}, STATES, "conveyor.phi", speed[some],
+                steps_per_rev=steps[some], record=record, algorithm=self.algorithm, jobs=threads,
+            )  # fmt: skip
+            return tuple(vars(turns).values())
+
+        blocks = np.array_split(np.arange(n), max(1, math.ceil(n / AT_ONCE)))
+        done = list(self.context.each(block, blocks, "orbits", here=True))
+        columns, *of_blocks, problems = zip(*done)
+        values, periods, left, ends = map(np.concatenate, of_blocks)
+        return Turns(columns[0], values, periods, left, ends, [*chain(*problems)])
 
     def steps(self, shape: tuple[int, ...], multiple: Any = None) -> NDArray[np.int64]:
         """Return the steps per revolution with STEP_MULTIPLES of these numbers, by default the j-th in row j."""

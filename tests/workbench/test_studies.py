@@ -281,7 +281,7 @@ def test_cases_that_are_solved_together_give_the_rows_of_each_alone(tmp_path: Pa
         study.run(study.load(tmp_path / "some.toml"), out=out, jobs=1)
         tables.append((out / "table.csv").read_bytes())
         if at_once > 1:
-            assert ledger.read_text().split().count("8") == 2
+            assert ledger.read_text().split().count("2") == 8
     assert tables[0].replace(b"squares.py:19", b"") == tables[1].replace(b"squares.py:19", b"")
     found = {float(row["x"]): row for row in table(tmp_path / "out8")}
     assert [row["status"] for row in found.values()].count("ok") == 13
@@ -678,11 +678,12 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
     """With all its functions out of order the rows are the same."""
     cases = {"orientator_cycle": {"speed": 40.0}, "run_up": {"stop": 0.02}}
 
-    def answers() -> list[dict[str, Any]]:
-        return [
+    def answers() -> list[str]:
+        rows = [
             run.rows(PROJECT.locate(name), fmus_of(page(name), "python"), [o])[0].answer
             for name, o in cases.items()
         ]
+        return [f"{texts} {numbers.tolist()} {warnings}" for texts, numbers, warnings in rows]
 
     def page(name: str) -> ModuleType:
         return load_module(PROJECT.locate(name))

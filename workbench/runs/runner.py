@@ -7,6 +7,7 @@ import reprlib
 import signal
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,10 @@ from .worker import MACHINE, OK, Outcome
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 Outcomes = Generator[tuple[Key, Outcome]]
+
+
+#: Calls of a study at least, where each may take several cases. Chosen: as many as an ordinary machine has cores.
+LEAST_CALLS = 8
 
 
 class RunFailedError(SimulationError):
@@ -53,11 +58,6 @@ class Runner(ABC):
     packages: Sequence[str] = ()
     page: str = ""
     files: Sequence[Path] = ()
-
-    @property
-    def width(self) -> int:
-        """How many calls it does at a time, 1 where that is not known."""
-        return 1
 
     @abstractmethod
     def stream(
@@ -103,7 +103,7 @@ class Runner(ABC):
         yield from done.items()
         missing = {key: task for key, task in tasks.items() if key not in done}
         if at_once:
-            fresh = self._together(function, missing, timeout, at_once)
+            fresh = self._together(function, tasks, missing.keys(), timeout, at_once)
         else:
             fresh = self.stream(function, missing, timeout, is_isolated=False)
         failed = sum(outcome.status != OK for outcome in done.values())
@@ -131,20 +131,29 @@ class Runner(ABC):
         self,
         function: Callable[[list[Any]], list[Outcome]],
         tasks: Mapping[Key, Any],
+        missing: AbstractSet[Key],
         timeout: float | None,
         at_once: int,
     ) -> Outcomes:
-        """Give key and outcome of tasks in calls of several; those of a call that ends its process have one each."""
-        count = self.width * math.ceil(len(tasks) / (at_once * self.width))
-        waiting = [block.tolist() for block in np.array_split(list(tasks), count)] if count else []
+        """Give key and outcome of those tasks that are missing, in calls of several.
+
+        Which are in one call does not depend on what is missing, nor on how many are done at a time, so that the last bits do
+        not either. Those of a call that ends its process have one each.
+        """
+        keys, size = list(tasks), min(at_once, math.ceil(len(tasks) / LEAST_CALLS) or 1)
+        waiting = [keys[k : k + size] for k in range(0, len(keys), size)]
         while waiting:
-            calls = {k: [tasks[key] for key in block] for k, block in enumerate(waiting) if block}
+            calls = {
+                k: [tasks[key] for key in block]
+                for k, block in enumerate(waiting)
+                if not missing.isdisjoint(block)
+            }
             alone: list[list[Key]] = []
             with closing(self.stream(function, calls, timeout)) as stream:
                 for k, outcome in stream:
                     block = waiting[k]
                     if outcome.status == OK:
-                        yield from zip(block, outcome.answer)
+                        yield from (x for x in zip(block, outcome.answer) if x[0] in missing)
                     elif len(block) == 1:
                         yield block[0], outcome
                     else:
