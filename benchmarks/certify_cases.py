@@ -1,15 +1,14 @@
 """Synthetic cases for benchmarks/certify.py: solutions that are known, and what of them can be determined.
 
-Each case is a function of time and of the step, whose limit for a step of zero is the truth. It says beforehand
-which figures can be determined, and which cannot be, so that they must be refused; of the others either is
-right, as long as a stated error holds.
+Each is a function of time and of the step, whose limit for a step of zero is the truth. It says beforehand
+which figures can be determined, and which cannot be, so that they must be refused.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from cosim import Result, System
+from cosim import Result, System, run
 from cosim.series import TIME, Column, Kind
 
 Array = NDArray[np.float64]
@@ -32,138 +31,103 @@ SLOW_STEPS = 4
 
 
 @dataclass(frozen=True)
-class SyntheticCase:
-    """A column x(t, h) over time t [s] and the step h [s], with x(t, 0) the truth.
+class Case:
+    """A system, its stop and its longest step [s], and the truth of some columns, x(t).
 
-    `events` are times of rows beside those of the grid. `hides` says that extremes lie between rows, at
-    events that no row shows; these are counted apart.
+    `changes` has of discrete columns the level that they pass, and when first [s]; `promises` which figures must be
+    stated and which refused; of the others either is right, as long as a stated error holds.
     """
 
-    name: str
-    x: Callable[[Array, float], Array]
+    system: System
     stop: float
     step: float
-    order: int = 1
-    determinable: frozenset[str] = ALL
-    undeterminable: frozenset[str] = NONE
-    events: tuple[float, ...] = ()
-    hides: bool = False
-    kind: Kind = Kind.CONTINUOUS
-
-    def truth(self, t: Any) -> Array:
-        """The column for a step of zero."""
-        return self.x(np.atleast_1d(np.asarray(t, dtype=float)), 0.0).reshape(np.shape(t))
-
-    def run(self, _: System, *, step: float, **__: Any) -> Result:
-        """Run with a step [s]: rows of the grid, and of events."""
-
-        def rows(spacing: float) -> Array:
-            grid = np.linspace(0.0, self.stop, round(self.stop / spacing) + 1)
-            t = np.union1d(grid, self.events)
-            return np.column_stack([t, self.x(t, step)])
-
-        report = {"convergence_order": self.order, "warnings": []}
-        return Result([TIME, Column("x", kind=self.kind)], report, rows(step).T.__getitem__)
+    exact: Mapping[str, Callable[[Any], Any]]
+    runner: Callable[..., Result] = run
+    changes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    promises: Mapping[str, bool] = field(default_factory=dict)
+    algorithms: Sequence[str] = ()
 
 
-def synthetic_cases(draw: Draw) -> Iterator[SyntheticCase]:
-    """Fifteen cases with parameters drawn between bounds."""
+def synthetic(
+    x: Callable[[Array, float], Array],
+    stop: float = 1.0,
+    step: float = 0.01,
+    order: int = 1,
+    determinable: frozenset[str] = ALL,
+    undeterminable: frozenset[str] = NONE,
+    *,
+    events: tuple[float, ...] = (),
+    kind: Kind = Kind.CONTINUOUS,
+) -> Case:
+    """A column x(t, h) over time t [s] and the step h [s], with x(t, 0) the truth; `events` have rows beside the grid."""
+
+    def runner(_: System, *, step: float, **__: Any) -> Result:
+        t = np.union1d(np.linspace(0.0, stop, round(stop / step) + 1), events)
+        report = {"convergence_order": order, "warnings": []}
+        return Result([TIME, Column("x", kind=kind)], report, [t, x(t, step)].__getitem__)
+
+    def truth(t: Any) -> Array:
+        return x(np.atleast_1d(np.asarray(t, dtype=float)), 0.0).reshape(np.shape(t))
+
+    promises = dict.fromkeys(determinable, True) | dict.fromkeys(undeterminable, False)
+    return Case(System({}), stop, step, {"x": truth}, runner, {}, promises, ("jacobi",))
+
+
+def synthetic_cases(draw: Draw) -> Iterator[tuple[str, str, Case]]:
+    """The name, the kind and the case of fifteen with parameters drawn between bounds.
+
+    That extremes lie between rows, at events that no row shows, is a kind of its own.
+    """
     a, w = draw(0.05, 0.2), draw(5.0, 9.0)
-    yield SyntheticCase(
-        "chaotic",
-        _lorenz(draw(0.9, 1.1)),
-        20.0,
-        0.01,
-        2,
-        frozenset({"crossing"}),
-        ALL - {"crossing", "min"},
-    )
-    yield SyntheticCase(
-        "no order",
-        lambda t, h: np.sin(w * t) + _slow(h) * (1.0 + t),
-        1.0,
-        0.01,
-        1,
-        NONE,
-        POINTS | MEANS,
-    )
-    rate = draw(500.0, 1000.0)
-    yield SyntheticCase("stiff", partial(_stiff, rate=rate), 1.0, 0.01, 1, MEANS | {"end"})
-    yield SyntheticCase("dead time", partial(_dead_time, gain=draw(1.5, 2.5)), 1.2, 0.02)
-    yield SyntheticCase(
-        "ties of peaks",
-        lambda t, h: np.abs(np.sin(2.0 * math.pi * t)) * (1.0 - a * h),
-        1.0,
-        0.01,
-        1,
-        POINTS | MEANS | {"crossing"},
-    )
-    bounce = draw(0.5, 0.8)
-    yield SyntheticCase(
-        "hidden impacts",
-        partial(_ball, restitution=bounce, slope=a),
-        1.0,
-        0.01,
-        1,
-        MEANS | {"end"},
-        hides=True,
-    )
-    at = draw(0.3, 0.6)
-    event = round(at, 2) + 1e-6
-    yield SyntheticCase(
-        "events beside rows",
-        lambda t, h: np.sin(w * t) * (1.0 + a * h),
-        1.0,
-        0.01,
-        events=(event,),
-    )
-    lag = draw(0.03, 0.08)
-    yield SyntheticCase(
-        "jump of an input",
-        lambda t, h: -np.expm1(-np.maximum(t - at - 0.5 * h, 0.0) / lag),
-        1.0,
-        0.01,
-        1,
-        POINTS | MEANS | {"crossing"},
-    )
-    yield SyntheticCase(
-        "play",
-        lambda t, h: np.maximum(np.sin(w * t) * (1.0 + a * h) - 0.3, 0.0),
-        1.0,
-        0.01,
-        1,
-        POINTS | MEANS,
-    )
-    yield SyntheticCase(
-        "beats",
-        lambda t, h: np.sin(5.0 * w * t * (1.0 + h * h)) + np.sin(5.2 * w * t),
-        2.0,
-        0.005,
-        2,
-        POINTS | MEANS,
-    )
-    yield SyntheticCase("small units", lambda t, h: 3e-9 * np.sin(w * t) * (1.0 + a * h), 1.0, 0.01)
-    yield SyntheticCase("whole numbers", lambda t, h: 160000.0 * t**2, 1.0, 0.01)
+    first, rate, gain, bounce = draw(0.9, 1.1), draw(500.0, 1000.0), draw(1.5, 2.5), draw(0.5, 0.8)
+    at, lag = draw(0.3, 0.6), draw(0.03, 0.08)
     rows = draw(33.1, 33.9)  # 33 is their number: the level is between two whole ones
-    yield SyntheticCase(
-        "counted",
-        lambda t, h: np.floor(rows * t * (1.0 - 0.1 * a * h)),
-        1.0,
-        0.01,
-        determinable=frozenset({"min"}),
-        kind=Kind.INTEGER,
-    )
-    yield SyntheticCase(
-        "rounding", lambda t, h: 1e8 + 1e-3 * (1.0 + h) * np.sin(w * t), 1.0, 0.01, 1, NONE
-    )
-    yield SyntheticCase(
-        "solver noise",
-        lambda t, h: np.sin(w * t) * (1.0 + a * h * h) + 1e-7 * _noise(t, h),
-        1.0,
-        0.01,
-        2,
-        NONE,
-    )
+    sine = lambda t, h: np.sin(w * t) * (1.0 + a * h)
+    every = {
+        "chaotic": synthetic(
+            _lorenz(first), 20.0, 0.01, 2, frozenset({"crossing"}), ALL - {"crossing", "min"}
+        ),
+        "no order": synthetic(
+            lambda t, h: np.sin(w * t) + _slow(h) * (1.0 + t),
+            determinable=NONE, undeterminable=POINTS | MEANS,
+        ),
+        "stiff": synthetic(partial(_stiff, rate=rate), determinable=MEANS | {"end"}),
+        "dead time": synthetic(partial(_dead_time, gain=gain), 1.2, 0.02),
+        "ties of peaks": synthetic(
+            lambda t, h: np.abs(np.sin(2.0 * math.pi * t)) * (1.0 - a * h),
+            determinable=POINTS | MEANS | {"crossing"},
+        ),
+        "hidden impacts": synthetic(
+            partial(_ball, restitution=bounce, slope=a), determinable=MEANS | {"end"}
+        ),
+        "events beside rows": synthetic(sine, events=(round(at, 2) + 1e-6,)),
+        "jump of an input": synthetic(
+            lambda t, h: -np.expm1(-np.maximum(t - at - 0.5 * h, 0.0) / lag),
+            determinable=POINTS | MEANS | {"crossing"},
+        ),
+        "play": synthetic(
+            lambda t, h: np.maximum(sine(t, h) - 0.3, 0.0), determinable=POINTS | MEANS
+        ),
+        "beats": synthetic(
+            lambda t, h: np.sin(5.0 * w * t * (1.0 + h * h)) + np.sin(5.2 * w * t),
+            2.0, 0.005, 2, POINTS | MEANS,
+        ),
+        "small units": synthetic(lambda t, h: 3e-9 * sine(t, h)),
+        "whole numbers": synthetic(lambda t, h: 160000.0 * t**2),
+        "counted": synthetic(
+            lambda t, h: np.floor(rows * t * (1.0 - 0.1 * a * h)),
+            determinable=frozenset({"min"}), kind=Kind.INTEGER,
+        ),
+        "rounding": synthetic(
+            lambda t, h: 1e8 + 1e-3 * (1.0 + h) * np.sin(w * t), determinable=NONE
+        ),
+        "solver noise": synthetic(
+            lambda t, h: np.sin(w * t) * (1.0 + a * h * h) + 1e-7 * _noise(t, h),
+            order=2, determinable=NONE,
+        ),
+    }  # fmt: skip
+    for name, case in every.items():
+        yield name, "hidden impacts" if name == "hidden impacts" else "synthetic", case
 
 
 def _slow(h: float) -> float:
@@ -245,8 +209,8 @@ def _lorenz(first: float) -> Callable[[Array, float], Array]:
     return x
 
 
-def relaxing_pair(draw: Draw) -> tuple[Callable[..., Result], dict[str, Callable[[Any], Any]]]:
-    """A slow part and one that relaxes within a step: a run of them, and their columns over time.
+def relaxing_pair(draw: Draw) -> Case:
+    """A slow part and one that relaxes within a step.
 
     T y' = z - b and T z' = 1 - y z in one part, e1 a' = y^2 - a and e2 b' = a - b in the other, which is solved
     exactly for the y that it is given over a step; the slow part by the classical Runge-Kutta method.
@@ -295,7 +259,8 @@ def relaxing_pair(draw: Draw) -> tuple[Callable[..., Result], dict[str, Callable
         (0.0, 1.0), [1.0, 0.5, 0.0, 0.0], method="Radau", rtol=1e-11, atol=1e-13, dense_output=True,
     ).sol  # fmt: skip
     places = {"y": 0, "z": 1, "b": 3}
-    return runner, {name: partial(_state, exact, k) for name, k in places.items()}
+    columns = {name: partial(_state, exact, k) for name, k in places.items()}
+    return Case(System({}), 1.0, 0.01, columns, runner)
 
 
 def _state(solution: Callable[[Any], Any], k: int, t: Any) -> Any:
