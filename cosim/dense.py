@@ -110,6 +110,8 @@ class Curves:
         side: Side = Side.LINE,
     ) -> None:
         self.t, self.x, self.is_held, self.breaks, self.side = t, x, is_held, breaks, side
+        self._of: tuple[Curves, Indices | list[int]] | None = None
+        self._found: dict[float, Extremes] = {}
         if gaps is None and is_held:
             gaps = np.diff(x) != 0.0
         elif gaps is None:
@@ -142,12 +144,12 @@ class Curves:
         )  # fmt: skip
 
     def take(self, curves: Indices | list[int]) -> Curves:
-        """Some of the curves, with their polynomials where these are there; all of them are this object itself."""
+        """Some of the curves, whose polynomials and extremes are made for all; all of them are this object itself."""
         if len(curves) == len(self) and np.array_equal(curves, np.arange(len(self))):
             return self
         some = self._with(self.x[curves], self.gaps[curves])
-        if "_whole" in vars(self):
-            some._whole = self._whole._replace(c=self._whole.c[:, curves])  # noqa: SLF001 - one of its own
+        if self.x.size <= MOST_POINTS:
+            some._of = self, curves  # noqa: SLF001 - one of its own
         return some
 
     def with_values(self, x: Array) -> Curves:
@@ -218,6 +220,9 @@ class Curves:
     @cached_property
     def _whole(self) -> Polynomials:
         """The polynomials of all rows, made once, where they are few enough to be kept."""
+        if self._of is not None:
+            every, curves = self._of
+            return every._whole._replace(c=every._whole.c[:, curves])  # noqa: SLF001 - one of its own
         return self._polynomials(0, len(self.t) - 1)
 
     def _polynomials(self, low: int, high: int) -> Polynomials:
@@ -236,22 +241,25 @@ class Curves:
 
     def largest(self) -> Extremes:
         """The largest values, at a row or where a polynomial has no slope."""
-        return self._largest
+        return self._extremes(1.0)
 
     def smallest(self) -> Extremes:
         """The smallest values, at a row or where a polynomial has no slope."""
-        return self._smallest
-
-    @cached_property
-    def _largest(self) -> Extremes:
-        return self._extremes(1.0)
-
-    @cached_property
-    def _smallest(self) -> Extremes:
         values, times = self._extremes(-1.0)
         return Extremes(-values, times)
 
     def _extremes(self, sign: float) -> Extremes:
+        """The largest values of sign times the curves, found once."""
+        if sign not in self._found:
+            every, curves = self._of or (self, None)
+            self._found[sign] = (
+                self._find_extremes(sign)
+                if curves is None
+                else Extremes(*(of[curves] for of in every._extremes(sign)))  # noqa: SLF001 - one of its own
+            )
+        return self._found[sign]
+
+    def _find_extremes(self, sign: float) -> Extremes:
         """The largest values of sign times the curves.
 
         A cubic is nowhere above its Bezier points (Farin, Curves and Surfaces for CAGD, 2002, section 4.3): where
@@ -407,18 +415,20 @@ def _lay_splines(c: Array, widths: Array, x: Array, cut: Mask) -> None:
     with np.errstate(all="ignore"):
         slope = np.diff(x) / widths
     slope[cut] = 0.0
-    h = np.pad(np.where(widths > 0.0, widths, 1.0), 1, constant_values=1.0)
+    h, padded = np.ones(rows + 1), np.zeros((len(x), rows + 1))
+    h[1:-1] = np.where(widths > 0.0, widths, 1.0)
+    padded[:, 1:-1] = slope
     before, after = h[:-1], h[1:]
-    padded = np.pad(slope, ((0, 0), (1, 1)))
     right = 3.0 * (after * padded[:, :-1] + before * padded[:, 1:])
     lower, upper = (np.broadcast_to(w, x.shape).copy() for w in (after, before))
     diagonal = np.broadcast_to(2.0 * (before + after), x.shape).copy()
     # A piece begins behind a cut and ends in front of one; `one` is its first interval from there, `two` the next one.
-    edges = np.pad(cut, ((0, 0), (1, 1)), constant_values=True)
+    edges = np.ones((len(x), rows + 1), dtype=bool)
+    edges[:, 1:-1] = cut
     for step, (of, row) in ((1, np.nonzero(edges[:, :-1])), (-1, np.nonzero(edges[:, 1:]))):
         inward, outward = (upper, lower) if step > 0 else (lower, upper)
-        one = np.clip(row if step > 0 else row - 1, 0, rows - 2)
-        two = np.clip(one + step, 0, rows - 2)
+        one = np.minimum(row, rows - 2) if step > 0 else np.maximum(row - 1, 0)
+        two = np.minimum(np.maximum(one + step, 0), rows - 2)
         alone = edges[of, one + 1] | (row == (rows - 1 if step > 0 else 0))
         is_line, is_parabola = (edges[of, np.clip(one + 1 + n * step, 0, rows)] for n in (1, 2))
         w, v, m, n = widths[one], widths[two], slope[of, one], slope[of, two]

@@ -545,16 +545,10 @@ def _gauss(p: Polynomials) -> Iterator[tuple[Array, Array]]:
 
 def _integral_until(curve: Curves, times: Array) -> Array:
     """The integral of one curve from its first row to times [s]."""
-    values, before = np.zeros(np.shape(times)), 0.0
-    for p in curve.polynomials():
-        a, b, c, d = (p.c[k, 0] / (4 - k) for k in range(4))
-        until = np.concatenate([[0.0], np.cumsum((((a * p.widths + b) * p.widths + c) * p.widths + d) * p.widths)])  # fmt: skip
-        inside = (times >= p.t[0]) & (times <= p.t[-1] + p.widths[-1])
-        k = np.searchsorted(p.t, times[inside], side="right") - 1
-        s = times[inside] - p.t[k]
-        values[inside] = before + until[k] + (((a[k] * s + b[k]) * s + c[k]) * s + d[k]) * s
-        before += float(until[-1])
-    return values
+    from scipy.interpolate import PPoly
+
+    c = np.concatenate([p.c[:, 0] for p in curve.polynomials()], axis=1)
+    return np.asarray(PPoly(c, curve.t).antiderivative()(times))
 
 
 def passings(curves: Curves, level: float, curve: int = 0, most: int | None = None) -> Array:
@@ -575,65 +569,43 @@ def passings(curves: Curves, level: float, curve: int = 0, most: int | None = No
     x, side = curves.x[curve], 0.0
     tolerance = ON_LEVEL * float(np.abs(x - level).max())
     for p in curves.polynomials():
-        times, values = _near_level(p, curve, x, level, tolerance)
-        sides = np.where(np.abs(values - level) <= tolerance, 0.0, np.sign(values - level))
+        # Where each polynomial begins, turns and ends, and the row behind it: between two of these it is monotonic.
+        at, values = turns(p.c[:, curve], p.widths)
+        after = x[p.first + 1 : p.first + 1 + len(p.t)]
+        since = np.concatenate([at, p.widths[None]]).T.ravel()
+        above = np.concatenate([values, after[None]]).T.ravel() - level
+        sides = np.where(np.abs(above) > tolerance, np.sign(above), 0.0)
         known = np.flatnonzero(sides)
         if not len(known):
             continue
-        changes = np.flatnonzero(np.diff(sides[known]))
-        if side and sides[known[0]] != side:
-            found.append(float(times[known[0]]))
+        changes = np.flatnonzero(np.diff(sides[known], prepend=side or sides[known[0]]))
         side = float(sides[known[-1]])
         for k in changes if most is None else changes[: most - len(found)]:
-            part = slice(known[k], known[k + 1] + 1)
-            found.append(_passing(p, curve, times[part], values[part], level))
-        if most is not None and len(found) >= most:
-            break
+            first = known[k - 1] if k else 0
+            over = above[first : known[k] + 1] * sides[known[k]] >= 0.0
+            point = first + int(np.argmax(over))
+            piece, number = divmod(point, len(at) + 1)
+            end = float(since[point])
+            if 0 < number < len(at):
+                end = _root(
+                    p.c[:, curve, piece] - [0.0, 0.0, 0.0, level], float(since[point - 1]), end
+                )
+            found.append(float(p.t[piece]) + end)
     return np.array(found[:most])
 
 
-def _near_level(
-    p: Polynomials, curve: int, x: Array, level: float, tolerance: float
-) -> tuple[Array, Array]:
-    """The times [s] and values at which pieces that may reach a level begin, turn and end, and the rows behind them.
-
-    A cubic is between the least and the largest of its Bezier points; what is on one side of the level is only
-    represented by its first and its last piece.
-    """
-    a, b, c, d = p.c[:, curve]
-    third = p.widths / 3.0
-    inner = d + c * third
-    end = ((a * p.widths + b) * p.widths + c) * p.widths + d
-    before, after = (x[p.first + k : p.first + k + len(p.t)] for k in (0, 1))
-    points = np.stack([before, d, inner, inner + third * (c + b * p.widths), end, after])
-    near = (points.min(axis=0) <= level + tolerance) & (points.max(axis=0) >= level - tolerance)
-    near[:1] = near[-1:] = True
-    k = np.flatnonzero(near)
-    at, values = turns(p.c[:, curve, k], p.widths[k])
-    times = np.concatenate([p.t[k] + at, (p.t[k] + p.widths[k])[None]])
-    return times.T.ravel(), np.concatenate([values, after[None, k]]).T.ravel()
-
-
-def _passing(p: Polynomials, curve: int, times: Array, values: Array, level: float) -> float:
-    """The time [s] of the level between the first of these points, on one side of it, and the last, on the other."""
-    rises = values[-1] > values[0]
-    k = int(np.argmax(values >= level if rises else values <= level))
-    begin, end = float(times[k - 1]), float(times[k])
-    if begin == end:
-        return end
+def _root(c: Array, low: float, high: float) -> float:
+    """Where a polynomial, coefficients of the powers 3 to 0, is 0 between two times [s]; one of them if that is so there."""
     from scipy.optimize import brentq
 
-    piece = max(int(np.searchsorted(p.t, 0.5 * (begin + end), side="right")) - 1, 0)
-    a, b, c, d = p.c[:, curve, piece].tolist()
-    origin = float(p.t[piece])
+    a, b, slope, d = (float(x) for x in c)
 
-    def above(s: float) -> float:
-        return float(((a * s + b) * s + c) * s + d - level)
+    def value(s: float) -> float:
+        return ((a * s + b) * s + slope) * s + d
 
-    low, high = begin - origin, end - origin
-    if not above(low) * above(high) < 0.0:
-        return begin if above(low) == 0.0 else end
-    return origin + float(brentq(above, low, high, xtol=4.0 * math.ulp(max(abs(begin), abs(end)))))
+    if not value(low) * value(high) < 0.0:
+        return low if value(low) == 0.0 else high
+    return float(brentq(value, low, high, xtol=4.0 * math.ulp(high)))
 
 
 def largest(t: Array, x: Array) -> float:

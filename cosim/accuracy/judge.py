@@ -248,15 +248,12 @@ def _judged(
             for x, a in zip(value, agree)
         ]
     else:
-        thinned = {n: [metric(*some(c.thinned(n, k) for c in columns)) for k in range(n)]
-                   for n in THINNED}  # fmt: skip
-        e = Evaluations(value, of_runs, thinned, scale=metric.scale(*finest))
+        e = _of_rows(metric, columns, some)
+        e.runs, e.scale = of_runs, metric.scale(*finest)
         if any(column.band is not None for column in columns):
             e.shifts = [metric(*some(c.at_zero for c in columns)) - value]
             e.beside = [x - value for x in moved]
         first, converges = columns[0], np.zeros(len(of), dtype=bool)
-        if len(columns) == 1:
-            e.sides = [metric(*some([curves])) for curves in first.filled]
         if len(columns) == 1 and first.band is not None:
             e.shifts = [*e.shifts, metric(*some([first.zero_filled])) - e.sides[0]]
             e.doubt = metric.doubt(*finest, *some([first.width]))
@@ -274,6 +271,19 @@ def _judged(
     ]
 
 
+def _of_rows(
+    metric: Metric,
+    columns: Sequence[ColumnForms],
+    some: Callable[[Iterable[Curves]], list[Curves]],
+) -> Evaluations:
+    """A metric of the finest run with all its rows, with fewer of them, and with its gaps filled otherwise."""
+    value = metric(*some(c.finest for c in columns))
+    thinned = {n: [metric(*some(c.thinned(n, k) for c in columns)) for k in range(n)]
+               for n in THINNED}  # fmt: skip
+    filled = columns[0].filled if len(columns) == 1 else []
+    return Evaluations(value, value[None], thinned, [metric(*some([c])) for c in filled])
+
+
 def estimates_of_rows(
     metrics: Mapping[str, Metric], result: Result, errors: Mapping[str, float]
 ) -> dict[str, Estimate]:
@@ -281,17 +291,14 @@ def estimates_of_rows(
     forms, estimates = Forms(NestedRuns([result], result, STEP_RATIO)), {}
     for columns, group in _groups(metrics, forms):
         for metric, which in group.items():
-            every = [metric(*curves) for curves in zip(*([c.finest, *c.filled] for c in columns))]
-            thinned = {n: [metric(*(c.thinned(n, k) for c in columns)) for k in range(n)]
-                       for n in THINNED}  # fmt: skip
-            rows = Evaluations(every[0], np.array(every[:1]), thinned, every[1:]).row_error()
+            e = _of_rows(metric, columns, list)
             for name, k in which.items():
-                column, value = metrics[name].columns[0], float(every[0][k])
-                unit = metrics[name].unit(result.units.get(column, ""))
+                column, rows = metrics[name].columns[0], float(e.row_error()[k])
+                x = Estimate(float(e.value[k]), rows + errors[column], rows=rows,
+                             unit=metrics[name].unit(result.units.get(column, "")))  # fmt: skip
+                is_known = math.isfinite(rows)
                 estimates[name] = (
-                    Estimate(value, float(rows[k]) + errors[column], rows=float(rows[k]), unit=unit)
-                    if math.isfinite(rows[k])
-                    else Estimate(value, None, reason=NO_ROWS, unit=unit)
+                    x if is_known else x._replace(error=None, rows=0.0, reason=NO_ROWS)
                 )
     return estimates
 

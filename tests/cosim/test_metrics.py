@@ -54,6 +54,13 @@ SEED = 20261122
 DRIVES = ("Kloss motor", "Brusselator", "drive", "quarter car", "DC motor", "dual mass")
 
 
+def test_a_level_is_passed_where_a_gap_begins_if_what_follows_begins_beyond_it() -> None:
+    t = np.linspace(0.0, 1.0, 41)
+    x = np.where(t <= 0.5, np.sin(40.0 * t) - 1.2, 2.0 - 200.0 * (t - 0.5))
+    after = Curves.of_rows(t, x).filled(dense.Side.AFTER)
+    assert passings(after, 0.0) == pytest.approx([0.5, 0.51], abs=1e-12)
+
+
 @pytest.mark.parametrize("part", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_stated_errors_hold_the_true_ones_of_random_systems(part: int, half: Path) -> None:
     """At least 19 of 20, none three times as large, and few figures without an error."""
