@@ -18,12 +18,12 @@ from ..engine.settings import RunSettings
 from ..engine.sources import largest_change_within_steps
 from ..master import run
 from ..metrics import Largest, Last, Mean, Metric, Smallest
-from ..result import Result
+from ..result import Result, SimulationError
 from ..system import System, connect
 from .estimate import Estimate
 from .judge import Function, estimates_of_rows, judge_function, judge_metrics, numbers_of
 from .limit import LOWEST_ORDER, RUNS, STEP_RATIO
-from .nested import NestedRuns, longer_step, nested_runs
+from .nested import NestedRuns, longer_step, nested_runs, silence
 from .trajectories import Divergence, divergence
 
 #: The metrics of `summary`, by what follows the name of a column.
@@ -35,6 +35,8 @@ SUMMARY: dict[str, Callable[[str], Metric]] = {
 }
 #: What `certify` takes: metrics or functions of a result by name, or one function to several numbers.
 Metrics = Mapping[str, Metric | Callable[[Result], float] | Function] | Function
+#: Share of the tolerance of the FMUs in one more run. Derived: nine tenths of an error in proportion to it are then in the difference.
+SHARPER = 0.1
 #: Most times that a step is halved for the sake of an error: the run then has a thousand times as many steps.
 MOST_HALVINGS = 10
 #: Halvings after which the error of a figure must have fallen for another one.
@@ -46,6 +48,12 @@ COVERS = (
     "errors cover coupling, steps and rows; those of the solvers inside the FMUs, of the models and of their "
     "parameters are not in them"
 )
+#: The same where a run with a tenth of the tolerance of the FMUs differs.
+COVERS_SOLVERS = (
+    "errors cover coupling, steps, rows, and what a tenth of their tolerance changes inside the FMUs; those of the "
+    "models and of their parameters are not in them"
+)
+LOST_BY_SOLVERS = "it has no value with a tenth of the tolerance of the FMUs"
 
 
 @dataclass(frozen=True)
@@ -62,18 +70,21 @@ class Certified:
         Its step or tolerance: that asked for, or a shorter one that the wanted errors needed.
     unmet
         Why figures do not have the error that was wanted, by name.
+    covers
+        What the errors cover, and what they do not.
     """
 
     result: Result
     figures: dict[str, Estimate]
     step: float | Adaptive
     unmet: dict[str, str] = field(default_factory=dict)
+    covers: str = COVERS
 
     def __str__(self) -> str:
         """A line for each number with its unit, what the errors cover, and what the run warns of."""
         lines = list(table([(name, str(figure)) for name, figure in self.figures.items()]))
         lines += [f"{name}: {reason}" for name, reason in self.unmet.items()]
-        return "\n".join([*lines, COVERS, *(f"warning: {x}" for x in self.result.warnings)])
+        return "\n".join([*lines, self.covers, *(f"warning: {x}" for x in self.result.warnings)])
 
     def _repr_html_(self) -> str:
         """The numbers as a table, for notebooks."""
@@ -81,7 +92,7 @@ class Certified:
             f"<tr><td>{html.escape(name)}</td><td>{html.escape(str(figure))}</td></tr>"
             for name, figure in self.figures.items()
         )
-        texts = [*(f"{n}: {x}" for n, x in self.unmet.items()), COVERS, *self.result.warnings]
+        texts = [*(f"{n}: {x}" for n, x in self.unmet.items()), self.covers, *self.result.warnings]
         below = "".join(f"<p>{html.escape(text)}</p>" for text in texts)
         return f"<table><tr><th>figure</th><th>value and error</th></tr>{rows}</table>{below}"
 
@@ -125,8 +136,8 @@ def certify(
     -------
     Certified
         The result with the step, and estimates by name; a number whose error cannot be estimated has the
-        error None and a reason. Errors are those of the coupling and of the spacing of rows; the error of the
-        solver inside an FMU is the same in all runs and is not included.
+        error None and a reason. Errors are those of the coupling and of the spacing of rows. Where FMUs have a
+        tolerance, one more run with a tenth of it shows what their solvers add; adaptive steps change it with theirs.
 
     Raises
     ------
@@ -158,10 +169,12 @@ def certify(
         with nested_runs(system, step, runner, settings, known=known) as runs:
             every = metrics or summary_metrics(column.name for column in runs.finest.columns[1:])
             figures = estimates_of(every, runs, system)
+        sharper = sharper_run(system, step, runner, settings)
+        covers, figures = _with_solvers(every, figures, runs.finest, sharper)
         unmet = {name: reason for name, x in figures.items() if (reason := lacks(name, x))}
         errors.append({n: math.inf if (e := figures[n].error) is None else e for n in unmet})
         if not unmet or not _is_worth_halving(errors):
-            return Certified(runs.finest, figures, step, unmet)
+            return Certified(runs.finest, figures, step, unmet, covers)
         known = {k + 1: result for k, result in enumerate(runs.results[: RUNS - 1])}
         step = longer_step(step, -1)
 
@@ -171,6 +184,49 @@ def _derived(
 ) -> Result:
     """The result of a run with its further columns."""
     return derive(runner(*args, **settings))
+
+
+def sharper_run(
+    system: System,
+    step: float | Adaptive,
+    runner: Callable[..., Result],
+    settings: Mapping[str, Any],
+) -> Result | None:
+    """The run with a tenth of the smallest tolerance of the FMUs; None where none is known, where steps adapt, and if it fails."""
+    if isinstance(step, Adaptive) or not system.parts:
+        return None
+    known = [d.defaultExperiment.tolerance for d in connect(system).descriptions.values()]
+    if not (tolerance := settings.get("tolerance") or min(filter(None, known), default=None)):
+        return None
+    others = {k: x for k, x in settings.items() if k not in ("csv", "progress")}
+    others["tolerance"] = SHARPER * float(tolerance)
+    try:
+        with silence():
+            result = runner(system, step=step, **others)
+    except SimulationError:
+        return None
+    return result if result.provenance.get("tolerance") == others["tolerance"] else None
+
+
+def _with_solvers(
+    metrics: Metrics, figures: Mapping[str, Estimate], finest: Result, sharper: Result | None
+) -> tuple[str, dict[str, Estimate]]:
+    """What errors cover, and figures whose errors have what a sharper run changes added.
+
+    FMUs that ignore their tolerance give the same rows, which say nothing of their solvers.
+    """
+    if sharper is None or all(np.array_equal(finest[n], sharper[n]) for n in finest.names):
+        return COVERS, dict(figures)
+    before, after = (
+        numbers_of(evaluate(metrics, result), [*figures]) for result in (finest, sharper)
+    )
+    every = {}
+    for (name, x), change in zip(figures.items(), np.abs(after - before).tolist()):
+        if x.error is not None:
+            x = x._replace(error=x.error + change)
+            x = x if math.isfinite(change) else x._replace(error=None, reason=LOST_BY_SOLVERS)
+        every[name] = x
+    return COVERS_SOLVERS, every
 
 
 def _check(system: System, metrics: Metrics | None, settings: Mapping[str, Any]) -> None:

@@ -136,7 +136,7 @@ def _results(
         if k and not isinstance(longer, Adaptive) and longer > span * (1.0 + STEP_ROUNDING):
             return [known[n] for n in range(k)], TOO_LONG.format(longer)
         try:
-            with _silence() if k else nullcontext():
+            with silence() if k else nullcontext():
                 known[k] = runner(
                     system, step=longer, **settings, progress=progress, **({} if k else finest_only)
                 )
@@ -171,7 +171,7 @@ def ratio_of_steps(results: Sequence[Result], step: float | Adaptive) -> float:
 
 
 @contextmanager
-def _silence() -> Iterator[None]:
+def silence() -> Iterator[None]:
     """Nothing is logged: what a run with longer steps warns of is not said of the finest one."""
     log = logging.getLogger("cosim")
     before, log.disabled = log.disabled, True

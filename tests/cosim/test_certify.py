@@ -340,3 +340,24 @@ def test_all_rows_stay_in_their_file(figure: Any, native: Path) -> None:
         tracemalloc.stop()
     numbers = stop / step * len(got.result.columns)
     assert peak < 2 * numbers * np.dtype(float).itemsize
+
+
+def test_what_a_tenth_of_the_tolerance_changes_is_in_the_error_and_what_ignores_it_is_named(
+    native: Path,
+) -> None:
+    """A solver inside the FMU that is off by its tolerance, the same in all runs with it."""
+    system = System({"motor": native / "DriveMotor.fmu"})
+    settings: dict[str, Any] = {"stop": 0.1, "step": 1e-3, "tolerance": 1e-3}
+
+    def inexact(system: System, *, tolerance: float, **more: Any) -> Result:
+        result = run(system, tolerance=tolerance, **more)
+        return result.with_values(lambda k: result.load(k) + (k > 0) * tolerance)
+
+    figures = {"end": Last("motor.tau"), "own": lambda r: float(r["motor.tau"][-1])}
+    plain, solver = (certify(system, figures, runner=r, **settings) for r in (run, inexact))
+    assert "those of the solvers inside the FMUs" in str(plain)
+    assert "a tenth of their tolerance" in str(solver)
+    for name, figure in solver.figures.items():
+        before = plain.figures[name]
+        assert figure.error is not None and before.error is not None
+        assert figure.error - before.error == pytest.approx(0.9e-3, rel=1e-6)

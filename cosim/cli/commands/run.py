@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ...accuracy.certify import COVERS, certify
-from ...accuracy.estimate import Estimate
+from ...accuracy.certify import Certified, certify
+from ...engine.control import Adaptive
 from ...errors import pluralize
 from ...fmu.messages import quiet
 from ...isolated import run_isolated
@@ -48,8 +47,7 @@ def run_system(options: argparse.Namespace) -> int:
             settings = {"csv": next(files)} | settings
             return run_isolated(system, timeout=options.timeout, **settings)
 
-        outcome = _run_and_write(file, options, arguments, runner)
-        result = outcome.result
+        result, certified = _run_and_write(file, options, arguments, runner)
         if options.plot is not None:
             result.plot(path=options.plot)
         print("\n".join(run_summary(result)))
@@ -57,23 +55,15 @@ def run_system(options: argparse.Namespace) -> int:
         if options.out is None and options.plot is None:
             last = zip(result.names, result.data[-1])
             print_table((name, f"{value:.6g} {result.units[name]}") for name, value in last)
-    if outcome.estimates:
-        print_estimates(outcome.estimates, is_adaptive=options.adaptive is not None)
+    if certified is not None:
+        print_certified(certified)
     print_warnings(result)
     return 0
 
 
-@dataclass(frozen=True)
-class RunOutcome:
-    """A result and, if it was certified, the estimates of its metrics by their names."""
-
-    result: Result
-    estimates: Mapping[str, Estimate]
-
-
 def _run_and_write(
     file: SystemFile, options: argparse.Namespace, arguments: dict[str, Any], runner: Any
-) -> RunOutcome:
+) -> tuple[Result, Certified | None]:
     """Run with a progress bar; a run that breaks off leaves the rows that it has."""
     from ...progress import bar  # rich takes longer to import than `--help`
 
@@ -81,7 +71,7 @@ def _run_and_write(
     path_at_end = None if is_streamed else options.out
     if is_streamed:
         arguments["csv"] = options.out
-    estimates: Mapping[str, Estimate] = {}
+    certified = None
     with claimed(path_at_end):
         try:
             start, stop = arguments["start"], arguments["stop"]
@@ -89,7 +79,7 @@ def _run_and_write(
                 arguments["progress"] = progress
                 if options.certify:
                     certified = certify(file.system, runner=runner, **arguments)
-                    result, estimates = certified.result, certified.figures
+                    result = certified.result
                 else:
                     result = runner(file.system, **arguments)
         except (SimulationError, Interrupted) as incomplete:
@@ -99,7 +89,7 @@ def _run_and_write(
             raise
         if path_at_end is not None:
             write_result(result, path_at_end, options.part)
-    return RunOutcome(result, estimates)
+    return result, certified
 
 
 def run_summary(result: Result) -> Iterator[str]:
@@ -124,14 +114,15 @@ def run_summary(result: Result) -> Iterator[str]:
         yield f"texts are not recorded: {', '.join(facts['unrecorded'])}"
 
 
-def print_estimates(estimates: Mapping[str, Estimate], *, is_adaptive: bool) -> None:
-    """Print the metrics of the summary with their coupling errors and observed orders."""
+def print_certified(certified: Certified) -> None:
+    """Print the metrics of the summary with their errors and observed orders, and what the errors cover."""
+    is_adaptive = isinstance(certified.step, Adaptive)
     runs = (
         "ten and a hundred times the tolerance" if is_adaptive else "twice and four times the step"
     )
-    print(f"{COVERS}; from runs with {runs} as well")
+    print(f"{certified.covers}; from runs with {runs} as well")
     rows = []
-    for name, estimate in estimates.items():
+    for name, estimate in certified.figures.items():
         is_known = estimate.error is not None and math.isfinite(estimate.order)
         order = f"order {estimate.order:.1f}" if is_known else ""
         rows.append((name, str(estimate), order))
