@@ -225,6 +225,12 @@ class Series:
         numbers = self.numbers(reading.name, gaps=gaps)
         return scale * (reading.factor * numbers + reading.offset)
 
+    def __copy__(self) -> Self:
+        """The same table, whose values stay where they are."""
+        other = object.__new__(type(self))
+        vars(other).update(vars(self))
+        return other
+
     def __getstate__(self) -> dict[str, Any]:
         """With its values, for another process."""
         values = [self.load(k) for k in range(len(self.columns))]
