@@ -20,6 +20,7 @@ from cosim import Adaptive, Result, SetupError, System, run
 from cosim.engine.recorder import CHUNK, OutputGrid, Recorder
 from cosim.series import Column, Series
 from scenarios.conveyor.first_order import SETS
+from tests.conftest import described, rewritten
 from tests.cosim.foreign import idle, pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
 from tests.oracle import monolithic
@@ -366,3 +367,20 @@ def test_an_output_that_inputs_act_on_at_once_does_not_stall_the_steps(fmus: Pat
     result = run(system, stop=0.1, step=Adaptive(0.1), **settings)
     assert result.provenance["steps"] < 1000
     assert torque_error(result) < 0.1
+
+
+def test_adaptive_steps_take_a_nominal_value_of_0_as_1(tmp_path: Path) -> None:
+    """Of a signal that has been 0 so far, the permitted error was 0, by which its error was divided."""
+    one = pack(tmp_path / "1.fmu", x0=0.0)
+    zero = rewritten(
+        one, tmp_path / "0.fmu", described(('(?<=continuous"><Real)/>', ' nominal="0"/>'))
+    )
+    first, second = (
+        run(
+            System({"a": fmu, "b": fmu}, ["a.y -> b.u", "b.y -> a.u"]),
+            stop=1.0,
+            step=Adaptive(1e-3),
+        )
+        for fmu in (one, zero)
+    )
+    assert_array_equal(first.data, second.data)
