@@ -1,4 +1,4 @@
-"""What answers and many runs cost, here, in another checkout of this project and by other masters.
+"""Backs *What answers and many runs cost* of docs/speed.md: here, in another checkout and by other masters.
 
     .venv/bin/python benchmarks/answers.py [--against FOLDER] [--rounds N] [--memory N] [--threads]
 

@@ -1,4 +1,4 @@
-"""Anybody's FMUs in the master and in FMPy: python benchmarks/foreign.py FOLDER [--out TABLE.md].
+"""Backs the tables of docs/foreign.md: anybody's FMUs in the master and in FMPy, FOLDER [--out TABLE.md].
 
 Every FMI 2.0 co-simulation FMU below the folder is run alone over its default experiment, at most 1000
 steps, by the master and by FMPy, each in a process of its own. The table tells the largest deviation of an

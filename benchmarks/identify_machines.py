@@ -1,4 +1,4 @@
-"""How often the questions of iron and orientator hold the truth: python benchmarks/identify_machines.py.
+"""Backs the table of docs/identify.md on iron and orientator: how often their questions hold the truth.
 
 Machines are drawn at random, recorded by `examples/measured_iron.py` and `examples/measured_orientator.py`,
 which share no equation with the FMUs, and asked about by the question, with no guess of its own. Shown

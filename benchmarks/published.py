@@ -1,4 +1,4 @@
-"""Coupling error against cost, beside what others published: python benchmarks/published.py.
+"""Backs *Comparison with published results* of docs/speed.md: coupling error against cost.
 
 Two systems whose equations are made into FMUs here, from benchmarks/models: the quarter car of Schierz,
 Arnold and Clauß (2012) on a step of the road, 4 s, rms error of all states; and the predators and prey
