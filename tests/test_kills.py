@@ -26,7 +26,6 @@ from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT, restore_ctrl_c, running, until
 from workbench.files import UNFINISHED
 
-ENDED_BUILDS = 6
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 STUDY = """
 scenario = "orientator_cycle"
@@ -47,6 +46,8 @@ COMMANDS = {
     "--known conveyor.spring.c=720e3+-2% --rated-torque 80 --starts 2 --jobs 2",
     "study": "scenarios study speed.toml --flavour native --jobs 2 --out out",
     "site": "gallery --questions resonance --out out",
+    "build": f"fmukit build {ROOT}/tests/fmukit/models/gain.py {ROOT}/tests/fmukit/models/van_der_pol.py "
+    "--flavour both --out out",
 }
 #: Kills by each signal; those of the site and of identify take long.
 KILLS = {"identify": 2, "site": 1}
@@ -109,7 +110,7 @@ class Place(NamedTuple):
                 json.loads(path.read_text())
             if path.suffix == ".parquet":
                 pd.read_parquet(path)
-            if path.suffix in (".csv", ".png", ".html", ".gif"):
+            if path.suffix in (".csv", ".png", ".html", ".gif", ".fmu", ".wasm"):
                 assert CHANGING.sub(b"", path.read_bytes()) == self.files[inside], inside
 
 
@@ -161,69 +162,3 @@ def test_an_end_at_any_moment_loses_nothing(number: signal.Signals, place: Place
     assert place.begin(mark).wait() == 0
     assert place.written() == place.files
     assert [path.name for path in (place.folder / "scratch").iterdir()] == ["notes.txt"]
-
-
-BUILDS = {
-    "fmukit build": ["-m", "fmukit", "build", str(ROOT / "tests/fmukit/models/gain.py"), "--out"],
-    "build_fmus.py": [str(ROOT / "build_fmus.py"), "drive_motor", "gearbox", "--into"],
-}
-MINE = ("notes.txt", "native/mine.fmu", ".building-plans/plan.txt")
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=lambda number: number.name)
-@pytest.mark.parametrize("name", BUILDS)
-def test_a_build_that_is_ended_at_any_moment_leaves_whole_files_or_none(
-    name: str, number: signal.Signals, tmp_path: Path
-) -> None:
-    out, scratch, mark = tmp_path / "out", tmp_path / "scratch", f"drive-fmus-{uuid.uuid4()}"
-    draw = random.Random(f"{name} {number.name}")
-    scratch.mkdir()
-    for file in MINE:
-        (out / file).parent.mkdir(parents=True, exist_ok=True)
-        (out / file).write_text("mine")
-    cache = {"ZIG_GLOBAL_CACHE_DIR": str(tmp_path / "zig"), "TMPDIR": str(scratch), "MARK": mark}
-
-    def begin() -> subprocess.Popen[bytes]:
-        return subprocess.Popen(
-            [sys.executable, *BUILDS[name], str(out)],
-            env=os.environ | cache | {"PYTHONPATH": str(ROOT)}, start_new_session=True,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=restore_ctrl_c,  # noqa: PLW1509
-        )  # fmt: skip
-
-    def files() -> dict[str, bytes]:
-        found = {p.relative_to(out).as_posix(): p for p in out.rglob("*.*") if p.is_file()}
-        assert {file for file, path in found.items() if path.read_text("latin-1") == "mine"} == {
-            *MINE
-        }
-        return {
-            file: path.read_bytes()
-            for file, path in found.items()
-            if file.endswith((".fmu", ".wasm")) and not file.startswith(".") and file not in MINE
-        }
-
-    assert begin().wait() == 0
-    expected = files()
-    for file in expected:
-        (out / file).unlink()
-    began = time.monotonic()  # the first time the compiler makes its libraries
-    assert begin().wait() == 0
-    duration = time.monotonic() - began
-    assert len(expected) == 3 * (2 if "py" in name else 1)
-    ended = 0
-    while ended < ENDED_BUILDS:
-        if ended % 3 == 0:  # else what the last one left is there, and is taken up
-            for file in expected:
-                (out / file).unlink(missing_ok=True)
-        if was_ended(begin(), draw.uniform(0.0, duration), number):
-            ended += 1
-        else:
-            duration *= 0.9
-            for file in expected:
-                (out / file).unlink()
-        until(lambda: not running(mark))
-        assert files().items() <= expected.items()
-    assert begin().wait() == 0
-    assert files() == expected
-    assert [path.name for path in out.glob(".building-*")] == [".building-plans"]
-    assert not [*scratch.iterdir()]
-    assert not [*(tmp_path / "zig" / "tmp").glob("*")]

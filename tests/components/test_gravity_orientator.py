@@ -208,13 +208,16 @@ def lagrange() -> Any:
     row is the push. Side walls press at the rim and at the end of the cylinder against the Coriolis
     forces on four masses that have the cup's mass and moments of inertia.
     """
-    t = sympy.Symbol("t")
     names = "d h l2 m2 J2 l1 h1 m1 J1 phi10 c R H mu mu_s J_a mu_c rim creep anchored s0 g w"
     p = sympy.symbols(names)
     d, h, l2, m2, J2, l1, h1, m1, J1, phi10, c, R, H, mu, mu_s, J_a, mu_c, rim = p[:18]
     creep, anchored, s0, g, w = p[18:]
-    q = [sympy.Function(name)(t) for name in ("phi1", "phi2", "xc", "yc")]
-    rates, r, e = [x.diff(t) for x in q], d / 2, h - l2
+    q, rates = sympy.symbols("p1 p2 x y"), sympy.symbols("w1 w2 vx vy")
+    r, e = d / 2, h - l2
+
+    def rate(position: Any) -> Any:
+        return sympy.Matrix(position).jacobian(q) * sympy.Matrix(rates)
+
     a = sympy.Matrix([sympy.cos(q[1]), sympy.sin(q[1])])
     n = sympy.Matrix([-a[1], a[0]])
     C, arm = sympy.Matrix(q[2:]), sympy.Matrix([sympy.cos(q[0]), sympy.sin(q[0])])
@@ -222,7 +225,7 @@ def lagrange() -> Any:
     B = D + h1 * sympy.Matrix([arm[1], -arm[0]])
     F1 = m1 * w**2 * (R - d - l1 * sympy.cos(phi10) / 2)
     F2 = m2 * w**2 * (R - r)
-    kinetic = (J1 * rates[0] ** 2 + J2 * rates[1] ** 2 + m2 * C.diff(t).dot(C.diff(t))) / 2
+    kinetic = (J1 * rates[0] ** 2 + J2 * rates[1] ** 2 + m2 * rate(C).dot(rate(C))) / 2
     potential = -m2 * g * C[1] - F2 * C[0] - F1 * arm[0] * l1 / 2
     end = l1 / 2 * sympy.Matrix([sympy.cos(phi10), sympy.sin(phi10)]) - sympy.Matrix([0, s0])
     longer = sympy.sqrt((arm * l1 / 2 - end).dot(arm * l1 / 2 - end)) - s0
@@ -241,16 +244,16 @@ def lagrange() -> Any:
 
     along, across = sympy.sqrt(2 * (J2 - J_a / 2) / m2), sympy.sqrt(J_a / m2)
     points = [along * a, -along * a, across * n, -across * n]
-    pushes = [-2 * m2 / 4 * -w * (C + x).diff(t)[0] for x in points]
+    pushes = [-2 * m2 / 4 * -w * rate(C + x)[0] for x in points]
     moments = [push * x.dot(a) for push, x in zip(pushes, points)]
     at_end = (sum(moments) + l2 * sum(pushes)) / h
     sides = sympy.zeros(4, 1)
     for push, location in ((at_end, C + e * a), (sum(pushes) - at_end, C - l2 * a)):
-        v = location.diff(t)
+        v = rate(location)
         heading = v / sympy.sqrt(v.dot(v) + creep**2)
         sides -= mu_s * sympy.Abs(push) * location.jacobian(q).T * heading
 
-    slip = sum((((B - C).dot(a)).diff(x) * x.diff(t) for x in q), 0)
+    slip = rate([(B - C).dot(a)])[0]
     rubbed = slip / sympy.sqrt(slip**2 + creep**2) * sympy.Matrix([slip.diff(x) for x in rates])
     turns = sympy.Matrix([1, -1, 0, 0]) * rim
     faces = sympy.Matrix([[0, arm[1] - arm[0], -arm[1] - arm[0]]])
@@ -262,16 +265,14 @@ def lagrange() -> Any:
     push = {Stage.joint: faces, Stage.turning: sympy.Matrix([[0, 1]])}
     mass = sympy.hessian(kinetic, rates)
     load = spring - sympy.Matrix([potential.diff(x) for x in q])
-    plain = [*zip(rates, sympy.symbols("w1 w2 vx vy")), *zip(q, sympy.symbols("p1 p2 x y"))]
-    variables = [*p, *(symbol for _, symbol in [*plain[4:], *plain[:4]])]
+    variables = [*p, *q, *rates]
     derived = {}
     for stage, g_s in constraints.items():
         g_s = sympy.Matrix(g_s)
         slope = g_s.jacobian(q)
-        bend = slope.diff(t) * sympy.Matrix(rates)
+        bend = rate(slope * sympy.Matrix(rates))
         touches = push.get(stage, sympy.Matrix([[0]]))
         parts = [mass, load, friction, slope, bend, sides, catcher[stage], touches]
-        parts = [part.subs(plain) for part in parts]
         derived[stage] = sympy.lambdify(variables, parts, "mpmath")
     return derived
 

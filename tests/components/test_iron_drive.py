@@ -257,22 +257,6 @@ def test_where_the_follower_leaves_its_cam_the_fmu_stops_or_warns_once_per_episo
     assert not reason_for.get("valid")
 
 
-def test_slack_of_the_chain_is_named() -> None:
-    p, x = machine(), start(iron.State, phi=0.8, w_cam=4.0)
-    at = geometry.position(p, 0.8)
-    d = dynamics.dynamics(p, at, 4.0, 1, 6.0)
-    pulls = {"W": d.W} | dynamics.forces(p, at, 4.0, d)._asdict()
-
-    def reason_for(**changed: float) -> str:
-        W, *forces = (pulls | changed).values()
-        return iron.invalid_reason(p, x, at, W, dynamics.Forces(*forces))
-
-    assert reason_for() == ""
-    for name in ("T_span", "T_iron", "W"):
-        expected = f"chain slack at phi = 0.8 rad, omega = 4.0 rad/s: {name} = -2.0 N"
-        assert reason_for(**{name: -2.0}) == expected
-
-
 def test_a_drive_at_rest_moves_where_the_torque_passes_the_friction(fmus: Path) -> None:
     """Between the two limits it is stuck, and its cam bears the whole torque."""
     phi, p = radians(50), machine()

@@ -42,32 +42,6 @@ def test_transfer_functions_are_the_derivatives_of_the_papers_positions(wrap: ir
         assert [getattr(y, name) for name in TRANSFER] == pytest.approx(list(wanted), rel=1e-9)
 
 
-def test_derivatives_of_the_link_are_those_that_the_paper_prints() -> None:
-    """Formulas (6) and (8), with the run to the top of the sprocket, chained with (2) and (3)."""
-    p = start(iron.Parameters)
-    l_K, A_1, C = p.rocker.l_K, p.sprocket.A + p.sprocket.R, p.sprocket.C
-    for degrees in (20, 70, 170, 220):
-        state = start(iron.State, phi=radians(degrees), w_cam=1.0)
-        y = iron.outputs(p, 0.0, state, iron.Inputs(0.1))
-        c, s = math.cos(y.alpha), math.sin(y.alpha)
-        square = (C + l_K * c) ** 2 + (A_1 - l_K * s) ** 2
-        first = l_K * (l_K - A_1 * s + C * c) / square
-        second = l_K * (l_K**2 - A_1**2 - C**2) * (A_1 * c + C * s) / square**2
-        assert y.beta_1 == pytest.approx(first * y.alpha_1, rel=1e-12)
-        assert y.beta_2 == pytest.approx(second * y.alpha_1**2 + first * y.alpha_2, rel=1e-9)
-
-
-def test_coefficients_of_the_equation_of_motion_give_its_acceleration() -> None:
-    """A_1 eps + B_1 w^2 + D w = M + C_1, with the friction of the joints in D."""
-    p, draw = start(iron.Parameters, **RUBS), random.Random(4)
-    for _ in range(20):
-        w, u = draw.uniform(-9, 9), iron.Inputs(draw.uniform(-1, 1))
-        x = start(iron.State, phi=draw.uniform(-9, 9), w_cam=w, direction=1 if w > 0 else -1)
-        y, rates = iron.outputs(p, 0.0, x, u), iron.derivatives(p, 0.0, x, u)
-        M = p.reducer.i_g * u.tau + y.C_1 - rates.E_joints / w
-        assert y.A_1 * rates.w_cam + y.B_1 * w * w == pytest.approx(M, rel=1e-9)
-
-
 CASES: dict[str, tuple[dict[str, Any], float, float, float, float, int]] = {
     # parameters, tau, phi, w_cam, until, landings
     "below": ({"follower.e": 0.3}, 0.1, 0.0, 9.0, 0.5, 5),

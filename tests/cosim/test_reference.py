@@ -11,9 +11,6 @@ import numpy as np
 import pytest
 
 from benchmarks import certify as benchmark
-from components.drive_motor import model as drive_motor
-from components.gearbox import model as gearbox
-from components.shaft_link import model as shaft_link
 from cosim import (
     Series,
     SetupError,
@@ -30,7 +27,7 @@ from cosim.fmu.exchange import ModelExchange
 from scenarios.packing_line.questions import packing_line
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import conveyor, looped, two_masses
-from tests.oracle import joined, monolithic, part
+from tests.oracle import monolithic
 
 J_1, J_2, SOFT = 1.1, 2.2, 1e4
 LOOSE = {"shaft__c": SOFT, "shaft__twist": 0.01, "one__w_a": 0.0, "two__w_a": 0.0}
@@ -61,42 +58,6 @@ def test_two_masses_swing_as_the_cosine(native: Path, method: str) -> None:
     w = math.sqrt(SOFT * (1 / J_1 + 1 / J_2))
     error = np.abs(got["shaft.twist"] - 0.01 * np.cos(w * got["time"])).max()
     assert error <= (1e-12 if tight else 1e-7)
-
-
-def test_a_motor_behind_gears_and_a_shaft_is_integrated_as_from_its_equations(native: Path) -> None:
-    """With losses in the teeth, a factor on both wires of a shaft end, and a sign."""
-    parts = {"motor": "DriveMotor", "gear": "Gearbox", "shaft": "ShaftLink", "load": "Gearbox"}
-    wires = [
-        "motor.tau * 0.5 -> gear.tau_a", "gear.w_a * 0.5 -> motor.w",
-        "gear.w_b * -1 -> shaft.w_a", "shaft.tau_a * -1 -> gear.tau_b",
-        "load.w_a -> shaft.w_b", "shaft.tau_b -> load.tau_a",
-    ]  # fmt: skip
-    parameters: dict[str, dict[str, Any]] = {
-        "motor": {"A": 100.0, "B": 4.0, "T": 0.02, "tau": 0.0},
-        "gear": {"J": 0.4, "i": 3.0, "eta": 0.8, "w_a": 2.0},
-        "shaft": {"c": 900.0, "d": 2.0, "b": 0.0, "twist": 0.0},
-        "load": {"J": 1.5, "i": 2.0, "eta": 0.9, "w_a": -1.0, "tau_b": -3.0},
-    }
-    start = {f"{name}.{k}": v for name, values in parameters.items() for k, v in values.items()}
-    got = oracle(System({k: native / f"{v}.fmu" for k, v in parts.items()}, wires, start), stop=0.2)
-    models = {"motor": drive_motor, "gear": gearbox, "shaft": shaft_link, "load": gearbox}
-    models_with_values = {name: part(models[name], **parameters[name]) for name in models}
-
-    def feed(x: dict[str, Any]) -> list[Any]:
-        u = shaft_link.Inputs(w_a=-x["gear"].w_a / 3.0, w_b=x["load"].w_a)
-        torque = shaft_link.outputs(models_with_values["shaft"].p, 0.0, x["shaft"], u)
-        return [
-            drive_motor.Inputs(w=0.5 * x["gear"].w_a),
-            gearbox.Inputs(tau_a=0.5 * x["motor"].tau, tau_b=-torque.tau_a),
-            u,
-            gearbox.Inputs(tau_a=torque.tau_b, tau_b=-3.0),
-        ]
-
-    exact = joined(models_with_values, feed, got["time"])
-    for name, states in exact.items():
-        for variable, values in zip(states._fields, states):
-            error = np.abs(got[f"{name}.{variable}"] - values).max()
-            assert error <= 1e-10 * np.abs(values).max(), (name, variable)
 
 
 def test_certified_errors_hold_the_true_ones(native: Path) -> None:

@@ -12,20 +12,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from fmukit.codegen import python
 from fmukit.codegen.c import definition
 from fmukit.codegen.entries import generate
 from fmukit.fmu.load import load
-from fmukit.fmu.make import make_all
-from fmukit.fmu.native import package
 from fmukit.trace.graph import Function, Leaf, UntraceableError
 from fmukit.trace.tracer import Tracer, note
 from tests.fmukit.test_native import sort_of
-from tests.hosts.host import Unit
 
 NUMBERS = itertools.count()
 HEAD = "from __future__ import annotations\nfrom math import sqrt, sin\nfrom typing import NamedTuple\n"
@@ -264,29 +259,3 @@ def test_saturations_in_a_row_are_traced_in_proportion_to_their_number(
     sources = generate(model)
     assert time.process_time() - begin < 10.0
     assert len(sources.c) < 2000 * count + 40_000
-
-
-def test_sixty_saturations_in_a_row_are_those_of_another_solver(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = saturated(60, tmp_path)
-    monkeypatch.setattr(package, "wasm_module", lambda build: build.guid.encode())
-    assert make_all([path], "python", tmp_path) == 0
-    (tmp_path / "native").mkdir()
-    package.pack(package.collect(load(path)), tmp_path / "native" / "Saturated60.fmu")
-    model = load(path)
-    times = np.arange(33) * 0.25
-    solution = solve_ivp(
-        lambda t, x: [model.slope(t, x[0])], (0.0, 8.0), [0.1], method="DOP853", t_eval=times,
-        rtol=1e-11, atol=1e-12, max_step=0.01,
-    )  # fmt: skip
-    expected = [[x, model.slope(t, x)] for t, x in zip(times, solution.y[0])]
-    units = [Unit(tmp_path / flavour / "Saturated60.fmu").start() for flavour in ("", "native")]
-    rows = [[[unit.get("x"), unit.get("y")]] for unit in units]
-    for unit, found in zip(units, rows):
-        for t in times[:-1]:
-            unit.step(t, 0.25)
-            found.append([unit.get("x"), unit.get("y")])
-    assert rows[0] == rows[1]
-    assert np.array(rows[0]) == pytest.approx(np.array(expected), abs=1e-8)
-    assert np.ptp(solution.y[0]) > 0.1
