@@ -6,7 +6,7 @@ import logging
 import math
 import shutil
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import count, takewhile
 from os.path import normpath
 from pathlib import Path
@@ -389,10 +389,7 @@ def _connection(
         return
     factor, offset = repr(wire.factor), repr(wire.offset)
     SubElement(functions, "LinearTransformation", name=name, factor=factor, offset=offset)
-    for port, signal in ((wire.source, "in"), (wire.target, "out")):
-        connection = SubElement(connections, "SignalConnection")
-        SubElement(connection, "Signal", function=name, name=signal)
-        _variable(connection, port)
+    _signals(connections, name, {"in": wire.source, "out": wire.target})
 
 
 def _sum(functions: Element, connections: Element, wires: list[Connection], name: str) -> None:
@@ -403,10 +400,15 @@ def _sum(functions: Element, connections: Element, wires: list[Connection], name
             "libcosim adds outputs only as they are"
         )
     SubElement(functions, "Sum", name=name, inputCount=str(len(wires)))
-    signals = [(wire.source, f"in[{k}]") for k, wire in enumerate(wires)]
-    for port, signal in (*signals, (wires[0].target, "out")):
+    entries = {f"in[{k}]": wire.source for k, wire in enumerate(wires)}
+    _signals(connections, name, {**entries, "out": wires[0].target})
+
+
+def _signals(connections: Element, function: str, ports: Mapping[str, Port]) -> None:
+    """The connections of the signals of a function to variables."""
+    for signal, port in ports.items():
         connection = SubElement(connections, "SignalConnection")
-        SubElement(connection, "Signal", function=name, name=signal)
+        SubElement(connection, "Signal", function=function, name=signal)
         _variable(connection, port)
 
 
