@@ -10,19 +10,19 @@ an extremum, two steady motions meet and end: there the speed jumps when the vol
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import cache
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+from numpy.typing import NDArray
 
-import cosim
-from cosim import SimulationError, System
-from cosim.dense import Array as Samples
+from cosim import Prepared, RunSettings, System
 from workbench.answer import parameters
+from workbench.roots import roots_between, secant
 
+Array = NDArray[np.float64]
 STATES = ("motor.i", "exciter.w", "exciter.x", "exciter.v")
 PHI, SUPPLY = "exciter.phi", "motor.v"
 TURN = 2 * math.pi
@@ -47,10 +47,9 @@ DIVERGED = 3.0
 MAX_ROUNDS = 20
 #: Relative error of a root that this accuracy leaves; derived from CONVERGED.
 ROUNDING = 1e-8
-#: First half width of the bracket of a fold, over the half width of the resonance; a convention.
-BRACKET = 0.02
-#: Number of times that the bracket is doubled, to 1.3 times that half width.
-MAX_WIDENINGS = 7
+#: Largest distance of a fold from that of averaged theory, over the smaller of its half width and the distance of both
+#: folds; a convention.
+MOST_SHIFT = 1.3
 #: Points of the averaged curve on either side of the resonance, at distances in geometric series.
 AVERAGED_POINTS = 2001
 #: Their least distance from the resonance, over its half width; a convention.
@@ -61,56 +60,42 @@ AVERAGED_RANGE = (0.02, 40.0)
 PROBES = 6
 
 
-class NoOrbitError(Exception):
-    """There is no such steady motion; says why in a sentence."""
-
-
 class Averaged(NamedTuple):
     """Averaged theory: the resonance of the mount and its half width [rad/s], speeds [rad/s] with the
-    voltages [V] at which they are steady, and the folds as pairs of speed and voltage.
+    voltages [V] at which they are steady, and the folds as rows of speed, voltage and bend [V.s2/rad2].
     """
 
     resonance: float
     width: float
-    speeds: Samples
-    supplies: Samples
-    folds: Sequence[tuple[float, float]]
+    speeds: Array
+    supplies: Array
+    folds: Array
 
 
-class Orbit(NamedTuple):
-    """A steady motion: mean speed [rad/s], voltage [V], its slope over the speed [V.s/rad], the Floquet
-    multipliers by their distance from 1.
+@dataclass(frozen=True)
+class Orbits:
+    """Steady motions of shape (n,): mean speed [rad/s], voltage [V], its slope over the speed [V.s/rad], the Floquet
+    multipliers by their distance from 1, shape (n, 4); nan where there is none, and why.
     """
 
-    speed: float
-    supply: float
-    slope: float
-    multipliers: Sequence[complex]
+    speed: Array
+    supply: Array
+    slope: Array
+    multipliers: NDArray[np.complex128]
+    problems: NDArray[np.object_]
 
-    def growth(self, first: int = 0) -> float:
+    def growth(self, first: int = 0) -> Array:
         """Return what a revolution leaves at most of a deviation; without its nearest to 1 at a fold."""
-        return max(abs(x) for x in self.multipliers[first:])
+        return np.asarray(np.abs(self.multipliers[:, first:]).max(axis=1))
 
 
-class Jump(NamedTuple):
-    """The voltage of a fold [V], the speeds before and after it [rad/s], or the reason why not."""
+class Jumps(NamedTuple):
+    """Voltages of folds [V], the speeds before and after them [rad/s], or the reasons why not; all of shape (n,)."""
 
-    supply: float
-    before: float
-    after: float
-    reason: str = ""
-
-
-class Search(NamedTuple):
-    """The search for a fold: the system, its averaged theory, which of its folds, the number of
-    communication steps per revolution, and whether it examines the stability along the branch.
-    """
-
-    system: System
-    theory: Averaged
-    which: int
-    steps: int
-    examines: bool
+    supply: Array
+    before: Array
+    after: Array
+    reason: NDArray[np.object_]
 
 
 def constants(system: System) -> tuple[float, ...]:
@@ -139,176 +124,180 @@ def averaged(system: System) -> Averaged:
     resonance = math.sqrt(c / M)
     if d == 0.0 or resonance == 0.0:
         speeds = np.linspace(1.0, 1000.0, AVERAGED_POINTS)
-        return Averaged(resonance, 0.0, speeds, R / k * d_r * speeds + k * speeds, ())
+        supplies = R / k * d_r * speeds + k * speeds
+        return Averaged(resonance, 0.0, speeds, supplies, np.empty((0, 3)))
     width, (low, high) = d / (2 * M), AVERAGED_RANGE
     nearest = min(NEAREST * width / resonance, NEAREST)
     below, above = (np.geomspace(end, nearest, AVERAGED_POINTS) for end in (1.0 - low, high - 1.0))
     speeds = resonance * np.concatenate([1.0 - below, 1.0 + above[::-1]])
-    slopes = slope(speeds)
-    folds = []
-    for at in np.flatnonzero(slopes[1:] * slopes[:-1] < 0.0).tolist():
-        speed = brentq(slope, float(speeds[at]), float(speeds[at + 1]))
-        folds.append((float(speed), float(supply(speed))))
-    return Averaged(resonance, width, speeds, supply(speeds), folds)
+    at = np.array(roots_between(slope, speeds))
+    shift = PERTURBATION * at
+    bends = (slope(at + shift) - slope(at - shift)) / (2 * shift)
+    return Averaged(resonance, width, speeds, supply(speeds), np.transpose([at, supply(at), bends]))
 
 
-def response(system: System, speed: float) -> Samples:
-    """Return an initial guess of the unknowns at a mean speed [rad/s], by averaged theory."""
+def response(system: System, speed: Array) -> Array:
+    """Return initial guesses of the unknowns at mean speeds [rad/s], by averaged theory, shape (n, 5)."""
     R, k, d_r, U, M, c, d = constants(system)
     x = U * speed**2 / (c - M * speed**2 + 1j * d * speed)
     tau = d_r * speed + d * speed * abs(x) ** 2 / 2
-    return np.array([tau / k, speed, x.real, -speed * x.imag, R / k * tau + k * speed])
+    return np.transpose([tau / k, speed, x.real, -speed * x.imag, R / k * tau + k * speed])
 
 
-def scales_of(z: Samples, speed: float) -> Samples:
+def scales_of(z: Array, speed: Array) -> Array:
     """Return the sizes of the unknowns: those of the mount over a revolution, not at phi = 0."""
-    amplitude = max(math.hypot(float(z[2]), float(z[3]) / speed), LEAST_AMPLITUDE)
-    current, supply = max(abs(float(z[0])), LEAST_CURRENT), max(abs(float(z[4])), LEAST_SUPPLY)
-    return np.array([current, speed, amplitude, amplitude * speed, supply])
+    amplitude = np.maximum(np.hypot(z[:, 2], z[:, 3] / speed), LEAST_AMPLITUDE)
+    current, supply = (
+        np.maximum(np.abs(z[:, k]), least) for k, least in ((0, LEAST_CURRENT), (4, LEAST_SUPPLY))
+    )
+    return np.transpose([current, speed, amplitude, amplitude * speed, supply])
 
 
-def orbit(system: System, speed: float, guess: Samples, steps: int) -> Orbit:
-    """Find the steady motion of a mean speed by Newton's method.
+@dataclass(frozen=True)
+class Shooting:
+    """A system that is made ready to be run many times, and its averaged theory."""
 
-    Parameters
-    ----------
-    system : System
-        The motor and the exciter.
-    speed : float
-        The mean speed [rad/s].
-    guess : array of shape (5,)
-        Current, speed, displacement and velocity at phi = 0, and the voltage, in SI units.
-    steps : int
-        Communication steps per revolution.
+    prepared: Prepared
+    system: System
+    theory: Averaged
 
-    Raises
-    ------
-    NoOrbitError
-        If Newton's method does not converge, or leads to states from which no run is possible.
-    """
-    period, z = TURN / speed, guess
+    @classmethod
+    @contextmanager
+    def of(cls, system: System, theory: Averaged) -> Iterator[Shooting]:
+        """Make a system ready for revolutions that begin at phi = 0."""
+        system = replace(system, start={**system.start, PHI: 0.0})
+        settings = RunSettings(1.0, 1.0, record=(PHI, *STATES))
+        with Prepared.open(system, settings) as prepared:
+            yield cls(prepared, system, theory)
 
-    def end(z: Samples, duration: float) -> Samples:
-        states = dict(zip((*STATES, SUPPLY), z.tolist()))
-        start = {**system.start, **states, PHI: 0.0}
-        run = cosim.run(
-            replace(system, start=start),
-            stop=duration,
-            step=duration / steps,
-            record=(PHI, *STATES),
-        )
-        return np.array([run[name][-1] for name in (PHI, *STATES)])
+    def ends(self, z: Array, duration: Array, steps: NDArray[np.intp]) -> Array:
+        """Return angle and states after times [s], begun at unknowns z, shape (..., 5); nan where a run fails."""
+        columns = dict(zip((*STATES, SUPPLY), z.reshape(-1, 5).T))
+        times = duration.ravel()
+        each = (times / np.broadcast_to(steps, duration.shape).ravel()).tolist()
+        ensemble = self.prepared.map(columns, steps=each, stops=times.tolist())
+        last = ensemble.rows[np.arange(len(times)), np.maximum(ensemble.counts - 1, 0), 1:]
+        last[[bool(reason) for reason in ensemble.reasons]] = np.nan
+        return np.asarray(last.reshape(z.shape))
 
-    for _ in range(MAX_ROUNDS):
-        scales = scales_of(z, speed)
-        try:
-            reached = end(z, period)
-            columns = []
-            for k in range(len(z)):
-                shift = np.zeros(len(z))
-                shift[k] = PERTURBATION * scales[k]
-                columns.append((end(z + shift, period) - end(z - shift, period)) / (2 * shift[k]))
-            end_after, early = (end(z, period * (1 + x)) for x in (PERTURBATION, -PERTURBATION))
-        except SimulationError as error:
-            raise NoOrbitError(f"no steady motion was found at {speed:.6g} rad/s") from error
-        flow = np.stack(columns, axis=-1)
-        returned = flow.copy()
-        returned[1:, :4] -= np.eye(4)
-        newton_step = np.linalg.solve(returned, np.array([TURN, *z[:4]]) - reached)
-        z, change = z + newton_step, float((abs(newton_step) / scales).max())
-        if change < CONVERGED:
-            break
-        if change > DIVERGED:
-            raise NoOrbitError(f"no steady motion was found at {speed:.6g} rad/s")
-    else:
-        raise NoOrbitError(f"no steady motion was found at {speed:.6g} rad/s")
-    rates = (end_after - early) / (2 * PERTURBATION * period)
-    slope = np.linalg.solve(returned, -rates)[4] * -period / speed
-    section = flow[1:, :4] - np.outer(rates[1:], flow[0, :4]) / rates[0]
-    multipliers = sorted(np.linalg.eigvals(section).tolist(), key=lambda x: abs(x - 1.0))
-    return Orbit(speed, float(z[4]), float(slope), multipliers)
+    def orbits(self, speed: Array, steps: NDArray[np.intp]) -> Orbits:
+        """Find the steady motions of mean speeds [rad/s] by Newton's method, from the response of averaged theory.
 
+        Parameters
+        ----------
+        speed : ndarray, shape (n,)
+            What is nan is not sought.
+        steps : ndarray, shape (n,)
+            Communication steps per revolution.
+        """
+        n = len(speed)
+        z, period = response(self.system, speed), TURN / speed
+        slope, multipliers = np.full(n, np.nan), np.full((n, 4), np.nan, complex)
+        is_open, is_found = np.isfinite(speed), np.zeros(n, bool)
+        unit = np.vstack([np.zeros(5), np.kron(np.eye(5), [[1.0], [-1.0]]), np.zeros((2, 5))])
+        longer = 1.0 + PERTURBATION * np.array([*np.zeros(11), 1.0, -1.0])
+        for _ in range(MAX_ROUNDS):
+            m = np.flatnonzero(is_open)
+            if not len(m):
+                break
+            scales = scales_of(z[m], speed[m])
+            shifts = PERTURBATION * scales[:, None]
+            durations = period[m, None] * longer
+            ends = self.ends(z[m, None] + shifts * unit, durations, steps[m, None])
+            flow = np.swapaxes(
+                (ends[:, 1:11:2] - ends[:, 2:11:2]) / (2 * np.swapaxes(shifts, 1, 2)), 1, 2
+            )
+            back = flow.copy()
+            back[:, 1:, :4] -= np.eye(4)
+            left = np.concatenate([np.full((len(m), 1), TURN), z[m, :4]], axis=1) - ends[:, 0]
+            step = np.linalg.solve(back, left[..., None])[..., 0]
+            z[m] += step
+            change = (np.abs(step) / scales).max(axis=1)
+            done = change < CONVERGED
+            rates = (ends[:, 11] - ends[:, 12]) / (2 * PERTURBATION * period[m, None])
+            slopes = np.linalg.solve(back, -rates[..., None])[:, 4, 0] * -period[m] / speed[m]
+            slope[m[done]] = slopes[done]
+            sections = flow[:, 1:, :4] - rates[:, 1:, None] * flow[:, :1, :4] / rates[:, :1, None]
+            found = np.linalg.eigvals(sections[done])
+            order = np.argsort(np.abs(found - 1.0), axis=1)
+            multipliers[m[done]] = np.take_along_axis(found, order, axis=1)
+            is_found[m[done]] = True
+            is_open[m] = ~done & (change <= DIVERGED)
+        problems = np.array([f"no steady motion was found at {w:.6g} rad/s" for w in speed], object)
+        problems[is_found] = ""
+        return Orbits(speed, np.where(is_found, z[:, 4], np.nan), slope, multipliers, problems)
 
-def branch(system: System, steps: int) -> Callable[[float], Orbit]:
-    """Return a function that finds the orbit of a mean speed, from the response of averaged theory."""
+    def folds(self, which: NDArray[np.intp], steps: NDArray[np.intp]) -> Orbits:
+        """Find the extrema of the voltage over the mean speed near those of averaged theory."""
+        at, _, bends = self.theory.folds[which].T
 
-    @cache
-    def at(speed: float) -> Orbit:
-        return orbit(system, speed, response(system, speed), steps)
+        def residual(speed: Array) -> tuple[Array, Array]:
+            is_near = np.abs(speed - at) <= most
+            slopes = self.orbits(np.where(is_near, speed, np.nan), steps).slope
+            return slopes, CONVERGED * np.abs(bends * at)
 
-    return at
-
-
-def fold(at: Callable[[float], Orbit], theory: Averaged, which: int) -> Orbit:
-    """Find the extremum of the voltage over the mean speed near one of averaged theory.
-
-    Raises NoOrbitError if the steady motions have none there.
-    """
-    (first, _), (last, _) = theory.folds
-    speed, width = theory.folds[which][0], BRACKET * min(theory.width, last - first)
-    for _ in range(MAX_WIDENINGS):
-        low, high = speed - width, speed + width
-        if at(low).slope * at(high).slope < 0.0:
-            return at(float(brentq(lambda w: at(w).slope, low, high)))
-        width *= 2
-    raise NoOrbitError(f"the steady motions have no extreme voltage near {speed:.6g} rad/s")
-
-
-def beyond(at: Callable[[float], Orbit], theory: Averaged, which: int, supply: float) -> Orbit:
-    """Find the steady motion at a voltage [V] on the branch to which a fold throws the motor."""
-    first, last = (speed for speed, _ in theory.folds)
-    side = theory.speeds > last if which == 0 else theory.speeds < first
-    distances = abs(theory.supplies[side] - supply)
-    speed = float(theory.speeds[side][np.argmin(distances)])
-    for _ in range(MAX_ROUNDS):
-        motion = at(speed)
-        change = (supply - motion.supply) / motion.slope
-        speed += min(max(change, -speed / 4), speed / 4)
-        if abs(change) < ROUNDING * speed:
-            return motion
-    raise NoOrbitError(f"no steady motion was found at {supply:.6g} V after the jump")
-
-
-def jump(search: Search) -> Jump:
-    """Locate a fold, and the motion to which the motor jumps when its voltage is passed slowly.
-
-    At the fold one Floquet multiplier is 1. Where another one is beyond 1 the motion has lost its
-    stability before, and the fold is not where the motor jumps. The search with the most steps
-    examines this at speeds along the branch, too.
-    """
-    system, theory, which, steps, examines = search
-    at = branch(system, steps)
-    try:
-        edge = fold(at, theory, which)
-        growths = [edge.growth(1)]
-        if examines:
-            begin = beyond(at, theory, 1 - which, theory.folds[1 - which][1]).speed
-            growths += [
-                at(edge.speed + (begin - edge.speed) / 2**k).growth() for k in range(PROBES)
-            ]
-        if max(growths) >= 1.0:
-            why = f"the motion is unstable before the fold of its voltage at {edge.supply:.6g} V"
-            return Jump(math.nan, math.nan, math.nan, why)
-        landing = beyond(at, theory, which, edge.supply)
-    except NoOrbitError as error:
-        return Jump(math.nan, math.nan, math.nan, str(error))
-    if landing.growth() >= 1.0:
-        return Jump(edge.supply, edge.speed, math.nan, "the motion after the jump is unstable")
-    return Jump(edge.supply, edge.speed, landing.speed)
-
-
-def steps_per_revolution(theory: Averaged, which: int, step: float) -> int:
-    """Return the number of steps no longer than `step` [s] in a revolution at a fold, a multiple of 4."""
-    needed = TURN / (theory.folds[which][0] * step)
-    return 4 * math.ceil(max(needed, STEPS_PER_REV) / 4)
-
-
-def searches(system: System, theory: Averaged, step: float) -> list[list[Search]]:
-    """Return for each fold its searches with all, half and a quarter of the steps."""
-    return [
-        [
-            Search(system, theory, which, steps_per_revolution(theory, which, step) // n, n == 1)
-            for n in STEP_MULTIPLES
+        most = MOST_SHIFT * min(self.theory.width, float(np.ptp(self.theory.folds[:, 0])))
+        found = secant(residual, at, bends)
+        edges = self.orbits(found.x, steps)
+        lost = np.isnan(found.x)
+        edges.problems[lost] = [
+            f"the steady motions have no extreme voltage near {w:.6g} rad/s" for w in at[lost]
         ]
-        for which in range(len(theory.folds))
-    ]
+        return edges
+
+    def beyond(self, which: NDArray[np.intp], supply: Array, steps: NDArray[np.intp]) -> Orbits:
+        """Find the steady motions at voltages [V] on the branches to which folds throw the motor."""
+        theory, (first, last) = self.theory, self.theory.folds[:, 0]
+        distances = np.abs(theory.supplies - supply[:, None])
+        side = np.where((which == 0)[:, None], theory.speeds > last, theory.speeds < first)
+        speed = theory.speeds[np.where(side, distances, np.inf).argmin(axis=1)]
+        speed = np.where(np.isfinite(supply), speed, np.nan)
+        for _ in range(MAX_ROUNDS):
+            motions = self.orbits(speed, steps)
+            change = (supply - motions.supply) / motions.slope
+            if not (np.abs(change) >= ROUNDING * speed).any():
+                return motions
+            speed = speed + np.clip(change, -speed / 4, speed / 4)
+        motions.problems[np.abs(change) >= ROUNDING * speed] = (
+            "no steady motion was found after the jump"
+        )
+        return motions
+
+    def jumps(self, which: NDArray[np.intp], steps: NDArray[np.intp]) -> Jumps:
+        """Locate folds, and the motions to which the motor jumps when their voltages are passed slowly.
+
+        At a fold one Floquet multiplier is 1. Where another one is beyond 1 the motion has lost its
+        stability before, and the fold is not where the motor jumps. Those with the most steps are examined for
+        this at speeds along the branch, too.
+        """
+        edges = self.folds(which, steps)
+        growth = edges.growth(1)
+        finest = np.flatnonzero(steps == [steps[which == k].max() for k in which])
+        others = 1 - which[finest]
+        begins = self.beyond(others, self.theory.folds[others, 1], steps[finest])
+        shares = 0.5 ** np.arange(PROBES)[:, None]
+        probes = edges.speed[finest] + (begins.speed - edges.speed[finest]) * shares
+        every = self.orbits(probes.ravel(), np.tile(steps[finest], PROBES))
+        growth[finest] = np.maximum(growth[finest], every.growth().reshape(PROBES, -1).max(axis=0))
+        lost = edges.problems.copy()
+        probed = np.concatenate([begins.problems[None], every.problems.reshape(PROBES, -1)])
+        lost[finest] = [
+            next(filter(None, (why, *of_one)), "") for why, of_one in zip(lost[finest], probed.T)
+        ]
+        early = (lost == "") & (growth >= 1.0)
+        lost[early] = [
+            f"the motion is unstable before the fold of its voltage at {v:.6g} V"
+            for v in edges.supply[early]
+        ]
+        landing = self.beyond(which, np.where(lost == "", edges.supply, np.nan), steps)
+        lost = np.where(lost == "", landing.problems, lost)
+        supply, before = (np.where(lost == "", x, np.nan) for x in (edges.supply, edges.speed))
+        unstable = (lost == "") & (landing.growth() >= 1.0)
+        lost[unstable] = "the motion after the jump is unstable"
+        return Jumps(supply, before, np.where(lost == "", landing.speed, np.nan), lost)
+
+
+def fold_steps(theory: Averaged, step: float) -> NDArray[np.intp]:
+    """Return the steps in a revolution at each fold with STEP_MULTIPLES of the finest, no longer than `step` [s]."""
+    needed = np.maximum(TURN / (theory.folds[:, 0] * step), STEPS_PER_REV)
+    return np.asarray(4 * np.ceil(needed / 4).astype(np.intp)[:, None] // np.array(STEP_MULTIPLES))

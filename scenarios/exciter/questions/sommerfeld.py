@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import cosim
-from cosim import Result, SetupError, System
+from cosim import Prepared, Result, RunSettings, SetupError, SimulationError, System
 from cosim.accuracy.limit import limit
 from cosim.system import connect
 from workbench import (
@@ -39,7 +39,17 @@ from workbench.figure import listed
 from workbench.live import Live, LiveRun, LiveSweep, Number, Reader, RunChart, RunPanel, Slider
 
 from .. import motion
-from ..orbits import ROUNDING, STEPS_PER_REV, Averaged, Jump, averaged, constants, jump, searches
+from ..orbits import (
+    ROUNDING,
+    STEP_MULTIPLES,
+    STEPS_PER_REV,
+    Averaged,
+    Jumps,
+    Shooting,
+    averaged,
+    constants,
+    fold_steps,
+)
 
 WIRES = ("motor.tau -> exciter.tau", "exciter.w -> motor.w")
 STATES = ("motor.i", "exciter.phi", "exciter.w", "exciter.x", "exciter.v")
@@ -91,9 +101,12 @@ class Sommerfeld(Question):
         if constants(system)[1] == 0.0:
             raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
         case, theory = Case(system, self.hold, self.step), averaged(system)
-        ((*levels,),) = context.each(sweep, [(self.supplies, case)], "levels")
-        seeking = searches(system, theory, self.step)
-        jumps = [*context.each(jump, [x for direction in seeking for x in direction], "folds")]
+        levels = case.levels(self.supplies)
+        count = fold_steps(theory, self.step)
+        which = np.arange(len(count)).repeat(len(STEP_MULTIPLES))
+        if len(count):
+            with Shooting.of(system, theory) as shooting:
+                jumps = shooting.jumps(which, count.ravel())
         observed = Observed(case, levels, theory)
         warn(levels, case)
         rows = [(int(k >= len(self.supplies)), *level[:3]) for k, level in enumerate(levels)]
@@ -102,12 +115,13 @@ class Sommerfeld(Question):
             "nu_res": Figure(theory.resonance, "rad/s", 0.0, "resonance of the mount by formula")
         }
         for k, (direction, word) in enumerate(DIRECTIONS.items()):
-            count = len(seeking[k]) if theory.folds else 0
-            mine = jumps[k * count : (k + 1) * count]
+            mine = Jumps(*(x[which == k] for x in jumps)) if len(count) else None
             figures |= {f"{x}_{direction}": figure(mine, x, word, observed) for x in MEANINGS}
-            if theory.folds:
+            if len(count):
                 meaning = f"voltage of the jump by averaged theory, {word}"
-                figures[f"theory_{direction}"] = Figure(theory.folds[k][1], "V", 0.0, meaning)
+                figures[f"theory_{direction}"] = Figure(
+                    float(theory.folds[k, 1]), "V", 0.0, meaning
+                )
         steps = f"steps of at most {self.step:g} s, in the folds at least {STEPS_PER_REV} in a revolution"
         data = (observed, table.frame)
         return Findings(figures, data, system, {}, steps, "strang", {"sommerfeld.csv": table})
@@ -126,10 +140,11 @@ class Sommerfeld(Question):
         yes = f"The motor passes {resonance}"
         no = f"{top.supply:g} V do not take the motor past {resonance}"
         if constants(observed.case.system)[6] == 0.0 or (
-            not observed.theory.folds and (up.reason != no_jump(observed) or two_speeds(observed))
+            not len(observed.theory.folds)
+            and (up.reason != no_jump(observed) or two_speeds(observed))
         ):
             return [Judgement(passes, up, most=top.supply, note=where)]
-        if not observed.theory.folds:
+        if not len(observed.theory.folds):
             is_above = top.speed >= observed.theory.resonance
             note = f"its speed does not jump; {where}"
             return [Judgement(passes, is_so=is_above, note=note, yes=yes, no=no)]
@@ -160,7 +175,7 @@ class Sommerfeld(Question):
         up = f["supply_up"]
         has_jump = up.error is not None and up.value <= self.supplies[-1]
         takes = up.value if has_jump else self.supplies[-1]
-        runs = {f"{share * takes:.3g} V": r[0].case.run(share * takes, {}) for share in STARTS}
+        runs = {f"{share * takes:.3g} V": r[0].case.run(share * takes) for share in STARTS}
         of = "voltage of the jump" if has_jump else "highest level"
         title = (
             f"Starts from rest with {' and '.join(f'{share:.0%}' for share in STARTS)} of the {of}"
@@ -269,21 +284,39 @@ class Case(NamedTuple):
     hold: float
     step: float
 
-    def run(self, supply: float, states: Mapping[str, float]) -> Result:
-        """Run one voltage from these states, in steps that resolve a revolution at its no-load speed."""
-        system = replace(self.system, start={**self.system.start, **states, "motor.v": supply})
-        period = 2 * math.pi * constants(system)[1] / supply
-        step = min(self.step, period / LEVEL_STEPS)
-        return cosim.run(system, stop=self.hold, step=step, record=(*STATES, *POWERS))
+    def run(self, supply: float) -> Result:
+        """Run one voltage from rest."""
+        system = replace(self.system, start={**self.system.start, "motor.v": supply})
+        step, record = self.step_at(supply), (*STATES, *POWERS)
+        return cosim.run(system, stop=self.hold, step=step, record=record)
 
-    def level(self, supply: float, states: Mapping[str, float]) -> Level:
+    def levels(self, supplies: Sequence[float]) -> list[Level]:
+        """All levels up and down again, each from the states at the end of the one before."""
+        levels: list[Level] = []
+        settings = RunSettings(self.hold, self.step, record=(*STATES, *POWERS))
+        with Prepared.open(self.system, settings) as prepared:
+            for supply in (*supplies, *supplies[::-1]):
+                states = levels[-1].states if levels else {}
+                levels.append(self.level(prepared, supply, states))
+        return levels
+
+    def step_at(self, supply: float) -> float:
+        """The communication step at a voltage, which resolves a revolution at its no-load speed [s]."""
+        period = 2 * math.pi * constants(self.system)[1] / supply
+        return min(self.step, period / LEVEL_STEPS)
+
+    def level(self, prepared: Prepared, supply: float, states: Mapping[str, float]) -> Level:
         """Hold one voltage until the rest of the drift is below STEADY and what the motor gives is lost.
 
         The drifts of the speed from hold to hold are taken as a geometric series, whose sum is the rest.
         """
         speed, drift, holds, is_steady = np.inf, np.inf, 0, False
         while not is_steady and holds < MAX_HOLDS:
-            r = self.run(supply, states)
+            cases = {name: [value] for name, value in {**states, "motor.v": supply}.items()}
+            ensemble = prepared.map(cases, steps=[self.step_at(supply)], stops=[self.hold])
+            if reason := ensemble.reasons[0]:
+                raise SimulationError(reason, ensemble.result(0))
+            r = ensemble.result(0)
             t, phi, x = r["time"], r["exciter.phi"], r["exciter.x"]
             states = {name: float(r[name][-1]) for name in STATES}
             mean = float((phi[-1] - phi[0]) / t[-1])
@@ -323,19 +356,19 @@ def warn(levels: Sequence[Level], case: Case) -> None:
         )
 
 
-def figure(jumps: Sequence[Jump], name: str, direction: str, observed: Observed) -> Figure:
+def figure(jumps: Jumps | None, name: str, direction: str, observed: Observed) -> Figure:
     """What the searches with falling numbers of steps state of a jump, where they all have one."""
     unit, meaning = MEANINGS[name][0], f"{MEANINGS[name][1]}, {direction}"
-    if not jumps:
+    if jumps is None:
         return Figure.undetermined(unit, no_jump(observed), meaning)
-    values = [float(x._asdict()[name]) for x in jumps]
+    values = jumps._asdict()[name]
     if not np.isfinite(values).all():
-        reason = next(x.reason for x in jumps if x.reason)
-        return Figure.undetermined(unit, reason, meaning)
+        return Figure.undetermined(unit, next(filter(None, jumps.reason)), meaning)
     of_runs = limit(values, cosim.CONVERGENCE_ORDERS["strang"])
     if reason := of_runs.sentence():
         return Figure.undetermined(unit, reason, meaning)
-    return Figure(values[0], unit, float(of_runs.error) + ROUNDING * values[0], meaning)
+    value = float(values[0])
+    return Figure(value, unit, float(of_runs.error) + ROUNDING * value, meaning)
 
 
 def no_jump(observed: Observed) -> str:
@@ -354,22 +387,13 @@ def two_speeds(observed: Observed) -> bool:
     return any(abs(up.speed - down.speed) > gap for up, down in pairs)
 
 
-def sweep(task: tuple[Sequence[float], Case]) -> list[Level]:
-    """All levels up and down again, each from the states at the end of the one before."""
-    supplies, case = task
-    levels: list[Level] = []
-    for supply in (*supplies, *supplies[::-1]):
-        levels.append(case.level(supply, levels[-1].states if levels else {}))
-    return levels
-
-
 def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[Judgement]:
     """What a supply does that is switched on at once: a slow rise needs more, since it is steady at each voltage."""
     up, before = f["supply_up"], f["before_up"]
     if up.error is None or before.error is None:
         return []
     supply = STARTS[0] * up.value
-    run = observed.case.run(supply, {})
+    run = observed.case.run(supply)
     last = run["time"] >= LAST * run["time"][-1]
     mean = float(run["exciter.w"][last].mean())
     passes = mean > 1.1 * before.value
