@@ -8,8 +8,7 @@ not found because the crank would stop or nearly so, are skipped and counted.
 Shown per figure are the drives that have it (exist), the share of the stated errors that hold
 (within) and the number of those that do not (missed), the worst of error over stated error (worst),
 the share that is refused or missing (refused), how often one is stated that the sweep does not hold
-(invented), and the median of the stated error over the figure (median). Above them stands how many orbits an answer
-takes, those of the sweep apart from those of the searches for its features.
+(invented), and the median of the stated error over the figure (median).
 """
 
 from __future__ import annotations
@@ -49,8 +48,6 @@ from tests.scenarios.orbit_oracle import (
 from workbench import Context
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
-#: What orbits are run for, as the answer counts them.
-ORBITS = ("sweep", "features")
 #: Error of an exact figure, relative: a convention, which limits the stated errors that are tested.
 TRUTH_ERROR = 1e-9
 #: Drives that are listed with their commands: a convention, which limits the output.
@@ -102,7 +99,6 @@ def judged(seed: int, numbers: Sequence[int]) -> list[Row]:
         row |= {
             "seconds": seconds,
             "sentence": str(answer) if refused else "",
-            "orbits": {} if refused else answer.facts["orbits"],
             "stated": {
                 name: {"value": figures[name].value, "error": figures[name].error}
                 for name in FIGURES
@@ -187,16 +183,6 @@ def worst(rows: Sequence[Row]) -> Iterator[str]:
             yield f"{error_ratio:.3g} times: {name} = {statement}, exact: {exact}\n    {row['command']}"
 
 
-def orbit_counts(rows: Sequence[Row]) -> str:
-    """How many orbits an answer takes, by what they are run for, in the median."""
-    counts = {
-        title: [row["orbits"][title] for row in rows if title in row.get("orbits", ())]
-        for title in ORBITS
-    }
-    medians = (f"{statistics.median(x):g} for {title}" for title, x in counts.items() if x)
-    return ", ".join(medians) or "not counted"
-
-
 def read_rows(path: Path | None, seed: int, number: int) -> list[Row]:
     """The rows of this seed that a file holds."""
     if path is None or not path.exists():
@@ -234,7 +220,6 @@ def main() -> None:
     print(
         f"\n{len(rows)} drives of seed {options.seed}, {failed} refused as a whole; skipped: {reasons}"
     )
-    print(f"orbits per answer, median: {orbit_counts(rows)}")
     print("\n".join(table(rows)))
     print("\n".join(worst(rows)))
 

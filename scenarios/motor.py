@@ -100,7 +100,8 @@ def nameplate(
 ) -> dict[str, Value]:
     """Return start values of a DriveMotor, at the shaft behind its gear, from the nameplate of an induction motor.
 
-    Torques grow by the ratio of the gear, speeds fall by it, and the inertia of the rotor grows by its square.
+    Torques grow by the ratio of the gear, speeds fall by it, and the inertia of the rotor grows by its square. A linear
+    motor in its place has the slope of the characteristic without load.
 
     Parameters
     ----------
@@ -124,11 +125,13 @@ def nameplate(
     (350.3, 0.0147)
     """
     plate = read_nameplate(text)
+    tau_b, w_s = plate.breakdown * plate.torque * plate.ratio, plate.no_load / plate.ratio
     values: dict[str, Value] = {
         f"{motor}.characteristic": 1,
-        f"{motor}.kloss.tau_b": plate.breakdown * plate.torque * plate.ratio,
+        f"{motor}.kloss.tau_b": tau_b,
         f"{motor}.kloss.s_b": plate.breakdown_slip,
-        f"{motor}.kloss.w_s": plate.no_load / plate.ratio,
+        f"{motor}.kloss.w_s": w_s,
+        f"{motor}.B": 2.0 * tau_b / (plate.breakdown_slip * w_s),
         f"{motor}.T": plate.lag,
     }
     if plate.inertia is not None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import workbench
-from workbench import Context, option
+from workbench import Context, Figure, Judgement, option
+from workbench.judgement import Holds
 
 from ..motor import FORM, Nameplate, nameplate, read_nameplate
 from .drive_orbits import ORBIT_ALGORITHMS, Drive
@@ -16,6 +17,9 @@ from .machine import followed
 
 #: Rated torque of the motors of the sets, at the crank [N.m].
 RATED = {"A": 100.0, "B": 88.0}
+#: Distance of a lag from that of its slip, over it, that the digits of a nameplate leave: a speed of 1440 rpm is known to
+#: 1 rpm of 60 rpm of slip, and the ratio of the torques to 0.05 of 2.8.
+LAG_TOLERANCE = 0.05
 #: Start values that a question on the speeds of a linear motor sets itself.
 LINEAR_MOTOR_STARTS = ("motor.characteristic", "motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
@@ -43,6 +47,21 @@ class NameplateOptions(workbench.Options):
             fixed = (*self.of_question, *getattr(self, "fixed_starts", ()))
             given = {x: y for x, y in nameplate(self.nameplate).items() if x not in fixed}
             object.__setattr__(self, "start", {**given, **self.start})
+
+    def contradictions(self) -> list[Judgement]:
+        """Return a lag that contradicts the slip of the motor on the nameplate."""
+        lag = self.start.get("motor.T")
+        if not self.plate or lag is None:
+            return []
+        least, most = ((1.0 + s * LAG_TOLERANCE) * self.plate.lag for s in (-1, 1))
+        agrees = Judgement(
+            "motor.T is that of the breakdown slip",
+            Figure(float(lag), "s", 0.0),
+            least,
+            most,
+            note=f"it contradicts the nameplate, whose slip gives {self.plate.lag:.4g} s",
+        )
+        return [agrees] * (agrees.answer is Holds.NO)
 
     @property
     def plate(self) -> Nameplate | None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
 from cosim import SetupError
+from scenarios.conveyor.first_order import SETS
 from scenarios.motor import nameplate
 from tests.conftest import ask
 
@@ -89,12 +91,42 @@ def test_a_question_about_ones_own_motor_is_asked_by_its_nameplate() -> None:
         < max(speeds)
     )
     assert answer.figures["nu_90"].error is not None
-    late = ask(
-        "resonance",
-        nameplate=PLATE,
-        speed="420rpm",
-        speeds="40,50",
-        start={"motor.T": 0.0625},
-        steps_per_rev=64,
+
+
+@pytest.mark.parametrize(
+    ("question", "options"),
+    [
+        ("resonance", {"speed": "420rpm", "speeds": "40,50", "steps_per_rev": 64}),
+        ("run_up", {"stop": 0.2, "step": 1e-3}),
+        ("induction_motor", {"resistances": "4000", "slips": "0.2", "steps_per_rev": 128}),
+    ],
+)
+def test_a_lag_that_contradicts_the_slip_of_the_nameplate_is_named(
+    question: str, options: dict[str, Any]
+) -> None:
+    for lag, is_named in ((0.0625, True), (0.0147, False)):
+        answer = ask(question, nameplate=PLATE, start={"motor.T": lag}, **options)
+        told = [x for x in answer.judgements if x.what == "motor.T is that of the breakdown slip"]
+        assert [x.answer for x in told] == ["no"] * is_named, lag
+
+
+def test_a_linear_motor_in_the_place_of_that_of_a_nameplate_has_its_resonance() -> None:
+    """Its slope is that of the characteristic at a small slip, not that of the set."""
+    answer = ask("run_up", nameplate=PLATE, stop=0.2, step=1e-3)
+    start = nameplate(PLATE)
+    b = start["motor.kloss.s_b"] * start["motor.kloss.w_s"]
+    slip = 1e-6 * b
+    torque = 2.0 * start["motor.kloss.tau_b"] * slip * b / (slip**2 + b**2)
+    assert answer.parameters["motor.B"].value == pytest.approx(torque / slip, rel=1e-9)
+    machine = SETS["B"].follow(start)
+    assert answer.figures["nu_res"].value == pytest.approx(
+        math.sqrt((torque / slip + machine.load_slope) / machine.theta0 / start["motor.T"]) / 2,
+        rel=1e-9,
     )
-    assert "contradicts" in late.verdict
+
+
+def test_a_frequency_beside_that_of_a_nameplate_is_refused() -> None:
+    with pytest.raises(
+        SetupError, match="frequency = 60 Hz contradicts the nameplate, which says 50 Hz"
+    ):
+        ask("induction_motor", nameplate=PLATE, frequency=60.0)

@@ -80,14 +80,21 @@ def guess(machine: Mapping[str, float], w: float) -> tuple[Any, float]:
 
 def fold(machine: Mapping[str, float], w: float) -> tuple[float, float]:
     """Voltage and mean speed at which a periodic orbit near w has the Floquet multiplier 1."""
-    y, supply = guess(machine, w)
 
     def equations(z: Any) -> list[float]:
         y, supply = z[:4], float(z[4])
         multiplier = np.linalg.det(linearised(machine, supply, y) - np.eye(4))
         return [*(returned(machine, supply, y)[0] - y), multiplier]
 
-    z = root(equations, [*y, supply], method="hybr", tol=1e-9).x
+    for near in (
+        w,
+        w - 0.01,
+        w + 0.01,
+    ):  # Powell's method may stop where the Jacobian is nearly singular
+        y, supply = guess(machine, near)
+        z = root(equations, [*y, supply], method="hybr", tol=1e-9).x
+        if np.abs(equations(z)).max() < 1e-6:
+            break
     assert np.abs(equations(z)).max() < 1e-6
     return float(z[4]), 2 * math.pi / returned(machine, float(z[4]), z[:4])[1]
 
@@ -177,7 +184,9 @@ def test_jumps_are_folds_of_periodic_orbits(
 def test_a_motor_below_the_jump_is_called_caught() -> None:
     """At 28.5 V it turns a little faster than the resonance, and jumps only at 28.5515 V."""
     answer = ask("sommerfeld", supplies="26:28.5:6")
-    assert len(answer.show().charts[0].marks) == 0
+    assert answer.figures["supply_up"].value > 28.5
+    assert answer.judgements[0].answer == "no"
+    assert answer.show().charts[0].marks == []
 
 
 @pytest.mark.slow

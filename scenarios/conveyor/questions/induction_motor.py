@@ -48,6 +48,8 @@ TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 RANGE = (0.6, 1.4)
 #: Orbits between them whose interpolant gives the first guess; a convention.
 GUIDE_SPEEDS = 5
+#: Supply frequency where nothing is said [Hz].
+SUPPLY = 50.0
 MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("full characteristic", "gold")}
 COLUMNS = {
     "resistance": "N.s/m", "breakdown_slip": "1", "load": "N.m", "slip": "1", "slope": "N.m.s/rad",
@@ -74,7 +76,7 @@ class InductionMotor(Question, NameplateOptions):
     of_question = ("motor.T",)  # the lag follows from each slip
 
     frequency: float = option(
-        50.0, "supply frequency that gives motor.kloss.w_s without load", "Hz", above=0.0
+        SUPPLY, "supply frequency that gives motor.kloss.w_s without load", "Hz", above=0.0
     )
     resistances: tuple[float, ...] = option(
         "4000:40000:5", "resistances of the trough", "N.s/m", above=0.0
@@ -93,6 +95,10 @@ class InductionMotor(Question, NameplateOptions):
         """
         start = {**KLOSS, **self.start, "motor.characteristic": 1}
         frequency = self.plate.frequency if self.plate else self.frequency
+        if self.frequency not in (frequency, SUPPLY):
+            raise SetupError(
+                f"frequency = {self.frequency:g} Hz contradicts the nameplate, which says {frequency:g} Hz: leave one out"
+            )
 
         def motor(changed: Mapping[str, Value]) -> Motor:
             start_ = {**start, **changed}
@@ -145,6 +151,7 @@ class InductionMotor(Question, NameplateOptions):
                 for key, text in cases.items()
                 if not of_sheet[key]
             ),
+            *self.contradictions(),
         ]
 
     def show(self, f: Mapping[str, Figure], r: MotorData) -> Show:

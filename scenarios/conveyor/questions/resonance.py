@@ -41,7 +41,6 @@ from workbench import (
 from workbench.charts import model as colors
 from workbench.charts.model import Span
 from workbench.figure import listed
-from workbench.judgement import Holds
 from workbench.live import Live
 from workbench.options import check_fixed_starts
 
@@ -71,9 +70,6 @@ TABLE = "resonance.csv"
 #: Rounds of the fixed point of formula (22): the slope of a motor changes little with the speed, so each round leaves a
 #: small share of the distance.
 FIXED_POINT_ROUNDS = 20
-#: Distance of a lag from that of its slip, over it, that the digits of a nameplate leave: a speed of 1440 rpm is known to
-#: 1 rpm of 60 rpm of slip, and the ratio of the torques to 0.05 of 2.8.
-LAG_TOLERANCE = 0.05
 #: Lags [deg] at the two ends of the half-power band. There the real and the imaginary part of load over
 #: response are equal. With little damping load and imaginary part hardly change within the band, so that the
 #: power that the ripple dissipates is half of that at 90 degrees.
@@ -374,18 +370,8 @@ def centred(o: Resonance, speeds: Sequence[float], base: Machine) -> Sequence[fl
 
 def taken(o: Resonance) -> list[Judgement]:
     """Return what a machine of one's own has from the set, and a lag that contradicts the slip of its motor."""
-    judgements, lag = [], o.start.get("motor.T")
+    judgements = o.contradictions()
     is_induction = induction(SETS[o.set].follow(o.start))
-    if o.plate and lag is not None:
-        least, most = ((1.0 + s * LAG_TOLERANCE) * o.plate.lag for s in (-1, 1))
-        agrees = Judgement(
-            "motor.T is that of the breakdown slip",
-            Figure(float(lag), "s", 0.0),
-            least,
-            most,
-            note=f"it contradicts the nameplate, whose slip gives {o.plate.lag:.4g} s",
-        )
-        judgements += [agrees] if agrees.answer is Holds.NO else []
     lacking = [x for x in FIELDS if x not in o.start and not (x == "motor.B" and is_induction)]
     if o.rated_torque is None and not o.plate:
         lacking.append("rated torque")

@@ -157,7 +157,7 @@ class RunUp(Question, NameplateOptions, Run):
             Judgement(f"largest torque of the {word}", f[f"{motor}_tau_max"])
             for motor, word in LABELS.items()
         ]
-        return [*answers, *torques]
+        return [*answers, *torques, *self.contradictions()]
 
     def show(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
         """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both

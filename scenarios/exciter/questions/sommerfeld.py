@@ -36,7 +36,17 @@ from workbench import (
 from workbench.answer import parameters
 from workbench.charts.model import Arrow
 from workbench.figure import listed
-from workbench.live import Live, LiveRun, LiveSweep, Number, Reader, RunChart, RunPanel, Slider
+from workbench.live import (
+    Live,
+    LiveRun,
+    LiveSweep,
+    Number,
+    Reader,
+    RunChart,
+    RunPanel,
+    Slider,
+    drawn,
+)
 
 from .. import motion
 from ..orbits import (
@@ -76,11 +86,51 @@ STARTS = (0.8, 1.05)
 LAST = 0.9
 
 
+RESONANCE = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
+NAME = "resonance of the mount"
+STARTS_CHART = RunChart(
+    "Two starts from rest",
+    "time [s]",
+    [
+        RunPanel("speed", {"exciter.w": "red"}, levels={NAME: "figures.nu_res"}),
+        RunPanel("displacement", {"exciter.x": "red"}, "mm"),
+    ],
+)
+FROM_REST_NUMBERS = (
+    Number(
+        "w_end", Reader("mean", "exciter.w", "stop - 1"), "rad/s", "mean speed in the last second"
+    ),
+    Number("x_end", Reader("max", "abs(exciter.x)", "stop - 1"), "m", "largest displacement"),
+)
+FROM_REST_CHART = RunChart(
+    "What a start from rest leads to",
+    "supply [V]",
+    [
+        RunPanel(
+            "mean speed at the end",
+            {"figures.w_end": ("from rest", "red", "points")},
+            "rad/s",
+            {NAME: RESONANCE},
+        ),
+        RunPanel(
+            "displacement at the end", {"1e3 * figures.x_end": ("from rest", "red", "points")}, "mm"
+        ),
+    ],
+)
+
+
 class Sommerfeld(Question):
     """The voltages, how long each is held, and the longest step."""
 
     parts = {"motor": "DCMotor", "exciter": "UnbalanceExciter"}
     fixed_starts = ("motor.v",)
+
+    sliders = (
+        Slider("motor.R", 4.0, 8.0),
+        Slider("exciter.rotor.m", 0.3, 1.0),
+        Slider("exciter.mount.d", 20.0, 200.0),
+    )
+    charts = (STARTS_CHART,)
 
     supplies: tuple[float, ...] = option("14:32:19", "voltage levels", "V", above=0.0)
     hold: float = option(5.0, "time over which the speed is compared", "s", above=0.0)
@@ -172,96 +222,36 @@ class Sommerfeld(Question):
 
     def show(self, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
         """Steady speed and displacement over the supply, and two starts from rest on either side."""
-        up = f["supply_up"]
-        has_jump = up.error is not None and up.value <= self.supplies[-1]
-        takes = up.value if has_jump else self.supplies[-1]
-        runs = {f"{share * takes:.3g} V": r[0].case.run(share * takes) for share in STARTS}
-        of = "voltage of the jump" if has_jump else "highest level"
-        title = (
-            f"Starts from rest with {' and '.join(f'{share:.0%}' for share in STARTS)} of the {of}"
-        )
-        curves = [
-            Curve(voltage, run["time"], run["exciter.w"], color)
-            for (voltage, run), color in zip(runs.items(), ("red", "blue"))
-        ]
-        starts = Chart(title, "time [s]", [Panel("speed", "rad/s", curves)])
-        return Show([steady_motion(self, f, r), starts], [motion.starts(title, runs)])
+        starts, of = starts_of(self, f)
+        shares = " and ".join(f"{share:.0%}" for share in STARTS)
+        title = f"Starts from rest with {shares} of the {of}"
+        runs = {x.name: r[0].case.run(float(x.start["motor.v"])) for x in starts}
+        chart = drawn(STARTS_CHART, list(runs.values()), self, f, runs=starts)
+        pictures = [steady_motion(self, f, r), chart._replace(title=title)]
+        return Show(pictures, [motion.starts(title, runs)])
 
     def live(self, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Live:
         """Two starts from rest on either side of the voltage of the jump, and such starts at all voltages."""
-        jump = f["supply_up"]
-        supply = self.supplies[-1] if jump.error is None else jump.value
-        runs = [
-            LiveRun(f"{share * supply:.3g} V", color, {"motor.v": share * supply})
-            for share, color in zip(STARTS, ("red", "blue"))
-        ]
-        end = Reader("mean", "exciter.w", "stop - 1")
+        runs, _ = starts_of(self, f)
         step = f"min(step, 2 * pi * motor.k / (motor.v * {LEVEL_STEPS}))"
-        resonance = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
-        level = {"resonance of the mount": resonance}
-        return Live(
-            sliders=(
-                Slider("motor.R", 4.0, 8.0),
-                Slider("exciter.rotor.m", 0.3, 1.0),
-                Slider("exciter.mount.d", 20.0, 200.0),
-            ),
+        ends = [
+            Number(
+                f"end_{k}",
+                Reader("mean", "exciter.w", "stop - 1", run=run.name),
+                "rad/s",
+                f"mean speed in the last second, started with {run.name}",
+            )
+            for k, run in enumerate(runs, 1)
+        ]
+        return self.page(
+            f,
+            r,
             runs=runs,
             stop="hold",
             step=step,
-            numbers=[
-                Number("nu_res", resonance),
-                *(
-                    Number(
-                        f"end_{k}",
-                        Reader("mean", "exciter.w", "stop - 1", run=run.name),
-                        "rad/s",
-                        f"mean speed in the last second, started with {run.name}",
-                    )
-                    for k, run in enumerate(runs, 1)
-                ),
-            ],
-            charts=[
-                RunChart(
-                    "Two starts from rest",
-                    "time [s]",
-                    [
-                        RunPanel("speed", {"exciter.w": "red"}, levels=level),
-                        RunPanel("displacement", {"exciter.x": "red"}, "mm"),
-                    ],
-                )
-            ],
+            numbers=[Number("nu_res", RESONANCE), *ends],
             motion=motion.live_motion("Two starts from rest", parameters(r[0].case.system)),
-            sweep=LiveSweep(
-                over="motor.v",
-                values=self.supplies,
-                step=step,
-                numbers=[
-                    Number("w_end", end, "rad/s", "mean speed in the last second"),
-                    Number(
-                        "x_end",
-                        Reader("max", "abs(exciter.x)", "stop - 1"),
-                        "m",
-                        "largest displacement",
-                    ),
-                ],
-                chart=RunChart(
-                    "What a start from rest leads to",
-                    "supply [V]",
-                    [
-                        RunPanel(
-                            "mean speed at the end",
-                            {"figures.w_end": ("from rest", "red", "points")},
-                            "rad/s",
-                            level,
-                        ),
-                        RunPanel(
-                            "displacement at the end",
-                            {"1e3 * figures.x_end": ("from rest", "red", "points")},
-                            "mm",
-                        ),
-                    ],
-                ),
-            ),
+            sweep=LiveSweep("motor.v", self.supplies, step, FROM_REST_NUMBERS, FROM_REST_CHART),
         )
 
 
@@ -344,6 +334,18 @@ class Observed(NamedTuple):
     def lowered(self) -> Sequence[Level]:
         """The levels of the falling supply, by rising voltage."""
         return self.levels[: len(self.levels) // 2 - 1 : -1]
+
+
+def starts_of(o: Sommerfeld, f: Mapping[str, Figure]) -> tuple[list[LiveRun], str]:
+    """Return two starts from rest, on either side of the voltage of the jump or of the highest level, and of which."""
+    up = f["supply_up"]
+    has_jump = up.error is not None and up.value <= o.supplies[-1]
+    supply = up.value if has_jump else o.supplies[-1]
+    runs = [
+        LiveRun(f"{share * supply:.3g} V", color, {"motor.v": share * supply})
+        for share, color in zip(STARTS, ("red", "blue"))
+    ]
+    return runs, "voltage of the jump" if has_jump else "highest level"
 
 
 def warn(levels: Sequence[Level], case: Case) -> None:
