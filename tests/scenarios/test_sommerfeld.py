@@ -86,13 +86,10 @@ def fold(machine: Mapping[str, float], w: float) -> tuple[float, float]:
         multiplier = np.linalg.det(linearised(machine, supply, y) - np.eye(4))
         return [*(returned(machine, supply, y)[0] - y), multiplier]
 
-    for near in (
-        w,
-        w - 0.01,
-        w + 0.01,
-    ):  # Powell's method may stop where the Jacobian is nearly singular
-        y, supply = guess(machine, near)
-        z = root(equations, [*y, supply], method="hybr", tol=1e-9).x
+    y, supply = guess(machine, w)
+    z = np.array([*y, supply])
+    for _ in range(5):  # Powell's method may stop early; it begins again with a new Jacobian
+        z = root(equations, z, method="hybr", tol=1e-9).x
         if np.abs(equations(z)).max() < 1e-6:
             break
     assert np.abs(equations(z)).max() < 1e-6
