@@ -140,7 +140,7 @@ class OrientatorParameters:
         }  # fmt: skip
 
     @cached_property
-    def laid(self) -> tuple[float, float, float, float]:
+    def hook_contact(self) -> tuple[float, float, float, float]:
         """Slope w1/w2 after the hook contact, kinetic energies before it, a + W b, and their share
         that is left after it.
         """
@@ -163,7 +163,7 @@ class OrientatorParameters:
     @property
     def lies_down(self) -> float:
         """W above which the cup cannot reach the hook: a bound of every limit, closed [rad2/s2]."""
-        _, a, b, _ = self.laid
+        _, a, b, _ = self.hook_contact
         return -a / b
 
     def needed(self, phi2: float) -> float:
@@ -180,7 +180,7 @@ class OrientatorParameters:
         """The parabola with this slope and second derivative, to where the tip leaves the cup; None
         where it stays.
         """
-        _, *energy, share = self.laid
+        _, *energy, share = self.hook_contact
         start, first = self.flush, self.flush + UP
 
         def at(x: Any) -> tuple[Any, Any, dict[str, Any]]:
@@ -235,7 +235,7 @@ class OrientatorParameters:
             still, turns = back.left @ HELD
             if back.stops >= -still / turns > 0.0:
                 return float(-still / turns), 6
-        slope = self.laid[0]
+        slope = self.hook_contact[0]
 
         def left(bend: float) -> float:
             path = self.path(slope, bend)

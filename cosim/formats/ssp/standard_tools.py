@@ -29,7 +29,7 @@ def check_tools(root: Element, path: Path) -> Iterator[Finding]:
 
     if root.get("version") == "2.0":
         yield from notes("Ecos", root, "it reads version 1.0 only")
-    prefixes = {(e.prefix, plain_space(e)) for e in root.iter("{*}*")}
+    prefixes = {(e.prefix, namespace_of(e)) for e in root.iter("{*}*")}
     for prefix, space in sorted(prefixes, key=str):
         expected = LITERAL_PREFIXES.get(space)
         if expected is not None and prefix != expected:
@@ -48,7 +48,7 @@ def check_tools(root: Element, path: Path) -> Iterator[Finding]:
                 yield from notes("libcosim Ecos", connection, text)
         path_of_connectors = ("ssd:Elements", "ssd:Component", "ssd:Connectors", "ssd:Connector")
         for connector in children(system, *path_of_connectors):
-            if not any(plain_space(e).endswith("Common") for e in connector.iter("{*}*")):
+            if not any(namespace_of(e).endswith("Common") for e in connector.iter("{*}*")):
                 text = f"it needs a type of the connector {connector.get('name')}"
                 yield from notes("libcosim", connector, text)
     for component in root.iter("{*}Component"):
@@ -58,6 +58,6 @@ def check_tools(root: Element, path: Path) -> Iterator[Finding]:
             yield from notes("OMSimulator", component, text)
 
 
-def plain_space(element: Element) -> str:
+def namespace_of(element: Element) -> str:
     """The namespace of an element."""
     return str(element.tag).rpartition("}")[0][1:] if plain(element.tag) != element.tag else ""

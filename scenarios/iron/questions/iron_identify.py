@@ -130,7 +130,7 @@ class IronIdentify(Question, RecordOptions):
                  TORQUE: ("torque of the motor", RED)}  # fmt: skip
         charts = fitting.charts(r.fit, styles)
         if not r.fit.misfit:
-            charts.insert(0, band(r))
+            charts.insert(0, slow_torque_chart(r))
         result = r.fit.result
         last = float(result["time"][0]) + 2 * math.pi / mean_cam_speed(r.fit)
         moving = motion.live_motion("A turn of the fitted drive", result, r.machine, 4.0)
@@ -246,7 +246,7 @@ def advice(o: IronIdentify, fit: Identified) -> list[Advice]:
     return cosim.advise(fit, experiments, derived_quantities(fit)["mu"])
 
 
-def band(r: IdentifiedIron) -> Chart:
+def slow_torque_chart(r: IdentifiedIron) -> Chart:
     """The torque that turns the cam slowly, with the band of its interval."""
 
     @cache
