@@ -46,7 +46,7 @@ DIVERGED = 3.0
 #: Rounds after which Newton's method and the search for a voltage give up; they usually take three.
 MAX_ROUNDS = 20
 #: Relative error of a root that this accuracy leaves; derived from CONVERGED.
-ROUNDING = 1e-8
+ROOT_ROUNDING = 1e-8
 #: Largest distance of a fold from that of averaged theory, over the smaller of its half width and the distance of both
 #: folds; a convention.
 MOST_SHIFT = 1.3
@@ -73,7 +73,7 @@ class Averaged(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Orbits:
+class ExciterOrbits:
     """Steady motions of shape (n,): mean speed [rad/s], voltage [V], its slope over the speed [V.s/rad], the Floquet
     multipliers by their distance from 1, shape (n, 4); nan where there is none, and why.
     """
@@ -180,7 +180,7 @@ class Shooting:
         last[[bool(reason) for reason in ensemble.reasons]] = np.nan
         return np.asarray(last.reshape(z.shape))
 
-    def orbits(self, speed: Array, steps: NDArray[np.intp]) -> Orbits:
+    def orbits(self, speed: Array, steps: NDArray[np.intp]) -> ExciterOrbits:
         """Find the steady motions of mean speeds [rad/s] by Newton's method, from the response of averaged theory.
 
         Parameters
@@ -225,9 +225,11 @@ class Shooting:
             is_open[m] = ~done & (change <= DIVERGED)
         problems = np.array([f"no steady motion was found at {w:.6g} rad/s" for w in speed], object)
         problems[is_found] = ""
-        return Orbits(speed, np.where(is_found, z[:, 4], np.nan), slope, multipliers, problems)
+        return ExciterOrbits(
+            speed, np.where(is_found, z[:, 4], np.nan), slope, multipliers, problems
+        )
 
-    def folds(self, which: NDArray[np.intp], steps: NDArray[np.intp]) -> Orbits:
+    def folds(self, which: NDArray[np.intp], steps: NDArray[np.intp]) -> ExciterOrbits:
         """Find the extrema of the voltage over the mean speed near those of averaged theory."""
         at, _, bends = self.theory.folds[which].T
 
@@ -245,7 +247,9 @@ class Shooting:
         ]
         return edges
 
-    def beyond(self, which: NDArray[np.intp], supply: Array, steps: NDArray[np.intp]) -> Orbits:
+    def beyond(
+        self, which: NDArray[np.intp], supply: Array, steps: NDArray[np.intp]
+    ) -> ExciterOrbits:
         """Find the steady motions at voltages [V] on the branches to which folds throw the motor."""
         theory, (first, last) = self.theory, self.theory.folds[:, 0]
         distances = np.abs(theory.supplies - supply[:, None])
@@ -255,10 +259,10 @@ class Shooting:
         for _ in range(MAX_ROUNDS):
             motions = self.orbits(speed, steps)
             change = (supply - motions.supply) / motions.slope
-            if not (np.abs(change) >= ROUNDING * speed).any():
+            if not (np.abs(change) >= ROOT_ROUNDING * speed).any():
                 return motions
             speed = speed + np.clip(change, -speed / 4, speed / 4)
-        motions.problems[np.abs(change) >= ROUNDING * speed] = (
+        motions.problems[np.abs(change) >= ROOT_ROUNDING * speed] = (
             "no steady motion was found after the jump"
         )
         return motions

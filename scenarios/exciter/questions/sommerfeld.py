@@ -50,7 +50,7 @@ from workbench.live import (
 
 from .. import motion
 from ..orbits import (
-    ROUNDING,
+    ROOT_ROUNDING,
     STEP_MULTIPLES,
     STEPS_PER_REV,
     Averaged,
@@ -150,7 +150,7 @@ class Sommerfeld(Question):
         connect(system)
         if constants(system)[1] == 0.0:
             raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
-        case, theory = Case(system, self.hold, self.step), averaged(system)
+        case, theory = HeldDrive(system, self.hold, self.step), averaged(system)
         levels = case.levels(self.supplies)
         count = fold_steps(theory, self.step)
         which = np.arange(len(count)).repeat(len(STEP_MULTIPLES))
@@ -255,7 +255,7 @@ class Sommerfeld(Question):
         )
 
 
-class Level(NamedTuple):
+class HeldVoltage(NamedTuple):
     """A voltage [V], the mean speed in the last hold [rad/s], the largest displacement [m], the states at
     the end, and whether the motion is steady.
     """
@@ -267,7 +267,7 @@ class Level(NamedTuple):
     is_steady: bool
 
 
-class Case(NamedTuple):
+class HeldDrive(NamedTuple):
     """A system, the time of each hold [s], the longest communication step [s]."""
 
     system: System
@@ -280,9 +280,9 @@ class Case(NamedTuple):
         step, record = self.step_at(supply), (*STATES, *POWERS)
         return cosim.run(system, stop=self.hold, step=step, record=record)
 
-    def levels(self, supplies: Sequence[float]) -> list[Level]:
+    def levels(self, supplies: Sequence[float]) -> list[HeldVoltage]:
         """All levels up and down again, each from the states at the end of the one before."""
-        levels: list[Level] = []
+        levels: list[HeldVoltage] = []
         settings = RunSettings(self.hold, self.step, record=(*STATES, *POWERS))
         with Prepared.open(self.system, settings) as prepared:
             for supply in (*supplies, *supplies[::-1]):
@@ -295,7 +295,7 @@ class Case(NamedTuple):
         period = 2 * math.pi * constants(self.system)[1] / supply
         return min(self.step, period / LEVEL_STEPS)
 
-    def level(self, prepared: Prepared, supply: float, states: Mapping[str, float]) -> Level:
+    def level(self, prepared: Prepared, supply: float, states: Mapping[str, float]) -> HeldVoltage:
         """Hold one voltage until the rest of the drift is below STEADY and what the motor gives is lost.
 
         The drifts of the speed from hold to hold are taken as a geometric series, whose sum is the rest.
@@ -315,23 +315,23 @@ class Case(NamedTuple):
             rest = drift * max(1.0, drift / (before - drift)) if before > drift else np.inf
             is_steady = rest < STEADY and abs(work - loss) < BALANCED * abs(work)
             holds += 1
-        return Level(supply, speed, float(np.abs(x).max()), states, is_steady)
+        return HeldVoltage(supply, speed, float(np.abs(x).max()), states, is_steady)
 
 
 class Observed(NamedTuple):
     """The case and its levels, raised and then lowered, and averaged theory."""
 
-    case: Case
-    levels: Sequence[Level]
+    case: HeldDrive
+    levels: Sequence[HeldVoltage]
     theory: Averaged
 
     @property
-    def raised(self) -> Sequence[Level]:
+    def raised(self) -> Sequence[HeldVoltage]:
         """The levels of the rising supply."""
         return self.levels[: len(self.levels) // 2]
 
     @property
-    def lowered(self) -> Sequence[Level]:
+    def lowered(self) -> Sequence[HeldVoltage]:
         """The levels of the falling supply, by rising voltage."""
         return self.levels[: len(self.levels) // 2 - 1 : -1]
 
@@ -348,7 +348,7 @@ def starts_of(o: Sommerfeld, f: Mapping[str, Figure]) -> tuple[list[LiveRun], st
     return runs, "voltage of the jump" if has_jump else "highest level"
 
 
-def warn(levels: Sequence[Level], case: Case) -> None:
+def warn(levels: Sequence[HeldVoltage], case: HeldDrive) -> None:
     """Name the levels at which the motion does not settle."""
     open_ends = dict.fromkeys(f"{level.supply:g}" for level in levels if not level.is_steady)
     if open_ends:
@@ -370,7 +370,7 @@ def figure(jumps: Jumps | None, name: str, direction: str, observed: Observed) -
     if reason := of_runs.sentence():
         return Figure.undetermined(unit, reason, meaning)
     value = float(values[0])
-    return Figure(value, unit, float(of_runs.error) + ROUNDING * value, meaning)
+    return Figure(value, unit, float(of_runs.error) + ROOT_ROUNDING * value, meaning)
 
 
 def no_jump(observed: Observed) -> str:
