@@ -53,7 +53,7 @@ def workplace(out: Path) -> Iterator[Path]:
 def _new(out: Path) -> tuple[Path, int]:
     """A folder that nobody else removes, and its lock."""
     while True:
-        folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=out))
+        folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=out.absolute()))
         try:
             lock = os.open(folder / OWNER, os.O_RDWR | os.O_CREAT)
         except FileNotFoundError:  # another build took the folder for one that was left

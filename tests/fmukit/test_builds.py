@@ -286,6 +286,15 @@ def test_a_process_that_is_killed_ends_the_build_in_one_line(
     assert not [*tmp_path.glob(f"{PREFIX}*")]
 
 
+def test_the_folder_of_the_fmus_may_be_relative(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the system's own temporary folders have a relative name then."""
+    monkeypatch.chdir(tmp_path)
+    assert make.make_all([MODEL], "python", Path("out")) == 0
+    assert (tmp_path / "out" / "Gain.fmu").is_file()
+
+
 def test_a_build_in_a_thread_leaves_signals_alone(tmp_path: Path) -> None:
     before = signal.getsignal(signal.SIGTERM)
     status: list[int] = []
