@@ -32,6 +32,7 @@ from tests.workbench.javascript import Evaluate, evaluator
 from workbench import live
 from workbench.answer import Findings
 from workbench.catalog import load_module, names
+from workbench.charts.labels import apart
 from workbench.charts.motion import Shape, line
 from workbench.figure import Figure
 from workbench.formula import FUNCTIONS, Formula
@@ -205,6 +206,21 @@ def test_readers_are_the_metrics_of_the_master_on_recorded_runs(
         is_smooth = name == "conveyor" and "time" not in kind
         share = 10 / len(t) ** 2 if is_smooth else 0.1 / len(t)
         assert abs(value - truth) < share * size, case
+
+
+def test_names_move_apart_alike_in_a_picture_and_on_a_live_page(javascript: Evaluate) -> None:
+    """Also where more of them stand at one place than there is room for."""
+    rng = np.random.default_rng(5)
+    cases = [
+        (rng.uniform(-0.2, 1.2, n).round(1).tolist(), rng.uniform(0.02, 0.5, n).tolist())
+        for n in rng.integers(1, 8, 60).tolist()
+    ]
+    source = (FOLDER / "curves.js").read_text()
+    places = javascript(
+        f"{source} return {json.dumps(cases)}.map(([at, size]) => apart(at, size));"
+    )
+    for case, moved in zip(cases, places, strict=True):
+        assert moved == pytest.approx(apart(*case), abs=1e-12), case
 
 
 @pytest.mark.parametrize("start", [{}, {"motor.characteristic": 1, "motor.B": 35.8}])

@@ -366,24 +366,9 @@ CLAIMS = {
     "error, spring and inertia: speed ripple = whole_speed",
     "induction_motor": "speed of 90 deg lag: full characteristic = nu_kloss; "
     "damping ratio: formula = zeta; torque ripple: linear motor = tau2_linear",
-    "run_up linear": "crank speed: linear motor = conveyor.w; motor torque: linear motor = motor.tau",
-    "run_up kloss": "motor torque: induction motor (Kloss) = motor.tau; "
-    "rod force: induction motor (Kloss) = conveyor.f_rod",
-    "iron_cycle": "lift: lift = iron.lift; velocity: velocity = iron.v; "
-    "acceleration: acceleration = iron.a; torque of the cam: torque of the cam = iron.tau_cam; "
-    "forces: cam on follower = iron.N; forces: chain at the link = iron.T_span; "
-    "forces: chain at the iron = iron.T_iron",
-    "iron_start": "cam speed: cam speed = iron.w_cam; motor torque: motor torque = motor.tau; "
-    "energy: from the motor = E_in; energy: stored = E_stored; energy: friction = E_friction",
-    "speed_step": "speed: gearbox = gear.w_b; speed: load = load.w; "
-    "torque in the shaft: torque in the shaft = shaft.tau_b; "
-    "torque of the motor: requested = controller.tau; torque of the motor: motor = motor.tau; "
-    "current: current = motor.i",
-    "orientator_cycle": "angle: catcher = orientator.phi1; angle: cup = orientator.phi2; "
-    "speed: cup = orientator.w2; centre of mass: down = orientator.vyc; "
-    "reaction of the wall: wall = orientator.N_K",
-    "packing_line": "lift of the iron: iron = iron.lift; power, iron: iron = iron_motor.P; "
-    "power, conveyor: conveyor = conveyor_motor.P; power, supply: supply = P_supply",
+    "iron_cycle": "lift: lift = iron.lift; forces: chain at the link = iron.T_span",
+    "orientator_cycle": "angle: cup = orientator.phi2; centre of mass: down = orientator.vyc",
+    "packing_line": "power, supply: supply = P_supply",
 }
 
 

@@ -123,7 +123,7 @@ class IronOrders(Question):
                     most=IMPORTANT,
                     is_so=True if adds_nothing else None,
                     yes=f"No resonance matters; a motor lag of {lag} ms adds",
-                    no=f"Mind the resonance: a motor lag of {lag} ms adds to an order, over the largest torque,",
+                    no=f"Mind the resonance: a motor lag of {lag} ms adds to an order, over the largest torque",
                     note=added.reason if adds_nothing else "",
                 )
             )
