@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache, reduce
 from types import CodeType
 from typing import Any, NamedTuple
@@ -114,9 +115,15 @@ class Formula:
         return float(self.over(values))
 
     def over(self, values: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Compute the formula with values and columns by name."""
+        """Compute the formula with values and columns by name; raises SetupError for a name that there is not."""
         calls = {name: function.call for name, function in FUNCTIONS.items()}
         known = {"__builtins__": {}, "number": np.float64, "pow": _power, **calls}
+        for name in sorted(self.names - values.keys()):
+            near = get_close_matches(name, list(values), 1)
+            hint = f"; did you mean {near[0]!r}?" if near else f"; it may use {', '.join(values)}"
+            raise SetupError(
+                f"the formula {self.text!r} uses {name!r}, which is no option, start value, column or figure{hint}"
+            )
         with np.errstate(all="ignore"):
             v = {name: np.float64(values[name]) for name in self.names}
             return np.asarray(eval(self._code, known, {"v": v}), float)
@@ -141,15 +148,10 @@ def with_formulas(result: Result, texts: Mapping[str, str], values: Mapping[str,
             formula = Formula.read(text)
             names = formula.names & {*result.names}
             used |= names
-            for name in sorted(formula.names - names - values.keys()):
-                raise SetupError(
-                    f"the formula {text!r} uses {name!r}, which is no column, option or start value: the columns are "
-                    f"{', '.join(result.names)}"
-                )
+            scope = {**values, **{name: np.asarray(result[name], float) for name in result.names}}
+            more[Column(text, unit)] = formula.over(scope)
             if not unit:
                 raise SetupError(f"the formula {text!r} needs a unit, as in unit='N.m'")
-            scope = {**values, **{name: np.asarray(result[name], float) for name in names}}
-            more[Column(text, unit)] = formula.over(scope)
     return result.with_columns(more, sorted(used)) if more else result
 
 

@@ -264,10 +264,31 @@ class Question(Options):
             derive=derive if has_columns or has_formulas else None,
         )  # fmt: skip
         for x in self.numbers:
-            if x.name in metrics:
-                figure, meaning = certified[x.name], x.meaning.format(**vars(self))
-                certified[x.name] = figure._replace(unit=x.unit or figure.unit, meaning=meaning)
+            figure = certified[x.name] if x.name in metrics else follows(x, certified, values)
+            try:
+                meaning = x.meaning.format(**vars(self))
+            except (LookupError, ValueError) as error:
+                raise SetupError(
+                    f"{self.path}: the meaning of {x.name!r} names {error}, no option"
+                ) from error
+            certified[x.name] = figure._replace(unit=x.unit or figure.unit, meaning=meaning)
         return results[0] if results else result, certified
+
+
+def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]) -> Figure:
+    """Return the figure of a formula, `figures.speed / 2`, whose error is that of each figure in it, added."""
+    known = {f"figures.{name}": x for name, x in figures.items()}
+    formula = Formula.read(number.value)
+    used = {name: known[name] for name in sorted(formula.names & known.keys())}
+    for x in used.values():
+        if x.error is None:
+            return Figure.undetermined(number.unit or "1", x.reason)
+    at = {**values, **{name: x.value for name, x in known.items()}}
+    value = formula(at)
+    error = sum(
+        abs(formula({**at, n: x.value + (x.error or 0.0)}) - value) for n, x in used.items()
+    )
+    return Figure(value, number.unit or "1", error)
 
 
 def certified_results(results: Any) -> list[Result]:

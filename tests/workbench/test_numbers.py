@@ -31,6 +31,7 @@ class Turning(Question, Run):
         Number("turned", Reader("change", "conveyor.phi / (2 * pi)"), "1"),
         Number("whole", Integral("conveyor.w"), "rad"),
         Number("turn", Reader("mean", "conveyor.w", "revolution", angle="conveyor.phi")),
+        Number("half_turn", "figures.turn / 2", "rad/s"),
         Number("never", Reader("first_crossing", "conveyor.w", level="10 * speed")),
     )
 '''
@@ -58,6 +59,7 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
         error = abs(coarse[name].value - x.value)
         assert 0.0 < error <= coarse[name].error + x.error, name
         assert coarse[name].error < 0.05 * abs(x.value), name
+    assert fine["half_turn"].error == pytest.approx(fine["turn"].error / 2, rel=1e-9)
     assert coarse["largest"].meaning == "up to 0.5 s"
     assert fine["whole"].value == pytest.approx(2 * math.pi * fine["turned"].value, rel=1e-6)
     assert (fine["late"].unit, fine["turned"].unit) == ("rad/s", "1")
@@ -66,7 +68,12 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
 @pytest.mark.parametrize(
     ("number", "message"),
     [
-        ('Reader("max", "abs(motor.torque)"), "N.m"', "uses 'motor.torque', which is no column"),
+        (
+            'Reader("max", "abs(motor.torque)"), "N.m"',
+            "uses 'motor.torque', which is no option, start",
+        ),
+        ('Reader("first_crossing", "motor.tau", level="2 * sped")', "'sped'.*did you mean 'speed'"),
+        ('Reader("max", "motor.tau"), "", "up to {stopp:g} s"', "the meaning of 'x' names 'stopp'"),
         ('Reader("max", "motor.torque")', "there is no column 'motor.torque'; did you mean"),
         ('Reader("max", "abs(motor.tau)")', "needs a unit"),
         ('Reader("phase", "motor.tau"), "deg"', "must be one of last, change, max"),

@@ -331,6 +331,10 @@ class Content:
 
     def units(self, panel: RunPanel, where: str) -> tuple[str, dict[str, float]]:
         """Return the unit of a panel, and by curve the factor to it from that of a column alone."""
+        for text in panel.curves:
+            is_known = text in (*CLOCK, *self.values) or text.startswith("figures.")
+            if DOTTED.fullmatch(text) and not is_known:
+                self.record(text, where)
         units = {x: str(self.network.port(x).unit) for x in panel.curves if x in self.outputs}
         target = panel.unit or units.get(next(iter(panel.curves)), "")
         if not target:
