@@ -37,7 +37,9 @@ FLIGHT = "tests/components/test_iron_flight.py"
 ORIENTATOR = "tests/components/test_gravity_orientator.py"
 LINK = "tests/components/test_slotted_link.py"
 LOOP = "tests/cosim/test_loop.py tests/cosim/test_cosim.py"
-ALGORITHMS = "tests/cosim/test_algorithms.py tests/cosim/test_stepping.py"
+ALGORITHMS = (
+    "tests/cosim/test_algorithms.py tests/cosim/test_stepping.py tests/cosim/test_verification.py"
+)
 TRACE = "tests/fmukit/test_jet.py tests/fmukit/test_ops.py tests/fmukit/test_exchange.py"
 
 MUTANTS = (
