@@ -36,7 +36,7 @@ IRON = "tests/components/test_iron_drive.py"
 FLIGHT = "tests/components/test_iron_flight.py"
 ORIENTATOR = "tests/components/test_gravity_orientator.py"
 LINK = "tests/components/test_slotted_link.py"
-LOOP = "tests/cosim/test_loop.py tests/cosim/test_cosim.py"
+LOOP = "tests/cosim/test_loop.py tests/cosim/test_cosim.py tests/cosim/test_verification.py"
 ALGORITHMS = (
     "tests/cosim/test_algorithms.py tests/cosim/test_stepping.py tests/cosim/test_verification.py"
 )

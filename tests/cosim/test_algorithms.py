@@ -206,3 +206,11 @@ def test_the_page_of_the_master_lists_the_registry() -> None:
         f"| `{name}` | {algorithm.summary} | {algorithm.held_order} |"
         for name, algorithm in REGISTRY.items()
     ]
+
+
+def test_strang_is_symmetric_in_time() -> None:
+    """Of three parts the last takes a whole step between the halves of the others, the second in reverse."""
+    begin, end = (
+        [(Turn(part, at, 0.5),) for part in parts] for parts, at in (("ab", 0.0), ("ba", 0.5))
+    )
+    assert REGISTRY["strang"].stages("abc") == [*begin, (Turn("c"),), *end]
