@@ -358,3 +358,12 @@ def test_bad_systems_are_refused(fmus: Path, change: dict[str, Any], message: st
         run(system, stop=1.0, step=1e-3)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_loop_adds_the_offset_of_a_wire(native: Path) -> None:
+    """J w' = 3 + 2 of a motor that gives 3 N.m whatever its speed is."""
+    start = {"motor.A": 3.0, "motor.B": 0.0, "motor.tau": 3.0, "gear.J": 2.0, "gear.eta": 1.0}
+    start |= {"gear.i": 1.0, "gear.w_a": 0.0, "gear.tau_b": 0.0}
+    parts = {"motor": native / "DriveMotor.fmu", "gear": native / "Gearbox.fmu"}
+    result = run(System(parts, ["motor.tau + 2.0 -> gear.tau_a"], start), stop=1.0, step=0.1)
+    assert result["gear.w_a"][-1] == pytest.approx(2.5, rel=1e-9)
