@@ -28,7 +28,7 @@ from .series import TIME, Column
 from .signals import collect_interrupts
 from .simulation import Simulation
 from .system import Network, System, connect
-from .threads import in_order, in_threads
+from .threads import available_cores, in_order, in_threads
 from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, keeps_nothing, with_case
 
 NO_CASE = Case()
@@ -45,7 +45,7 @@ class How:
     Attributes
     ----------
     jobs
-        Threads if FMUs of fmukit are all that runs, else processes.
+        Threads if FMUs of fmukit are all that runs, else processes; None: as many threads as cores, but no processes.
     isolated
         Whether all members run in other processes. The reason of one whose process dies is that.
     numbers
@@ -60,7 +60,7 @@ class How:
         What is done with a chunk in place of `Worker.run`, where the chunk gets a `share` of the memory.
     """
 
-    jobs: int = 1
+    jobs: int | None = 1
     isolated: bool = False
     numbers: Numbers | None = None
     steps: Sequence[float | Adaptive] | None = None
@@ -193,12 +193,13 @@ class Prepared:
         After Ctrl-C there are no more of them; exceptions are those of `map`.
         """
         cases = Cases.of(cases, self.network)
+        jobs = how.jobs or (available_cores() if self._is_threaded() else 1)
         with quiet(), collect_interrupts() as interrupts:
             batch = Batch(
-                self.network, self.settings, cases, self._chunks(cases, how), how.jobs,
+                self.network, self.settings, cases, self._chunks(cases, how, jobs), jobs,
                 how.progress or (lambda _: None), interrupts, how.timeout, how.evaluate,
             )  # fmt: skip
-            if not how.isolated and how.jobs == 1:
+            if not how.isolated and jobs == 1:
                 yield from in_order(batch, self._of_workers(batch)[0])
             elif not how.isolated and self._is_threaded():
                 yield from in_threads(batch, self._of_workers(batch))
@@ -225,7 +226,7 @@ class Prepared:
             for d in self.network.descriptions.values()
         )
 
-    def _chunks(self, cases: Cases, how: How) -> list[Chunk]:
+    def _chunks(self, cases: Cases, how: How, jobs: int) -> list[Chunk]:
         """The members in pieces of equally many rows that fit into memory, at least one for each job."""
         n, settings = cases.members, self.settings
         steps = [settings.step] * n if how.steps is None else list(how.steps)
@@ -244,7 +245,7 @@ class Prepared:
             most = min(
                 MOST_IN_CHUNK, int(how.share * CHUNK_BYTES / (8 * of_each * len(self.columns)))
             )
-            most = max(1, min(most, -(-len(members) // how.jobs)))
+            most = max(1, min(most, -(-len(members) // jobs)))
             for first in range(0, len(members), most):
                 some = members[first : first + most]
                 chunks.append(Chunk(np.array(some), [spans[k] for k in some], settings.output_step))

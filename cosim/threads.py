@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +13,13 @@ from .worker import Batch, Worker
 
 #: Longest wait for a block before signals and progress are looked at [s].
 PATIENCE = 0.05
+
+
+def available_cores() -> int:
+    """How many processor cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def in_order(batch: Batch, worker: Worker) -> Iterator[Ensemble]:

@@ -55,8 +55,8 @@ class Context:
     journal: Callable[[], OutcomeJournal | None] = lambda: None
 
     @property
-    def threads(self) -> int:
-        """How many runs at a time `cosim.Prepared.map` may do for a task in this process.
+    def threads(self) -> int | None:
+        """How many runs at a time members of an ensemble may be in this process, None: what is best for their FMUs.
 
         Raises
         ------
@@ -64,7 +64,7 @@ class Context:
             On a cluster, which has nothing to do then.
         """
         if isinstance(self.runner, LocalRunner):
-            return self.runner.width
+            return self.runner.jobs
         raise SetupError(
             "scheduler: this question does its runs together in one process; leave the scheduler out, "
             "or write --jobs N for N at a time"

@@ -200,7 +200,7 @@ def steady_turns(
     record: Sequence[str],
     algorithm: str = "strang",
     angles: int = ORBIT_ANGLES,
-    jobs: int = 1,
+    jobs: int | None = 1,
 ) -> Turns:
     """Return the last two of several revolutions on the steady orbits near start values.
 
@@ -226,8 +226,8 @@ def steady_turns(
         Coupling algorithm.
     angles : int
         Even crank angles of a revolution at which values are kept.
-    jobs : int
-        Threads that do the runs.
+    jobs : int, optional
+        Threads or processes that do the runs; None: a thread for each core where FMUs may have threads.
 
     Raises
     ------

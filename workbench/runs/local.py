@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
+
+from cosim.threads import available_cores
 
 from ..options import at_least
 from .journal import Key
@@ -70,10 +71,3 @@ class LocalRunner(Runner):
         finally:
             for worker in workers:
                 worker.close()
-
-
-def available_cores() -> int:
-    """Return how many cores this process may use."""
-    if os.name == "posix" and os.uname().sysname == "Linux":
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

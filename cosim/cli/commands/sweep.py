@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,6 +29,7 @@ from ...result import require_names, write_table
 from ...system import Network, Value
 from ...system.start_values import checked_start, value_of_text
 from ...table_file import read_cells, split_heading
+from ...threads import available_cores
 from ..command import Command
 from ..options import Parser, assignment, require, seconds
 from ..output import new_folders, print_new_files, print_table, require_image, require_writable
@@ -295,13 +295,6 @@ def _plot(
     for axis, name in zip(axes[-1], names):
         axis.set_xlabel(f"{name} [{units[name]}]" if units[name] else name)
     picture.savefig(path, dpi=150)
-
-
-def available_cores() -> int:
-    """How many processor cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def add_options(parser: Parser) -> None:
