@@ -92,9 +92,6 @@ def _end_group(leader: int | None) -> None:
 
 def _run_in_child(pipe: Connection, path: Path, step: float | None, names: Sequence[str]) -> None:
     """Run in the child process and send each verdict."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "setpgid"):
-        os.setpgid(0, 0)
     os.dup2(2, 1)  # what an FMU prints is no part of the answer
     subject = Subject(path, step)
     with quiet():
