@@ -130,8 +130,8 @@ def isolated(method: str, task: Task) -> Columns | str:
         return last[0].replace(f"{folder}/", "")[:160]
 
 
-def deviation(ours: Columns, theirs: Columns) -> float:
-    """The largest, of the largest value of its output, at the points that both have."""
+def largest_relative_difference(ours: Columns, theirs: Columns) -> float:
+    """The largest difference at the points that both have, over the largest value of its output."""
     points = min(len(ours["time"]), len(theirs["time"]))
     worst = 0.0
     for name in set(ours) - {"time"}:
@@ -157,13 +157,11 @@ def row(path: Path, folder: Path) -> list[str]:
         return [label, tool, f"refused: {ours}; FMPy {peer}"]
     if isinstance(theirs, str):
         return [label, tool, f"runs; FMPy: {theirs}"]
-    worst = deviation(ours, theirs)
+    worst = largest_relative_difference(ours, theirs)
     text = f"{worst:.1e}" if len(task[3]) else "no output to compare"
     if worst > ROUNDING:
         again = isolated("same times", task)
-        text += (
-            f"; same times: {again if isinstance(again, str) else f'{deviation(ours, again):.1e}'}"
-        )
+        text += f"; same times: {again if isinstance(again, str) else f'{largest_relative_difference(ours, again):.1e}'}"
     return [label, tool, text]
 
 

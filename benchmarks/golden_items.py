@@ -94,12 +94,12 @@ def table(path: Path) -> Entry:
     return {"columns": header, "rows": len(lines) - 1, "sha256": digest(path.read_bytes())}
 
 
-def tree(content: Any) -> Any:
+def key_types(content: Any) -> Any:
     """The keys of JSON data, with types instead of values; a list has the trees of its elements."""
     if isinstance(content, dict):
-        return {key: tree(value) for key, value in content.items()}
+        return {key: key_types(value) for key, value in content.items()}
     if isinstance(content, list):
-        trees = {json.dumps(tree(value), sort_keys=True) for value in content}
+        trees = {json.dumps(key_types(value), sort_keys=True) for value in content}
         return [json.loads(text) for text in sorted(trees)]
     return "null" if content is None else type(content).__name__
 
@@ -109,7 +109,7 @@ def files(folder: Path) -> Entry:
     return {
         "tables": {path.name: table(path) for path in sorted(folder.glob("*.csv"))},
         "keys": {
-            path.name: tree(json.loads(path.read_text(encoding="utf-8")))
+            path.name: key_types(json.loads(path.read_text(encoding="utf-8")))
             for path in sorted(folder.glob("*.json"))
         },
     }

@@ -45,8 +45,8 @@ ROUNDS = 5
 DESCRIPTION = "modelDescription.xml"
 
 
-def pairs(count: int) -> System:
-    """So many parts: motors and conveyors that are wired to and fro, two by two."""
+def paired_parts(count: int) -> System:
+    """So many parts, an even number: motors and conveyors that are wired to and fro, two by two."""
     parts: dict[str, Path] = {}
     wires: list[str] = []
     for k in range(count // 2):
@@ -96,7 +96,7 @@ def set_up(system: System) -> None:
 
 def costs(count: int) -> tuple[float, float]:
     """Seconds per part to set up and start a system, and to take a step; the best of some rounds."""
-    system, steps = pairs(count), DOSTEPS // count
+    system, steps = paired_parts(count), DOSTEPS // count
     settings: dict[str, Any] = {"step": H, "algorithm": "jacobi", "output_step": 1.0}
 
     def go(steps: int) -> Any:
@@ -111,7 +111,9 @@ def costs(count: int) -> tuple[float, float]:
 
 def threads(every: int) -> tuple[float, float]:
     """Two threads against one after the other; the share of processor time under Python's lock."""
-    tasks = [partial(run, pairs(2), stop=100.0, step=H, output_step=every * H) for _ in range(2)]
+    tasks = [
+        partial(run, paired_parts(2), stop=100.0, step=H, output_step=every * H) for _ in range(2)
+    ]
     advance, free = loop.library().take_steps, [0.0]
 
     class Timed:
@@ -142,7 +144,7 @@ def threads(every: int) -> tuple[float, float]:
 
 def certify_rows(count: int) -> None:
     """Certify the pair with so many rows of the finest run, 1000 of them in the result; prints the memory [GB]."""
-    system, stop = pairs(2), count * H / 4.0
+    system, stop = paired_parts(2), count * H / 4.0
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     began = time.process_time()
     got = certify(system, stop=stop, step=H, output_step=max(H, stop / 1000.0))
@@ -188,7 +190,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         system = wide(100_000, Path(folder))
         print(f"100 000 variables: {seconds(lambda: set_up(system)):.1f} s")
-    short = partial(run, pairs(2), stop=0.1, step=H)
+    short = partial(run, paired_parts(2), stop=0.1, step=H)
     times = [seconds(short) for _ in range(50)]
     print(f"100 steps of the pair, all included: {1e3 * statistics.median(times):.2f} ms")
     for every in (1, 10):

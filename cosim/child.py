@@ -21,7 +21,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from shutil import rmtree
-from typing import Any
+from typing import Any, Concatenate
 
 from .scratch import scratch
 
@@ -48,7 +48,12 @@ class Child:
     and leaves nothing, where no process can be started.
     """
 
-    def __init__(self, work: Callable[..., None], *arguments: Any, is_apart: bool = False) -> None:
+    def __init__(
+        self,
+        work: Callable[Concatenate[Connection, ...], None],
+        *arguments: Any,
+        is_apart: bool = False,
+    ) -> None:
         with ExitStack() as undo:
             self._folder = Path(tempfile.mkdtemp(dir=scratch()))
             undo.callback(rmtree, self._folder, ignore_errors=True)
@@ -82,14 +87,14 @@ class Child:
 
 @contextmanager
 def child(
-    work: Callable[..., None], *arguments: Any, grace: float = 0.0
+    work: Callable[Concatenate[Connection, ...], None], *arguments: Any, grace_seconds: float = 0.0
 ) -> Iterator[tuple[BaseProcess, Connection]]:
-    """A process that does work(pipe, *arguments), and our end of the pipe; it is ended after a while [s]."""
+    """A process that does work(pipe, *arguments), and our end of the pipe; it is killed `grace_seconds` after the body."""
     one = Child(work, *arguments)
     try:
         yield one.process, one.pipe
     finally:
-        one.end(grace)
+        one.end(grace_seconds)
 
 
 def death(process: BaseProcess) -> str:

@@ -61,7 +61,7 @@ def run_isolated(
     ended = ""
     with (
         collect_interrupts() as pressed,
-        child(_work, system, csv, settings, grace=GRACE) as (process, ours),
+        child(_work, system, csv, settings, grace_seconds=GRACE) as (process, ours),
     ):
         for kind, content in _messages(
             ours, process, pressed, timeout=timeout, csv=csv, before=before
@@ -109,7 +109,7 @@ def begin_isolated(system: System, settings: RunSettings) -> None:
     SetupError
         For what `run` refuses before the first step, and if an FMU ends the process.
     """
-    with child(_start, system, settings, grace=GRACE) as (process, ours):
+    with child(_start, system, settings, grace_seconds=GRACE) as (process, ours):
         try:
             error = ours.recv()
         except (EOFError, OSError):

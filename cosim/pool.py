@@ -144,7 +144,7 @@ def _start(batch: Batch) -> Job:
     try:
         task = Task(batch.evaluate or Worker.run, columns)
         arguments = (_serve, desk, batch.network.system, batch.settings, task)
-        process, pipe = stack.enter_context(child(*arguments, grace=GRACE))
+        process, pipe = stack.enter_context(child(*arguments, grace_seconds=GRACE))
     except (PicklingError, AttributeError, TypeError) as error:
         raise SetupError(
             f"this system cannot be given to another process: {error}; functions of inputs must "

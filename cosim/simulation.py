@@ -60,7 +60,7 @@ class Simulation:
         system, settings = self.network.system, self.settings
         return {
             "algorithm": settings.algorithm,
-            "communication": settings.text(),
+            "communication": settings.stepping_text(),
             "order": self.sequence,
             "input_order": settings.input_order,
             "substeps": settings.substeps,

@@ -2,10 +2,20 @@
 
 from cosim import Column
 from cosim.metrics import Integral
-from workbench import Number, Question, Reader, Run, RunChart, RunPanel, Slider, Table, option
+from workbench import (
+    Number,
+    Question,
+    Reader,
+    RunChart,
+    RunOptions,
+    RunPanel,
+    Slider,
+    Table,
+    option,
+)
 
 
-class BrakeWork(Question, Run):
+class BrakeWork(Question, RunOptions):
     parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
     wires = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
     start_values = {"motor.A": 0.0, "conveyor.w": 40.0}

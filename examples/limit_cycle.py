@@ -1,10 +1,10 @@
 """Which limit cycle has the oscillator of van der Pol, VanDerPol.fmu beside this file?"""
 
 from cosim.metrics import Largest, passings
-from workbench import Figure, Judgement, Question, Run, RunChart, RunPanel, option
+from workbench import Figure, Judgement, Question, RunChart, RunOptions, RunPanel, option
 
 
-class LimitCycle(Question, Run):
+class LimitCycle(Question, RunOptions):
     parts = {"oscillator": "VanDerPol.fmu"}
     start_values = {"oscillator.mu": "mu"}
 

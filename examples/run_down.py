@@ -1,9 +1,19 @@
 """How long does the conveyor run on when its motor is switched off?"""
 
-from workbench import Judgement, Number, Question, Reader, Run, RunChart, RunPanel, Slider, option
+from workbench import (
+    Judgement,
+    Number,
+    Question,
+    Reader,
+    RunChart,
+    RunOptions,
+    RunPanel,
+    Slider,
+    option,
+)
 
 
-class RunDown(Question, Run):
+class RunDown(Question, RunOptions):
     parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
     wires = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
     start_values = {"motor.A": 0.0, "motor.B": 35.8, "motor.T": "lag", "conveyor.w": "speed"}

@@ -1,12 +1,12 @@
 """How much sooner does the conveyor stop with a quicker motor?"""
 
 from cosim import System
-from workbench import Figure, Judgement, Number, Question, Reader, Run, option
+from workbench import Figure, Judgement, Number, Question, Reader, RunOptions, option
 
 LAGS = {"quick": 0.005, "slow": 0.1}
 
 
-class StopCompared(Question, Run):
+class StopCompared(Question, RunOptions):
     parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
     wires = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
     record = ("motor.tau", "conveyor.w")

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import golden
 from benchmarks.golden_compare import CHANGED, EQUAL, ONLY, WITHIN, judge, reasons
-from benchmarks.golden_items import KINDS, tree
+from benchmarks.golden_items import KINDS, key_types
 
 FIGURE = {"value": 40.0, "unit": "rad/s", "error": 0.02, "reason": ""}
 HASH = {"rows.csv": {"columns": "time", "rows": 3, "sha256": "a"}}
@@ -153,7 +153,7 @@ def test_reasons_and_folders_that_cannot_be_read_are_refused(tmp_path: Path) -> 
 
 def test_the_tree_of_keys_has_types_and_no_values() -> None:
     content = {"a": [1, 2, {"b": None}], "c": {"d": 1.5, "e": "x", "f": True}}
-    assert tree(content) == {
+    assert key_types(content) == {
         "a": ["int", {"b": "null"}],
         "c": {"d": "float", "e": "str", "f": "bool"},
     }

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .figure import Figure
     from .judgement import Judgement
     from .live import Number, Reader, RunChart, RunPanel, Slider
-    from .options import Options, Run, option
+    from .options import Options, RunOptions, option
     from .question import Question
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -24,14 +24,14 @@ for variable in THREADS:
 
 HOMES = {
     "Answer": "answer", "Show": "answer", "Table": "answer", "Context": "context", "Findings": "answer",
-    "Figure": "figure", "Judgement": "judgement", "Options": "options", "Run": "options", "option": "options",
+    "Figure": "figure", "Judgement": "judgement", "Options": "options", "RunOptions": "options", "option": "options",
     "Chart": "charts.model", "Curve": "charts.model", "Mark": "charts.model",
     "Question": "question",
     "Panel": "charts.model", "Number": "live", "Reader": "live", "RunChart": "live", "RunPanel": "live", "Slider": "live",
 }  # fmt: skip
 __all__ = [
     "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Judgement", "Mark", "Number", "Options", "Panel", "Question",
-    "Reader", "Run", "RunChart", "RunPanel", "Show", "Slider", "Table", "option",
+    "Reader", "RunChart", "RunOptions", "RunPanel", "Show", "Slider", "Table", "option",
 ]  # fmt: skip
 
 

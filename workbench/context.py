@@ -20,7 +20,7 @@ from cosim.progress import bar
 from .answer import Table
 from .figure import Figure
 from .files import stream
-from .options import Run
+from .options import RunOptions
 from .runs.journal import OutcomeJournal
 from .runs.local import LocalRunner
 from .runs.runner import Runner
@@ -74,7 +74,7 @@ class Context:
         self,
         system: System,
         numbers: Mapping[str, Metric | Callable[[Result], Mapping[str, Figure]]],
-        o: Run,
+        o: RunOptions,
         record: Sequence[str] | None,
         csv: str = "",
         *,
@@ -99,7 +99,7 @@ class Context:
             By name, metrics, which become figures without a meaning, or functions from a result to figures by their
             own names. Of those the error of the coupling is added, from runs with two and four times the step; that of
             `Figure.measured` is determined.
-        o : Run
+        o : RunOptions
             The options of the question, with its step and its stop [s].
         record : sequence of str or None
             The columns; None for all outputs.

@@ -154,10 +154,12 @@ def scaled(figure: Figure, factor: float, unit: str, meaning: str) -> Figure:
     return Figure(factor * figure.value, unit, error, meaning, figure.reason)
 
 
-def checked(figures: Any, path: Path, *, of_run: bool = False) -> dict[str, Figure]:
+def with_bounded_errors(
+    figures: Any, path: Path, *, may_be_measured: bool = False
+) -> dict[str, Figure]:
     """Return the figures of a question, those whose error has no bound as undetermined.
 
-    Those `of_run` may be measured.
+    With `may_be_measured`, those without an error are let through: a run determines it.
 
     Raises
     ------
@@ -171,7 +173,7 @@ def checked(figures: Any, path: Path, *, of_run: bool = False) -> dict[str, Figu
         prefix = f"{path}: figure {key!r}"
         if not isinstance(figure, Figure):
             raise SetupError(f"{prefix} must be a workbench.Figure(value, unit, error, meaning)")
-        is_measured = of_run and figure.is_measured and figure.unit
+        is_measured = may_be_measured and figure.is_measured and figure.unit
         if not is_measured and (problem := figure.problem()):
             raise SetupError(f"{prefix} {problem}")
         is_bounded = is_measured or figure.error is None or math.isfinite(figure.error)

@@ -208,7 +208,7 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(Options):
+class RunOptions(Options):
     """The options of every question of one certified run."""
 
     stop: float = option(1.0, "simulated time", "s", above=0.0)
@@ -223,7 +223,7 @@ def declared(kind: type[Options]) -> dict[str, Option]:
     """The options of a question by name, its own first."""
     hints = get_type_hints(kind)
     options = {}
-    for entry in sorted(fields(kind), key=lambda entry: entry.name in Run.__annotations__):
+    for entry in sorted(fields(kind), key=lambda entry: entry.name in RunOptions.__annotations__):
         if "option" in entry.metadata:
             hint = hints[entry.name]
             if NoneType in get_args(hint):

@@ -18,11 +18,11 @@ from cosim.metrics import Metric
 
 from . import catalog
 from .answer import Findings, Show, Table, parameters
-from .figure import ERROR_SCOPE, Figure, checked
+from .figure import ERROR_SCOPE, Figure, with_bounded_errors
 from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
 from .live import Formulas, Live, LiveMotion, Number, Reader, RunChart, Slider, drawn, moved
-from .options import Options, Run, declared, option, parse_options
+from .options import Options, RunOptions, declared, option, parse_options
 
 if TYPE_CHECKING:
     from .context import Context
@@ -35,7 +35,7 @@ RESERVED_OPTIONS = ("help", "start", "flavour", "jobs", "scheduler", "out", "ani
 class Question(Options):
     """A question, asked with the values of its options, which are its fields.
 
-    A question of certified runs has `numbers` or defines `figures`; it derives from `Run` as well, or defines `run`. Any
+    A question of certified runs has `numbers` or defines `figures`; it derives from `RunOptions` as well, or defines `run_options`. Any
     other question defines `solve`.
 
     Attributes
@@ -124,10 +124,10 @@ class Question(Options):
         """The options that are numbers, which formulas may name."""
         return {name: float(x) for name in declared(type(self)) if isinstance(x := getattr(self, name), int | float)}  # fmt: skip
 
-    def run(self) -> Run:
+    def run_options(self) -> RunOptions:
         """Return stop, step and algorithm of the certified runs."""
-        run: Any = self
-        return run  # type: ignore[no-any-return]
+        options: Any = self
+        return options  # type: ignore[no-any-return]
 
     def process(self, result: Result) -> Result:
         """Return a result with further columns, or only some of its rows, for figures, tables and charts."""
@@ -255,12 +255,12 @@ class Question(Options):
             return with_formulas(results[-1], texts, values)
 
         def figures(result: Result) -> Mapping[str, Figure]:
-            return checked(self.figures(result), self.path, of_run=True)
+            return with_bounded_errors(self.figures(result), self.path, may_be_measured=True)
 
         has_formulas = any(DOTTED.fullmatch(text) is None for text in texts)
         own = {} if type(self).figures is Question.figures else {"figures": figures}
         result, certified = context.certify(
-            system, {**metrics, **own}, self.run(), self.record, csv,
+            system, {**metrics, **own}, self.run_options(), self.record, csv,
             derive=derive if has_columns or has_formulas else None,
         )  # fmt: skip
         for x in self.numbers:
@@ -358,10 +358,10 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
         raise SetupError(
             f"{prefix}: {question.__name__} must have numbers, or define figures(self, r) or solve(self, context)"
         )
-    is_run = issubclass(question, Run) or question.run is not Question.run
+    is_run = issubclass(question, RunOptions) or question.run_options is not Question.run_options
     if not is_run and "step" not in declared(question):
         raise SetupError(
-            f"{prefix}: with figures, {question.__name__} must derive from workbench.Run as well, or its run(self) "
+            f"{prefix}: with figures, {question.__name__} must derive from workbench.RunOptions as well, or its run_options(self) "
             "return one"
         )
     return question

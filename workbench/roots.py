@@ -61,15 +61,22 @@ class ZeroCrossing(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Roots:
-    """Roots, or the places of peaks, and their errors in the same unit; nan and a reason where there is none."""
+class Estimates:
+    """Roots, or places or heights of peaks, and their errors in the same unit; nan and a reason where there is none."""
 
     x: Array
     error: Array
     reasons: NDArray[np.object_]
 
 
-def secant(residual: Callable[[Array], tuple[Array, Array]], x: Any, slope: Any) -> Roots:
+class LocatedPeaks(NamedTuple):
+    """Where the peaks of curves are, and how high."""
+
+    places: Estimates
+    heights: Estimates
+
+
+def secant(residual: Callable[[Array], tuple[Array, Array]], x: Any, slope: Any) -> Estimates:
     """Return roots of dear residuals by the secant method, from first guesses and the slopes there, side by side.
 
     The error of each is that of its last step. For that, the step is multiplied with the relative change of
@@ -86,7 +93,9 @@ def secant(residual: Callable[[Array], tuple[Array, Array]], x: Any, slope: Any)
     """
     x, slope = np.array(x, float), np.array(slope, float)
     before, last = np.full_like(x, np.nan), np.full_like(x, np.nan)
-    found = Roots(np.full_like(x, np.nan), np.full_like(x, np.nan), np.full(x.shape, "", object))
+    found = Estimates(
+        np.full_like(x, np.nan), np.full_like(x, np.nan), np.full(x.shape, "", object)
+    )
     is_open = np.isfinite(x)
     for _ in range(MAX_ROUNDS):
         if not is_open.any():
@@ -118,7 +127,7 @@ def peaks(
     height: Callable[[Array, NDArray[Any], NDArray[np.intp]], Array],
     center: Array,
     half_width: Array,
-) -> tuple[Roots, Roots]:
+) -> LocatedPeaks:
     """Return places and heights of the largest heights, each from one fit through Chebyshev nodes, side by side.
 
     The polynomial misses about the next term a_n T_n of the series, n = PEAK_NODES, which vanishes at the
@@ -141,7 +150,7 @@ def peaks(
     center, half = np.array(center, float), np.asarray(half_width, float)
     n, which = len(center), np.arange(len(center))
     places, heights = (
-        Roots(np.full(n, np.nan), np.full(n, np.nan), np.full(n, "", object)) for _ in range(2)
+        Estimates(np.full(n, np.nan), np.full(n, np.nan), np.full(n, "", object)) for _ in range(2)
     )
     is_open = np.isfinite(center)
     angles = (2 * np.arange(PEAK_NODES) + 1) * math.pi / (2 * PEAK_NODES)
@@ -170,7 +179,7 @@ def peaks(
         is_open &= ~low
     places.reasons[is_open] = f"the peak search did not converge in {MAX_ROUNDS} rounds"
     heights.reasons[:] = places.reasons
-    return places, heights
+    return LocatedPeaks(places, heights)
 
 
 class _Fits(NamedTuple):

@@ -24,7 +24,7 @@ from . import catalog, export, live
 from .answer import Answer, Findings, GivenValue, Show, parameters
 from .catalog import QuestionError, attribute_errors
 from .context import IN_PROCESS, Context, captured_warnings
-from .figure import Figure, checked
+from .figure import Figure, with_bounded_errors
 from .judgement import lines
 from .options import Options, check_fixed_starts, declared
 from .project import FLAVOURS, PYTHON, Project
@@ -210,7 +210,7 @@ def _complete(question: type[Question], findings: Any) -> Findings:
     """What `solve` has returned, as it was declared; raises SetupError for anything else."""
     if not isinstance(findings, Findings):
         raise SetupError(f"{question.path}: solve must return workbench.Findings")
-    return replace(findings, figures=checked(findings.figures, question.path))
+    return replace(findings, figures=with_bounded_errors(findings.figures, question.path))
 
 
 def is_refused(question: type[Question], figures: Mapping[str, Figure]) -> bool:

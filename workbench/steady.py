@@ -73,7 +73,7 @@ UNSTABLE = "the orbit is not stable: deviations from it grow"
 
 
 @dataclass(frozen=True)
-class Turns:
+class LastTwoTurns:
     """The last two revolutions of n members on their orbits; nan where there is none.
 
     Attributes
@@ -105,7 +105,7 @@ class Turns:
         """Return the values of a column, shape (n, 2, angles)."""
         return np.asarray(self.values[..., self.columns.index(column)])
 
-    def amplitudes(self, column: str, order: int) -> NDArray[np.complex128]:
+    def sine_amplitudes(self, column: str, order: int) -> NDArray[np.complex128]:
         """Return complex amplitudes of an order of the crank angle, X = Im(X_hat exp(i k phi)), shape (n, 2).
 
         They are those of the sums over even angles, which are exact for orders below half their number.
@@ -136,7 +136,7 @@ class _NewtonState:
         self.pace, self.change = np.ones(n), np.full(n, np.inf)
         self.jacobian = np.full((n, states, states), np.nan)
         self.is_open = np.ones(n, bool)
-        self.turns = Turns(
+        self.turns = LastTwoTurns(
             columns,
             np.full((n, 2, angles, len(columns)), np.nan),
             np.full((n, 2), np.nan),
@@ -201,7 +201,7 @@ def steady_turns(
     algorithm: str = "strang",
     angles: int = ORBIT_ANGLES,
     jobs: int | None = 1,
-) -> Turns:
+) -> LastTwoTurns:
     """Return the last two of several revolutions on the steady orbits near start values.
 
     A start from which the crank stalls is taken back halfway to where it turned.

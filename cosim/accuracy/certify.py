@@ -169,7 +169,7 @@ def certify(
         with nested_runs(system, step, runner, settings, known=known) as runs:
             every = metrics or summary_metrics(column.name for column in runs.finest.columns[1:])
             figures = estimates_of(every, runs, system)
-        sharper = sharper_run(system, step, runner, settings)
+        sharper = run_at_tighter_tolerance(system, step, runner, settings)
         covers, figures = _with_solvers(every, figures, runs.finest, sharper)
         unmet = {name: reason for name, x in figures.items() if (reason := lacks(name, x))}
         errors.append({n: math.inf if (e := figures[n].error) is None else e for n in unmet})
@@ -186,7 +186,7 @@ def _derived(
     return derive(runner(*args, **settings))
 
 
-def sharper_run(
+def run_at_tighter_tolerance(
     system: System,
     step: float | Adaptive,
     runner: Callable[..., Result],

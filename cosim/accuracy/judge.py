@@ -233,7 +233,7 @@ def _judged(
     reasons = [
         (TOUCHES if touched[k] else "") if math.isnan(value[k])
         else _why_none(runs, columns, of[k])
-        or ("" if _is_over(metric, columns, diverged, value[k], of[k]) else diverged.reason)
+        or ("" if _precedes_divergence(metric, columns, diverged, value[k], of[k]) else diverged.reason)
         for k in range(len(of))
     ]  # fmt: skip
     if all(reasons) or np.isnan(value).all():
@@ -339,7 +339,7 @@ def _beside(
     return values
 
 
-def _is_over(
+def _precedes_divergence(
     metric: Metric, columns: Sequence[ColumnForms], diverged: Divergence, value: float, k: int
 ) -> bool:
     """Whether a metric depends only on the rows before its columns diverge, if they do.

@@ -160,7 +160,7 @@ def _ratio(step: float | Adaptive) -> float:
 def ratio_of_steps(results: Sequence[Result], step: float | Adaptive) -> float:
     """By what the steps of runs differ that were asked for with this step or tolerance.
 
-    That of adaptive steps is seen in their numbers: jumps and a longest step leave control only a part of them, and
+    Of fixed steps, and without wires, it is what was asked for. That of adaptive steps is seen in their numbers: jumps and a longest step leave control only a part of them, and
     by what power of the tolerance it changes them depends on the system. Of two ratios the smaller one counts. Where no
     wire couples parts, control has nothing to control, and there is no error that steps could show.
     """

@@ -77,7 +77,7 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
-class StepMap:
+class MapEigenvalues:
     """The eigenvalues of a map from windows to the next, and the condition number of each."""
 
     values: Complex
@@ -135,15 +135,15 @@ def step_spectrum(deviations: Deviations) -> Spectrum:
 
 def _map_and_halves(
     y: Array, begins: NDArray[np.int_], delay: int, lag: int, noise: float
-) -> list[StepMap]:
+) -> list[MapEigenvalues]:
     """The maps over `lag` steps of all windows, of the early ones and of the late ones."""
     now, later = (_windows(y, begins + k, delay) for k in (0, lag))
     is_early = np.tile(begins < np.median(begins), len(y))
     choices = (np.ones(len(is_early), bool), is_early, ~is_early)
-    return [_step_map(now[:, columns], later[:, columns], noise) for columns in choices]
+    return [_map_eigenvalues(now[:, columns], later[:, columns], noise) for columns in choices]
 
 
-def _logarithm(z: complex, lag: int, single: StepMap, several: StepMap) -> complex:
+def _logarithm(z: complex, lag: int, single: MapEigenvalues, several: MapEigenvalues) -> complex:
     """The logarithm of the multiplier that is next to z, from the map over several steps.
 
     That of one step chooses the branch. A mode that dies out within these steps has none there, and
@@ -179,16 +179,19 @@ def _exponentials(z: Complex, count: int) -> Complex:
     return unit
 
 
-def _step_map(now: Array, later: Array, noise: float) -> StepMap:
-    """The map that takes each column of `now` to that of `later`."""
+def _map_eigenvalues(now: Array, later: Array, noise_share: float) -> MapEigenvalues:
+    """The eigenvalues of the map that takes each column of `now` to that of `later`.
+
+    `noise_share` is relative to the largest singular value of `now`.
+    """
     left, sigma, right = svd(now, full_matrices=False)
-    floor = max(MIN_SINGULAR_VALUE, NOISE_MARGIN * noise)
+    floor = max(MIN_SINGULAR_VALUE, NOISE_MARGIN * noise_share)
     rank = min(MAX_MODES, int(np.sum(sigma > floor * sigma[0])))
     matrix = left[:, :rank].T @ later @ right[:rank].T / sigma[:rank]
     values, w, v = eig(matrix, left=True, right=True)  # type: ignore[misc]
     with np.errstate(divide="ignore"):
         conditions = 1.0 / np.abs(np.sum(w.conj() * v, axis=0))
-    return StepMap(values.astype(complex), conditions)
+    return MapEigenvalues(values.astype(complex), conditions)
 
 
 def _shifts(deviations: Deviations, waves: Complex, amplitudes: Complex) -> NDArray[np.bool_]:

@@ -145,8 +145,8 @@ def with_inputs(system: System, options: argparse.Namespace) -> System:
     return replace(system, inputs=inputs, changes=options.at)
 
 
-def read_package(files: Sequence[str], folder: Path) -> Package:
-    """Read the system of a file or a folder, or of several FMUs; packages are unpacked into `folder`.
+def read_package(files: Sequence[str], unpack_to: Path) -> Package:
+    """Read the system of a file or a folder, or of several FMUs; packages are unpacked into `unpack_to`.
 
     Raises SetupError for files that are neither, and for parts of one name.
     """
@@ -156,7 +156,7 @@ def read_package(files: Sequence[str], folder: Path) -> Package:
         if path.suffix == ".xml" or (path / FILE).is_file():
             return read_osp(path)
         if path.suffix in (".ssp", ".ssd") or path.is_dir():
-            return read_ssp(path, folder)
+            return read_ssp(path, unpack_to)
         raise SetupError(
             f"{path} must be an .ssp, an .ssd, an {FILE}, a folder that contains one, or an .fmu"
         )

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ..errors import SetupError
 from ..fmu.buffers import Slot, address
-from ..fmu.operations import Code, Layout, Operation
+from ..fmu.operations import Code, COperation, Operation
 from ..system import Connection, Network, Port, unit_exponents
 
 #: Of a power bond, energies [J] by what they are.
@@ -72,9 +72,9 @@ class BondSide(Operation):
         totals[EXCHANGED] += abs(work)
         totals[BEFORE] = now
 
-    def layout(self) -> Layout:
+    def c_operation(self) -> COperation:
         """The trapezoidal rule in C, on the same totals."""
-        return Layout(
+        return COperation(
             Code.BOOK,
             cells=address(self.totals),
             source=self.output.address,

@@ -120,7 +120,7 @@ def prepare(
     for port, value in starts.values():
         if is_set_again(port):
             instances[port.part].set(port.variable, value)
-    parts = _wire(network, instances, settings)
+    parts = _with_buffers(network, instances, settings)
     slots = _connect(network, parts, start)
     settle([parts[name] for name in sequence], start)
     for opened in instances.values():
@@ -193,10 +193,10 @@ def _warn_of_other_starts(
                 )
 
 
-def _wire(
+def _with_buffers(
     network: Network, instances: Mapping[str, I], settings: RunSettings
 ) -> dict[str, WiredPart[I]]:
-    """The parts with the buffers of their wired variables.
+    """The parts with the buffers of their wired variables, which nothing connects yet.
 
     Inputs begin at their declared start, those of an array at what they are given.
     """

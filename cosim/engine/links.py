@@ -11,7 +11,7 @@ from ..errors import FmuError
 from ..fmu.blocks import VariableBlock
 from ..fmu.buffers import Slot, working_slot
 from ..fmu.instance import Instance
-from ..fmu.operations import Code, Layout, Operation
+from ..fmu.operations import Code, COperation, Operation
 from ..fmu.session import CO_SIMULATION
 from .hermite import Node, SignalHistory, polynomial_mean, polynomial_value
 from .sources import InputSource
@@ -49,8 +49,8 @@ class Link(Operation):
         else:
             self._cells[self._i] = self.factor * self._source[self._j] + self.offset
 
-    def layout(self) -> Layout | None:
-        """None for a text, whose memory is Python's, and between types of two widths."""
+    def c_operation(self) -> COperation | None:
+        """How loop.c does it; None for a text, whose memory is Python's, and between types of two widths."""
         kind = self.target.kind
         if kind is ctypes.c_char_p or kind is not self.source.kind:
             return None
@@ -58,7 +58,7 @@ class Link(Operation):
         code = Code.ADD if self.adds else Code.COPY if plain else Code.SCALE
         scale = {"factor": self.factor, "offset": self.offset}
         cells, source = self.target.address, self.source.address
-        return Layout(code, ctypes.sizeof(kind), cells=cells, source=source, **scale)
+        return COperation(code, ctypes.sizeof(kind), cells=cells, source=source, **scale)
 
     def follow(self, signal: SignalHistory | InputSource) -> None:
         """Move with a signal from now on."""

@@ -15,7 +15,7 @@ from ..errors import FmuError
 from ..fmu.blocks import VariableBlock
 from ..fmu.buffers import Slot, address
 from ..fmu.messages import WARNING
-from ..fmu.operations import Layout
+from ..fmu.operations import COperation
 from .compiler import MEMBERS, OPTIONS, SOURCE, compile_loop, file_name
 from .part import StepOperation
 from .schedule import TimedOperation
@@ -65,21 +65,21 @@ class Program(NamedTuple):
     """Operations laid out for loop.c; those from `row_begin` on are done before a row."""
 
     operations: list[TimedOperation]
-    layouts: list[Layout]
+    c_operations: list[COperation]
     row_begin: int
 
 
 def lay_out(steps: Sequence[TimedOperation], extra: Sequence[VariableBlock]) -> Program | None:
     """The program of these steps and of blocks to get before a row; None if an operation needs Python."""
     operations = [*steps, *(TimedOperation(block, 1.0, 0.0) for block in extra)]
-    layouts = []
+    c_operations = []
     for operation, at, size in operations:
-        layout = operation.layout()
-        if layout is None:
+        c_operation = operation.c_operation()
+        if c_operation is None:
             return None
-        layout.at, layout.size = at, size
-        layouts.append(layout)
-    return Program(operations, layouts, len(steps))
+        c_operation.at, c_operation.size = at, size
+        c_operations.append(c_operation)
+    return Program(operations, c_operations, len(steps))
 
 
 class Loop:
@@ -91,7 +91,7 @@ class Loop:
     def __init__(self, program: Program, columns: Sequence[Slot], every: int) -> None:
         self._take_steps = library().take_steps
         self.operations = program.operations
-        self.layouts = (Layout * len(program.layouts))(*program.layouts)
+        self.c_operations = (COperation * len(program.c_operations))(*program.c_operations)
         self._warned = (ctypes.c_longlong * len(self.operations))()
         self._feeds = [
             k
@@ -125,10 +125,10 @@ class Loop:
             times = (start + n * h + at * h for n in range(first, last))
             means = [feed.profile.mean(t, size * h) for t in times]
             laid_out.append((ctypes.c_double * len(means))(*means))
-            self.layouts[k].source = address(laid_out[-1])
+            self.c_operations[k].source = address(laid_out[-1])
         report = (ctypes.c_longlong * 3)()
         count = self._take_steps(
-            self.layouts, self._warned, len(self.layouts), self.row_begin,
+            self.c_operations, self._warned, len(self.c_operations), self.row_begin,
             self.columns, len(self.columns), start, h, first, last, self._every,
             rows.buffer_info()[0], report,
         )  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..fmu.buffers import address
-from ..fmu.operations import Layout
+from ..fmu.operations import COperation
 from ..system import Network, Port, Value
 from ..system.description import Variable
 from .changes import continuous_profiles
@@ -56,9 +56,9 @@ class SystemLayout:
         self._index = {name: k for k, name in enumerate(names)}
         self._shared: list[float] = []
         self.ensemble = EnsembleLayout(
-            program=ctypes.addressof(loop.layouts),
+            program=ctypes.addressof(loop.c_operations),
             columns=ctypes.addressof(loop.columns),
-            length=len(loop.layouts),
+            length=len(loop.c_operations),
             row_begin=loop.row_begin,
             width=len(loop.columns),
             n_values=len(names),
@@ -70,7 +70,7 @@ class SystemLayout:
             k for k, timed in enumerate(loop.operations) if isinstance(timed.operation, InputSource)
         ]
         self._array("feeds", INT, self._feeds, counted=True)
-        self.warned = (LONG * max(1, len(loop.layouts)))()
+        self.warned = (LONG * max(1, len(loop.c_operations)))()
         self.ensemble.warned = ctypes.addressof(self.warned)
         self._lay_out_instances(network)
         self._lay_out_starts(network)
@@ -172,27 +172,30 @@ class SystemLayout:
             ("again", "settings_again", again),
         ):
             pairs = [pair for port, value in some for pair in self._start(port, value)]
-            self._array(field, Layout, [layout for layout, _ in pairs], counted=True)
+            self._array(field, COperation, [c_operation for c_operation, _ in pairs], counted=True)
             self._array(settings, Setting, [setting for _, setting in pairs])
 
-    def _start(self, port: Port, value: Value) -> Iterator[tuple[Layout, Any]]:
+    def _start(self, port: Port, value: Value) -> Iterator[tuple[COperation, Any]]:
         """What sets a start value: of an element of an array, after the others have been read."""
         session = self._parts[port.part].instance.session
         [block] = session.blocks("Set", [port.variable])
-        layout = block.exchange_layout()
-        if layout is None:
+        c_operation = block.exchange_c_operation()
+        if c_operation is None:
             raise NeedsPythonError(f"{port} is not set by one call in C")
         self._keep.append(block)
         if len(block.cells) > 1:
             [present] = session.blocks("Get", [port.variable])
-            reading = present.exchange_layout()
+            reading = present.exchange_c_operation()
             assert reading is not None
             self._keep.append(present)
-            reading.cells = layout.cells
+            reading.cells = c_operation.cells
             yield reading, Setting(number=-1)
         index, kind = block.variables.index(port.variable), block.cells._type_
         cell = address(block.cells, index)
-        yield layout, Setting(cell=cell, type=ord(kind._type_), number=self._number(port, value))
+        yield (
+            c_operation,
+            Setting(cell=cell, type=ord(kind._type_), number=self._number(port, value)),
+        )
 
     def _lay_out_promises(self, network: Network) -> None:
         """The start values that instances are to keep."""
@@ -204,24 +207,24 @@ class SystemLayout:
         for name, ports in by_part.items():
             variables: list[Variable] = [port.variable for port, _ in ports.values()]
             for block in self._parts[name].instance.session.blocks("Get", variables):
-                reads.append(self._layout(block))
+                reads.append(self._c_operation(block))
                 for slot, variable in zip(block.slots().values(), block.variables):
                     if variable.name in ports:
                         port, value = ports[variable.name]
                         column = Column(slot.address, ord(slot.kind._type_))
                         number = self._number(port, value)
                         promises.append(Promise(column, number, port.type == "Real"))
-        self._array("kept", Layout, reads, counted=True)
+        self._array("kept", COperation, reads, counted=True)
         self._array("promises", Promise, promises, counted=True)
 
-    def _layout(self, operation: Any) -> Layout:
+    def _c_operation(self, operation: Any) -> COperation:
         """An operation in C; raises NeedsPythonError if it needs Python."""
-        exchange = getattr(operation, "exchange_layout", operation.layout)
-        layout: Layout | None = exchange()
-        if layout is None:
+        exchange = getattr(operation, "exchange_c_operation", operation.c_operation)
+        c_operation: COperation | None = exchange()
+        if c_operation is None:
             raise NeedsPythonError("a value is moved by Python")
         self._keep.append(operation)
-        return layout
+        return c_operation
 
     def _lay_out_coupling(self, network: Network) -> None:
         """How the inputs begin and settle, and the sides of bonds."""
@@ -247,14 +250,14 @@ class SystemLayout:
                 value = DOUBLE(float(feed.profile.at(self._settings.start)))
                 initial.append(Memory(ctypes.addressof(feed.cell), self._kept(value), 8, 1))
             most = max(most, sum(memory.size for memory in inputs))
-            reads = [self._layout(block) for block in part.outputs]
+            reads = [self._c_operation(block) for block in part.outputs]
             outputs += reads
-            links = [self._layout(link) for link in part.links]
-            exchanges = [*map(self._layout, part.inputs), *reads]
+            links = [self._c_operation(link) for link in part.links]
+            exchanges = [*map(self._c_operation, part.inputs), *reads]
             listeners.append(
                 Listener(
-                    self._kept((Layout * max(1, len(links)))(*links)),
-                    self._kept((Layout * max(1, len(exchanges)))(*exchanges)),
+                    self._kept((COperation * max(1, len(links)))(*links)),
+                    self._kept((COperation * max(1, len(exchanges)))(*exchanges)),
                     self._kept((Memory * max(1, len(inputs)))(*inputs)),
                     len(links),
                     len(exchanges),
@@ -264,7 +267,7 @@ class SystemLayout:
         self._array("initial", Memory, initial, counted=True)
         self._array("entered", Memory, entered, counted=True)
         self._array("listeners", Listener, listeners, counted=True)
-        self._array("outputs", Layout, outputs, counted=True)
+        self._array("outputs", COperation, outputs, counted=True)
         self.ensemble.scratch = self._kept(ctypes.create_string_buffer(most))
         self.ensemble.most_exchanges = 2 + cells
         self.bond_sides = [side for part in self._parts.values() for side in part.bond_sides]

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 from ..fmu.blocks import VariableBlock
 from ..fmu.instance import CoSimulation, Instance
 from ..fmu.messages import MessageLog
-from ..fmu.operations import Layout, Operation
+from ..fmu.operations import COperation, Operation
 from ..system import feedthrough
 from ..system.description import ModelDescription
 from .energy import BondSide
@@ -120,11 +120,11 @@ class EventModeEntry(Operation):
 
     def __call__(self, t: float, h: float) -> None:
         """Enter the inputs at the time t [s]."""
-        self.instance.take_inputs(t)
+        self.instance.enter_changed_inputs(t)
 
-    def layout(self) -> Layout | None:
+    def c_operation(self) -> COperation | None:
         """None for texts, whose memory is Python's."""
-        return self.instance.input_layout(self.block)
+        return self.instance.input_c_operation(self.block)
 
     def answered(self, t: float, h: float, status: int) -> None:
         """Leave the status of the FMU's call to the instance, which knows what it allows."""
@@ -163,14 +163,14 @@ class StepOperation(Operation):
                 h = math.nextafter(h, 0.0)
         return h
 
-    def layout(self) -> Layout | None:
+    def c_operation(self) -> COperation | None:
         """None if inputs move within it."""
         part = self.part
         if part.curves is not None:
             return None
-        layout = part.instance.step_layout()
-        layout.count, layout.forward = part.substeps, int(part.instance.forward)
-        return layout
+        c_operation = part.instance.step_c_operation()
+        c_operation.count, c_operation.forward = part.substeps, int(part.instance.forward)
+        return c_operation
 
     def answered(self, t: float, h: float, status: int) -> None:
         """Leave the status of the FMU's step to the instance, which knows what it allows."""

@@ -101,7 +101,7 @@ class RunSettings:
         steps = round(ratio)
         return steps if steps and abs(ratio / steps - 1) < MULTIPLE_ROUNDING else None
 
-    def text(self) -> str:
+    def stepping_text(self) -> str:
         """How the run steps."""
         if isinstance(self.step, Adaptive):
             return f"adaptive steps, tolerance {self.step.tolerance:g}"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import NonFiniteValueError
 from ..fmu.buffers import Slot, address
-from ..fmu.operations import NOT_FINITE, Code, Layout, Operation
+from ..fmu.operations import NOT_FINITE, Code, COperation, Operation
 from ..system.inputs import FunctionInput, TableInput
 
 Array = NDArray[np.float64]
@@ -45,9 +45,9 @@ class InputSource(Operation):
         if not math.isfinite(self.cell[0]):
             self.answered(t, h, NOT_FINITE)
 
-    def layout(self) -> Layout:
+    def c_operation(self) -> COperation:
         """The means stand in a list, which is laid out with the steps."""
-        return Layout(Code.FEED, checked=1, cells=address(self.cell))
+        return COperation(Code.FEED, checked=1, cells=address(self.cell))
 
     def answered(self, t: float, h: float, status: int) -> None:
         """Raise NonFiniteValueError with the mean that is not finite."""

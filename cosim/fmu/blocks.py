@@ -13,7 +13,7 @@ from ..errors import NonFiniteValueError
 from ..system.description import Value, Variable
 from .buffers import Slot, address
 from .messages import OK
-from .operations import NOT_FINITE, Code, Layout, Operation
+from .operations import NOT_FINITE, Code, COperation, Operation
 from .session import Session
 
 #: The C types of FMI 2.0 by type of variable.
@@ -106,16 +106,16 @@ class VariableBlock(Operation):
         if self.entered is not None:
             self.entered[:] = list(self.cells)
 
-    def layout(self) -> Layout | None:
+    def c_operation(self) -> COperation | None:
         """None for texts, for several calls, and for what takes event mode."""
-        return None if self.held else self.exchange_layout()
+        return None if self.held else self.exchange_c_operation()
 
-    def exchange_layout(self) -> Layout | None:
+    def exchange_c_operation(self) -> COperation | None:
         """What moves the values in C, also in initialisation mode; None for texts and for several calls."""
         transfer = self._transfer
         if self._text or transfer.code is None:
             return None
-        return Layout(
+        return COperation(
             transfer.code,
             len(transfer.references),
             len(self.cells) if self.reads and self.real else 0,

@@ -62,8 +62,8 @@ class EventMode:
         """Enter the inputs of these blocks, at the time of the part."""
         self._event(self.now, blocks)
 
-    def take_inputs(self, t: float) -> None:
-        """Enter the held inputs at time t [s], if one has changed."""
+    def enter_changed_inputs(self, t: float) -> None:
+        """Enter the held inputs, which event mode takes, at time t [s], if one has changed."""
         if any(block.has_changed() for block in self.held):
             self._event(t, self.held)
             self.mark_entered()

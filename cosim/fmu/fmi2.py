@@ -12,7 +12,7 @@ from ..system.description import ModelDescription, Variable
 from .instance import CoSimulation
 from .library import Library
 from .messages import DISCARD, OK, WARNING
-from .operations import Code, Layout
+from .operations import Code, COperation
 from .session import CO_SIMULATION
 from .session2 import Session2
 
@@ -63,7 +63,7 @@ class CoSimulation2(CoSimulation):
         answer = library.fmi2GetBooleanStatus(component, kind, ctypes.byref(ended))
         return status, time.value, answer in (OK, WARNING) and bool(ended.value)
 
-    def step_layout(self) -> Layout:
+    def step_c_operation(self) -> COperation:
         """The same step as `advance`, for the loop in cosim/engine/loop.c."""
         function = ctypes.cast(self.session.library.fmi2DoStep, ctypes.c_void_p).value
-        return Layout(Code.STEP, function=function, component=self.session.component.value)
+        return COperation(Code.STEP, function=function, component=self.session.component.value)

@@ -16,7 +16,7 @@ from .events3 import MOST_AT_ONCE, EventMode
 from .instance import CoSimulation
 from .library import Library
 from .messages import DISCARD, OK
-from .operations import Code, Layout
+from .operations import Code, COperation
 from .session import CO_SIMULATION, SavedState, Session
 from .session3 import Session3
 from .times import coincide
@@ -123,7 +123,7 @@ class CoSimulation3(CoSimulation):
         self._finish = FINISH(
             lambda t, h, stepped: self._status(lambda: self._go(t, h, stepped=bool(stepped)))
         )
-        self._take = FINISH(lambda t, _, __: self._status(lambda: self.take_inputs(t)))
+        self._take = FINISH(lambda t, _, __: self._status(lambda: self.enter_changed_inputs(t)))
 
     def _step_call(self) -> Callable[[], int]:
         """The prepared call of a step of the size and from the time that are set."""
@@ -242,9 +242,9 @@ class CoSimulation3(CoSimulation):
         """Of a discarded step: OK, the time reached [s], whether that is the end."""
         return OK, self._answer.reached, self._answer.ended
 
-    def step_layout(self) -> Layout:
+    def step_c_operation(self) -> COperation:
         """What loop.c does in place of `advance`."""
-        return Layout(
+        return COperation(
             Code.STEP3,
             function=ctypes.cast(self.session.library.fmi3DoStep, ctypes.c_void_p).value,
             component=self.session.component.value,
@@ -266,12 +266,12 @@ class CoSimulation3(CoSimulation):
         """Refuse steps across an event from now on, or take them; the system then steps to the event."""
         self._stops = stops
 
-    def take_inputs(self, t: float) -> None:
+    def enter_changed_inputs(self, t: float) -> None:
         """Enter the inputs that event mode takes, if one has changed."""
-        self.events.take_inputs(t)
+        self.events.enter_changed_inputs(t)
 
-    def input_layout(self, block: VariableBlock) -> Layout | None:
-        """What loop.c does in place of `take_inputs`, if this block has changed.
+    def input_c_operation(self, block: VariableBlock) -> COperation | None:
+        """What loop.c does in place of `enter_changed_inputs`, if this block has changed.
 
         None if it is not held, and for texts, whose memory is Python's.
         """
@@ -279,7 +279,7 @@ class CoSimulation3(CoSimulation):
         if entered is None or cells._type_ is ctypes.c_char_p:
             return None
         function, size = ctypes.cast(self._take, ctypes.c_void_p).value, ctypes.sizeof(cells)
-        return Layout(
+        return COperation(
             Code.ENTER, size, function=function, cells=address(cells), source=address(entered)
         )
 

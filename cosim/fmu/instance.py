@@ -9,7 +9,7 @@ from typing import Any
 from ..system.description import Value, Variable
 from .blocks import VariableBlock
 from .messages import OK
-from .operations import Layout
+from .operations import COperation
 from .session import SavedState
 from .session2 import Session2
 from .session3 import Session3
@@ -85,7 +85,7 @@ class CoSimulation(Instance):
         """Keep a warning of a step from t by h [s]; raise FmuError for a worse status."""
         raise NotImplementedError
 
-    def step_layout(self) -> Layout:
+    def step_c_operation(self) -> COperation:
         """What loop.c does in place of `advance`."""
         raise NotImplementedError
 
@@ -104,11 +104,11 @@ class CoSimulation(Instance):
     def stop_at_events(self, *, stops: bool) -> None:
         """Refuse steps across an event from now on, or take them; the system then steps to the event."""
 
-    def take_inputs(self, t: float) -> None:
+    def enter_changed_inputs(self, t: float) -> None:
         """Enter the inputs that are not set before a step, if one has changed."""
 
-    def input_layout(self, block: VariableBlock) -> Layout | None:  # noqa: ARG002
-        """What loop.c does in place of `take_inputs`, if this block has changed; None if it cannot."""
+    def input_c_operation(self, block: VariableBlock) -> COperation | None:  # noqa: ARG002
+        """What loop.c does in place of `enter_changed_inputs`, if this block has changed; None if it cannot."""
         return None
 
     def state(self) -> SavedState:

@@ -35,7 +35,7 @@ class Code(IntEnum):
 NOT_FINITE = -(2**31)
 
 
-class Layout(ctypes.Structure):
+class COperation(ctypes.Structure):
     """struct operation of loop.c."""
 
     _fields_ = [
@@ -56,7 +56,7 @@ class Operation:
         """Do it; raises FmuError."""
         raise NotImplementedError
 
-    def layout(self) -> Layout | None:
+    def c_operation(self) -> COperation | None:
         """What loop.c does in its place, but for `at` and `size`; None if it cannot."""
         return None
 

@@ -103,7 +103,7 @@ def refine(fit: Fit) -> Refinement:
         p = descend(evaluator, p, everything, evaluations).p
         linearisation = linearise(evaluator, p)
         runs += evaluator.runs
-        corrected = correct_noise(problem, linearisation)
+        corrected = lower_estimated_noise(problem, linearisation)
         if corrected is problem and linearisation.is_resolved():
             break
         if refinements == MOST_REFINEMENTS:
@@ -175,8 +175,8 @@ def covariance(jacobian: Array) -> Array:
     return np.asarray(root @ root.T)
 
 
-def correct_noise(problem: Problem, linearisation: Linearisation) -> Problem:
-    """The problem with the noise of the residuals where these are smaller than the noise estimated from the rows.
+def lower_estimated_noise(problem: Problem, linearisation: Linearisation) -> Problem:
+    """The problem with the noise of the residuals where these are clearly smaller than the noise estimated from the rows.
 
     That is so for a counter, whose errors alternate. The same problem if there are no such columns.
     """

@@ -27,6 +27,7 @@ UNKNOWNS = (
 #: What a variable that is set by its environment is.
 SETTABLE = ("input", "parameter", "structuralParameter")
 Reader = Callable[[str], Any]
+Element = Any
 
 
 def integer(text: str, native: str) -> int:
@@ -125,7 +126,7 @@ class Declarations:
         items = self.content(named).iterfind("Item")
         return {str(item.get("value")): str(item.get("name")) for item in items}
 
-    def unknowns(self) -> Iterator[tuple[str, Any]]:
+    def structure_entries(self) -> Iterator[tuple[str, Element]]:
         """The elements of the model structure, each with the name of its list."""
         for group in LISTS[self.version]:
             for element in self.root.iterfind(f"ModelStructure/{group}/Unknown"):
@@ -201,7 +202,7 @@ def unreadable(declarations: Declarations) -> Iterator[str]:
     what = "index" if declarations.version == "2.0" else "valueReference"
     references = [
         (element, group, name, text)
-        for group, element in declarations.unknowns()
+        for group, element in declarations.structure_entries()
         for name in (what, "dependencies")
         for text in (element.get(name) or "").split()
     ] + [

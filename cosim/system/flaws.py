@@ -93,7 +93,7 @@ def _unit_flaws(declarations: Declarations) -> Iterator[str]:
 def _structure_flaws(declarations: Declarations) -> Iterator[str]:
     """What the model structure lists and must not, does not list and must, or says of dependencies."""
     listed: list[tuple[str, str]] = []
-    for group, element in declarations.unknowns():
+    for group, element in declarations.structure_entries():
         if (variable := declarations.named(element)) is None:
             continue
         listed.append((group, variable.name))

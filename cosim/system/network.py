@@ -93,7 +93,7 @@ def connect(system: System, *, runnable: bool = True) -> Network:
     closed = driven.keys() | {port.name for port, _ in (*start, *inputs)}
     for text in _wrong_starts(catalog, closed) if runnable else ():
         raise SetupError(text)
-    unset = tuple(_open_inputs(catalog, closed, runnable=runnable))
+    unset = tuple(_unconnected_inputs(catalog, closed, runnable=runnable))
     return Network(system, fmus, tuple(wires), (*start, *unset), tuple(inputs), unset)
 
 
@@ -136,7 +136,7 @@ def _wrong_starts(catalog: Catalog, closed: set[str]) -> Iterator[str]:
                 yield f"part {part}: {catalog.system.parts[part]}: {XML}, {text}; give it another one"
 
 
-def _open_inputs(
+def _unconnected_inputs(
     catalog: Catalog, closed: set[str], *, runnable: bool
 ) -> Iterator[tuple[Port, Value]]:
     """The inputs that keep the start of their FMUs; raises SetupError for one without, and silent clocks."""

@@ -125,7 +125,7 @@ def compare(machine: Machine, sweep: SpeedSweep, tolerance: float) -> ClassicalC
         what = f"{LOADS[case.load].name} {LOAD_TEXTS[case.method]}"
         meaning = f"speed up to which the {what} is accurate enough"
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
-        errors = deviation(case, machine, sweep.columns)
+        errors = percent_above_simulated(case, machine, sweep.columns)
         figures[f"worst_{case.key}"] = worst(*errors, f"largest error, {what}")
     figures["share"] = inertia_share(machine, limits[Calculation("spring", "torque")])
     return ClassicalComparison(
@@ -142,14 +142,21 @@ def inertia_share(machine: Machine, end: Figure) -> Figure:
     return Figure(value, "%", 2 * value * end.error / end.value, meaning)
 
 
-def deviation(
+class Excess(NamedTuple):
+    """A calculated amplitude over the simulated one, less 1, and the error of that [%]."""
+
+    percent: Samples
+    error: Samples
+
+
+def percent_above_simulated(
     case: Calculation, machine: Machine, columns: Mapping[str, Samples]
-) -> tuple[Samples, Samples]:
-    """Return how far a calculation is above what was simulated, in %, and the error of that, at each speed."""
+) -> Excess:
+    """Return how far the amplitude of a calculation is above the simulated one at each speed."""
     column = LOADS[case.load].column
     true, error = columns[column], columns[f"{column}_error"]
     ratio = case.amplitude(machine, columns["nu"]) / true
-    return 100 * (ratio - 1), 100 * ratio * error / true
+    return Excess(100 * (ratio - 1), 100 * ratio * error / true)
 
 
 def table_of(machine: Machine, sweep: SpeedSweep) -> Table:
@@ -160,7 +167,9 @@ def table_of(machine: Machine, sweep: SpeedSweep) -> Table:
     columns = list(units)
     units |= {f"{case.key}{x}": "%" for case in CALCULATIONS for x in ("", "_error")}
     values = [sweep.columns[column] for column in columns]
-    values += [x for case in CALCULATIONS for x in deviation(case, machine, sweep.columns)]
+    values += [
+        x for case in CALCULATIONS for x in percent_above_simulated(case, machine, sweep.columns)
+    ]
     return Table.of_rows(np.transpose(values).tolist(), units)
 
 
@@ -210,7 +219,7 @@ def excursions(
 
     They lie below the first speed of the sweep at which it has left it.
     """
-    errors = np.abs(deviation(case, machine, sweep.columns)[0])
+    errors = np.abs(percent_above_simulated(case, machine, sweep.columns).percent)
     if len(errors) <= 1 or np.isnan(errors).any():
         return
     curve = error_curve(case, machine, sweep)
@@ -239,7 +248,7 @@ def first_guess(
 ) -> LimitGuess | Figure:
     """Return where the sweep says that an error first leaves its tolerance, or the reason against one."""
     nus = np.array(sweep.speeds)
-    errors, unsure = deviation(case, machine, sweep.columns)
+    errors, unsure = percent_above_simulated(case, machine, sweep.columns)
     if np.isnan(errors).any() or len(nus) <= 1:
         reason = "the sweep has fewer than two speeds, or one without a steady orbit"
         return Figure.undetermined("rad/s", reason)
@@ -278,7 +287,7 @@ def limits_of(machine: Machine, sweep: SpeedSweep, tolerance: float) -> dict[Cal
         orbits = sweep.drive.orbits(machine, sweep.drive.each(nu), "limits")
         with np.errstate(invalid="ignore"):  # where no value is wanted
             columns = columns_of(sweep.drive, machine, nu, orbits)
-            of_cases = [deviation(case, machine, columns) for case in searched]
+            of_cases = [percent_above_simulated(case, machine, columns) for case in searched]
         value, error = np.array(of_cases)[np.arange(len(nu)), :, np.arange(len(nu))].T
         lost[inside & np.isnan(error)] = True
         return np.where(np.isnan(error), np.nan, value - level), error

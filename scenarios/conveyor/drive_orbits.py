@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.accuracy.limit import Limit, Reason, limit
 from workbench import Context, Figure
-from workbench.steady import ORBIT_ANGLES, TURN, Turns, steady_turns
+from workbench.steady import ORBIT_ANGLES, TURN, LastTwoTurns, steady_turns
 
 from .first_order import Machine, longest_step
 from .machine import conveyor_drive, start_values
@@ -78,9 +78,9 @@ class Orbits:
     problem: NDArray[np.object_]
 
     @classmethod
-    def of(cls, turns: Turns) -> Orbits:
+    def of(cls, turns: LastTwoTurns) -> Orbits:
         """Return what the last revolutions say."""
-        torque, speed = (turns.amplitudes(name, 2) for name in ("motor.tau", "conveyor.w"))
+        torque, speed = (turns.sine_amplitudes(name, 2) for name in ("motor.tau", "conveyor.w"))
         return cls(
             torque[:, 1],
             speed[:, 1],
@@ -142,7 +142,7 @@ class Drive:
         *,
         steps_per_rev: Any = None,
         states: Array | None = None,
-    ) -> Turns:
+    ) -> LastTwoTurns:
         """Return the last revolutions of machines at mean speeds [rad/s], arrays of shape (n,), or one of both.
 
         The search begins at states of shape (n, 2), by default those of first-order theory.
@@ -170,7 +170,7 @@ class Drive:
         done = list(self.context.each(block, blocks, "orbits", here=True))
         columns, *of_blocks, problems = zip(*done)
         values, periods, left, ends = map(np.concatenate, of_blocks)
-        return Turns(columns[0], values, periods, left, ends, [*chain(*problems)])
+        return LastTwoTurns(columns[0], values, periods, left, ends, [*chain(*problems)])
 
     def steps(self, shape: tuple[int, ...], multiple: Any = None) -> NDArray[np.int64]:
         """Return the steps per revolution with STEP_MULTIPLES of these numbers, by default the j-th in row j."""
@@ -213,7 +213,7 @@ class Drive:
         )
         return Orbits.of(turns).spread(run)
 
-    def check(self, machine: Machine, nu: float, multiple: int = 1) -> None:
+    def require_enough_steps(self, machine: Machine, nu: float, multiple: int = 1) -> None:
         """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
         setting, most = f"{self.steps_per_rev} steps per revolution", STEP_MULTIPLES[-1]
         longest = longest_step(machine, self.algorithm)
@@ -238,7 +238,7 @@ class Drive:
     def checked(self, machine: Machine, nu: float) -> Drive:
         """Return how to run with 1, 2 and 4 times the step; with 1 alone where 4 times is not stable at nu."""
         try:
-            self.check(machine, nu, STEP_MULTIPLES[-1])
+            self.require_enough_steps(machine, nu, STEP_MULTIPLES[-1])
         except SetupError:
             return replace(self, multiples=1)
         return self

@@ -22,7 +22,7 @@ from workbench.live import (
 
 from . import live_theory, motion
 from .first_order import Machine
-from .machine import conveyor_drive, induction, start_values
+from .machine import conveyor_drive, has_kloss_characteristic, start_values
 from .speed_sweep import SpeedSweep
 
 #: Steps per revolution of the live sweep, of which a ripple of order 2 needs a few dozen; a convention.
@@ -57,7 +57,7 @@ def live_part(
     """Return the live part of a sweep, from the machine at its resonance, the operating speed [rad/s], and levels of
     the torque ripple by their names [N.m].
     """
-    is_linear = not induction(machine)
+    is_linear = not has_kloss_characteristic(machine)
     values = parameters(conveyor_drive(sweep.drive.context.fmus, start_values(machine, speed)))
     return Live(
         sliders=(

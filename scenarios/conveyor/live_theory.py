@@ -5,7 +5,7 @@ from __future__ import annotations
 from workbench.live import Formulas, Number
 
 from .first_order import Machine
-from .machine import induction
+from .machine import has_kloss_characteristic
 
 LINEAR = {"B": "motor.B"}
 #: the slope of Kloss's characteristic at the load of the mean speed, as `drive.linearised` has it
@@ -30,7 +30,7 @@ def values(machine: Machine) -> dict[str, str]:
     load = "conveyor.crank.r**2 / 2"
     return {
         "load_slope": f"conveyor.trough.d * {load}",
-        **(KLOSS_LINE if induction(machine) else LINEAR),
+        **(KLOSS_LINE if has_kloss_characteristic(machine) else LINEAR),
         "slope": "B + load_slope",
         "theta0": f"conveyor.rotor.J + conveyor.trough.m * {load}",
         "J": "theta0 + motor.T * load_slope",

@@ -55,7 +55,7 @@ def linearised(machine: Machine, nu: Any) -> Machine:
     A motor is fed so that it runs at that speed. The line of a linear motor moves; of an induction
     motor (Kloss) the synchronous speed does, while its breakdown torque and the slip speed there stay.
     """
-    if not induction(machine):
+    if not has_kloss_characteristic(machine):
         return machine
     tau_b, b, slip = _kloss(machine, nu)
     return replace(machine, B=2.0 * tau_b * b * (b**2 - slip**2) / (slip**2 + b**2) ** 2)
@@ -63,7 +63,7 @@ def linearised(machine: Machine, nu: Any) -> Machine:
 
 def start_values(machine: Machine, nu: Any) -> dict[str, Any]:
     """Start values near the orbit of the mean speed nu, of a motor fed for it."""
-    if not induction(machine):
+    if not has_kloss_characteristic(machine):
         return machine.start(nu)
     _, b, slip = _kloss(machine, nu)
     fed = {"motor.kloss.w_s": nu + slip, "motor.kloss.s_b": b / (nu + slip)}
@@ -81,7 +81,7 @@ def mains_speed(machine: Machine) -> float:
     SetupError
         For a motor with a linear characteristic, and for one that the load pulls out.
     """
-    if not induction(machine):
+    if not has_kloss_characteristic(machine):
         raise SetupError(
             "supply = 'mains' needs an induction motor, motor.characteristic=kloss: the line of a linear motor is "
             "set for each speed"
@@ -104,7 +104,7 @@ def mains_speed(machine: Machine) -> float:
 def require_torque(machine: Machine, nu: Any) -> None:
     """Raise SetupError for an induction motor that the load pulls out at one of the mean speeds nu [rad/s]."""
     tau_b, fastest = kloss(machine)["motor.kloss.tau_b"], float(np.max(nu))
-    if induction(machine) and machine.load_slope * fastest >= tau_b:
+    if has_kloss_characteristic(machine) and machine.load_slope * fastest >= tau_b:
         raise SetupError(
             f"motor.kloss.tau_b = {tau_b!r} N.m must be above {machine.load_slope * fastest:.6g} N.m, "
             f"the mean load torque at {fastest:g} rad/s"
@@ -117,7 +117,7 @@ def slip_speeds(machine: Machine, nu: float) -> tuple[float, float, float]:
     return nu + float(slip), float(kloss(machine)["motor.kloss.w_s"]), b
 
 
-def induction(machine: Machine) -> bool:
+def has_kloss_characteristic(machine: Machine) -> bool:
     """Whether the start values of a machine choose the Kloss characteristic."""
     return machine.more.get("motor.characteristic", 0) in (1, "kloss")
 

@@ -21,7 +21,15 @@ from scipy.interpolate import CubicSpline
 
 from cosim.accuracy.limit import Limit
 from workbench import Figure
-from workbench.roots import NO_VALUE, Roots, ZeroCrossing, falling_roots, peaks, secant
+from workbench.roots import (
+    NO_VALUE,
+    Estimates,
+    LocatedPeaks,
+    ZeroCrossing,
+    falling_roots,
+    peaks,
+    secant,
+)
 
 from .drive_orbits import Drive, Orbits, at_zero_step, figure_of, near
 from .first_order import Machine
@@ -210,8 +218,8 @@ class Response:
     def _on_grid(self) -> Any:
         return self.inverse(self.grid)
 
-    def crossings(self, sought: Sought) -> list[ZeroCrossing]:
-        """Return where the response has a feature that is no peak, with the slope of its residual."""
+    def falling_crossings(self, sought: Sought) -> list[ZeroCrossing]:
+        """Return where the residual of a feature that is no peak falls through 0, with its slope there."""
 
         def residual(x: Any, inverse: Any) -> Any:
             return self.lines.residual(sought, x, self.line, inverse[TORQUE])
@@ -229,7 +237,7 @@ class Response:
             return LAG._replace(line=self.line, reason=reason)
         first, last = self.lines.theory(self.x[[0, -1]], self.line)[TORQUE].real
         sought = LAG._replace(line=self.line, sense=1.0 if first >= last else -1.0)
-        found = [c for c in self.crossings(sought) if self.inverse(c.x)[TORQUE].imag > 0.0]
+        found = [c for c in self.falling_crossings(sought) if self.inverse(c.x)[TORQUE].imag > 0.0]
         if not found:
             return sought._replace(reason=NOT_IN_RANGE)
         load = np.abs(self.lines.load(self.grid, self.line)).max()
@@ -242,7 +250,7 @@ class Response:
         if self._lacks():
             return []
         kinds = [Sought(text, self.line, level=level, sense=s) for s, text in PASSED.items()]
-        found = [x._replace(x=c.x, slope=c.slope) for x in kinds for c in self.crossings(x)]
+        found = [x._replace(x=c.x, slope=c.slope) for x in kinds for c in self.falling_crossings(x)]
         return sorted(found, key=lambda sought: sought.x)
 
     def peak(self, quantity: int) -> Sought:
@@ -314,17 +322,19 @@ def locate(drive: Drive, responses: Sequence[Response], sought: Sequence[Sought]
     shape = drive.multiples, len(sought)
     x, error, height, height_error = np.full((4, *shape), np.nan)
     reasons = np.array([feature.reason for feature in sought], object) + np.full(shape, "", object)
-    for is_peak, find in ((False, _roots), (True, _peaks)):
+    for is_peak in (False, True):
         some = np.array([f.is_peak == is_peak and not f.reason for f in sought], bool)
         if some.any():
             multiple, which = at = tuple(k.ravel() for k in np.indices(shape)[:, :, some])
             search = _FeatureSearch(drive, responses, [sought[k] for k in which], multiple)
-            places, *heights = find(search)
+            if is_peak:
+                places, heights = _peaks(search)
+                height[at], height_error[at] = heights.x, heights.error
+            else:
+                places = _roots(search)
             x[at], error[at] = places.x, places.error
             lost = (places.reasons == NO_VALUE) & (search.problems != "")
             reasons[at] = np.where(lost, search.problems, places.reasons)
-            if heights:
-                height[at], height_error[at] = heights[0].x, heights[0].error
     why = [next((reason for reason in column if reason), "") for column in reasons.T.tolist()]
     order = drive.order
     return Located(at_zero_step(x, order, error), at_zero_step(height, order, height_error), why)
@@ -364,7 +374,7 @@ class _FeatureSearch:
         return np.where(self.quantity[of] == TORQUE, torque, speed)
 
 
-def _roots(search: _FeatureSearch) -> tuple[Roots, ...]:
+def _roots(search: _FeatureSearch) -> Estimates:
     """Return where features are that are no peaks."""
 
     def residual(x: Array) -> tuple[Array, Array]:
@@ -373,10 +383,10 @@ def _roots(search: _FeatureSearch) -> tuple[Roots, ...]:
         slope = np.where(np.isnan(search.level), size, 2.0 * (search.level * size) ** 2)
         return search.lines.residual(search, x, search.line, inverse), share * slope
 
-    return (secant(residual, search.x, search.slope),)
+    return secant(residual, search.x, search.slope)
 
 
-def _peaks(search: _FeatureSearch) -> tuple[Roots, ...]:
+def _peaks(search: _FeatureSearch) -> LocatedPeaks:
     """Return where ripples are largest, and how large."""
     half = np.minimum(peak_half_widths(search.lines, search.x, search.line), 0.9 * search.x)
 

@@ -77,7 +77,7 @@ def columns_of(
     }  # fmt: skip
 
 
-def sweeps(drive: Drive, lines: Lines) -> list[SpeedSweep]:
+def run_sweeps(drive: Drive, lines: Lines) -> list[SpeedSweep]:
     """Run the orbits of all lines of speeds together, and return what they say of each line."""
     counts = [len(nus) for nus in lines.swept.values()]
     line, nus = np.repeat(list(lines.swept), counts), np.concatenate(list(lines.swept.values()))
@@ -137,7 +137,7 @@ class SpeedSweep:
 
     def with_more(self, speeds: Sequence[float]) -> SpeedSweep:
         """Return the sweep with orbits at more speeds."""
-        (more,) = sweeps(self.drive, Lines(self.lines.at, {self.line: np.array(speeds)}))
+        (more,) = run_sweeps(self.drive, Lines(self.lines.at, {self.line: np.array(speeds)}))
         order = np.argsort([*self.speeds, *speeds])
         columns = {name: np.append(x, more.columns[name]) for name, x in self.columns.items()}
         every = zip(vars(self.peaks).values(), vars(more.peaks).values())

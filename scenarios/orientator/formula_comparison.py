@@ -132,7 +132,7 @@ class FormulaComparison:
         return [motion.motion(f"{' works, '.join(runs)} does not", runs)]
 
 
-def compare(
+def compare_with_formula(
     context: Context, base: System, friction: float, frictions: Sequence[float]
 ) -> FormulaComparison:
     """Compare limits over the plane, and those with every dimension a little smaller and larger."""

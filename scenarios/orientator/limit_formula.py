@@ -38,6 +38,17 @@ class TurningPath(NamedTuple):
     stops: float
 
 
+class HookImpact(NamedTuple):
+    """The contact with the hook: slope w1/w2 after it, kinetic energy before it, energy + W energy_per_W, and its
+    share that is left after it.
+    """
+
+    slope: float
+    energy: float
+    energy_per_W: float
+    share_left: float
+
+
 @dataclass(frozen=True)
 class OrientatorParameters:
     """The parameters of the FMU in SI units, index 1 the catcher's, index 2 the cup's."""
@@ -140,10 +151,8 @@ class OrientatorParameters:
         }  # fmt: skip
 
     @cached_property
-    def hook_contact(self) -> tuple[float, float, float, float]:
-        """Slope w1/w2 after the hook contact, kinetic energies before it, a + W b, and their share
-        that is left after it.
-        """
+    def hook_impact(self) -> HookImpact:
+        """The impact of the contact with the hook."""
         *_, y, J = self.hinge(self.phi10)
         landed = (self.m2 * y) ** 2 * self.H / J
         high = self.energy(self.phi10, UP, self.l1 * math.sin(self.phi10) - self.l2)
@@ -158,13 +167,13 @@ class OrientatorParameters:
         )
         mass = np.array([[k["M11"], k["M12"]], [k["M12"], k["M22"]]])
         speeds = np.linalg.solve(mass, momenta)
-        return float(speeds[0] / speeds[1]), float(a), float(b), float(speeds @ mass @ speeds / J)
+        share = float(speeds @ mass @ speeds / J)
+        return HookImpact(float(speeds[0] / speeds[1]), float(a), float(b), share)
 
     @property
     def lies_down(self) -> float:
         """W above which the cup cannot reach the hook: a bound of every limit, closed [rad2/s2]."""
-        _, a, b, _ = self.hook_contact
-        return -a / b
+        return -self.hook_impact.energy / self.hook_impact.energy_per_W
 
     def needed(self, phi2: float) -> float:
         """Square of the cup's speed at its release at phi2 that takes it to the end, over W."""
@@ -180,7 +189,7 @@ class OrientatorParameters:
         """The parabola with this slope and second derivative, to where the tip leaves the cup; None
         where it stays.
         """
-        _, *energy, share = self.hook_contact
+        impact = self.hook_impact
         start, first = self.flush, self.flush + UP
 
         def at(x: Any) -> tuple[Any, Any, dict[str, Any]]:
@@ -197,7 +206,9 @@ class OrientatorParameters:
         phi1, phi2, k = at(end * x)
         p, c2, m, half = slope + bend * end * x, np.cos(phi2), self.m2, self.l1 / 2
         F_1, F_2 = self.forces
-        gained = share * np.array(energy) + self.energy(*self.pose)
+        gained = impact.share_left * np.array([impact.energy, impact.energy_per_W]) + self.energy(
+            *self.pose
+        )
         mass = (k["M11"] * p + 2 * k["M12"]) * p + k["M22"]
         square = 2 * (gained[:, None] - self.energy(phi1, phi2, k["yc"])) / mass
 
@@ -235,7 +246,7 @@ class OrientatorParameters:
             still, turns = back.left @ HELD
             if back.stops >= -still / turns > 0.0:
                 return float(-still / turns), 6
-        slope = self.hook_contact[0]
+        slope = self.hook_impact.slope
 
         def left(bend: float) -> float:
             path = self.path(slope, bend)

@@ -80,9 +80,7 @@ class Effects:
 
 @dataclass(frozen=True)
 class NeglectedComparison:
-    """Each effect beside the paper's equations, at a friction and over rotor speeds, the first of which [rpm]
-    is that of the figures.
-    """
+    """Each effect beside the paper's equations, at a friction: figures at a rotor speed [rpm], a table over others."""
 
     machines: Mapping[str, System]
     friction: float
@@ -128,13 +126,14 @@ class NeglectedComparison:
         return [motion.motion("Without and with the neglected effects", runs)]
 
 
-def compare(
-    context: Context, base: System, effects: Effects, speeds: Sequence[float]
+def compare_with_effects(
+    context: Context, base: System, effects: Effects, speed: float, table_speeds: Sequence[float]
 ) -> NeglectedComparison:
     """Run all machines at all speeds [rpm], and find where each of them jams.
 
-    The figures are those of the first speed, the rows of the table those of the others.
+    The figures are those of `speed`, the rows of the table those of `table_speeds`.
     """
+    speeds = speed, *table_speeds
     kinds, mu = effects.machines(base), effects.friction
     cases = [(system, n) for system in kinds.values() for n in speeds]
     times = [*context.each(partial(time_of_orientation, mu), cases, "effects", probes=True)]
@@ -148,7 +147,7 @@ def compare(
     for name, end in zip(kinds, ends):
         which = f"with {EFFECTS[name]}" if name in EFFECTS else "of the paper"
         all_figures[f"limit_{name}"] = end._replace(meaning=f"largest rotor speed {which}")
-    return NeglectedComparison(kinds, mu, speeds[0], all_figures, {TABLE: table})
+    return NeglectedComparison(kinds, mu, speed, all_figures, {TABLE: table})
 
 
 def with_slower_creep(system: System) -> list[System]:

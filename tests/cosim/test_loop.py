@@ -14,7 +14,7 @@ from cosim.engine import compiler, members
 from cosim.engine.compiler import MEMBERS, SOURCE
 from cosim.engine.structures import structures
 from cosim.fmu.fmi3 import StepAnswer
-from cosim.fmu.operations import NOT_FINITE, Code, Layout
+from cosim.fmu.operations import NOT_FINITE, Code, COperation
 
 
 def enumeration(text: str) -> list[str]:
@@ -27,7 +27,7 @@ def enumeration(text: str) -> list[str]:
 def differences(text: str) -> list[str]:
     """What of the tables in Python is not as in this C."""
     wrong = [] if enumeration(text) == [*(code.name for code in Code), "NOT_FINITE"] else ["enum"]
-    made, pairs = structures(text), {"operation": Layout, "answer": StepAnswer}
+    made, pairs = structures(text), {"operation": COperation, "answer": StepAnswer}
     return wrong + [n for n, kind in pairs.items() if made[n]._fields_ != list(kind._fields_)]
 
 

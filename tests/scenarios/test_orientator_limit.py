@@ -85,7 +85,7 @@ def jacobi(m: OrientatorParameters, W: float) -> tuple[float, float, float] | No
     """Angles of catcher and cup and the square of the cup's speed at its release, from the equation
     of motion over phi2 and the energy at the hook contact; None where the catcher comes back first.
     """
-    slope, a, b, share = m.hook_contact
+    slope, a, b, share = m.hook_impact
     phi1, phi2, _ = m.pose
     k = m.hook(phi1, phi2)
     mass = (k["M11"] * slope + 2 * k["M12"]) * slope + k["M22"]

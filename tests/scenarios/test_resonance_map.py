@@ -52,7 +52,7 @@ def plane(x: str, y: str, speed: float = 60.0) -> Plane:
 def mapped() -> Points:
     """Speed and motor.T, with the reference machine in the middle row."""
     map_plane = plane("speed=24:64:11", "motor.T=0.05:0.075:3")
-    return map_plane, *resonance_map.swept(map_plane, DRIVE, None)
+    return map_plane, *resonance_map.sweep(map_plane, DRIVE, None)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def ridges(mapped: Points) -> pd.DataFrame:
 
 
 def ridges_of(map_plane: Plane) -> pd.DataFrame:
-    return resonance_map.ridges(map_plane, DRIVE, resonance_map.swept(map_plane, DRIVE, None)[1])
+    return resonance_map.ridges(map_plane, DRIVE, resonance_map.sweep(map_plane, DRIVE, None)[1])
 
 
 def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> None:
@@ -145,7 +145,7 @@ def test_points_without_a_steady_orbit_are_reported_and_left_out(
 ) -> None:
     """A motor too weak to turn the crank over its spring stands still at every slow speed."""
     map_plane = plane("speed=4:60:4", "motor.T=0.05:0.06:2")._replace(machine=replace(A, B=2.0))
-    points, orbits = resonance_map.swept(map_plane, DRIVE, None)
+    points, orbits = resonance_map.sweep(map_plane, DRIVE, None)
     assert points["ripple"].isna().any() and not points["ripple"].isna().all()
     assert "No steady orbit at motor.T = 0.05 s, speed of 4 rad/s" in caplog.text
     assert math.isnan(resonance_map.ridges(map_plane, DRIVE, orbits)["lag_90"][0])

@@ -283,12 +283,17 @@ EXAMPLE = (ROOT / "examples" / "run_down.py").read_text()
 BROKEN = [
     ("    numbers = (", "    values = (", 2, "must have numbers, or define figures(self, r)"),
     (
-        "RunDown(Question, Run)",
-        "RunDown(Run)",
+        "RunDown(Question, RunOptions)",
+        "RunDown(RunOptions)",
         2,
         "must define one class that derives from workbench.Question",
     ),
-    ("RunDown(Question, Run)", "RunDown(Question)", 2, "must derive from workbench.Run as well"),
+    (
+        "RunDown(Question, RunOptions)",
+        "RunDown(Question)",
+        2,
+        "must derive from workbench.RunOptions as well",
+    ),
     ('"-motor.tau"), "N.m"', '"-motor.tau"), ""', 2, "the formula '-motor.tau' needs a unit"),
     ('level="0.1 * speed"', 'level="0.1 * spee"', 2, "formula '0.1 * spee' uses 'spee'"),
     ('f["tenth"], most', 'f["tent"], most', 1, "KeyError: 'tent'"),

@@ -13,10 +13,10 @@ from workbench.run import found
 PAGE = '''"""Does a number have its error?"""
 
 from cosim.metrics import Integral
-from workbench import Number, Question, Reader, Run, option
+from workbench import Number, Question, Reader, RunOptions, option
 
 
-class Turning(Question, Run):
+class Turning(Question, RunOptions):
     parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
     wires = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
     start_values = {"conveyor.w": "speed"}

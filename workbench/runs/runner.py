@@ -110,7 +110,7 @@ class Runner(ABC):
         with (
             handle_stop_signals(signal.default_int_handler),
             closing(fresh),
-            _progress(len(tasks)) as progress,
+            _progress_bar(len(tasks)) as progress,
         ):
             bar = progress.add_task(title, total=len(tasks), completed=len(done), failed=failed)
             try:
@@ -216,7 +216,7 @@ def _failure(number: str, task: object, outcome: Outcome) -> Exception:
     return RunFailedError(f"{number} ({name}): {outcome.message}{trace}")
 
 
-def _progress(number: int) -> Progress:
+def _progress_bar(count: int) -> Progress:
     """Return a bar of several runs on a terminal, done, failed, time left; nothing anywhere else."""
     console = Console(stderr=True)
     return Progress(
@@ -227,5 +227,5 @@ def _progress(number: int) -> Progress:
         TimeRemainingColumn(),
         console=console,
         redirect_stdout=False,
-        disable=number <= 1 or not console.is_terminal,
+        disable=count <= 1 or not console.is_terminal,
     )

@@ -37,7 +37,7 @@ def computing(body: Iterable[ast.stmt]) -> list[ast.stmt]:
 
     The class is without what is SHOWN.
     """
-    statements = [single for statement in body for single in _singles(statement)]
+    statements = [single for statement in body for single in _imports_split(statement)]
     classes = [x for x in statements if isinstance(x, ast.ClassDef) and is_question(x)]
     for each in classes:
         each.body = [x for x in each.body if not _names(x) & SHOWN] or [ast.Pass()]
@@ -47,7 +47,7 @@ def computing(body: Iterable[ast.stmt]) -> list[ast.stmt]:
     return [x for x, own in zip(statements, names) if not own or own & kept]
 
 
-def _singles(statement: ast.stmt) -> Iterator[ast.stmt]:
+def _imports_split(statement: ast.stmt) -> Iterator[ast.stmt]:
     """A statement; of an import, one for each name."""
     if isinstance(statement, ast.Import | ast.ImportFrom):
         for alias in statement.names:

@@ -101,11 +101,11 @@ class CallWorker:
                     return message
                 self._began = time.monotonic()
         except (EOFError, OSError):
-            return self._lose()
+            return self._retry_or_crash()
         except Exception as error:  # noqa: BLE001
             return Outcome("failed", message=f"its answer cannot be read: {error}")
         if not is_running:
-            return self._lose()
+            return self._retry_or_crash()
         if self.left() == 0.0:
             output, _ = self._bury()
             text = f"no answer after {self._timeout:g} s"
@@ -137,8 +137,8 @@ class CallWorker:
             self._child.pipe.send(page)
             self._child.pipe.send_bytes(content)
 
-    def _lose(self) -> Outcome | None:
-        """The child died: its call is done again if that came from outside."""
+    def _retry_or_crash(self) -> Outcome | None:
+        """The child died: None, and its call sent again, if that came from outside; else what became of it."""
         output, death = self._bury(LAST_MOMENTS)
         outside, began = death in OUTSIDE, self._began
         self._deaths += 1

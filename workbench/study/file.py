@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import qmc
+from scipy.stats.distributions import rv_frozen
 
 from cosim import SetupError
 from cosim.units import QUANTITY
@@ -65,7 +66,7 @@ class Sampling(NamedTuple):
         if self.method == "saltelli":
             from SALib.sample import sobol
 
-            inputs = problem([str(number) for number in range(dimensions)])
+            inputs = salib_problem([str(number) for number in range(dimensions)])
             cube = sobol.sample(inputs, self.number, calc_second_order=False, seed=self.seed)
         else:
             kind = {"lhs": qmc.LatinHypercube, "sobol": qmc.Sobol}[self.method]
@@ -73,7 +74,7 @@ class Sampling(NamedTuple):
         return np.asarray(np.clip(cube, LEAST, 1.0 - LEAST))
 
 
-def problem(inputs: Sequence[str]) -> dict[str, Any]:
+def salib_problem(inputs: Sequence[str]) -> dict[str, Any]:
     """Inputs between 0 and 1, as SALib wants them."""
     return {"num_vars": len(inputs), "names": list(inputs), "bounds": [[0.0, 1.0]] * len(inputs)}
 
@@ -95,7 +96,7 @@ class Study:
     figures: Sequence[str]
     fixed: Mapping[str, Value]
     grid: Mapping[str, Sequence[Value]]
-    tolerances: Mapping[str, Any]
+    tolerances: Mapping[str, rv_frozen]
     limits: Mapping[str, float | str]
 
     @property
@@ -266,7 +267,7 @@ def _once(key: str, values: Sequence[Value]) -> None:
             raise SetupError(f"{key} contains {quoted(x)} twice")
 
 
-def _tolerance(option: Option, spec: Any, key: str) -> Any:
+def _tolerance(option: Option, spec: Any, key: str) -> rv_frozen:
     """The distribution of a sampled input, all of which its option takes if it has ends."""
     distribution = _distribution(option, spec, key)
     for end in ends(distribution):
@@ -274,14 +275,15 @@ def _tolerance(option: Option, spec: Any, key: str) -> Any:
     return distribution
 
 
-def ends(distribution: Any) -> list[float]:
+def ends(distribution: rv_frozen) -> list[float]:
     """The least and the largest sample of a distribution; none if it has no ends."""
-    if not np.isfinite(distribution.support()).all():
+    if not np.isfinite(np.array(distribution.support())).all():
         return []
     return [float(x) for x in distribution.ppf([LEAST, 1.0 - LEAST])]
 
 
-def _distribution(option: Option, spec: Any, key: str) -> Any:
+def _distribution(option: Option, spec: Any, key: str) -> rv_frozen:
+    """A distribution of scipy.stats from {from, to} or {nominal, uniform or normal}; SetupError for any other form."""
     if option.kind is not float or option.many:
         expected = "a list" if option.many else TYPE_NAMES[option.kind]
         raise SetupError(f"{key}: the option takes {expected}; vary it in [grid]")

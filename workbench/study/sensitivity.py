@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from .file import SALIB, Samples, Sampling, Study, problem
+from .file import SALIB, Samples, Sampling, Study, salib_problem
 
 #: Harmonics of RBD-FAST; chosen: FAST is usually run with 4 or 6 (Saltelli, Tarantola and Chan, 1999), and more
 #: harmonics add noise to few samples.
@@ -65,7 +65,7 @@ def indices(
     if np.ptp(y) <= FLAT * np.abs(y).max():
         return "it does not vary"
     shares, r2 = _line(x, y)
-    names, seed = problem(inputs), sampling.seed
+    names, seed = salib_problem(inputs), sampling.seed
     result: dict[str, Any]
     if saltelli:
         from SALib.analyze import sobol

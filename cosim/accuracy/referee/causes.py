@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -103,39 +104,48 @@ def table_causes(
             yield Cause(kind, f"{signal.column} {text}", better, (signal.name,))
 
 
+class Candidate(NamedTuple):
+    """A way to make a column: its kind, the rest of a clause, the column, and the least reduction for which it counts."""
+
+    kind: str
+    text: str
+    column: Array
+    least_reduction: float
+
+
 def _candidates(
     signal: SignalJudgement, network: Network, references: Mapping[str, Array]
-) -> Iterator[tuple[str, str, Array, float]]:
-    """Ways to make a column: kind, the rest of a clause, what they make, and the least reduction for which they count."""
+) -> Iterator[Candidate]:
+    """Ways to make a column."""
     port, x, rest = network.port(signal.name), signal.reference, signal.values - signal.reference
     if port.type == "Real":
-        yield "sign", "has the opposite sign", -x, LEAST_REDUCTION
+        yield Candidate("sign", "has the opposite sign", -x, LEAST_REDUCTION)
         for unit, factor, offset in units_of(port, network):
             text = f"is in {unit}, not in {port.unit or '1'}"
-            yield "unit", text, factor * x + offset, LEAST_REDUCTION
+            yield Candidate("unit", text, factor * x + offset, LEAST_REDUCTION)
         if signal.varies:
             for what, factor in wrong_factors(port.unit):
                 text = f"is {factor:.6g} times the reference: {what}?"
-                yield "scale", text, factor * x, LEAST_REDUCTION**2
+                yield Candidate("scale", text, factor * x, LEAST_REDUCTION**2)
     for name, other in references.items():
         # as far as the column is that variable and not merely small like it
         distance = root_mean_square(signal.values - other)
         if name != signal.name and distance * LEAST_REDUCTION <= float(np.std(other)):
-            yield "columns crossed", f"holds {name}", other, LEAST_REDUCTION
+            yield Candidate("columns crossed", f"holds {name}", other, LEAST_REDUCTION)
     yield _delay(signal)
     offset = float(np.mean(rest))
     if abs(offset) > LEAST_REDUCTION * np.finfo(float).eps * signal.scale:
         number = f"{offset:+.6g} {signal.unit}".rstrip()
         text = f"is {number} off from the first row on: its start value or zero"
-        yield "offset", text, x + offset, LEAST_REDUCTION
+        yield Candidate("offset", text, x + offset, LEAST_REDUCTION)
     if port.kind.is_held:
-        yield from _missed_events(signal)
+        yield from _with_one_event_missed(signal)
     if port.type == "Real" and signal.varies:
         fit = float(signal.values @ x) / float(x @ x)
-        yield "scale", f"is {fit:.6g} times the reference", fit * x, DECISIVE_REDUCTION
+        yield Candidate("scale", f"is {fit:.6g} times the reference", fit * x, DECISIVE_REDUCTION)
 
 
-def _delay(signal: SignalJudgement) -> tuple[str, str, Array, float]:
+def _delay(signal: SignalJudgement) -> Candidate:
     """The reference some time later or earlier."""
     from scipy.optimize import minimize_scalar
 
@@ -157,10 +167,10 @@ def _delay(signal: SignalJudgement) -> tuple[str, str, Array, float]:
         delay = float(refined.x)
     direction = "late" if delay > 0.0 else "early"
     text = f"is {abs(delay):.4g} s ({abs(delay) / spacing:.3g} rows) too {direction}"
-    return "delay", text, np.interp(t - delay, t, x), LEAST_REDUCTION
+    return Candidate("delay", text, np.interp(t - delay, t, x), LEAST_REDUCTION)
 
 
-def _missed_events(signal: SignalJudgement) -> Iterator[tuple[str, str, Array, float]]:
+def _with_one_event_missed(signal: SignalJudgement) -> Iterator[Candidate]:
     """A column that holds its values, with one of its changes left out."""
     x = signal.reference
     changes = np.flatnonzero(np.diff(x))[:MOST_CHANGES]
@@ -170,4 +180,4 @@ def _missed_events(signal: SignalJudgement) -> Iterator[tuple[str, str, Array, f
         reproduced = x.copy()
         reproduced[k + 1 : end] = x[k]
         text = f"misses the event at {signal.t[k + 1]:.6g} s"
-        yield "missed event", text, reproduced, LEAST_REDUCTION
+        yield Candidate("missed event", text, reproduced, LEAST_REDUCTION)

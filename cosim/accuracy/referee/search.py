@@ -143,7 +143,7 @@ class CauseSearch:
             return math.inf
         return root_mean_square(columns - self.table[:, : columns.shape[1]])
 
-    def begins_alike(self, system: System) -> bool:
+    def begins_closer_to_table(self, system: System) -> bool:
         """Whether the first rows of a system are clearly closer to those of the table than the reference is."""
         columns = self.columns(system, rows=self.beginning)
         before = self.distance(self.reference[:, : self.beginning])
@@ -357,7 +357,7 @@ def _by_method(search: CauseSearch, method: Method, step: float) -> Array | None
 def _variant_causes(search: CauseSearch, scores: list[tuple[float, Variant]]) -> Iterator[Cause]:
     """What is lost, crossed or wrongly converted; the distance of each variant is added to the scores."""
     for variant in variants(search.network):
-        if variant.is_guess and not search.begins_alike(variant.system):
+        if variant.is_guess and not search.begins_closer_to_table(variant.system):
             continue
         columns = search.columns(variant.system)
         scores.append((search.distance(columns), variant))

@@ -25,7 +25,7 @@ EARLY_SHARE = 0.4
 INSTANCE_LEAK = 16 * 1024
 
 
-def resident() -> int:
+def resident_after_collection() -> int:
     """The resident memory of this process [bytes]."""
     gc.collect()
     return int(Path("/proc/self/statm").read_text().split()[1]) * PAGESIZE
@@ -47,7 +47,7 @@ def memory(s: Subject) -> str:
                     break
                 taken += 1
                 if taken % (MANY_STEPS // MARKS) == 0:
-                    sizes.append(resident())
+                    sizes.append(resident_after_collection())
         if life <= s.steps // 2 or (s.once and life < MANY_STEPS):
             raise NotOffered(f"it takes no more than {life} steps with constant inputs")
     growths = [current - previous for previous, current in pairwise(sizes)]
@@ -66,7 +66,7 @@ def _growth_by_instances(s: Subject) -> str:
         with s.running(1):
             pass
         if k in marks:
-            sizes.append(resident())
+            sizes.append(resident_after_collection())
     growths = [current - previous for previous, current in pairwise(sizes)]
     growth = f"{sum(growths) / 1024:.0f} KiB more after {INSTANCES} instances than after {early}"
     if sum(growths) > INSTANCE_LEAK * (INSTANCES - early) and all(g > 0 for g in growths):

@@ -15,7 +15,7 @@ import fmpy
 from lxml import etree
 
 from ...errors import SetupError
-from .second import make_1_0
+from .second import downgrade_to_1_0
 
 Element = Any
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
@@ -134,7 +134,7 @@ def parse(path: Path, tag: str) -> Element:
     Raises SetupError with the line and the reason.
     """
     root = load(path)
-    validate(root, tag, path.name)
+    downgrade_and_validate(root, tag, path.name)
     return root
 
 
@@ -152,16 +152,16 @@ def require_root(element: Element, tag: str, where: str) -> None:
     )
 
 
-def validate(element: Element, tag: str, name: str) -> None:
-    """Check an element and what is below it; raises SetupError with the line and the reason.
+def downgrade_and_validate(element: Element, tag: str, name: str) -> None:
+    """Make an element and what is below it one of SSP 1.0 in place, and check it; raises SetupError with the line and the reason.
 
-    What SSP 2.0 has more is made 1.0 in place, as far as a system can have it; the rest is refused.
+    What SSP 2.0 has more is made 1.0 as far as a system can have it; the rest is refused.
     Attributes that are none of SSP are foreign with a logged warning.
     """
     require_root(element, qualified(tag), f"{name}, line {element.sourceline}")
     version, wide = element.get("version"), []
     if version == "2.0":
-        wide = make_1_0(element, name)
+        wide = downgrade_to_1_0(element, name)
     elif version not in (None, "1.0"):
         raise SetupError(f"{name}: version {version} of SSP is not supported, only 1.0 and 2.0")
     for kind in element.iter(qualified("ssc:Enumeration")):

@@ -12,7 +12,7 @@ from ...numbers import truth
 from ...system import READ, Value, enumeration
 from ...system.base_units import Unit
 from ...system.description import Variable
-from .files import Element, children, parse, plain, qualified, validate
+from .files import Element, children, downgrade_and_validate, parse, plain, qualified
 from .units import Definitions, Step, definitions
 
 Locate = Callable[[str, str], Path]
@@ -99,7 +99,7 @@ def _content(
         return path.name, parse(path, tag)
     if len(contents) != 1:
         raise SetupError(f"{where}: one {tag} or a source is needed")
-    validate(contents[0], tag, file)
+    downgrade_and_validate(contents[0], tag, file)
     return file, contents[0]
 
 

@@ -18,7 +18,7 @@ from ...system.base_units import Unit
 from ...system.description import ModelDescription, Variable
 from .files import ELEMENT, LINK, Budget, Element
 from .parameters import Parameter
-from .units import Step, chain, defined, unit_of
+from .units import Step, chain, unit_of, with_definition
 
 Node = tuple[str, str]
 DOWNWARD = ("input", "parameter")
@@ -180,7 +180,7 @@ class Plan:
     def _with_definition(self, unit: Unit | None, node: Node) -> Unit | None:
         if unit is None:
             return None
-        return defined(unit, self.descriptions[node[0]], self.variables[node].unit)
+        return with_definition(unit, self.descriptions[node[0]], self.variables[node].unit)
 
     def _set(self, node: Node, parameter: Parameter, scale: tuple[float, float]) -> None:
         self.budget.take(parameter.where, LINK)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from copy import deepcopy
 from itertools import product
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...errors import SetupError
 from ...system.arrays import CLASSIC_TYPES
@@ -24,7 +24,14 @@ INT_BITS = 32
 MOST_ELEMENTS = 1_000_000
 
 
-def make_1_0(root: Element, name: str) -> list[tuple[Element, str]]:
+class TooWide(NamedTuple):
+    """A whole number that an Integer of SSP 1.0 cannot have, and the text of its value."""
+
+    element: Element
+    text: str
+
+
+def downgrade_to_1_0(root: Element, name: str) -> list[TooWide]:
     """Rewrite an element of SSP 2.0 as one of 1.0, in place, without what says nothing of the system.
 
     Parameters
@@ -36,8 +43,8 @@ def make_1_0(root: Element, name: str) -> list[tuple[Element, str]]:
 
     Returns
     -------
-    list of (Element, str)
-        Values that an Integer of SSP 1.0 cannot have, which is 0 here; they are set after validation.
+    list of TooWide
+        Values that an Integer of SSP 1.0 cannot have, which are 0 here; the caller sets them again after validation.
 
     Raises
     ------
@@ -177,7 +184,7 @@ def _replace(element: Element, copies: list[Element]) -> None:
     parent[where : where + 1] = copies
 
 
-def _wide(root: Element, name: str) -> Iterator[tuple[Element, str]]:
+def _wide(root: Element, name: str) -> Iterator[TooWide]:
     """Values of whole numbers that are too large for SSP 1.0, with 0 in their place."""
     for element in root.iter(*(f"{{*}}{kind}" for kind in WIDTHS)):
         text = element.get("value", "")
@@ -190,7 +197,7 @@ def _wide(root: Element, name: str) -> Iterator[tuple[Element, str]]:
             raise SetupError(f"{where} = {text} is outside the range of {_plain(element.tag)}")
         if not -(2 ** (INT_BITS - 1)) <= int(text) < 2 ** (INT_BITS - 1):
             element.set("value", "0")
-            yield element, text
+            yield TooWide(element, text)
 
 
 def _plain(tag: str) -> str:

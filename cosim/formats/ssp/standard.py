@@ -16,7 +16,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from ...errors import SetupError
 from .files import SCHEMAS, Budget, Element, load, load_schema, plain, unpack
-from .second import make_1_0
+from .second import downgrade_to_1_0
 from .standard_report import ALLOWED_ROOTS, CheckedFile, Finding, Severity, StandardReport
 from .standard_structure import check_structure
 from .standard_tools import check_tools
@@ -171,7 +171,7 @@ def _check_document(root: Element, path: Path) -> Iterator[Finding]:
     candidate = deepcopy(root)
     try:
         if version == "2.0":
-            make_1_0(candidate, path.name)
+            downgrade_to_1_0(candidate, path.name)
         schema = load_schema(SCHEMAS[root.tag])
         if not schema.validate(candidate):
             for error in list(schema.error_log)[:MOST_SCHEMA_ERRORS]:

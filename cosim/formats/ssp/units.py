@@ -68,19 +68,19 @@ def _new(element: Element, defined_names: Iterable[str], file: str) -> str:
 
 def unit_of(variable: Variable, description: ModelDescription) -> Unit | None:
     """The unit that an FMU gives a variable, that of a difference without an offset."""
-    unit = defined(Unit(variable.unit), description) if variable.unit else None
+    unit = with_definition(Unit(variable.unit), description) if variable.unit else None
     return unit.without_offset() if unit and variable.relativeQuantity else unit
 
 
-def defined(unit: Unit, description: ModelDescription, shown: str | None = None) -> Unit:
+def with_definition(unit: Unit, description: ModelDescription, of_unit: str | None = None) -> Unit:
     """A unit as its file defines it, else as the FMU does that knows it; raises SetupError.
 
-    In an FMU it may be a display unit of the unit `shown`, a unit, or another display unit.
+    In an FMU it may be a display unit of `of_unit`, a unit, or another display unit.
     """
     units = description.unitDefinitions
     if unit.baseUnit is not None:
         return unit
-    for own in (u for u in units if u.name == shown):
+    for own in (u for u in units if u.name == of_unit):
         for display in (d for d in own.displayUnits if d.name == unit.name):
             return own.shown_in(display)
     for own in (u for u in units if u.name == unit.name and u.baseUnit is not None):

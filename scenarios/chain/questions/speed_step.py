@@ -22,7 +22,7 @@ from cosim.metrics import (
     TurnMean,
     last_turn,
 )
-from workbench import Figure, Judgement, Question, Run, option
+from workbench import Figure, Judgement, Question, RunOptions, option
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
 from workbench.live import LiveMotion, Number, Reader, RunChart, RunPanel, Slider
 
@@ -49,7 +49,7 @@ MEAN_OF_TURN = TurnMean("load.w", over="load.phi")
 LAST = "in the last turn before {stop:g} s"
 
 
-class SpeedStep(Question, Run):
+class SpeedStep(Question, RunOptions):
     """The step of the set speed, the gear ratio, and how the run is made."""
 
     parts = {

@@ -42,7 +42,7 @@ from workbench.judgement import Holds
 from ..first_order import SETS, Machine
 from ..fitted_drive import CHANGED, IdentifiedDrive, edges, figures
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive, followed, induction, linearised, require_torque
+from ..machine import conveyor_drive, followed, has_kloss_characteristic, linearised, require_torque
 from ..motion import moving
 from ..options import RippleOptions
 from ..papers import cited
@@ -83,7 +83,7 @@ class Identify(Question, RecordOptions, RippleOptions):
         w = w * multiples("rad/s").get(record[SPEED].signal.unit, 1.0)
         nu = float(np.nanmean(w))
         operating = self.speed or nu
-        supply, slope = KLOSS if induction(base) else LINEAR
+        supply, slope = KLOSS if has_kloss_characteristic(base) else LINEAR
         if not self.known and TORQUE not in record:
             raise SetupError(
                 f"{self.data}: speed alone determines neither mass nor torque; give what is known, as in "
@@ -170,7 +170,7 @@ def guess(o: Identify, base: Machine, speed: cosim.Series) -> dict[str, Value]:
     tau = machine.load_slope * nu + (machine.torque_ripple(nu) * np.exp(2j * phi)).imag
     states = {"conveyor.phi": phi, "conveyor.w": float(np.median(w[:5])), "motor.tau": float(tau)}
     start: dict[str, Value] = {**base.start(nu), **states}
-    if induction(base):
+    if has_kloss_characteristic(base):
         start["motor.kloss.w_s"] = 1.02 * nu
     return start
 
@@ -192,14 +192,14 @@ def advice(o: Identify, fit: Identified) -> list[Advice]:
     stop, last = float(times[-1] - times[0]), {name: float(fit.result[name][-1]) for name in STATES}
     noise = {column.name: column.noise.sigma for column in fit.problem.columns}
     torque = {TORQUE: NOISE * o.rated}
-    supply = KLOSS[0] if induction(base) else LINEAR[0]
+    supply = KLOSS[0] if has_kloss_characteristic(base) else LINEAR[0]
     rest = {"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0}
     kinds: dict[str, Mapping[str, Value]] = {
         "the same again": last,
         "a run-up from rest": rest,
         "a step of the supply to 120 %": {**last, supply: 1.2 * values[supply]},
     }
-    if not induction(base):
+    if not has_kloss_characteristic(base):
         kinds["a run-down with the supply off"] = {**last, supply: 0.0}
     nu = float(np.mean(fit.result[SPEED]))
     experiments = fitting.planned_experiments(kinds, supply, stop, noise, torque)

@@ -41,7 +41,7 @@ from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
 from ..papers import cited
 from ..response import Lines, Response, locate
-from ..speed_sweep import LARGEST_PEAKED_ZETA, UNITS, sweeps
+from ..speed_sweep import LARGEST_PEAKED_ZETA, UNITS, run_sweeps
 
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 #: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
@@ -116,7 +116,7 @@ class InductionMotor(Question, NameplateOptions):
         of_kloss = lag_speeds(drive, [(x.machine, x.guides) for x in each])
         lag_speeds_ = list(zip(of_kloss, lag_speeds(drive, [(x.line, x.guides) for x in each])))
         table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds_)], COLUMNS)
-        speeds = swept(drive, sheet)
+        speeds = characteristics_table(drive, sheet)
         heavy = max(zip(each, lag_speeds_), key=lambda it: it[0].machine.d)
         small = min(zip(each, lag_speeds_), key=lambda it: it[0].breakdown)
         return Findings(
@@ -240,10 +240,10 @@ def lag_speeds(drive: Drive, machines: Sequence[tuple[Machine, Samples]]) -> lis
     """The speeds of 90 degrees lag of machines, each sought from orbits at some speeds around [rad/s]."""
     for machine, nus in machines:
         for nu in nus[[0, -1]].tolist():
-            drive.check(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
+            drive.require_enough_steps(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
     each, guides = zip(*machines)
     lines = Lines.of(Machine.of(each), dict(enumerate(guides)))
-    responses = [sweep.response for sweep in sweeps(replace(drive, multiples=1), lines)]
+    responses = [sweep.response for sweep in run_sweeps(replace(drive, multiples=1), lines)]
     sought = [response.lag() for response in responses]
     return [figure for figure, _ in locate(drive, responses, sought).figures(sought, "rad/s")]
 
@@ -271,12 +271,12 @@ def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
     ]  # fmt: skip
 
 
-def swept(drive: Drive, motor: Motor) -> Table:
+def characteristics_table(drive: Drive, motor: Motor) -> Table:
     """Ripple and lag over the speed, with the characteristic and with the line of its slope."""
     nus = np.linspace(motor.guides[0], motor.guides[-1], 2 * GUIDE_SPEEDS + 1)
     units, columns = {"nu": "rad/s"}, {"nu": nus}
     for name, machine in (("kloss", motor.machine), ("linear", motor.line)):
-        (sweep,) = sweeps(drive, Lines.of(machine, {0: nus}))
+        (sweep,) = run_sweeps(drive, Lines.of(machine, {0: nus}))
         for column in ("tau2", "tau2_error", "lag", "lag_error"):
             what, _, end = column.partition("_")
             key = f"{what}_{name}{'_' * bool(end)}{end}"

@@ -80,9 +80,9 @@ class MeanValues(Question, SweepOptions):
         nus = self.speeds or speeds_of(SPEEDS[self.set])
         operating = self.speed or float(machine.nu_res)
         for nu in nus:
-            drive.check(machine, nu)
+            drive.require_enough_steps(machine, nu)
         drive = drive.checked(machine, nus[0])
-        drive.check(machine, operating, STEP_MULTIPLES[drive.multiples - 1])
+        drive.require_enough_steps(machine, operating, STEP_MULTIPLES[drive.multiples - 1])
         rows = mean_figures(drive, machine, sorted({*nus, operating}))
         units = {"nu": "rad/s"}
         for name, (unit, _) in MEANT.items():

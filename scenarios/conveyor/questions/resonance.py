@@ -51,7 +51,7 @@ from ..live_ripple import live_part
 from ..machine import PARTS as DRIVE
 from ..machine import (
     conveyor_drive,
-    induction,
+    has_kloss_characteristic,
     kloss,
     linearised,
     mains_speed,
@@ -64,7 +64,7 @@ from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
 from ..papers import cited
 from ..response import PHASE_UNDEFINED, RIPPLES, SPEED, TORQUE, VANISHING, Lines, Sought, locate
 from ..ripple_limit import LimitCrossing, RippleLimit
-from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, sweeps
+from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, run_sweeps
 
 TABLE = "resonance.csv"
 #: Rounds of the fixed point of formula (22): the slope of a motor changes little with the speed, so each round leaves a
@@ -193,7 +193,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
                 if has_peak
                 else "90 degree lag, which is no resonance with this damping",
                 f["nu_90"],
-                note=side(f["nu_90_away"]),
+                note=resonance_side_and_distance(f["nu_90_away"]),
             ),
             *([] if r.classical else r.limit.judgements()),
             *(classical.judgements(r.classical) if r.classical else []),
@@ -276,8 +276,8 @@ def planned(o: Resonance, context: Context, base: Machine, why: str) -> SweepPla
     require_torque(base, [*speeds, speed])
     drive = Drive(context, o.algorithm, o.steps_per_rev)
     every = sorted({*speeds, speed})
-    for nu in every if induction(base) else every[:1]:
-        drive.check(linearised(base, nu), nu)
+    for nu in every if has_kloss_characteristic(base) else every[:1]:
+        drive.require_enough_steps(linearised(base, nu), nu)
     return SweepPlan(o, base, drive.checked(linearised(base, every[0]), every[0]), speeds, speed)
 
 
@@ -286,7 +286,7 @@ def solved(plans: Sequence[SweepPlan]) -> Iterator[Findings]:
     drive = plans[0].drive
     every = {k: np.array(sorted({*plan.speeds, plan.speed})) for k, plan in enumerate(plans)}
     lines = Lines.of(Machine.of([plan.machine for plan in plans]), every)
-    swept = sweeps(drive, lines)
+    swept = run_sweeps(drive, lines)
     sought = []
     responses = [sweep.at(plan.speeds).response for plan, sweep in zip(plans, swept)]
     for plan, response in zip(plans, responses):
@@ -371,7 +371,7 @@ def centred(o: Resonance, speeds: Sequence[float], base: Machine) -> Sequence[fl
 def taken(o: Resonance) -> list[Judgement]:
     """Return what a machine of one's own has from the set, and a lag that contradicts the slip of its motor."""
     judgements = o.contradictions()
-    is_induction = induction(SETS[o.set].follow(o.start))
+    is_induction = has_kloss_characteristic(SETS[o.set].follow(o.start))
     lacking = [x for x in FIELDS if x not in o.start and not (x == "motor.B" and is_induction)]
     if o.rated_torque is None and not o.plate:
         lacking.append("rated torque")
@@ -425,7 +425,7 @@ def amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure:
     return Figure(ripple.value / load, "1", ripple.error / load)
 
 
-def side(gap: Figure) -> str:
+def resonance_side_and_distance(gap: Figure) -> str:
     """Return on which side of the operating speed the resonance is, and how far."""
     if gap.error is None:
         return ""
@@ -447,7 +447,7 @@ def stalls(r: ResonanceData) -> list[Judgement]:
 
 def supply(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
     """Return how an induction motor is fed, since no motor has the synchronous speed of another supply."""
-    if not induction(r.machine):
+    if not has_kloss_characteristic(r.machine):
         return []
     at, given, slip = slip_speeds(r.at(r.speed), r.speed)
     slip_text = f"its slip speed at breakdown stays {slip:.4g} rad/s"

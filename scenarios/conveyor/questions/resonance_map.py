@@ -119,9 +119,11 @@ class ResonanceMap(Question, RippleOptions):
         drive = Drive(context, self.algorithm, self.steps_per_rev)
         machine, nu = plane.points()
         worst = int(np.argmax(machine.nu_res / nu))
-        drive.check(picked(machine, nu.shape, worst), float(nu[worst]), STEP_MULTIPLES[-1])
+        drive.require_enough_steps(
+            picked(machine, nu.shape, worst), float(nu[worst]), STEP_MULTIPLES[-1]
+        )
 
-        points, orbits = swept(plane, drive, context.out and context.out / TABLE)
+        points, orbits = sweep(plane, drive, context.out and context.out / TABLE)
         rows, error = ridges(plane, drive, orbits), coupling_error(plane, drive)
         map_ = Map(plane, drive, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
         ratio = map_.field("ripple") / map_.field("ripple_theory")
@@ -221,8 +223,10 @@ def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, floa
     return plane, span("range", o.range or RANGE, across.along)
 
 
-def swept(plane: Plane, drive: Drive, path: Path | None) -> tuple[DataFrame, Orbits]:
-    """The rows of the table of all points, which are kept on the way, too, and their orbits, shape (points,).
+def sweep(plane: Plane, drive: Drive, streamed_to: Path | None) -> tuple[DataFrame, Orbits]:
+    """The rows of the table of all points, and their orbits, shape (points,).
+
+    The rows are written to the file `streamed_to` on the way; it is never read.
 
     Raises SetupError where no orbit is steady.
     """
@@ -231,7 +235,7 @@ def swept(plane: Plane, drive: Drive, path: Path | None) -> tuple[DataFrame, Orb
     rows: list[list[float]] = []
     parts: list[Orbits] = []
     try:
-        with stream(path, list(units)) as keep:
+        with stream(streamed_to, list(units)) as keep:
             for some in np.array_split(np.arange(len(nu)), math.ceil(len(nu) / AT_ONCE)):
                 machines, speeds = picked(machine, nu.shape, some), nu[some]
                 parts.append(drive.orbits(machines, speeds[None], "map"))
@@ -250,10 +254,10 @@ def swept(plane: Plane, drive: Drive, path: Path | None) -> tuple[DataFrame, Orb
                 keep(np.transpose(columns).tolist())
                 rows += np.transpose(columns).tolist()
     except KeyboardInterrupt:
-        if not path:
+        if not streamed_to:
             raise KeyboardInterrupt(f"{len(rows)} of {len(nu)} points") from None
-        done = len(partial(path).read_text(encoding="utf-8").splitlines()) - 1
-        raise KeyboardInterrupt(f"{done} of {len(nu)} points in {partial(path)}") from None
+        done = len(partial(streamed_to).read_text(encoding="utf-8").splitlines()) - 1
+        raise KeyboardInterrupt(f"{done} of {len(nu)} points in {partial(streamed_to)}") from None
     points = Table.of_rows(rows, units).frame
     if points["ripple"].isna().all():
         raise SetupError("no orbit of the map is steady")

@@ -90,7 +90,7 @@ class RodForce(Question, RippleOptions):
         held = {key: parameter.value for key, parameter in parameters(system).items()}
         length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
         drive = Drive(context, self.algorithm, self.steps_per_rev)
-        drive.check(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
+        drive.require_enough_steps(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
         across = Direction("operating speed", "rad/s", np.array(self.speeds))
         up = Direction("stiffness of the spring", "N/m", np.array(self.springs))
         plane = Plane(ParameterAxis(SPEED_NAME, across), ParameterAxis(SPRING, up), present, nu)
@@ -109,7 +109,11 @@ class RodForce(Question, RippleOptions):
             {name: drive.orbits(x, turned, "operating speed") for name, x in machines.items()},
         )  # fmt: skip
         return Findings(
-            {**springs(data, spring), **loads(data, spring), **agreement(data)},
+            {
+                **springs(data, spring),
+                **load_and_resonance_figures(data, spring),
+                **agreement(data),
+            },
             data,
             system,
             communication=f"{self.steps_per_rev} steps per revolution",
@@ -204,7 +208,7 @@ def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     }
 
 
-def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
+def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
     nu, all_figures = r.plane.speed, dict[str, Figure]()
     span, shifts = np.linspace(r.speeds[0], r.speeds[-1], 1000), []

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim import Result, System
 from cosim.metrics import Mean, passings
-from workbench import Chart, Curve, Figure, Judgement, Panel, Question, Run, Show, option
+from workbench import Chart, Curve, Figure, Judgement, Panel, Question, RunOptions, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.live import Live, LiveRun, Number, Reader, RunChart, RunPanel, Slider, drawn
 from workbench.steady import TURN
@@ -49,7 +49,7 @@ NEAR_SHARE = 0.1
 BELOW = "the crank does not stay above the resonance for a whole turn"
 
 
-class RunUp(Question, NameplateOptions, Run):
+class RunUp(Question, NameplateOptions, RunOptions):
     """The machine, the mean speed that its linear motor is set for, and how the run is made."""
 
     parts = DRIVE

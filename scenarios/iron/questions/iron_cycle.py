@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from cosim import Result, System
 from cosim.metrics import Integral, TimeOfLargest, TimeOfSmallest
-from workbench import Context, Figure, Judgement, Question, Run, Show, Table, option
+from workbench import Context, Figure, Judgement, Question, RunOptions, Show, Table, option
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE
 from workbench.figure import scaled
 from workbench.judgement import Holds
@@ -101,10 +101,10 @@ class IronCycle(Question):
         """Return the drive, whose cam turns at the speed."""
         return iron.imposed(System(fmus, start=self.start), self.speed)
 
-    def run(self) -> Run:
-        """Return a turn."""
+    def run_options(self) -> RunOptions:
+        """Return those of a turn."""
         period = 2 * math.pi / self.speed
-        return Run(stop=period, step=period / self.samples)
+        return RunOptions(stop=period, step=period / self.samples)
 
     def more_runs(self, context: Context, system: System) -> CycleAnalysis:
         """Run two more turns for the limits, and those of other dimensions."""

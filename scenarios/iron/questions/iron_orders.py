@@ -42,7 +42,7 @@ from workbench.context import captured_warnings
 from workbench.figure import listed, of_rows
 from workbench.judgement import Holds
 from workbench.live import moved
-from workbench.steady import Turns, steady_turns
+from workbench.steady import LastTwoTurns, steady_turns
 
 from .. import machine as iron
 from .. import motion
@@ -214,9 +214,9 @@ def simulate(machine: MeasuredDrive, case: tuple[float, float, int]) -> list[Seq
     else:
         warn(turns, T, nu, warnings())
     orders = range(1, ORDERS + 1)
-    both = machine.i_g * np.array([turns.amplitudes("motor.tau", k)[0] for k in orders])
+    both = machine.i_g * np.array([turns.sine_amplitudes("motor.tau", k)[0] for k in orders])
     torque, left = both[:, 1], turns.settling_error(both)
-    speed = np.array([turns.amplitudes("iron.w_cam", k)[0, 1] for k in orders])
+    speed = np.array([turns.sine_amplitudes("iron.w_cam", k)[0, 1] for k in orders])
     tau = harmonics(machine.phi, excitation, ORDERS)
     M, excited, behind = np.abs(torque), np.abs(tau), np.angle(tau) - np.angle(torque)
     columns = [
@@ -226,7 +226,7 @@ def simulate(machine: MeasuredDrive, case: tuple[float, float, int]) -> list[Seq
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
 
-def warn(turns: Turns, T: float, nu: float, warnings: Sequence[str]) -> None:
+def warn(turns: LastTwoTurns, T: float, nu: float, warnings: Sequence[str]) -> None:
     """Name what lets go in the steady motion of a lag [s] at a mean speed [rad/s], once; other warnings
     of the runs are passed on.
     """

@@ -16,7 +16,7 @@ from cosim import Result, System
 from cosim.dense import Array
 from cosim.metrics import Integral, largest
 from cosim.series import Column
-from workbench import Context, Figure, Judgement, Question, Run, Show, option
+from workbench import Context, Figure, Judgement, Question, RunOptions, Show, option
 from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE
 from workbench.figure import of_rows, scaled
 from workbench.live import (
@@ -43,7 +43,7 @@ FIRST = 0.3
 HALF = "stop / 2"
 
 
-class IronStart(Question, Run):
+class IronStart(Question, RunOptions):
     """The motor that starts the drive, and how the run is made."""
 
     parts = iron.PARTS

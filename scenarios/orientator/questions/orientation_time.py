@@ -189,17 +189,18 @@ def compared(
 ) -> OrientationComparison | None:
     """Return the comparison that the options choose."""
     if o.compare == FORMULA:
-        return formula_comparison.compare(context, machine, o.friction, frictions)
+        return formula_comparison.compare_with_formula(context, machine, o.friction, frictions)
     if o.compare == NEGLECTED:
         effects = neglected.Effects(o.friction, o.catcher, o.rim, o.length)
         speed = round(o.speed * 30 / math.pi, 9)
-        return neglected.compare(context, machine, effects, (speed, *speeds))
+        return neglected.compare_with_effects(context, machine, effects, speed, speeds)
     return None
 
 
-def per_minute(time: Figure) -> Figure:
+def products_per_minute(orientation_time: Figure) -> Figure:
     """Return how many products a catcher orients in a minute, each of which takes this time [s]."""
     meaning = "products per minute there, with one catcher"
+    time = orientation_time
     if time.error is None:
         return Figure.undetermined("1/min", time.reason, meaning)
     return Figure(60 / time.value, "1/min", 60 / time.value**2 * time.error, meaning)
@@ -233,7 +234,7 @@ def figures(
         if products_of.jam is not None:
             time = takes(products_of.oriented[-1], products_of.bracket, "orientation time there")
             of_friction["orientation_time"] = time
-            of_friction["products"] = per_minute(time)
+            of_friction["products"] = products_per_minute(time)
         for name, x in of_friction.items():
             all_figures[key(name, mu)] = x._replace(meaning=f"friction {mu:g}: {x.meaning}")
     times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"]).query("count > 1")

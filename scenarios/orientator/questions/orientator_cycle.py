@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from cosim import Result, System
 from cosim.accuracy.judge import SOME_RUNS
 from cosim.dense import Array as Samples
-from workbench import Context, Figure, Judgement, Question, Run, Show, option
+from workbench import Context, Figure, Judgement, Question, RunOptions, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.figure import of_rows
 from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
@@ -75,7 +75,7 @@ Data = tuple[Result, Figure]
 LONGEST_STEP = 1e-3
 
 
-class OrientatorCycle(Question, Run):
+class OrientatorCycle(Question, RunOptions):
     """The rotor's speed, the friction of its wall, and how the run is made."""
 
     parts = orientator.PARTS

@@ -79,7 +79,7 @@ class OrientatorIdentify(Question, RecordOptions):
                 f"{', '.join(TIMES)}"
             )
         speeds = (scale * w.numbers()).tolist()
-        data = {name: dropped(name, table) for name, table in record.items()}
+        data = {name: at_period_ends(name, table) for name, table in record.items()}
         system = System(context.fmus, start={**self.start}, inputs=products(speeds))
         with_noise = [fitting.noise(system, text)[0] for text in self.noise]
         for name, table in data.items():
@@ -172,8 +172,8 @@ def products(speeds: Sequence[float]) -> dict[str, Series]:
     }
 
 
-def dropped(name: str, table: Series) -> Series:
-    """A column by the ends of the periods of its products."""
+def at_period_ends(name: str, table: Series) -> Series:
+    """The stage times of a column, each at the end of the period in which its product is dropped."""
     if name.removeprefix("orientator.") not in TIMES:
         raise SetupError(f"{table.label}: {name} is not a stage time, only {', '.join(TIMES)}")
     ends = PERIOD * (table.t + 1.0)

@@ -23,7 +23,7 @@ from workbench import (
     Mark,
     Panel,
     Question,
-    Run,
+    RunOptions,
     Show,
     Table,
     option,
@@ -68,7 +68,7 @@ FRAMES = 360
 CYCLE = "2 * pi / iron_speed"
 
 
-class PackingLine(Question, Run):
+class PackingLine(Question, RunOptions):
     """The speeds of rotor, cam and crank on one line, and how the run is made."""
 
     parts = line.PARTS
