@@ -21,7 +21,7 @@ from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
 from workbench.catalog import names
 from workbench.fitting import RecordOptions, prior
-from workbench.run import row
+from workbench.run import rows
 
 TRUTH = measured_conveyor.equivalent_drive()
 MACHINE = Machine(
@@ -166,5 +166,7 @@ def test_priors_are_read_in_percent_too() -> None:
 @pytest.mark.slow
 def test_a_study_varies_the_record() -> None:
     page = "scenarios.conveyor.questions.identify"
-    entry = row(page, fmus_of(identify), QUICK["identify"])
-    assert entry["figures"]["nu_res"][0] == pytest.approx(MACHINE.nu_res, rel=0.01)
+    (outcome,) = rows(page, fmus_of(identify), [QUICK["identify"]])
+    texts, numbers, _ = outcome.answer
+    found = dict(zip([name for name, *_ in texts], numbers[:, 0].tolist()))
+    assert found["nu_res"] == pytest.approx(MACHINE.nu_res, rel=0.01)

@@ -14,14 +14,19 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from tests.components.iron_flight import DIMENSIONS, Reference, transfer
 
 from components.iron_drive import model as iron
 from cosim import SetupError
 from fmukit.declare.record import declarations, start
 from scenarios.iron import transfer as kinematics
 from scenarios.iron.questions import iron_orders
-from tests.components.iron_oracle import by_material_points, tables
+from tests.components.iron_oracle import (
+    DIMENSIONS,
+    Reference,
+    by_material_points,
+    tables,
+    transfer,
+)
 from tests.conftest import QUICK, ask
 from tests.oracle import by_name, random_parameters
 
