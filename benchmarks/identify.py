@@ -283,9 +283,9 @@ def fit_record(record: Record, data: Mapping[str, Series], rng: np.random.Genera
     }
     guess |= {name: p[name] for name in p if name not in record.free}
     guess |= {name: mean for name, (mean, _) in prior.items()}
-    mean = float(np.mean(data[w].values))
+    mean = float(np.mean(data[w].numbers()))
     for name in data:
-        guess[name] = float(np.mean(data[name].values[:5]))
+        guess[name] = float(np.mean(data[name].numbers()[:5]))
     for name in record.states:
         if name.endswith(".phi"):
             guess[name] = 0.0
