@@ -343,8 +343,8 @@ class Crossing(Metric):
         high, low = float(curve.largest().values[0]), float(curve.smallest().values[0])
         level = f"{self.level:g} {unit}".rstrip()
         if high <= self.level:
-            return f"stays below {level}, largest {high:.4g}"
-        return f"stays above {level}, smallest {low:.4g}"
+            return f"{self.column} stays below {level}, largest {high:.4g}"
+        return f"{self.column} stays above {level}, smallest {low:.4g}"
 
 
 @dataclass(frozen=True)

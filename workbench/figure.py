@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import SetupError
 from cosim.rounding import LEAST_POWER, rounded
+from cosim.units import multiples
 
 if TYPE_CHECKING:
     from cosim.dense import Array
@@ -126,6 +128,16 @@ class Figure(NamedTuple):
         return record | {"meaning": self.meaning, "reason": self.reason}
 
 
+class Figures(dict[str, Figure]):
+    """Figures by name; one that there is not is an error that names the nearest."""
+
+    def __missing__(self, name: str) -> Figure:
+        near = get_close_matches(name, list(self), 1, 0.0)
+        raise KeyError(
+            f"there is no figure {name!r}" + "".join(f", did you mean {x!r}?" for x in near)
+        )
+
+
 def of_rows(
     function: Callable[..., float], *columns: Array, unit: str, meaning: str = ""
 ) -> Figure:
@@ -154,6 +166,16 @@ def scaled(figure: Figure, factor: float, unit: str, meaning: str) -> Figure:
     return Figure(factor * figure.value, unit, error, meaning, figure.reason)
 
 
+def conversion(own: str, unit: str, what: str) -> float:
+    """Return the factor from its own unit, where it has one, to another; raises SetupError if there is none."""
+    factor = 1.0 if own in ("", unit) else multiples(unit).get(own)
+    if factor is None:
+        raise SetupError(
+            f"{what} is in {own}, which does not convert to {unit}; write {' or '.join(multiples(own))}"
+        )
+    return factor
+
+
 def with_bounded_errors(
     figures: Any, path: Path, *, may_be_measured: bool = False
 ) -> dict[str, Figure]:
@@ -168,7 +190,7 @@ def with_bounded_errors(
     """
     if not isinstance(figures, Mapping):
         raise SetupError(f"{path}: figures must be a dict of workbench.Figure")
-    result: dict[str, Figure] = {}
+    result = Figures()
     for key, figure in figures.items():
         prefix = f"{path}: figure {key!r}"
         if not isinstance(figure, Figure):

@@ -102,9 +102,9 @@ class Formula:
         try:
             tree = ast.parse(text.strip(), mode="eval").body
         except SyntaxError as error:
-            raise SetupError(f"LIVE: the formula {text!r} is not valid: {error.msg}") from error
+            raise SetupError(f"the formula {text!r} is not valid: {error.msg}") from error
         except (ValueError, RecursionError, MemoryError) as error:
-            raise SetupError(f"LIVE: the formula {text!r} is not valid: {error}") from error
+            raise SetupError(f"the formula {text!r} is not valid: {error}") from error
         names: set[str] = set()
         source = _written(tree, text, names)
         ieee = ast.fix_missing_locations(_Ieee().visit(ast.parse(source, mode="eval")))
@@ -192,7 +192,7 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
         return repr(math.pi)
     if name is None:
         raise SetupError(
-            f"LIVE: the formula {text!r} must be arithmetic with names, + - * / **, a comparison, and "
+            f"the formula {text!r} must be arithmetic with names, + - * / **, a comparison, and "
             f"the functions {', '.join(FUNCTIONS)}"
         )
     names.add(name)
@@ -202,7 +202,7 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
 def _number(number: float, text: str) -> str:
     """A number, which both languages can hold."""
     if abs(number) > sys.float_info.max:
-        raise SetupError(f"LIVE: the formula {text!r} has a number that is too large")
+        raise SetupError(f"the formula {text!r} has a number that is too large")
     return repr(float(number))
 
 
@@ -210,12 +210,12 @@ def _check_call(name: str, given: int, text: str) -> None:
     """Refuse a function that is none of `FUNCTIONS`, or with other arguments."""
     if name not in FUNCTIONS:
         raise SetupError(
-            f"LIVE: the formula {text!r} uses the function {name!r}, which is none of {', '.join(FUNCTIONS)}"
+            f"the formula {text!r} uses the function {name!r}, which is none of {', '.join(FUNCTIONS)}"
         )
     wanted = FUNCTIONS[name].arguments
     if given != (wanted or max(given, 1)):
         raise SetupError(
-            f"LIVE: the formula {text!r} gives {pluralize(given, 'argument')} to {name}, which takes "
+            f"the formula {text!r} gives {pluralize(given, 'argument')} to {name}, which takes "
             f"{wanted or 'one or more'}"
         )
 

@@ -6,7 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from numbers import Real
 from typing import Any
+
+from cosim import SetupError
 
 from .figure import Figure
 
@@ -53,6 +56,19 @@ class Judgement:
     no: str = ""
     note: str = ""
     is_wanted: bool = True
+
+    def __post_init__(self) -> None:
+        where = f"judgement {self.what!r}"
+        if not isinstance(self.figure, Figure | None):
+            raise SetupError(f'{where}: {self.figure!r} must be a figure, f["name"], not its value')
+        for name in ("least", "most"):
+            bound = getattr(self, name)
+            if not isinstance(bound, Figure | Real):
+                raise SetupError(f"{where}: {name} = {bound!r} must be a number or a figure")
+            if isinstance(bound, Figure) and self.figure and bound.unit != self.figure.unit:
+                raise SetupError(
+                    f"{where}: the figure is in {self.figure.unit}, and {name} in {bound.unit}"
+                )
 
     @property
     def good(self) -> bool | None:

@@ -6,22 +6,27 @@ An instance is the question as it is asked, with a value for each option.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
+from inspect import isfunction
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 
 from cosim import Result, SetupError, System
 from cosim.metrics import Metric
+from cosim.system import connect
+from cosim.units import multiples
 
 from . import catalog
 from .answer import Findings, Show, Table, parameters
-from .figure import ERROR_SCOPE, Figure, with_bounded_errors
+from .figure import ERROR_SCOPE, Figure, Figures, conversion, scaled, with_bounded_errors
 from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
 from .live import Formulas, Live, LiveMotion, Number, Reader, RunChart, Slider, drawn, moved
+from .live.declare import UNIT_OF_COLUMN
 from .options import Options, RunOptions, declared, option, parse_options
 
 if TYPE_CHECKING:
@@ -29,6 +34,11 @@ if TYPE_CHECKING:
 
 #: Names that the command line takes for every question.
 RESERVED_OPTIONS = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
+#: The tables of a question, and what each contains.
+TABLES = {
+    "wires": '"a.w -> b.w"', "fixed_starts": '"a.w"', "record": '"a.w"', "decisive": '"figure"',
+    "numbers": "Number(...)", "charts": "RunChart(...)", "sliders": "Slider(...)",
+}  # fmt: skip
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option,))
@@ -203,7 +213,8 @@ class Question(Options):
         """Run and certify every system, and collect figures, tables and files."""
         systems = self.system(context.fmus)
         by_name = {"": systems} if isinstance(systems, System) else systems
-        figures: dict[str, Figure] = {}
+        self._require_starts(by_name.values())
+        figures = Figures()
         certified: dict[str, Result] = {}
         for name, system in by_name.items():
             certified[name], of_run = self._certify(system, context, f"{name or self.name}.csv")
@@ -226,7 +237,26 @@ class Question(Options):
             next(iter(certified.values())).provenance,
             tables=tables | dict(self.tables(figures, results)),
             files=self.files(results),
+            warnings=list(
+                dict.fromkeys(
+                    f"nothing drives or sets the input {name}, which stays at {value:g}; add a wire, or give it in start_values"
+                    for result in certified.values()
+                    for name, value in result.provenance.get("open_inputs", {}).items()
+                )
+            ),
         )
+
+    def _require_starts(self, systems: Collection[System]) -> None:
+        """Refuse a system that lacks start values of the user, or of the question."""
+        for name in (*self.start, *self.start_values):
+            is_given, part = name in self.start, name.partition(".")[0]
+            for system in [x for x in systems if part in x.parts] or systems:
+                is_there = name in system.start or (not is_given and name in system.inputs)
+                if not is_there or (is_given and system.start[name] != self.start[name]):
+                    raise SetupError(
+                        f"{'--start' if is_given else f'{self.path}: start_values:'} {name}: system() does not pass it "
+                        "on; write replace(super().system(fmus), changes=[...])"
+                    )
 
     @classmethod
     def solve_all(cls, context: Context, questions: Sequence[Self]) -> list[Findings | SetupError]:
@@ -242,7 +272,11 @@ class Question(Options):
         """Return the result of a system, processed, and its figures with their errors."""
         results: list[Result] = []
         has_columns = self.process.__func__ is not Question.process  # type: ignore[attr-defined]
-        texts = {x.value.column: x.unit for x in self.numbers if isinstance(x.value, Reader)}
+        texts: dict[str, str] = {}
+        for x in self.numbers:
+            if isinstance(x.value, Reader):
+                is_of_column = x.value.kind in UNIT_OF_COLUMN
+                texts.setdefault(x.value.column, x.unit if is_of_column else "1")
         values = {**(parameters_of(system) if texts else {}), **self.values}
         metrics: dict[str, Metric] = {}
         for x in self.numbers:
@@ -260,19 +294,49 @@ class Question(Options):
         has_formulas = any(DOTTED.fullmatch(text) is None for text in texts)
         own = {} if type(self).figures is Question.figures else {"figures": figures}
         result, certified = context.certify(
-            system, {**metrics, **own}, self.run_options(), self.record, csv,
+            system, {**metrics, **own}, self.run_options(), self._recorded(system), csv,
             derive=derive if has_columns or has_formulas else None,
         )  # fmt: skip
+        units = (results[0] if results else result).units
         for x in self.numbers:
             figure = certified[x.name] if x.name in metrics else follows(x, certified, values)
-            try:
-                meaning = x.meaning.format(**vars(self))
-            except (LookupError, ValueError) as error:
-                raise SetupError(
-                    f"{self.path}: the meaning of {x.name!r} names {error}, no option"
-                ) from error
-            certified[x.name] = figure._replace(unit=x.unit or figure.unit, meaning=meaning)
+            certified[x.name] = self._told(x, figure, units)
         return results[0] if results else result, certified
+
+    def _recorded(self, system: System) -> Sequence[str] | None:
+        """Return the columns of `record`, and the outputs that numbers and charts use besides."""
+        if self.record is None:
+            return None
+        used = [chart.x for chart in self.charts]
+        used += [text for chart in self.charts for panel in chart.panels for text in panel.curves]
+        for x in self.numbers:
+            if isinstance(x.value, Reader):
+                used += [x.value.column, *[x.value.angle] * bool(x.value.angle)]
+        names = {name: None for text in used for name in sorted(Formula.read(text).names)}
+        outputs = {
+            f"{part}.{x.name}"
+            for part, description in connect(system).descriptions.items()
+            for x in description.modelVariables
+            if x.causality == "output"
+        }
+        return [*dict.fromkeys((*self.record, *(x for x in names if x in outputs)))]
+
+    def _told(self, x: Number, figure: Figure, units: Mapping[str, str]) -> Figure:
+        """Return the figure of a number with its meaning, in its unit, from one in that of a column."""
+        where = f"{self.path}: number {x.name!r}"
+        try:
+            meaning = x.meaning.format(**vars(self))
+        except (LookupError, ValueError) as error:
+            raise SetupError(
+                f"{self.path}: the meaning of {x.name!r} names {error}, no option"
+            ) from error
+        factor = 1.0
+        if isinstance(x.value, Reader):
+            is_alone = DOTTED.fullmatch(x.value.column) is not None
+            factor = x.value.factor(units.get(x.value.column, "") * is_alone, x.unit, where)
+        elif isinstance(x.value, Metric) and len(multiples(figure.unit)) > 1:
+            factor = conversion(figure.unit, x.unit or figure.unit, where)
+        return scaled(figure, factor, x.unit or figure.unit, meaning)
 
 
 def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]) -> Figure:
@@ -304,6 +368,28 @@ def parameters_of(system: System) -> dict[str, float]:
         for name, x in parameters(system).items()
         if isinstance(x.value, int | float)
     }
+
+
+def require_attributes(question: type[Question], prefix: str) -> None:
+    """Refuse tables that are none, tables and methods in each other's place, and names that nearly are of these."""
+    known = {
+        x for x in (*dir(Question), *Question.__annotations__, *dir(RunOptions)) if x[0] != "_"
+    }
+    for name, value in vars(question).items():
+        if name[0] == "_" or name in declared(question):
+            continue
+        if name not in known:
+            for near in get_close_matches(name, sorted(known), 1, 0.85):
+                raise SetupError(f"{prefix}: {name} is no part of a question; did you mean {near}?")
+        elif isfunction(getattr(Question, name, None)) and not callable(value):
+            raise SetupError(
+                f"{prefix}: {name} must be a method; the tables of a question are {', '.join(TABLES)}"
+            )
+    for name, kind in TABLES.items():
+        table = vars(question).get(name, ())
+        is_table = isinstance(table, Sequence) and not isinstance(table, str)
+        if not (is_table or table is None or isinstance(table, property | cached_property)):
+            raise SetupError(f"{prefix}: {name} must be a tuple, ({kind},) with its comma")
 
 
 def load(locator: str) -> type[Question]:
@@ -352,6 +438,7 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
         raise SetupError(f"{prefix}: parts must be a dict of FMUs by part")
     if not question.title:
         raise SetupError(f"{prefix} must begin with its question as a docstring")
+    require_attributes(question, prefix)
     if question.solve is not Question.solve:
         return question
     if question.figures is Question.figures and not question.numbers:

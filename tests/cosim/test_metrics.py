@@ -320,8 +320,8 @@ def test_a_jump_and_a_value_that_holds_pass_a_level_when_they_change() -> None:
 def test_what_never_passes_a_level_says_how_far_it_gets() -> None:
     figures = {"high": Crossing("x", level=3.0), "low": Crossing("x", level=-3.0)}
     got = certify(System({}), figures, step=0.0025, runner=of(lambda t: np.sin(7 * t))).figures
-    assert got["high"].reason == "stays below 3, largest 1"
-    assert got["low"].reason == "stays above -3, smallest -1"
+    assert got["high"].reason == "x stays below 3, largest 1"
+    assert got["low"].reason == "x stays above -3, smallest -1"
     t = np.linspace(0.0, 1.0, 101)
 
     def touching(_: Any, *, step: float, **__: Any) -> Result:

@@ -141,7 +141,7 @@ def test_a_judgement_is_that_of_its_numbers() -> None:
 
 def decided_with_reasons(x: Judgement) -> str:
     """What figure and those bounds say that are determined: one that is passed decides alone."""
-    least, most = (b if isinstance(b, Figure) else Figure(b, "1", 0.0) for b in (x.least, x.most))
+    least, most = (b if isinstance(b, Figure) else Figure(b, "N", 0.0) for b in (x.least, x.most))
     for name, bound in (("least", least), ("most", most)):
         only = Judgement(x.what, x.figure, **{name: bound})
         if bound.error is not None and decided(only) == "no":

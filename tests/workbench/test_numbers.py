@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from cosim import SetupError
+from scenarios import ask
 from tests.conftest import fmus_of
+from workbench.catalog import QuestionError
 from workbench.question import load
 from workbench.run import found
 
@@ -26,7 +28,7 @@ class Turning(Question, RunOptions):
 
     numbers = (
         Number("largest", Reader("max", "abs(motor.tau)"), "N.m", "up to {stop:g} s"),
-        Number("time", Reader("time_of_max", "abs(motor.tau)"), "N.m"),
+        Number("time", Reader("time_of_max", "abs(motor.tau)")),
         Number("late", Reader("min", "conveyor.w", "stop / 2")),
         Number("turned", Reader("change", "conveyor.phi / (2 * pi)"), "1"),
         Number("whole", Integral("conveyor.w"), "rad"),
@@ -54,7 +56,7 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
     coarse, fine = figures(page, step=1e-3), figures(page, step=1.25e-4)
     for name, x in fine.items():
         if name == "never":
-            assert x.error is None and "stays below 400 rad/s" in x.reason
+            assert x.error is None and "conveyor.w stays below 400 rad/s" in x.reason
             continue
         error = abs(coarse[name].value - x.value)
         assert 0.0 < error <= coarse[name].error + x.error, name
@@ -62,7 +64,7 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
     assert fine["half_turn"].error == pytest.approx(fine["turn"].error / 2, rel=1e-9)
     assert coarse["largest"].meaning == "up to 0.5 s"
     assert fine["whole"].value == pytest.approx(2 * math.pi * fine["turned"].value, rel=1e-6)
-    assert (fine["late"].unit, fine["turned"].unit) == ("rad/s", "1")
+    assert [fine[x].unit for x in ("late", "turned", "time")] == ["rad/s", "1", "s"]
 
 
 @pytest.mark.parametrize(
@@ -76,6 +78,11 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
         ('Reader("max", "motor.tau"), "", "up to {stopp:g} s"', "the meaning of 'x' names 'stopp'"),
         ('Reader("max", "motor.torque")', "there is no column 'motor.torque'; did you mean"),
         ('Reader("max", "abs(motor.tau)")', "needs a unit"),
+        ('Reader("max", "motor.tau"), "kg"', "number 'x': motor.tau is in N.m.*convert to kg"),
+        (
+            'Reader("time_of_max", "abs(motor.tau)"), "N.m"',
+            "time_of_max is a time in s, not in N.m",
+        ),
         ('Reader("phase", "motor.tau"), "deg"', "must be one of last, change, max"),
     ],
 )
@@ -84,3 +91,95 @@ def test_a_number_that_cannot_be_read_is_one_line(page: Path, number: str, messa
     page.write_text(f'{head}    numbers = (Number("x", {number}),)\n')
     with pytest.raises(SetupError, match="(?s)" + message.replace("(", r"\(")):
         figures(page)
+
+
+OWN = (
+    PAGE.replace(
+        "from workbench import ",
+        "from cosim import System\nfrom workbench import Judgement, RunChart, RunPanel, Slider, ",
+    ).partition("    numbers = ")[0]
+    + """
+    numbers = (
+        Number("torque", Reader("max", "motor.tau"), "kN.m"),
+        Number("time", Reader("time_of_max", "motor.tau")),
+    )
+    record = ("conveyor.w",)
+    charts = (RunChart("Turning", "time [s]", [RunPanel("torque", {"motor.tau": "red"})]),)
+    sliders = (Slider("speed", 20.0, 60.0),)
+
+    def judgements(self, f, r):
+        return [Judgement("in time", f["time"], most=0.4)]
+"""
+)
+SYSTEM = """
+    def system(self, fmus):
+        return System(fmus, self.wires{})
+
+    def judgements"""
+MISTAKES = [
+    (
+        "\n    def judgements",
+        SYSTEM.format(", self.start"),
+        "start_values: conveyor.w: system.. does not pass it on",
+    ),
+    (
+        "\n    def judgements",
+        SYSTEM.format(', {"conveyor.w": 1.0}'),
+        "--start motor.T: system.. does not",
+    ),
+    (
+        '{"motor.tau": "red"}',
+        '{"motor.tau": "red"}, unit="kg"',
+        "panel 'torque': motor.tau is in N.m",
+    ),
+    ("most=0.4", 'most=f["torque"]', "the figure is in s, and most in kN.m"),
+    ("most=0.4", 'most="0.4"', "'in time': most = '0.4' must be a number or a figure"),
+    ('f["time"]', 'f["time"].value', "must be a figure, f."),
+    ('f["time"]', 'f["tine"]', "there is no figure 'tine', did you mean 'time'"),
+    (
+        "def judgements",
+        "def judgments",
+        "judgments is no part of a question; did you mean judgements",
+    ),
+    ("sliders =", "slider =", "slider is no part of a question; did you mean sliders"),
+    ("numbers = (", "figures = (", "figures must be a method"),
+    ("60.0),)", "60.0))", "sliders must be a tuple, .Slider"),
+    (
+        "20.0, 60.0",
+        "50.0, 60.0",
+        "slider 'speed' from 50 to 60 must contain its original value 40",
+    ),
+    ('Slider("speed"', 'Slider("sped"', "slider 'sped' is neither an option nor a start value"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), MISTAKES, ids=lambda x: str(x)[:30])
+def test_a_mistake_in_a_question_of_tables_is_one_line(
+    page: Path, old: str, new: str, message: str
+) -> None:
+    assert OWN.count(old) == 1
+    page.write_text(OWN.replace(old, new))
+    with pytest.raises((SetupError, QuestionError), match=message) as caught:
+        ask(str(page), stop=0.05, start={"motor.T": 0.03})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_number_is_in_its_unit_and_records_its_column(page: Path) -> None:
+    page.write_text(OWN.replace('"kN.m"', '"kN.m", "torque"'))
+    answer = ask(str(page), stop=0.05)
+    largest = answer.table["motor.tau"].max()
+    assert answer.figures["torque"].value == pytest.approx(largest / 1000, rel=1e-3)
+    assert not answer.warnings
+    assert answer.live is not None and '(0.001*v["motor.tau"])' in answer.live.worker
+
+
+def test_an_input_that_nothing_sets_is_a_warning(page: Path) -> None:
+    page.write_text(
+        OWN.replace('"motor.tau -> conveyor.tau", "conveyor', '"conveyor').replace(
+            'motor.w")', 'motor.w",)'
+        )
+    )
+    answer = ask(str(page), stop=0.05)
+    assert answer.warnings == [
+        "nothing drives or sets the input conveyor.tau, which stays at 8; add a wire, or give it in start_values"
+    ]

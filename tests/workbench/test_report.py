@@ -26,6 +26,7 @@ from numpy.testing import assert_allclose
 from PIL import Image
 
 from cosim.system import connect
+from cosim.units import multiples
 from scenarios.conveyor import motion as conveyor
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
@@ -388,7 +389,7 @@ def test_every_curve_is_the_column_that_it_claims_to_be(where: str) -> None:
         assert panels
         for chart, panel in panels:
             unit = table.units[column]
-            scale = 1.0 if panel.unit == unit else pictures.DISPLAY_FACTORS[unit, panel.unit]
+            scale = multiples(panel.unit)[unit]
             (value,) = (np.asarray(c.y) for c in panel.curves if c.name == curve)
             assert np.isin(value, scale * table.frame[column].to_numpy()).all()
             y = curves(chart)[panel.label, curve]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -32,10 +30,6 @@ THEORY = "grey"
 #: Colours of one quantity for several machines or settings, in this order.
 SERIES = ("purple", "gold", "sky", "green", "red", "blue")
 #: Factors from a unit of the FMUs to one that is read more easily.
-DISPLAY_FACTORS = MappingProxyType({
-    ("m", "mm"): 1e3, ("s", "ms"): 1e3, ("N", "kN"): 1e-3, ("J", "mJ"): 1e3,
-    ("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi,
-})  # fmt: skip
 
 
 class Curve(NamedTuple):

@@ -19,9 +19,10 @@ from cosim.system import Network, Port, Value
 from cosim.system.graph import stepping_order
 
 from ..answer import parameters
-from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, Panel
+from ..charts.model import Chart, Curve, Mark, Panel
 from ..charts.plotly import template
 from ..charts.svg import letter_sizes
+from ..figure import conversion
 from ..formula import DOTTED, Formula
 from ..options import Options, declared
 from . import drawing
@@ -70,9 +71,7 @@ class Content:
         scope = dict(self.values)
         if self.network.inputs:
             names = ", ".join(port.name for port, _ in self.network.inputs)
-            raise SetupError(
-                f"LIVE: {names} follows a table or a function, which a live page cannot do"
-            )
+            raise SetupError(f"{names} follows a table or a function, which a live page cannot do")
         values = []
         for name, text in live.values.items():
             values.append([name, self.of_values(text, f"values: {name}")])
@@ -112,8 +111,6 @@ class Content:
                 return self.motion(x)
             case Number():
                 return self.number(x)
-            case Reader():
-                return self.reader(x, where)
             case _ if is_dataclass(x):
                 return self.encoded(x, where)
             case Mapping():
@@ -156,15 +153,21 @@ class Content:
         """Return a slider with value, unit and meaning of the option or start value that it moves."""
         name, options = slider.name, declared(type(self.options))
         if name not in options and name not in self.starts:
-            raise SetupError(f"LIVE: {name!r} is neither an option nor a start value")
+            raise SetupError(f"slider {name!r} is neither an option nor a start value")
         what: Any = options.get(name) or self.starts[name]
         value = getattr(self.options, name) if name in options else what.value
+        first = type(self.options)()
+        own = getattr(first, name) if name in options else value if first == self.options else None
+        if own is not None and not slider.low <= float(own) <= slider.high:
+            raise SetupError(
+                f"slider {name!r} from {slider.low:g} to {slider.high:g} must contain its original value {own:g}"
+            )
         value = getattr(self.findings.data, name, None) if value is None else value
         if value is None:
-            raise SetupError(f"LIVE: {name!r} has no value of its own, and none in the data")
-        first = what.meaning.partition(", ")[0]
+            raise SetupError(f"slider {name!r} has no value of its own, and none in the data")
+        meaning = what.meaning.partition(", ")[0]
         return {
-            "name": name, "meaning": first[:1].upper() + first[1:], "unit": what.unit, "option": name in options,
+            "name": name, "meaning": meaning[:1].upper() + meaning[1:], "unit": what.unit, "option": name in options,
             "value": float(value), "low": min(slider.low, float(value)), "high": max(slider.high, float(value)),
         }  # fmt: skip
 
@@ -174,10 +177,10 @@ class Content:
         for name in factors:
             if name not in targets:
                 raise SetupError(
-                    f"LIVE: factors: no wire leads to {name!r}, only to {', '.join(targets)}"
+                    f"factors: no wire leads to {name!r}, only to {', '.join(targets)}"
                 )
         for name in sorted({x for x in targets if targets.count(x) > 1}):
-            raise SetupError(f"LIVE: several wires add up in {name!r}, which a live page cannot do")
+            raise SetupError(f"several wires add up in {name!r}, which a live page cannot do")
         return [
             {
                 "from": wire.source.name, "to": wire.target.name, "factor": wire.factor, "offset": wire.offset,
@@ -194,7 +197,7 @@ class Content:
         for name in sorted(formula.names - self.values.keys() - {*more}):
             if not ("figures" in more and name.startswith("figures.")):
                 raise SetupError(
-                    f"LIVE: {where}: the formula {text!r} uses {name!r}, which is no option, start value "
+                    f"{where}: the formula {text!r} uses {name!r}, which is no option, start value "
                     "or value of this page"
                 )
         if formula.source not in self.sources:
@@ -209,9 +212,7 @@ class Content:
         """Return a formula of columns: its number, and the columns that it uses."""
         formula = Formula.read(text if factor == 1.0 else f"{factor!r} * ({text})")
         if "crank_angle" in formula.names and not self.live.angle:
-            raise SetupError(
-                f"LIVE: {where}: crank_angle needs `angle`, the output of the crank angle"
-            )
+            raise SetupError(f"{where}: crank_angle needs `angle`, the output of the crank angle")
         columns = sorted(formula.names & {*CLOCK, *self.outputs})
         for name in columns:
             if name not in CLOCK:
@@ -228,9 +229,7 @@ class Content:
     def require_angle(self, x: Reader | RunChart | LiveMotion, where: str, angle: str) -> None:
         """Refuse a revolution of no angle."""
         if x.window == REVOLUTION and not angle:
-            raise SetupError(
-                f"LIVE: {where}: a revolution needs `angle`, the output of the crank angle"
-            )
+            raise SetupError(f"{where}: a revolution needs `angle`, the output of the crank angle")
 
     def functions(self) -> str:
         """Return the formulas as functions of JavaScript."""
@@ -241,7 +240,7 @@ class Content:
         self.of_values(text, where)
         value = Formula.read(text)(self.values)
         if not value > 0.0 or not math.isfinite(value):
-            raise SetupError(f"LIVE: {where} = {text!r} is {value:g} s, but must be above 0")
+            raise SetupError(f"{where} = {text!r} is {value:g} s, but must be above 0")
         return value
 
     def port(self, name: str, where: str) -> Port:
@@ -249,7 +248,7 @@ class Content:
         try:
             return self.network.port(name)
         except SetupError as error:
-            raise SetupError(f"LIVE: {where}: {error}") from error
+            raise SetupError(f"{where}: {error}") from error
 
     def record(self, name: str, where: str) -> None:
         """Record an output."""
@@ -262,33 +261,35 @@ class Content:
         figure, where = self.findings.figures.get(number.name), f"number {number.name!r}"
         if figure is None and not (number.unit and number.meaning):
             raise SetupError(
-                f"LIVE: {where} is no figure of the answer, so it must have unit and meaning"
+                f"{where} is no figure of the answer, so it must have unit and meaning"
             )
         if figure and number.unit and number.unit != figure.unit:
-            raise SetupError(
-                f"LIVE: {where} has the unit {number.unit!r}, its figure {figure.unit!r}"
-            )
-        told = {"unit": figure.unit, "meaning": figure.meaning} if figure else {}
+            raise SetupError(f"{where} has the unit {number.unit!r}, its figure {figure.unit!r}")
+        told: dict[str, Any] = {"unit": figure.unit, "meaning": figure.meaning} if figure else {}
+        if isinstance(number.value, Reader):
+            unit = number.unit or (figure.unit if figure else "")
+            told["value"] = self.reader(number.value, where, unit)
         original = figure.text() if figure else ""
         return self.encoded(number, where, **told) | {"original": original}
 
-    def reader(self, reader: Reader, where: str) -> dict[str, Any]:
-        """Return how a number is read."""
+    def reader(self, reader: Reader, where: str, unit: str) -> dict[str, Any]:
+        """Return how a number is read, in this unit where it has that of a column alone."""
         names = [run.name for run in self.live.runs]
         if reader.kind not in READERS:
-            raise SetupError(f"LIVE: {where}: {reader.kind!r} must be one of {', '.join(READERS)}")
+            raise SetupError(f"{where}: {reader.kind!r} must be one of {', '.join(READERS)}")
         if reader.run and reader.run not in names:
-            raise SetupError(
-                f"LIVE: {where}: there is no run {reader.run!r}, only {', '.join(names)}"
-            )
+            raise SetupError(f"{where}: there is no run {reader.run!r}, only {', '.join(names)}")
         if reader.kind in ("amplitude", "phase") and reader.window != REVOLUTION:
-            raise SetupError(f"LIVE: {where}: {reader.kind} needs the window {REVOLUTION!r}")
+            raise SetupError(f"{where}: {reader.kind} needs the window {REVOLUTION!r}")
         angle = reader.angle or self.live.angle
         self.require_angle(reader, where, angle)
         if angle:
             self.record(angle, where)
         run = names.index(reader.run) if reader.run else 0
-        return self.encoded(reader, where, run=run, angle=angle)
+        is_alone = reader.column in self.outputs
+        own = str(self.network.port(reader.column).unit) if is_alone else ""
+        column = self.of_columns(reader.column, where, reader.factor(own, unit, where))
+        return self.encoded(reader, where, column=column, run=run, angle=angle)
 
     def chart(self, chart: RunChart) -> dict[str, Any]:
         """Return a chart of runs, or over a sweep: what its traces are, and how plotly draws them."""
@@ -338,16 +339,10 @@ class Content:
         units = {x: str(self.network.port(x).unit) for x in panel.curves if x in self.outputs}
         target = panel.unit or units.get(next(iter(panel.curves)), "")
         if not target:
-            raise SetupError(f"LIVE: {where}: the panel {panel.quantity!r} needs a unit")
+            raise SetupError(f"{where}: the panel {panel.quantity!r} needs a unit, as in unit='m'")
         factors = dict.fromkeys(panel.curves, 1.0)
         for text, unit in units.items():
-            if unit not in ("", target):
-                if (unit, target) not in DISPLAY_FACTORS:
-                    raise SetupError(
-                        f"LIVE: {where}: {text} is in {unit}, and the panel {panel.quantity!r} in {target}: "
-                        "no conversion is known"
-                    )
-                factors[text] = DISPLAY_FACTORS[unit, target]
+            factors[text] = conversion(unit, target, f"{where}: panel {panel.quantity!r}: {text}")
         return target, factors
 
     def motion(self, motion: LiveMotion) -> dict[str, Any] | None:
@@ -377,7 +372,7 @@ class Content:
         if sweep is None:
             return
         if sweep.over not in self.values:
-            raise SetupError(f"LIVE: sweep over {sweep.over!r}, which is no option or start value")
+            raise SetupError(f"sweep over {sweep.over!r}, which is no option or start value")
         if len(sweep.values) <= 1:
-            raise SetupError("LIVE: a sweep needs two values or more")
+            raise SetupError("a sweep needs two values or more")
         self.positive(sweep.step, "step of the sweep")

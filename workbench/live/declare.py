@@ -27,6 +27,7 @@ from cosim.metrics import (
 
 from ..charts.model import CurveLook, NamedLook
 from ..charts.motion import Columns, Shape
+from ..figure import conversion
 from ..formula import Formula
 
 Text = str | float
@@ -44,6 +45,8 @@ READERS: Mapping[str, type[Metric] | None] = {
     "last": Last, "change": Change, "max": Largest, "min": Smallest, "mean": Mean, "first_crossing": Crossing,
     "time_of_max": TimeOfLargest, "time_of_min": TimeOfSmallest, "amplitude": None, "phase": None,
 }  # fmt: skip
+#: Those whose number has the unit of the column; the others are times, or an angle.
+UNIT_OF_COLUMN = ("last", "change", "max", "min", "mean", "amplitude")
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Slider:
     name : str
         An option of the question or a start value of an FMU, "motor.T".
     low, high : float
-        Its range, which is widened to include a requested value outside it.
+        Its range, which contains the original value, and is widened to include a requested one outside it.
     """
 
     name: str
@@ -111,6 +114,14 @@ class Reader:
         begin = {} if self.window == "" else {"begin": Formula.read(self.window)(values)}
         return kind(self.column, **level, **begin)
 
+    def factor(self, own: str, unit: str, where: str) -> float:
+        """Return the factor to a unit from its own where it has one; raises SetupError if there is none."""
+        if self.kind in UNIT_OF_COLUMN:
+            return conversion(own, unit or own, f"{where}: {self.column}")
+        if self.kind != "phase" and unit not in ("", "s"):
+            raise SetupError(f"{where}: {self.kind} is a time in s, not in {unit}")
+        return 1.0
+
 
 @dataclass(frozen=True)
 class Number:
@@ -124,8 +135,8 @@ class Number:
     value : Reader, Metric, str or float
         How it is read from the run, or a formula. What only a metric reads is in the answer, but not on the live page.
     unit, meaning : str
-        Those of the figure by default; the unit of a `Question.numbers` is by default that of its column, and its
-        meaning may name options, "up to {stop:g} s".
+        Those of the figure by default; the unit of a `Question.numbers` is by default that of its column, which is
+        converted to another one, and its meaning may name options, "up to {stop:g} s".
     when : str
         A formula; where it is 0 the number is not there, and `otherwise` says why.
     is_visible : bool

@@ -69,7 +69,7 @@ def table(motion: LiveMotion, runs: int) -> dict[str, Any]:
             if error > LARGEST_ERROR:
                 names = ", ".join(x.column for x in coordinates)
                 raise NonlinearDrawingError(
-                    f"LIVE: the motion {motion.title!r} is left out: the points of {shape.name!r} are not "
+                    f"the motion {motion.title!r} is left out: the points of {shape.name!r} are not "
                     f"linear in lengths and turned angles of {names}, they are off by {error:.2g} of 1000"
                 )
         visible = np.flatnonzero((np.abs(fit) * weights[:, None]).max(axis=1) > NEGLIGIBLE)

@@ -10,9 +10,9 @@ import numpy as np
 
 from cosim import Result
 
-from ..charts.model import DISPLAY_FACTORS, Chart, Curve, Mark, Panel, Rows, Samples
+from ..charts.model import Chart, Curve, Mark, Panel, Rows, Samples
 from ..charts.motion import FRAMES, Motion, Shape, rows, shifted
-from ..figure import Figure
+from ..figure import Figure, conversion
 from ..formula import Formula
 from ..options import Options
 from .declare import REVOLUTION, Caption, LiveMotion, LiveRun, RunChart
@@ -49,7 +49,9 @@ def drawn(
     Raises
     ------
     KeyError
-        For a column that does not exist or a unit that it does not convert to.
+        For a column that does not exist.
+    SetupError
+        For a unit that it does not convert to.
     ValueError
         For a look that does not exist.
     """
@@ -65,8 +67,7 @@ def drawn(
         for scope in scopes:
             x = Formula.read(chart.x).over(scope)
             for text in panel.curves:
-                own = units.get(text, unit)
-                factor = 1.0 if own == unit else DISPLAY_FACTORS[own, unit]
+                factor = conversion(units.get(text, ""), unit, f"panel {panel.quantity!r}: {text}")
                 y, look = factor * Formula.read(text).over(scope), next(looks)
                 curves.append(Curve(look.name, x, y, look.color, look.look))
         levels = [Mark(Formula.read(at)(values), text) for text, at in panel.levels.items()]
