@@ -125,7 +125,7 @@ class Judgement:
         if self.figure is None:
             return ""
         least, most = bounded(self.least, self.figure), bounded(self.most, self.figure)
-        text, bare = self.figure.brief(), self.figure._replace(unit="1")
+        text = self.figure.brief()
         if (math.isinf(least.value) and math.isinf(most.value)) or self.figure.error is None:
             return text
         if math.isinf(most.value):
@@ -136,7 +136,12 @@ class Judgement:
             )
         if most.value <= 0.0 or self.figure.value < 0.0:
             return f"{text} (at most {most._replace(unit='1').brief()})"
-        return f"{bare.brief()} of {most.brief()} ({share_text(self.figure.value / most.value)})"
+        if self.figure.unit == "%":
+            return f"{text} (limit {most.brief()})"
+        share = share_text(self.figure.value / most.value)
+        if self.figure.value > most.value:
+            return f"{text}, limit {most.brief()} ({share})"
+        return f"{self.figure._replace(unit='1').brief()} of {most.brief()} ({share})"
 
     def text(self) -> str:
         """Return the judgement in a line, "Torque ripple below its limit: yes, 16.2 of 62.5 N.m (26 %)"."""

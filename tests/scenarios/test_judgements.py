@@ -39,7 +39,7 @@ TURNS: list[tuple[str, str, dict[Holds, dict[str, Any]]]] = [
     ("resonance", "on resonance", {YES: SWEEP, NO: {"speeds": "40:60:9", "speed": "420rpm", "start": FEEDER}}),
     ("run_up", "the linear motor passes", {YES: {"stop": 0.3}, NO: {"stop": 0.3, "speed": 20.0}}),
     ("run_up", "the induction motor passes", {YES: {}, NO: {"start": {"motor.kloss.tau_b": 1.0}}}),
-    ("mean_values", "the mean speed stays within", {
+    ("mean_values", "after a step of the supply", {
         YES: {"speeds": "40", "speed": 40.0, "start": {"motor.T": 2e-4}, "steps_per_rev": 1024},
         NO: {"speeds": "40", "speed": 40.0, "start": {"motor.T": 4e-3}, "steps_per_rev": 1024}}),
     ("iron_cycle", "", {YES: {"speed": 7.0, "samples": 180}, NO: {"speed": 9.0, "samples": 180}}),
@@ -48,7 +48,7 @@ TURNS: list[tuple[str, str, dict[Holds, dict[str, Any]]]] = [
     ("iron_start", "the motor turns the cam slowly", {YES: {"motor_A": 0.35, "stop": 0.1}, NO: {"motor_A": 0.05}}),
     ("iron_bounce", "", {YES: {"speeds": "70rpm", "speed": "70rpm", "samples": 360},
                          NO: {"speeds": "70rpm", "speed": "80rpm", "samples": 360}}),
-    ("iron_orders", "a motor lag of 80 ms", {YES: {"speeds": "2"}, NO: {"speeds": "5"},
+    ("iron_orders", "with a motor lag of 80 ms", {YES: {"speeds": "2"}, NO: {"speeds": "5"},
                                              OPEN: {"speeds": "0.3", "start": {"motor.B": 1e-4}}}),
     ("orientator_cycle", "the product is oriented", {YES: {}, NO: JAMMED}),
     ("orientator_cycle", "the wall pushes at all times", {YES: JAMMED, NO: {}}),
@@ -159,7 +159,7 @@ def test_all_that_must_hold_holds_together() -> None:
     ):  # fmt: skip
         assert Judgement("all", also=parts).answer is wanted
     assert Judgement("all", also=(yes, refused)).reason == "it sticks"
-    assert Judgement("all", also=(unsure, no)).text() == "All: no, b 2.00 ± 0.10 of 1 (200 %)"
+    assert Judgement("all", also=(unsure, no)).text() == "All: no, b 2.00 ± 0.10, limit 1 (200 %)"
 
 
 def test_the_first_line_says_what_to_do_with_figure_bound_and_margin() -> None:

@@ -287,9 +287,12 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
     assert len(facts["checks"]) == 3 and all(c["samples"] == 8 for c in facts["checks"])
     nominal, built = facts["judgements"]
     assert (lines["ripple_in_range"] <= 50.0).to_list() == [True, False, True]
-    assert nominal["answer"] == "yes" and "motor.T of 0.03 s and 0.12 s" in facts["verdict"][0]
+    assert (
+        nominal["answer"] == "yes"
+        and "motor time constant of 0.03 s and 0.12 s" in facts["verdict"][0]
+    )
     assert (lines["probability_in_range"] <= 0.01).to_list() == [False, False, True]
-    assert built["text"].endswith("with motor.T of 0.12 s")
+    assert built["text"].endswith("with a motor time constant of 0.12 s")
     never = small(None, limit=1.0, checks=0)
     assert [str(x.answer) for x in never.judgements] == ["no", "no"]
     figures = facts["figures"]

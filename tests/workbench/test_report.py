@@ -555,7 +555,7 @@ def test_the_page_reports_errors_warnings_and_what_is_dangerous_as_text(sample: 
         [sign, text] for sign, text in zip(
             "\N{CHECK MARK}\N{BALLOT X}?\N{BULLET}",
             ["Force below its limit: yes, 2.000 ± 0.010 of 3 N (67 %)",
-             "Force below its limit: no, 2.000 ± 0.010 of 1 N (200 %)",
+             "Force below its limit: no, 2.000 ± 0.010 N, limit 1 N (200 %)",
              "Way below its limit: not determined, because the runs contradict each other",
              "Force: 2.000 ± 0.010 N"],
         )

@@ -117,7 +117,7 @@ class MeanValues(Question, SweepOptions):
             Judgement("mean torque above that formula", f["more"]),
             Judgement("power from the supply, above that without ripple", f["supply_more"]),
             Judgement(
-                "the mean speed stays within its settling band after a step of the supply: overshoot",
+                f"after a step of the supply the mean speed overshoots by at most {SETTLED:g} % of the step",
                 f["overshoot"],
                 most=SETTLED,
                 note=rises if r.still_rises else "",

@@ -181,7 +181,7 @@ class ResonanceMap(Question, RippleOptions):
                 Judgement(built, note=f"{r.sure()} of the map"),
             ]
         else:
-            name = r.plane.y.name
+            name = r.plane.y.name.replace("motor.T", "motor time constant")
             span = f"{r.within[0]:g} to {r.within[1]:g} rad/s"
             nominal = r.clear("ripple_in_range", self.ripple_limit)
             nearly_all = r.clear("probability_in_range", SURE)
@@ -189,13 +189,15 @@ class ResonanceMap(Question, RippleOptions):
                 Judgement(
                     f"{span} is clear of {above}",
                     is_so=bool(nominal),
-                    yes=f"{span} is clear of {above} with {name} of {nominal}",
+                    yes=f"{span} is clear of {above} with a {name} of {nominal}",
                     no=f"{span} is clear of {above} with no {name} of the map",
                 ),
                 Judgement(
                     built,
                     is_so=bool(nearly_all),
-                    note=f"with {name} of {nearly_all or 'no value on the map'}",
+                    note=f"with a {name} of {nearly_all}"
+                    if nearly_all
+                    else f"with no {name} of the map",
                 ),
             ]
         return answers

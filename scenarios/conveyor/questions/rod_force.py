@@ -21,6 +21,7 @@ from cosim import SetupError
 from workbench import Context, Figure, Findings, Judgement, Question, Show, option
 from workbench.answer import parameters
 from workbench.charts.model import Direction, Picture
+from workbench.judgement import Holds
 
 from .. import motion
 from ..drive_orbits import (
@@ -145,14 +146,17 @@ class RodForce(Question, RippleOptions):
             if r.plane.machine.zeta <= LARGEST_PEAKED_ZETA
             else "90 degree lag, which is no resonance,"
         )
+        nearly = Judgement(
+            f"the spring of {present.brief()} gives nearly the least rod force {at}",
+            f["f_rod"],
+            most=least._replace(value=WELL * least.value, error=error),
+            yes=f"Keep the spring of {present.brief()} {at}",
+            no=f"Use a spring of {spring.brief()} instead of {present.brief()} {at}",
+            note=f"rod force {least.brief()} with {spring.brief()}, {f['f_rod'].brief()} with {present.brief()}",
+        )
         return [
-            Judgement(
-                f"the spring of {present.brief()} gives nearly the least rod force {at}",
-                f["f_rod"],
-                most=least._replace(value=WELL * least.value, error=error),
-                yes=f"Keep the spring of {present.brief()} {at}",
-                no=f"Use a spring of {spring.brief()} instead of {present.brief()} {at}",
-                note=f"with {spring.brief()} it is {least.brief()}, the least",
+            replace(
+                nearly, is_so={Holds.YES: True, Holds.NO: False}.get(nearly.answer or Holds.OPEN)
             ),
             by_formula,
             Judgement(f"{resonance} with the machine's spring", f["nu_90"]),

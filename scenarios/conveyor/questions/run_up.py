@@ -148,7 +148,7 @@ class RunUp(Question, NameplateOptions, RunOptions):
                     passing,
                     most=self.stop,
                     is_so=False if why else None,
-                    yes=f"The {word} passes {name}",
+                    yes=f"The {word} passes {name} within {self.stop:g} s",
                     no=f"The {word} does not pass {name} within {self.stop:g} s",
                     note=why,
                 )

@@ -187,8 +187,8 @@ class Sommerfeld(Question):
         passes = (
             f"the motor passes {resonance} when its supply is raised slowly to {top.supply:g} V"
         )
-        yes = f"The motor passes {resonance}"
-        no = f"{top.supply:g} V do not take the motor past {resonance}"
+        yes = f"The motor passes {resonance} when its supply is raised slowly"
+        no = f"A supply raised slowly to {top.supply:g} V does not take the motor past {resonance}"
         if constants(observed.case.system)[6] == 0.0 or (
             not len(observed.theory.folds)
             and (up.reason != no_jump(observed) or two_speeds(observed))
@@ -214,8 +214,8 @@ class Sommerfeld(Question):
                 yes=yes,
                 no=no,
             ),
-            Judgement("speed before that jump", f["before_up"]),
-            Judgement("speed after that jump", f["after_up"]),
+            Judgement("speed before the jump past the resonance", f["before_up"]),
+            Judgement("speed after the jump past the resonance", f["after_up"]),
             Judgement("supply that keeps it above the resonance when lowered again", down),
             *from_rest(f, observed),
         ]
@@ -399,7 +399,7 @@ def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[Judgement]:
     last = run["time"] >= LAST * run["time"][-1]
     mean = float(run["exciter.w"][last].mean())
     passes = mean > 1.1 * before.value
-    what = f"{supply:.4g} V, {STARTS[0]:.0%} of that, pass it when switched on at once from rest"
+    what = f"{supply:.4g} V, {STARTS[0]:.0%} of the supply of the jump, passes the resonance when switched on at once from rest"
     note = f"it turns at {mean:.4g} rad/s after {run['time'][-1]:g} s"
     return [Judgement(what, is_so=passes, note=note)]
 

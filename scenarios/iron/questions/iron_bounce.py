@@ -33,7 +33,7 @@ from workbench import (
 )
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
-from workbench.figure import ROUNDING
+from workbench.figure import ROUNDING, scaled
 from workbench.judgement import Holds
 from workbench.live import (
     REVOLUTION,
@@ -182,12 +182,14 @@ class IronBounce(Question):
     def judgements(self, f: Mapping[str, Figure], r: object) -> list[Judgement]:
         """Whether the follower stays on its cam at the speed, and what it does if not."""
         at = f"{self.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
+        limit = f["follower_limit"]
+        cycles = scaled(limit, iron.PER_MINUTE, "cycles/min", "")
         stays = Judgement(
             f"the follower stays on the cam at {at}",
             Figure(self.speed, "rad/s", 0.0),
-            most=f["follower_limit"],
+            most=limit,
             yes=f"The follower stays on the cam at {at}",
-            no=f"The follower leaves the cam at {at}",
+            no=f"Stay below {limit.brief()} ({cycles.brief()}), or the follower leaves the cam",
         )
         if stays.answer is Holds.YES:
             return [stays]

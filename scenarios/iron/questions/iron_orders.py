@@ -111,19 +111,20 @@ class IronOrders(Question):
         return Findings(all_figures, (machine, orders.frame), system, {}, steps, ALGORITHM, tables)
 
     def judgements(self, f: Mapping[str, Figure], r: object) -> list[Judgement]:
-        """For which motors a resonance matters, and what the lag of each adds; those that it matters for first."""
+        """For which motors a resonance matters, and what the lag of each adds; the worst first."""
         answers = []
-        for lag in LAGS:
+        grows = f"by more than {IMPORTANT:g} % of the largest torque"
+        for lag in sorted(LAGS, key=lambda x: -np.nan_to_num(f[f"added_{x}ms"].value)):
             added = f[f"added_{lag}ms"]
             adds_nothing = added.reason.startswith(NO_ORDER)
             answers.append(
                 Judgement(
-                    f"a motor lag of {lag} ms adds little to every order, over the largest torque",
+                    f"with a motor lag of {lag} ms no torque order grows {grows}",
                     added,
                     most=IMPORTANT,
                     is_so=True if adds_nothing else None,
-                    yes=f"No resonance matters; a motor lag of {lag} ms adds",
-                    no=f"Mind the resonance: a motor lag of {lag} ms adds to an order, over the largest torque",
+                    yes=f"No resonance matters; with a motor lag of {lag} ms no torque order grows {grows}",
+                    no=f"With a motor lag of {lag} ms a torque order grows {grows}",
                     note=added.reason if adds_nothing else "",
                 )
             )

@@ -130,10 +130,10 @@ class IronStart(Question, RunOptions):
         return [
             Judgement(
                 f"the cam completes a turn within {self.stop:g} s",
-                turns,
+                turns._replace(unit="turns"),
                 least=1.0,
                 is_so=False if why else None,
-                yes="The motor starts the drive",
+                yes=f"The motor starts the drive within {self.stop:g} s",
                 no=f"The cam does not complete a turn within {self.stop:g} s"
                 if abs(turns.value) < 1.0
                 else "The motor does not keep the drive turning forwards",

@@ -125,7 +125,7 @@ class OrientationTime(Question):
         what = "friction changes the orientation time by less than " + percent(SPREAD - 1.0)
         judgements = [
             Judgement(f"with friction {mu:g} the rotor may turn at up to", f[key("limit", mu)])
-            for mu in r.series
+            for mu in sorted(r.series, reverse=True)
         ]
         if "shortest_time" in f:
             judgements.append(Judgement("orienting a product takes at least", f["shortest_time"]))

@@ -127,15 +127,17 @@ class PackingLine(Question, RunOptions):
     def judgements(self, f: Mapping[str, Figure], r: tuple[Result, System]) -> list[Judgement]:
         """Whether the line keeps pace, what a jam costs, and what the supply gives."""
         keeps, why = f["oriented"].value >= f["released"].value, f["orientation"].reason
+        counted = f"{f['oriented'].brief()} of {f['released'].brief()} released products oriented"
         (cam, crank), distance = nearest(with_supply_power(turns_of_drives(r[0]))), f["gap"]
         return [
             Judgement(
-                "the line keeps pace: products oriented of those released",
+                "the line keeps pace",
                 f["oriented"],
                 least=f["released"],
-                yes="The line keeps pace, products oriented",
-                no="The line does not keep pace, products oriented",
-                note="" if keeps else why,
+                is_so=keeps,
+                yes="The line keeps pace",
+                no="The line does not keep pace",
+                note=counted if keeps else f"{counted}; {why}",
             ),
             *(
                 [
