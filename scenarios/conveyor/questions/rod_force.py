@@ -152,7 +152,9 @@ class RodForce(Question, RippleOptions):
             most=least._replace(value=WELL * least.value, error=error),
             yes=f"Keep the spring of {present.brief()} {at}",
             no=f"Use a spring of {spring.brief()} instead of {present.brief()} {at}",
-            note=f"rod force {least.brief()} with {spring.brief()}, {f['f_rod'].brief()} with {present.brief()}",
+            note=""
+            if least.error is None
+            else f"rod force {least.brief()} with {spring.brief()}, {f['f_rod'].brief()} with {present.brief()}",
         )
         return [
             replace(

@@ -189,7 +189,9 @@ class IronBounce(Question):
             Figure(self.speed, "rad/s", 0.0),
             most=limit,
             yes=f"The follower stays on the cam at {at}",
-            no=f"Stay below {limit.brief()} ({cycles.brief()}), or the follower leaves the cam",
+            no=f"Stay below {limit.brief()} ({cycles.brief()}), or the follower leaves the cam"
+            if limit.value > 0.0
+            else f"The follower leaves the cam at {at}, as at any speed",
         )
         if stays.answer is Holds.YES:
             return [stays]
