@@ -22,6 +22,7 @@ from cosim.units import multiples
 
 from . import catalog
 from .answer import Findings, Show, Table, parameters
+from .charts.style import color_of
 from .figure import ERROR_SCOPE, Figure, Figures, conversion, scaled, with_bounded_errors
 from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
@@ -126,7 +127,14 @@ class Question(Options):
 
     def system(self, fmus: Mapping[str, Path]) -> System | Mapping[str, System]:
         """Return the system, or several by name, each of which is run and certified."""
-        values = {n: Formula.read(text)(self.values) for n, text in self.start_values.items()}
+        values = {}
+        for name, text in self.start_values.items():
+            try:
+                values[name] = Formula.read(text)(self.values)
+            except SetupError as error:
+                item = "; the item of an enumeration is written as its number"
+                hint = item * (isinstance(text, str) and text.isidentifier())
+                raise SetupError(f"{self.path}: start_values: {name}: {error}{hint}") from error
         return System(dict(fmus), self.wires, {**values, **self.start})
 
     @cached_property
@@ -392,6 +400,17 @@ def require_attributes(question: type[Question], prefix: str) -> None:
             raise SetupError(f"{prefix}: {name} must be a tuple, ({kind},) with its comma")
 
 
+def require_colors(question: type[Question], prefix: str) -> None:
+    """Refuse a colour or look of a curve that there is not."""
+    for chart in question.charts:
+        for panel in chart.panels:
+            try:
+                for look in panel.looks(()):
+                    color_of(look.color)
+            except ValueError as error:
+                raise SetupError(f"{prefix}: panel {panel.quantity!r}: {error}") from error
+
+
 def load(locator: str) -> type[Question]:
     """Return the question of a module, "scenarios.conveyor.run_up", or of a file, "mine.py".
 
@@ -439,6 +458,7 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
     if not question.title:
         raise SetupError(f"{prefix} must begin with its question as a docstring")
     require_attributes(question, prefix)
+    require_colors(question, prefix)
     if question.solve is not Question.solve:
         return question
     if question.figures is Question.figures and not question.numbers:

@@ -306,7 +306,7 @@ BROKEN = [
     ("lag: float", "lag: list", 2, "option 'lag' must be a float, int, str or bool"),
     ("parts = {", "parts = 3 or {", 2, "parts must be a dict of FMUs by part"),
     ('{"motor.tau": "red"}', '{"motor.tua": "red"}', 2, "motor has no variable 'tua'"),
-    ('{"motor.tau": "red"}', '{"motor.tau": "rd"}', 1, "color 'rd' must be one of red, blue"),
+    ('{"motor.tau": "red"}', '{"motor.tau": "rd"}', 2, "color 'rd' must be one of red, blue"),
     ('Slider("lag"', 'Slider("lga"', 2, "'lga' is neither an option nor a start value"),
 ]
 

@@ -132,6 +132,11 @@ MISTAKES = [
         '{"motor.tau": "red"}, unit="kg"',
         "panel 'torque': motor.tau is in N.m",
     ),
+    (
+        '{"conveyor.w": "speed"}',
+        '{"motor.characteristic": "kloss"}',
+        "start_values: motor.characteristic: .*its number",
+    ),
     ("most=0.4", 'most=f["torque"]', "the figure is in s, and most in kN.m"),
     ("most=0.4", 'most="0.4"', "'in time': most = '0.4' must be a number or a figure"),
     ('f["time"]', 'f["time"].value', "must be a figure, f."),
