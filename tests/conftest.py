@@ -156,7 +156,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 QUICK_FILES = {
     "test_dimensions.py", "test_drive_parts.py", "test_linear_system.py", "test_physics.py",
     "test_inputs.py", "test_jet.py", "test_metrics.py", "test_scratch.py", "test_ssp.py",
-    "test_journal.py", "test_golden.py", "test_means.py",
+    "test_journal.py", "test_means.py",
 }  # fmt: skip
 """Files of tests that take seconds together and look at every package; `-m quick` runs them."""
 
