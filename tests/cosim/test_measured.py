@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cosim import System, run
+from examples import logger
 from examples import measured_drive as drive
 
 
@@ -38,13 +39,13 @@ def test_the_record_is_what_a_logger_makes_of_the_motion() -> None:
     rows = drive.record()
     assert drive.record().equals(rows) and not drive.record(2).equals(rows)
     t, speed, percent = rows.to_numpy().T
-    gaps = np.flatnonzero(np.diff(t) > 1.5 * drive.SAMPLE)
+    gaps = np.flatnonzero(np.diff(t) > 1.5 * logger.SAMPLE)
     assert np.allclose([*t[gaps], *t[gaps + 1]], [0.539, 1.499, 0.561, 1.601])
-    counts = speed / 60 * drive.SAMPLE * drive.COUNTS
+    counts = speed / 60 * logger.SAMPLE * drive.COUNTS
     assert np.allclose(counts, counts.round(), atol=1e-4)
     clean = drive.motion(t)
     until = t <= drive.GAPS[0][0]
-    turned = drive.motion(t[until][-1:] + drive.SAMPLE / 2)[3, 0] / (2 * np.pi)
+    turned = drive.motion(t[until][-1:] + logger.SAMPLE / 2)[3, 0] / (2 * np.pi)
     assert 0 <= turned * drive.COUNTS - counts[until].sum() < 1.01
     noise = percent - 100 * clean[2] / drive.RATIO / drive.RATED
     assert noise.std() == pytest.approx(drive.NOISE, rel=0.1) and abs(noise.mean()) < 0.1
