@@ -128,7 +128,7 @@ class Figure(NamedTuple):
         return record | {"meaning": self.meaning, "reason": self.reason}
 
 
-class Figures(dict[str, Figure]):
+class NamedFigures(dict[str, Figure]):
     """Figures by name; one that there is not is an error that names the nearest."""
 
     def __missing__(self, name: str) -> Figure:
@@ -190,7 +190,7 @@ def with_bounded_errors(
     """
     if not isinstance(figures, Mapping):
         raise SetupError(f"{path}: figures must be a dict of workbench.Figure")
-    result = Figures()
+    result = NamedFigures()
     for key, figure in figures.items():
         prefix = f"{path}: figure {key!r}"
         if not isinstance(figure, Figure):

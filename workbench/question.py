@@ -23,7 +23,7 @@ from cosim.units import multiples
 from . import catalog
 from .answer import Findings, Show, Table, parameters
 from .charts.style import color_of
-from .figure import ERROR_SCOPE, Figure, Figures, conversion, scaled, with_bounded_errors
+from .figure import ERROR_SCOPE, Figure, NamedFigures, conversion, scaled, with_bounded_errors
 from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
 from .live import Formulas, Live, LiveMotion, Number, Reader, RunChart, Slider, drawn, moved
@@ -222,7 +222,7 @@ class Question(Options):
         systems = self.system(context.fmus)
         by_name = {"": systems} if isinstance(systems, System) else systems
         self._require_starts(by_name.values())
-        figures = Figures()
+        figures = NamedFigures()
         certified: dict[str, Result] = {}
         for name, system in by_name.items():
             certified[name], of_run = self._certify(system, context, f"{name or self.name}.csv")
