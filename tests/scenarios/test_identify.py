@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import brentq
 
 from cosim import SetupError
-from examples import measured_conveyor, measured_iron
+from examples import logger, measured_conveyor, measured_iron
 from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import identify
 from scenarios.project import PROJECT
@@ -43,7 +43,7 @@ def test_the_record_of_the_examples_is_what_its_script_makes(maker: str) -> None
 
 def test_the_record_of_the_conveyor_has_counts_of_an_encoder_and_a_belt_that_creeps() -> None:
     rows = measured_conveyor.record()
-    counts = rows["n [rpm]"] / 60 * measured_conveyor.SAMPLE * measured_conveyor.COUNTS
+    counts = rows["n [rpm]"] / 60 * logger.SAMPLE * logger.COUNTS
     assert np.abs(counts - counts.round()).max() < 0.01
     _, w, M = measured_conveyor.simulated(
         measured_conveyor.TRUTH, np.array([0.0, 1.2]), measured_conveyor.CREEP
@@ -121,7 +121,7 @@ def test_the_table_holds_measured_and_fitted_values(answer: Answer) -> None:
     assert len(rows) == 600
     error = rows["conveyor.w_fitted"] - rows["conveyor.w"]
     assert error.to_list() == pytest.approx(rows["conveyor.w_residual"].to_list())
-    grid = 60 / measured_conveyor.COUNTS / measured_conveyor.SAMPLE * math.pi / 30
+    grid = 60 / logger.COUNTS / logger.SAMPLE * math.pi / 30
     assert 0.5 * grid / math.sqrt(12) < error.std() < 2.5 * grid / math.sqrt(12)
 
 
