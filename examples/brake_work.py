@@ -27,7 +27,7 @@ class BrakeWork(Question, RunOptions):
         Number("brake", Reader("max", "-motor.tau"), "N.m", "brake"),
     )
     charts = (RunChart("Braking", "time [s]", [RunPanel("torque", {"motor.tau": "red"})]),)
-    sliders = (Slider("motor.B", 5.0, 90.0),)
+    sliders = (Slider("motor.B", 50.0, 400.0),)
 
     def process(self, r):
         power = -r["motor.tau"] * r["conveyor.w"]
