@@ -423,7 +423,9 @@ def load(locator: str) -> type[Question]:
     """
     module = catalog.load_module(locator)
     try:
-        return read(module, locator)
+        question = read(module, locator)
+        require_colors(question, locator)  # not in `read`, of which the rows of studies make use
+        return question
     except SetupError:
         catalog.unload(module)
         raise
@@ -458,7 +460,6 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
     if not question.title:
         raise SetupError(f"{prefix} must begin with its question as a docstring")
     require_attributes(question, prefix)
-    require_colors(question, prefix)
     if question.solve is not Question.solve:
         return question
     if question.figures is Question.figures and not question.numbers:
