@@ -20,7 +20,7 @@ myst_heading_anchors = 3
 autodoc_default_options = {"members": True, "member-order": "bysource"}
 autodoc_preserve_defaults = True
 autodoc_typehints_format = "short"
-# Two packages offer the same object, such as cosim.Table and workbench.Table.
+# Packages offer an object under several names, such as workbench.Table and workbench.answer.Table.
 suppress_warnings = ["ref.python"]
 html_math_renderer = "mathml"
 html_theme = "furo"

@@ -5,6 +5,7 @@ An instance is the question as it is asked, with a value for each option.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -348,7 +349,7 @@ class Question(Options):
 
 
 def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]) -> Figure:
-    """Return the figure of a formula, `figures.speed / 2`, whose error is that of each figure in it, added."""
+    """Return the figure of a formula, `figures.speed / 2`; its error adds the larger effect of each figure's error up and down."""
     known = {f"figures.{name}": x for name, x in figures.items()}
     formula = Formula.read(number.value)
     used = {name: known[name] for name in sorted(formula.names & known.keys())}
@@ -356,10 +357,13 @@ def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, 
         if x.error is None:
             return Figure.undetermined(number.unit or "1", x.reason)
     at = {**values, **{name: x.value for name, x in known.items()}}
-    value = formula(at)
-    error = sum(
-        abs(formula({**at, n: x.value + (x.error or 0.0)}) - value) for n, x in used.items()
-    )
+    value, error = formula(at), 0.0
+    for n, x in used.items():
+        ends = [formula({**at, n: x.value + e}) for e in (x.error or 0.0, -(x.error or 0.0))]
+        if not all(map(math.isfinite, (value, *ends))):
+            reason = f"{number.value} has no value within the error of {n}"
+            return Figure.undetermined(number.unit or "1", reason)
+        error += max(abs(end - value) for end in ends)
     return Figure(value, number.unit or "1", error)
 
 

@@ -8,8 +8,9 @@ import pytest
 from cosim import SetupError
 from scenarios import ask
 from tests.conftest import fmus_of
+from workbench import Figure, Number
 from workbench.catalog import QuestionError
-from workbench.question import load
+from workbench.question import follows, load
 from workbench.run import found
 
 PAGE = '''"""Does a number have its error?"""
@@ -50,6 +51,24 @@ def figures(page: Path, **options: object) -> dict:
     question = load(str(page))
     with found(question, question.parse(options), fmus_of(question.module)) as findings:
         return dict(findings.figures)
+
+
+@pytest.mark.parametrize("text", ["1 / figures.a", "sqrt(figures.a)", "figures.a**3 - figures.a"])
+def test_a_number_of_a_figure_has_an_error_up_and_down(text: str) -> None:
+    """A curved formula changes more to one side; the other side alone would state less than half of it."""
+
+    def at(value: float, error: float) -> Figure:
+        return follows(Number("x", text, "1"), {"a": Figure(value, "1", error)}, {})
+
+    told = at(1.0, 0.6)
+    for value in (0.4, 0.7, 1.3, 1.6):
+        assert abs(at(value, 0.0).value - told.value) <= told.error * (1 + 1e-12)
+
+
+def test_a_number_whose_formula_has_no_value_within_the_error_is_undetermined() -> None:
+    for error in (1.0, 1.5):
+        told = follows(Number("x", "1 / sqrt(figures.a)", "1"), {"a": Figure(1.0, "1", error)}, {})
+        assert told.error is None and told.reason
 
 
 def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
