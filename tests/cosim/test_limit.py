@@ -26,6 +26,18 @@ def test_the_error_of_a_clean_series_holds_and_is_not_much_too_wide(order: int) 
     assert abs(got.extrapolated - 5.0) <= got.extrapolated_error < true
 
 
+@pytest.mark.parametrize("share", [0.005, -0.005, 0.01, -0.01])
+def test_terms_that_cancel_in_the_order_observed_are_within_the_extrapolated_error(
+    share: float,
+) -> None:
+    """h^2 + b h^3 + c h^4 with 7 b = -45 c has the order 2 in three runs, and its extrapolation is off by 32 c / 7."""
+    got = limit([h**2 + share * (h**4 - 45 / 7 * h**3) for h in (1.0, 2.0, 4.0)], 2)
+    assert got.order == pytest.approx(2.0) and abs(got.extrapolated) == pytest.approx(
+        32 / 7 * abs(share)
+    )
+    assert abs(got.extrapolated) <= got.extrapolated_error < 0.1
+
+
 @pytest.mark.parametrize("ratio", [2.0, 3.0, 10.0])
 @pytest.mark.parametrize(
     ("order", "power", "factor"),
