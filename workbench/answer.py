@@ -81,7 +81,7 @@ class Table:
         writer.writerow(self.columns)
         for begin in range(0, len(self), ROWS_OF_A_PIECE):
             piece = slice(begin, begin + ROWS_OF_A_PIECE)
-            writer.writerows(zip(*(map(_cell, values[piece].tolist()) for values in columns)))
+            writer.writerows(zip(*(map(_csv_cell, values[piece].tolist()) for values in columns)))
             yield text.getvalue()
             text.seek(text.truncate(0))
         yield text.getvalue()
@@ -93,7 +93,7 @@ def _column(values: Sequence[Any]) -> NDArray[Any]:
     return numbers if numbers.dtype.kind in "biuf" else np.array(values, dtype=object)
 
 
-def _cell(value: Any) -> Any:
+def _csv_cell(value: Any) -> Any:
     """A value in a file; the writer writes the shortest digits of a number that give it back."""
     return "" if value is None or (isinstance(value, float) and math.isnan(value)) else value
 
@@ -149,11 +149,6 @@ class Findings:
     warnings: Sequence[str] = ()
 
 
-def _no_picture(answer: Answer) -> str:
-    """Show an answer in a notebook as text alone."""
-    return ""
-
-
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Answer(Findings):
     """The complete answer to a question: findings, options, judgements, tables and charts.
@@ -177,10 +172,10 @@ class Answer(Findings):
     refused: bool = False
     sources: Sequence[tuple[str, str]] = ()
     error_scope: str = ERROR_SCOPE
-    picture: Callable[[Answer], str] = _no_picture
+    picture: Callable[[Answer], str] = lambda _: ""
 
     @property
-    def table(self) -> pd.DataFrame:
+    def first_table(self) -> pd.DataFrame:
         """The rows of the first table."""
         return next(iter(self.tables.values())).frame
 
@@ -204,10 +199,10 @@ class Answer(Findings):
         return f'<pre style="white-space: pre-wrap">{escape(repr(self))}</pre>{self.picture(self)}'
 
 
-def parameters(system: System, fixed_starts: Iterable[str] = ()) -> dict[str, GivenValue]:
+def parameters(system: System, leaving_out: Iterable[str] = ()) -> dict[str, GivenValue]:
     """All parameters of a system's FMUs and other variables with a start value, by dotted name.
 
-    Those of `fixed_starts`, which the question sets itself, are not among them.
+    Those to be left out are not among them.
 
     Raises SetupError for what `cosim.run` refuses in a system.
     """
@@ -219,6 +214,6 @@ def parameters(system: System, fixed_starts: Iterable[str] = ()) -> dict[str, Gi
             port = network.port(f"{part}.{variable.name}")
             if variable.causality == "parameter" or port.name in starts:
                 value = starts.get(port.name, declared_start(variable))
-                if value is not None and port.name not in fixed_starts:
+                if value is not None and port.name not in leaving_out:
                     values[port.name] = GivenValue(value, port.unit, variable.description or "")
     return values

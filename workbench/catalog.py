@@ -65,11 +65,6 @@ def locator(module: ModuleType) -> str:
     return str(module.__file__) if is_from_file(module) else module.__name__
 
 
-def files(module: ModuleType) -> list[Path]:
-    """Return the file of a module that belongs to no package."""
-    return [Path(str(module.__file__))] if is_from_file(module) else []
-
-
 def load_module(locator: str) -> ModuleType:
     """Return the module of a question.
 
@@ -97,7 +92,7 @@ def load_module(locator: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        with attribute_errors(module):
+        with as_question_errors(module):
             spec.loader.exec_module(module)
     except BaseException:
         unload(module)
@@ -133,7 +128,7 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
 
 
 @contextmanager
-def attribute_errors(page: ModuleType) -> Iterator[None]:
+def as_question_errors(page: ModuleType) -> Iterator[None]:
     """Turn what a page's own code raises into a QuestionError with its file and line.
 
     What a user's own file makes other code raise is turned into one, too.
@@ -147,7 +142,7 @@ def attribute_errors(page: ModuleType) -> Iterator[None]:
     except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
         frames_of_page = [frame for frame in frames if frame.filename == page.__file__]
-        if not frames_of_page and not files(page):
+        if not frames_of_page and not is_from_file(page):
             raise
         line = f":{frames_of_page[-1].lineno}" if frames_of_page else ""
         location = "" if frames_of_page else f", in {frames[-1].filename}:{frames[-1].lineno}"

@@ -13,7 +13,7 @@ from cosim.cli.options import Parser, exit_code
 from cosim.units import QUANTITY
 
 from . import catalog
-from .catalog import QuestionError, attribute_errors
+from .catalog import QuestionError, as_question_errors
 from .project import FLAVOURS, Project
 
 #: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
@@ -73,7 +73,9 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     )
     top.add_argument("question", metavar="NAME|FILE.py")
     question = project.load(top.parse_args(argv[:1]).question)
-    from .export import finish  # with NumPy and FMPy, which a list of the questions does not need
+    from .export import (
+        print_and_write,
+    )  # with NumPy and FMPy, which a list of the questions does not need
     from .options import add_arguments, declared
     from .run import ask
     from .runs.folder import reservation
@@ -101,8 +103,8 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     animate = args.pop("animate")
     with reservation(args["out"]):
         answer = ask(project, argv[0], options, **args, program=program)
-        with attribute_errors(question.module):
-            finish(answer, args["out"], animate=animate)
+        with as_question_errors(question.module):
+            print_and_write(answer, args["out"], animate=animate)
     return REFUSED if answer.refused else 0
 
 
@@ -123,7 +125,7 @@ def misplaced(word: str, words: Sequence[str], flags: Sequence[str], who: str) -
 def study(argv: Sequence[str], project: Project, program: str) -> int:
     """Run the study of a file and print its answer; 1 if no run succeeded."""
     from . import study as studies  # with NumPy, SciPy and pandas
-    from .export import finish
+    from .export import print_and_write
     from .runs.worker import OK
 
     parser = Parser(
@@ -136,8 +138,8 @@ def study(argv: Sequence[str], project: Project, program: str) -> int:
     )
     _add_common(parser, "results/studies/NAME")
     args = {name: x for name, x in vars(parser.parse_args(argv)).items() if x is not None}
-    answer = studies.run(studies.load(args.pop("file"), project), **args, end=finish)
-    return 0 if (answer.table["status"] == OK).any() else 1
+    answer = studies.run(studies.load(args.pop("file"), project), **args, end=print_and_write)
+    return 0 if (answer.first_table["status"] == OK).any() else 1
 
 
 def _add_common(parser: Parser, out: str) -> None:

@@ -55,7 +55,7 @@ class Context:
     journal: Callable[[], OutcomeJournal | None] = lambda: None
 
     @property
-    def threads(self) -> int | None:
+    def jobs(self) -> int | None:
         """How many runs at a time members of an ensemble may be in this process, None: what is best for their FMUs.
 
         Raises
@@ -119,12 +119,12 @@ class Context:
             function: Callable[[Result], Mapping[str, Figure]], result: Result
         ) -> dict[str, float | Estimate]:
             """The figures with the errors that they have themselves; the first are those of the finest run."""
-            with captured_warnings() if made else nullcontext():
+            with captured_log_warnings() if made else nullcontext():
                 now = function(result)
             made.update({name: x for name, x in now.items() if name not in made})
             return {
                 name: x.value
-                if x.is_measured
+                if x.awaits_error
                 else Estimate(x.value, x.error, reason=x.reason, unit=x.unit)
                 for name, x in now.items()
             }
@@ -190,7 +190,7 @@ class Context:
         probes : bool
             Whether the tasks look for what FMUs warn of.
         here : bool
-            Whether they are done in this process, each on all `threads`.
+            Whether they are done in this process, each on all `jobs`.
         """
         call, runner = partial(_with_warnings, function), IN_PROCESS if here else self.runner
         for outcome, warnings in runner.map(call, tasks, title, self.journal()):
@@ -231,12 +231,12 @@ def of_estimate(x: Estimate, figure: Figure) -> Figure:
 
 def _with_warnings(function: Callable[[Task], Outcome], task: Task) -> tuple[Outcome, list[str]]:
     """Return function(task) and the warnings of its runs."""
-    with captured_warnings() as warnings:
+    with captured_log_warnings() as warnings:
         return function(task), warnings()
 
 
 @contextmanager
-def captured_warnings() -> Iterator[Callable[[], list[str]]]:
+def captured_log_warnings() -> Iterator[Callable[[], list[str]]]:
     """Collect the warnings of the runs in this process, each once, and show them to no other handler."""
     log, handler = logging.getLogger("cosim"), BufferingHandler(sys.maxsize)
     handler.setLevel(logging.WARNING)

@@ -44,7 +44,7 @@ def draw_answer(answer: Answer, path: Path) -> list[str]:
     return [path.name] * bool(pictures)
 
 
-def picture(answer: Answer) -> str:
+def html_picture(answer: Answer) -> str:
     """Return the picture of an answer as an element of HTML, for a notebook."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "answer.png"
@@ -128,11 +128,11 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def replaced(answer: Answer, folder: Path) -> str:
+def replacement_notice(answer: Answer, folder: Path) -> str:
     """Say in a sentence which answer to other values a folder has, and in what they differ; "" without one."""
     path = folder / f"{answer.scenario}.json"
     try:
-        before, after = (_values(json.loads(text)) for text in (
+        before, after = (_asked_values(json.loads(text)) for text in (
             path.read_text(encoding="utf-8"), json.dumps(finite(content(answer)))))  # fmt: skip
         written = datetime.fromtimestamp(path.stat().st_mtime)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
@@ -145,19 +145,19 @@ def replaced(answer: Answer, folder: Path) -> str:
     )
 
 
-def _values(content: Mapping[str, Any]) -> dict[str, Any]:
+def _asked_values(content: Mapping[str, Any]) -> dict[str, Any]:
     """What was asked: the values of options and parameters of a JSON file, and its flavour."""
     asked = {**content["options"], **content["parameters"]}
     values = {name: parameter["value"] for name, parameter in asked.items()}
     return {**values, "flavour": content["flavour"]} if "flavour" in content else values
 
 
-def finish(answer: Answer, folder: Path, *, animate: bool = False) -> None:
+def print_and_write(answer: Answer, folder: Path, *, animate: bool = False) -> None:
     """Print the verdict, the figures and the FMUs' warnings; then write the files, and print where they are.
 
     An answer to other values that the folder has is replaced, which is said on stderr.
     """
-    if text := replaced(answer, folder):
+    if text := replacement_notice(answer, folder):
         print(text, file=sys.stderr)
     if text := repr(answer):
         print(text, flush=True)

@@ -75,7 +75,7 @@ class Figure(NamedTuple):
         return cls(value, unit, math.nan, meaning)
 
     @property
-    def is_measured(self) -> bool:
+    def awaits_error(self) -> bool:
         """Whether its error is still to be determined."""
         return self.error is not None and math.isnan(self.error)
 
@@ -138,7 +138,7 @@ class NamedFigures(dict[str, Figure]):
         )
 
 
-def of_rows(
+def figure_of_columns(
     function: Callable[..., float], *columns: Array, unit: str, meaning: str = ""
 ) -> Figure:
     """Return the number that a function makes of columns of shape (rows,), with the error that their spacing leaves.
@@ -166,22 +166,22 @@ def scaled(figure: Figure, factor: float, unit: str, meaning: str) -> Figure:
     return Figure(factor * figure.value, unit, error, meaning, figure.reason)
 
 
-def conversion(own: str, unit: str, what: str) -> float:
-    """Return the factor from its own unit, where it has one, to another; raises SetupError if there is none."""
-    factor = 1.0 if own in ("", unit) else multiples(unit).get(own)
+def conversion(from_unit: str, to_unit: str, what: str) -> float:
+    """Return the factor from a unit, "" for none, to another; raises SetupError if there is none."""
+    factor = 1.0 if from_unit in ("", to_unit) else multiples(to_unit).get(from_unit)
     if factor is None:
         raise SetupError(
-            f"{what} is in {own}, which does not convert to {unit}; write {' or '.join(multiples(own))}"
+            f"{what} is in {from_unit}, which does not convert to {to_unit}; write {' or '.join(multiples(from_unit))}"
         )
     return factor
 
 
-def with_bounded_errors(
-    figures: Any, path: Path, *, may_be_measured: bool = False
+def checked_figures(
+    figures: Any, path: Path, *, may_await_error: bool = False
 ) -> dict[str, Figure]:
     """Return the figures of a question, those whose error has no bound as undetermined.
 
-    With `may_be_measured`, those without an error are let through: a run determines it.
+    With `may_await_error`, those without an error are let through: a run determines it.
 
     Raises
     ------
@@ -195,10 +195,10 @@ def with_bounded_errors(
         prefix = f"{path}: figure {key!r}"
         if not isinstance(figure, Figure):
             raise SetupError(f"{prefix} must be a workbench.Figure(value, unit, error, meaning)")
-        is_measured = may_be_measured and figure.is_measured and figure.unit
-        if not is_measured and (problem := figure.problem()):
+        awaits_error = may_await_error and figure.awaits_error and figure.unit
+        if not awaits_error and (problem := figure.problem()):
             raise SetupError(f"{prefix} {problem}")
-        is_bounded = is_measured or figure.error is None or math.isfinite(figure.error)
+        is_bounded = awaits_error or figure.error is None or math.isfinite(figure.error)
         unbounded = Figure.undetermined(figure.unit, "its error has no bound", figure.meaning)
         result[key] = figure if is_bounded else unbounded
     return result

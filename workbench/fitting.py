@@ -86,7 +86,9 @@ class RecordOptions(Options):
         last = math.inf if self.until is None else self.until
         return {name: table.between(first, last) for name, table in tables.items()}
 
-    def turned(self, speed: Series, what: str, gear: float = 1.0) -> tuple[Samples, Samples]:
+    def speeds_and_angles(
+        self, speed: Series, what: str, gear: float = 1.0
+    ) -> tuple[Samples, Samples]:
         """Return the speeds [rad/s] of a column but for its gaps, and the angle [rad] at each.
 
         The angle is that of what turns `gear` times slower. Raises SetupError if it has not turned once in

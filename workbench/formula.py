@@ -39,7 +39,7 @@ def _where(condition: Any, yes: Any, no: Any) -> Any:
     return np.where((condition == 0.0) | np.isnan(condition), no, yes)
 
 
-def _of_all(function: Callable[..., Any]) -> Callable[..., Any]:
+def _folded(function: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *x: reduce(function, x)
 
 
@@ -56,7 +56,7 @@ DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 FUNCTIONS: Mapping[str, Function] = {
     "abs": Function(np.abs), "atan2": Function(np.arctan2, 2), "cos": Function(np.cos), "exp": Function(np.exp),
     "hypot": Function(lambda *x: reduce(np.hypot, x, 0.0), 0), "log": Function(np.log),
-    "max": Function(_of_all(np.maximum), 0), "min": Function(_of_all(np.minimum), 0),
+    "max": Function(_folded(np.maximum), 0), "min": Function(_folded(np.minimum), 0),
     "mod": Function(_mod, 2), "sin": Function(np.sin), "sqrt": Function(np.sqrt), "where": Function(_where, 3),
 }  # fmt: skip
 OPERATORS: Mapping[type[ast.AST], str] = {
@@ -129,21 +129,21 @@ class Formula:
             return np.asarray(eval(self._code, known, {"v": v}), float)
 
 
-def with_formulas(result: Result, texts: Mapping[str, str], values: Mapping[str, float]) -> Result:
+def with_formulas(result: Result, units: Mapping[str, str], values: Mapping[str, float]) -> Result:
     """Return a result with a column for each formula of columns, by its text, in these units.
 
     Parameters
     ----------
     result
         The rows.
-    texts
+    units
         Units by formula. Names of columns stand for them already.
     values
         What formulas may name besides columns.
     """
     more = {}
     used = set[str]()
-    for text, unit in texts.items():
+    for text, unit in units.items():
         if text not in result.names:
             formula = Formula.read(text)
             names = formula.names & {*result.names}
@@ -175,7 +175,7 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
 
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
-            return _number(number, text)
+            return _float_text(number, text)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
         return f"pow({inside(node.left)},{inside(node.right)})"
     if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
@@ -199,7 +199,7 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
     return f'v["{name}"]'
 
 
-def _number(number: float, text: str) -> str:
+def _float_text(number: float, text: str) -> str:
     """A number, which both languages can hold."""
     if abs(number) > sys.float_info.max:
         raise SetupError(f"the formula {text!r} has a number that is too large")

@@ -101,14 +101,14 @@ class Judgement:
         return Holds.YES if is_sure else Holds.OPEN
 
     @property
-    def reason(self) -> str:
+    def why_open(self) -> str:
         """Why the answer is not determined."""
         for x in (self.figure, self.least, self.most):
             if isinstance(x, Figure) and x.error is None:
                 return x.reason
         if self._of_figure() is Holds.OPEN:
             return "the bound lies within the error"
-        return next((x.reason for x in self.also if x.answer is Holds.OPEN), "")
+        return next((x.why_open for x in self.also if x.answer is Holds.OPEN), "")
 
     def evidence(self) -> str:
         """Return the figure, its bounds and how much of them it takes, "16.2 of 62.5 N.m (26 %)"."""
@@ -116,7 +116,7 @@ class Judgement:
         decisive = [x for x in self.also if x.answer is answer]
         own = self.measured() if self.is_so is None and self._of_figure() is answer else ""
         if answer is Holds.OPEN:
-            own = f"because {self.reason}"
+            own = f"because {self.why_open}"
             decisive = []
         return ", ".join([*[own] * bool(own), *(f"{x.what} {x.measured()}" for x in decisive)])
 
@@ -167,7 +167,7 @@ class Judgement:
         record: dict[str, Any] = {"claim": self.what, "answer": self.answer and str(self.answer)}
         record |= {name: figure.get(name) for name in ("value", "unit", "error")} | values
         return record | {
-            "reason": self.reason if self.answer is Holds.OPEN else "",
+            "reason": self.why_open if self.answer is Holds.OPEN else "",
             "also": [x.json() for x in self.also],
             "text": self.text(),
         }

@@ -75,7 +75,7 @@ class Project(NamedTuple):
                 )
         return paths
 
-    def modules(self, question: type[Question]) -> dict[str, Path]:
+    def wasm_modules(self, question: type[Question]) -> dict[str, Path]:
         """Return the modules for WebAssembly by part, for a question with a live part and built FMUs."""
         parts = question.parts
         if not question.is_live() or any(fmu.endswith(FMU) for fmu in parts.values()):

@@ -23,8 +23,8 @@ from cosim.units import multiples
 
 from . import catalog
 from .answer import Findings, Show, Table, parameters
-from .charts.style import color_of
-from .figure import ERROR_SCOPE, Figure, NamedFigures, conversion, scaled, with_bounded_errors
+from .charts.style import hex_color
+from .figure import ERROR_SCOPE, Figure, NamedFigures, checked_figures, conversion, scaled
 from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
 from .live import Formulas, Live, LiveMotion, Number, Reader, RunChart, Slider, drawn, moved
@@ -119,7 +119,8 @@ class Question(Options):
         cls.title = (cls.module.__doc__ or "").strip().partition("\n")[0]
         cls.name = cls.__module__.rpartition(".")[2]
         cls.path = Path(str(cls.module.__file__))
-        cls.locator, cls.own_files = catalog.locator(cls.module), catalog.files(cls.module)
+        cls.locator = catalog.locator(cls.module)
+        cls.own_files = [cls.path] if catalog.is_from_file(cls.module) else []
 
     @classmethod
     def parse(cls, options: Mapping[str, Any]) -> Self:
@@ -298,7 +299,7 @@ class Question(Options):
             return with_formulas(results[-1], texts, values)
 
         def figures(result: Result) -> Mapping[str, Figure]:
-            return with_bounded_errors(self.figures(result), self.path, may_be_measured=True)
+            return checked_figures(self.figures(result), self.path, may_await_error=True)
 
         has_formulas = any(DOTTED.fullmatch(text) is None for text in texts)
         own = {} if type(self).figures is Question.figures else {"figures": figures}
@@ -309,7 +310,7 @@ class Question(Options):
         units = (results[0] if results else result).units
         for x in self.numbers:
             figure = certified[x.name] if x.name in metrics else follows(x, certified, values)
-            certified[x.name] = self._told(x, figure, units)
+            certified[x.name] = self._as_declared(x, figure, units)
         return results[0] if results else result, certified
 
     def _recorded(self, system: System) -> Sequence[str] | None:
@@ -330,7 +331,7 @@ class Question(Options):
         }
         return [*dict.fromkeys((*self.record, *(x for x in names if x in outputs)))]
 
-    def _told(self, x: Number, figure: Figure, units: Mapping[str, str]) -> Figure:
+    def _as_declared(self, x: Number, figure: Figure, units: Mapping[str, str]) -> Figure:
         """Return the figure of a number with its meaning, in its unit, from one in that of a column."""
         where = f"{self.path}: number {x.name!r}"
         try:
@@ -382,7 +383,7 @@ def parameters_of(system: System) -> dict[str, float]:
     }
 
 
-def require_attributes(question: type[Question], prefix: str) -> None:
+def check_attributes(question: type[Question], where: str) -> None:
     """Refuse tables that are none, tables and methods in each other's place, and names that nearly are of these."""
     known = {
         x for x in (*dir(Question), *Question.__annotations__, *dir(RunOptions)) if x[0] != "_"
@@ -392,27 +393,27 @@ def require_attributes(question: type[Question], prefix: str) -> None:
             continue
         if name not in known:
             for near in get_close_matches(name, sorted(known), 1, 0.85):
-                raise SetupError(f"{prefix}: {name} is no part of a question; did you mean {near}?")
+                raise SetupError(f"{where}: {name} is no part of a question; did you mean {near}?")
         elif isfunction(getattr(Question, name, None)) and not callable(value):
             raise SetupError(
-                f"{prefix}: {name} must be a method; the tables of a question are {', '.join(TABLES)}"
+                f"{where}: {name} must be a method; the tables of a question are {', '.join(TABLES)}"
             )
     for name, kind in TABLES.items():
         table = vars(question).get(name, ())
         is_table = isinstance(table, Sequence) and not isinstance(table, str)
         if not (is_table or table is None or isinstance(table, property | cached_property)):
-            raise SetupError(f"{prefix}: {name} must be a tuple, ({kind},) with its comma")
+            raise SetupError(f"{where}: {name} must be a tuple, ({kind},) with its comma")
 
 
-def require_colors(question: type[Question], prefix: str) -> None:
+def check_colors_and_looks(question: type[Question], where: str) -> None:
     """Refuse a colour or look of a curve that there is not."""
     for chart in question.charts:
         for panel in chart.panels:
             try:
                 for look in panel.looks(()):
-                    color_of(look.color)
+                    hex_color(look.color)
             except ValueError as error:
-                raise SetupError(f"{prefix}: panel {panel.quantity!r}: {error}") from error
+                raise SetupError(f"{where}: panel {panel.quantity!r}: {error}") from error
 
 
 def load(locator: str) -> type[Question]:
@@ -428,7 +429,9 @@ def load(locator: str) -> type[Question]:
     module = catalog.load_module(locator)
     try:
         question = read(module, locator)
-        require_colors(question, locator)  # not in `read`, of which the rows of studies make use
+        check_colors_and_looks(
+            question, locator
+        )  # not in `read`, of which the rows of studies make use
         return question
     except SetupError:
         catalog.unload(module)
@@ -443,7 +446,7 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
     SetupError
         If it has none, or more than one, or if that lacks what a question must have.
     """
-    prefix = locator or str(module.__file__)
+    where = locator or str(module.__file__)
     questions = [
         x
         for x in vars(module).values()
@@ -451,29 +454,29 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
     ]
     if len(questions) != 1:
         raise SetupError(
-            f"{prefix} must define one class that derives from workbench.Question, not {len(questions)}"
+            f"{where} must define one class that derives from workbench.Question, not {len(questions)}"
         )
     question = questions[0]
     for name in declared(question):
         if name in RESERVED_OPTIONS:
             raise SetupError(
-                f"{prefix}: no option can be called {name!r}, since every question has one of that name"
+                f"{where}: no option can be called {name!r}, since every question has one of that name"
             )
     if not isinstance(question.parts, Mapping):
-        raise SetupError(f"{prefix}: parts must be a dict of FMUs by part")
+        raise SetupError(f"{where}: parts must be a dict of FMUs by part")
     if not question.title:
-        raise SetupError(f"{prefix} must begin with its question as a docstring")
-    require_attributes(question, prefix)
+        raise SetupError(f"{where} must begin with its question as a docstring")
+    check_attributes(question, where)
     if question.solve is not Question.solve:
         return question
     if question.figures is Question.figures and not question.numbers:
         raise SetupError(
-            f"{prefix}: {question.__name__} must have numbers, or define figures(self, r) or solve(self, context)"
+            f"{where}: {question.__name__} must have numbers, or define figures(self, r) or solve(self, context)"
         )
     is_run = issubclass(question, RunOptions) or question.run_options is not Question.run_options
     if not is_run and "step" not in declared(question):
         raise SetupError(
-            f"{prefix}: with figures, {question.__name__} must derive from workbench.RunOptions as well, or its run_options(self) "
+            f"{where}: with figures, {question.__name__} must derive from workbench.RunOptions as well, or its run_options(self) "
             "return one"
         )
     return question

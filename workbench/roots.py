@@ -165,11 +165,11 @@ def peaks(
         places.reasons[lost] = NO_VALUE
         is_open &= ~lost
         k = which[is_open]
-        fits = _Fits(k, center[k], half[k], to_series @ values[:, k], height)
+        fits = _ChebyshevFits(k, center[k], half[k], to_series @ values[:, k], height)
         s = fits.tops()
         inner = np.flatnonzero(np.abs(s) <= PEAK_INSIDE)
         at = k[inner]
-        places.x[at], heights.x[at], places.error[at], heights.error[at] = fits.with_errors(
+        places.x[at], heights.x[at], places.error[at], heights.error[at] = fits.places_and_heights(
             s[inner], inner, noise[at]
         )
         is_open[at] = False
@@ -182,7 +182,7 @@ def peaks(
     return LocatedPeaks(places, heights)
 
 
-class _Fits(NamedTuple):
+class _ChebyshevFits(NamedTuple):
     """Chebyshev series, shape (terms, n), around centers; `numbers` are those of the elements for `height`."""
 
     numbers: NDArray[np.intp]
@@ -219,11 +219,11 @@ class _Fits(NamedTuple):
             ).x
         return np.asarray(tops)
 
-    def with_errors(
+    def places_and_heights(
         self, s: Array, j: NDArray[np.intp], noise: Array
     ) -> tuple[Array, Array, Array, Array]:
         """Places and heights of elements j whose tops are at s, and their errors."""
-        missed = next_coefficients(self.series[:, j])
+        missed = bound_next_coefficients(self.series[:, j])
         changes = [
             (self.log_height(s, j, part) - self.log_height(s, j, -part)) / 2.0
             for part in (missed, 1j * missed)
@@ -239,7 +239,7 @@ class _Fits(NamedTuple):
         return self.center[j] + self.half[j] * s, np.exp(top), place_error, height_error
 
 
-def next_coefficients(coefficients: NDArray[Any]) -> Array:
+def bound_next_coefficients(coefficients: NDArray[Any]) -> Array:
     """Bound the size of the first coefficients that Chebyshev series of smooth functions leave out.
 
     Those of an analytic function are below 2 M / rho^k (Trefethen, Approximation Theory and Approximation

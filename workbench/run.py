@@ -22,9 +22,9 @@ from cosim.system import connect
 
 from . import catalog, export, live
 from .answer import Answer, Findings, GivenValue, Show, parameters
-from .catalog import QuestionError, attribute_errors
-from .context import IN_PROCESS, Context, captured_warnings
-from .figure import Figure, with_bounded_errors
+from .catalog import QuestionError, as_question_errors
+from .context import IN_PROCESS, Context, captured_log_warnings
+from .figure import Figure, checked_figures
 from .judgement import lines
 from .options import Options, at_least, check_fixed_starts, declared
 from .project import FLAVOURS, PYTHON, Project
@@ -80,7 +80,7 @@ def ask(
         flavour=chosen,
         runner=select_runner(1 if in_process else jobs, scheduler, project.packages),
         out=out,
-        modules=project.modules(question),
+        modules=project.wasm_modules(question),
         command=f"{program} run {text}" + f" --flavour {flavour}" * bool(flavour),
     )
 
@@ -130,8 +130,8 @@ def answer(
         The start of the command line that asks the same.
     """
     with (
-        captured_warnings() as warnings,
-        attribute_errors(question.module),
+        captured_log_warnings() as warnings,
+        as_question_errors(question.module),
         found(question, o, fmus, runner, out) as findings,
     ):
         judgements = tuple(o.judgements(findings.figures, findings.data))
@@ -140,7 +140,7 @@ def answer(
         live_part = live.of(o.live(findings.figures, findings.data), o, findings, modules, command)
 
     def show() -> Show:
-        with captured_warnings(), attribute_errors(question.module):
+        with captured_log_warnings(), as_question_errors(question.module):
             return Show(*o.show(findings.figures, findings.data))
 
     provenance = findings.provenance or _provenance(
@@ -163,7 +163,7 @@ def answer(
         refused=is_refused(question, findings.figures),
         sources=question.sources,
         error_scope=question.error_scope,
-        picture=export.picture,
+        picture=export.html_picture,
     )
 
 
@@ -212,7 +212,7 @@ def _complete(question: type[Question], findings: Any) -> Findings:
     """What `solve` has returned, as it was declared; raises SetupError for anything else."""
     if not isinstance(findings, Findings):
         raise SetupError(f"{question.path}: solve must return workbench.Findings")
-    return replace(findings, figures=with_bounded_errors(findings.figures, question.path))
+    return replace(findings, figures=checked_figures(findings.figures, question.path))
 
 
 def is_refused(question: type[Question], figures: Mapping[str, Figure]) -> bool:
@@ -263,7 +263,7 @@ def _solved(
     """The answers to cases, or why they are refused; raises what `solve_all` does, and if it is not clear who warns."""
     try:
         question = read(catalog.load_cached(str(page)))
-        with captured_warnings() as logged, attribute_errors(question.module):
+        with captured_log_warnings() as logged, as_question_errors(question.module):
             asked = [
                 question.parse(
                     {key: x for key, x in case.items() if "." not in key}
@@ -277,7 +277,7 @@ def _solved(
             if len(cases) > 1 and logged():
                 raise SetupError(f"one of {len(cases)} cases warns: {logged()[0]}")
             return [
-                x if isinstance(x, SetupError) else _row(_complete(question, x), logged())
+                x if isinstance(x, SetupError) else _study_row(_complete(question, x), logged())
                 for x in found
             ]
     except (SetupError, QuestionError) as error:
@@ -287,7 +287,7 @@ def _solved(
         raise type(error)(text) from error
 
 
-def _row(findings: Findings, logged: Sequence[str]) -> Row:
+def _study_row(findings: Findings, logged: Sequence[str]) -> Row:
     """What a row of a study has of what was found."""
     figures = findings.figures.items()
     numbers = [(f.value, math.nan if f.error is None else f.error) for _, f in figures]

@@ -15,7 +15,7 @@ import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,7 +151,7 @@ class _NewtonState:
         for member, text in zip(members.tolist(), why):
             self.turns.problems[member] = text
 
-    def take(self, m: NDArray[Any], phi: Array, data: Array, states: int, turns: int) -> None:
+    def take_runs(self, m: NDArray[Any], phi: Array, data: Array, states: int, turns: int) -> None:
         """Take runs of members m that turn on: angles (rows,), and states, columns (rows, k) of each."""
         ends = TURN * np.arange(turns + 1)
         rows, at_ends = at_angles(
@@ -314,11 +314,18 @@ def _read(search: _NewtonState, m: NDArray[Any], block: Ensemble, speed: Array, 
     if good.any():
         data = block.rows[good][..., 2:]
         states = search.at.shape[1]
-        search.take(m[good], phi[good], data, states, turns)
+        search.take_runs(m[good], phi[good], data, states, turns)
 
 
-def return_maps(differences: Array) -> tuple[Array, Array]:
-    """Return the linear maps that take each difference between sections to the next, and their contractions.
+class ReturnMaps(NamedTuple):
+    """Linear maps, shape (n, states, states), and their contractions: the largest sizes of eigenvalues, shape (n,)."""
+
+    jacobian: Array
+    contraction: Array
+
+
+def return_maps(differences: Array) -> ReturnMaps:
+    """Return the linear maps that take each difference between sections to the next.
 
     A map is 0 along directions in which it is not known.
 
@@ -326,24 +333,23 @@ def return_maps(differences: Array) -> tuple[Array, Array]:
     ----------
     differences : ndarray, shape (n, revolutions, states)
         Differences of states at one crank angle of revolutions in sequence.
-
-    Returns
-    -------
-    jacobian : ndarray, shape (n, states, states)
-    contraction : ndarray, shape (n,)
-        The largest size of its eigenvalues.
     """
     size = np.maximum(np.abs(differences).max(axis=1, keepdims=True), 1e-300)
     scaled = differences / size
     fit = np.linalg.pinv(scaled[:, :-1], rcond=RANK_TOLERANCE) @ scaled[:, 1:]
     fit = np.swapaxes(fit, 1, 2)
     contraction = np.abs(np.linalg.eigvals(fit)).max(axis=-1)
-    return fit * np.swapaxes(size, 1, 2) / size, contraction
+    return ReturnMaps(fit * np.swapaxes(size, 1, 2) / size, contraction)
 
 
-def at_angles(
-    phi: Array, values: Array, wanted: NDArray[Any]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+class InterpolatedRows(NamedTuple):
+    """Numbers of rows with a fraction, shape (n, angles), and the values there, shape (n, angles, columns)."""
+
+    rows: Array
+    values: Array
+
+
+def at_angles(phi: Array, values: Array, wanted: NDArray[Any]) -> InterpolatedRows:
     """Return where rows at even times pass wanted angles, and values there, on the polynomials through STENCIL rows.
 
     They meet smooth rows best in their middle, where no oscillation at the ends (Runge's) reaches; Berrut and
@@ -357,12 +363,6 @@ def at_angles(
         Values of the rows.
     wanted : ndarray, shape (n, angles)
         Angles [rad].
-
-    Returns
-    -------
-    rows : ndarray, shape (n, angles)
-        Numbers of the rows, with a fraction.
-    values : ndarray, shape (n, angles, columns)
     """
     n, rows = phi.shape
     after = np.array([np.searchsorted(x, y) for x, y in zip(phi, wanted)])
@@ -374,16 +374,17 @@ def at_angles(
     right, left = (np.take_along_axis(p, (at - k)[..., None], -1)[..., 0] for k in (0, 1))
     before, s, miss, slope = at - 1.0, at - right / (right - left), left, right - left
     for _ in range(ANGLE_ROUNDS):
-        value, change = (_weights(s) * p).sum(-1), s - before
+        value, change = (_interpolation_weights(s) * p).sum(-1), s - before
         is_apart = np.abs(change) > MOST_CHANGE
         slope = np.divide(value - miss, change, out=slope.copy(), where=is_apart)
         before, miss, s = s, value, s - value / slope
         if np.abs(s - before).max(initial=0.0) <= MOST_CHANGE:
             break
-    return first + s, np.asarray(np.einsum("nak,nakc->nac", _weights(s), values[member, around]))
+    there = np.einsum("nak,nakc->nac", _interpolation_weights(s), values[member, around])
+    return InterpolatedRows(first + s, np.asarray(there))
 
 
-def _weights(s: Array) -> Array:
+def _interpolation_weights(s: Array) -> Array:
     """The weights of STENCIL rows in the value at s, by the barycentric formula; s may be a row itself."""
     distance = s[..., None] - np.arange(STENCIL)
     weights = _BARYCENTRIC / np.where(distance == 0.0, NEXT_TO_A_ROW, distance)

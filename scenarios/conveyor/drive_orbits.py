@@ -157,7 +157,7 @@ class Drive:
         steps = np.broadcast_to(steps, n)
         cases = {name: np.broadcast_to(starts[name], n) for name in (*STATES, *arrays)}
         shared = {name: x for name, x in starts.items() if name not in cases}
-        system, threads = conveyor_drive(self.context.fmus, shared), self.context.threads
+        system, threads = conveyor_drive(self.context.fmus, shared), self.context.jobs
 
         def block(some: NDArray[Any]) -> tuple[Any, ...]:
             turns = steady_turns(

@@ -19,7 +19,7 @@ from scipy.stats import binomtest, qmc
 
 from cosim import SetupError
 from workbench.answer import GivenValue, parameters
-from workbench.charts.model import Direction
+from workbench.charts.model import GridAxis
 from workbench.options import at_least
 
 from .drive_orbits import Drive, Orbits, at_zero_step, picked
@@ -43,7 +43,7 @@ class ParameterAxis(NamedTuple):
     """A parameter and its values."""
 
     name: str
-    along: Direction
+    along: GridAxis
 
 
 class Plane(NamedTuple):
@@ -254,7 +254,7 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Parame
         raise SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
     at_least(f"--{option} number of values of {name}", number, least)
     values = np.geomspace(low, high, number) if log else np.linspace(low, high, number)
-    return ParameterAxis(name, Direction(label, unit, values, log))
+    return ParameterAxis(name, GridAxis(label, unit, values, log))
 
 
 def shares(
@@ -272,7 +272,7 @@ def shares(
     return ripples
 
 
-def span(option: str, text: str, within: Direction) -> tuple[float, float]:
+def span(option: str, text: str, within: GridAxis) -> tuple[float, float]:
     """Read FROM:TO inside an axis; raises SetupError."""
     low, high = read(option, text, text, "FROM:TO", float, float)
     first, last = within.values[[0, -1]]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from workbench import Chart, Curve, Mark, Panel
 from workbench.charts import model as colors
-from workbench.charts.model import Direction, Field, Level, Look, Span
+from workbench.charts.model import Field, GridAxis, Level, Look, Span
 
 from .drive_orbits import Drive
 from .parameter_plane import Plane
@@ -62,7 +62,7 @@ class Map(NamedTuple):
         return f"{np.nanmean(self.points['probability'] <= SURE):.0%}"
 
 
-def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
+def stretches(along: GridAxis, good: NDArray[np.bool_]) -> str:
     """The values of an axis that are good, as from .. to of those next to each other."""
     groups = groupby(zip(good, along.values), lambda pair: pair[0])
     runs = [[x for _, x in group] for ok, group in groups if ok]

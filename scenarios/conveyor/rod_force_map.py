@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from workbench import Chart, Curve, Mark, Panel
 from workbench.charts import model as colors
-from workbench.charts.model import Direction, Field, Level, SecondUnit
+from workbench.charts.model import Field, GridAxis, Level, SecondUnit
 
 from .drive_orbits import Drive, Orbits
 from .first_order import NODE_ANGLES, Machine
@@ -114,7 +114,7 @@ def maps(r: RodForceData, limit: float) -> list[Field]:
     the torque ripple [N.m].
     """
     x, present, title = r.plane.x.along, r.plane.machine, "The torque ripple"
-    y = Direction("stiffness of the spring", "kN/m", 1e-3 * r.plane.y.along.values)
+    y = GridAxis("stiffness of the spring", "kN/m", 1e-3 * r.plane.y.along.values)
     nu = np.linspace(x.values[0], x.values[-1], CURVE_SPEEDS)
     formula = 1e-3 * present.m * nu**2
     inside = (y.values[0] <= formula) & (formula <= y.values[-1])

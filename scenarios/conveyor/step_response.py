@@ -13,7 +13,7 @@ from cosim.engine.settings import RunSettings
 from cosim.metrics import largest, smallest
 from cosim.prepared import Prepared
 from workbench import Figure, Table
-from workbench.figure import of_rows
+from workbench.figure import figure_of_columns
 from workbench.steady import TURN
 
 from .drive_orbits import STEP_MULTIPLES, Drive, at_zero_step, figure_of
@@ -54,8 +54,10 @@ def drifts(machine: Machine, drive: Drive, nu: float) -> tuple[Table, dict[str, 
         plain, second_order = (nu - step_size * left for left in drift(machine, t))
         for j, x in enumerate((nu, plain, second_order)):
             share = (mean - x) / step_size
-            above = of_rows(largest, t, share, unit="1")
-            top = max(above, of_rows(smallest, t, share, unit="1"), key=lambda x: abs(x.value))
+            above = figure_of_columns(largest, t, share, unit="1")
+            top = max(
+                above, figure_of_columns(smallest, t, share, unit="1"), key=lambda x: abs(x.value)
+            )
             if DRIFT[j] == "overshoot":  # none where the mean stays below that of the new supply
                 top = above._replace(value=max(above.value, 0.0))
             deviations[:, multiples.index(k), j] = 100 * abs(top.value), 100 * (top.error or 0.0)

@@ -22,7 +22,7 @@ from cosim.metrics import largest, time_of_largest
 from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
-from workbench.figure import of_rows
+from workbench.figure import figure_of_columns
 
 from . import machine as iron
 
@@ -144,7 +144,10 @@ def measure(context: Context, system: System, samples: int) -> TransferFunctions
     turns = context.each(run, cases, "dimensions", probes=True)
     phi, function_values = np.linspace(0.0, 360.0, samples + 1), functions(system, result)
     tops = [
-        (of_rows(largest, phi, abs(y), unit="1"), of_rows(time_of_largest, phi, abs(y), unit="deg"))
+        (
+            figure_of_columns(largest, phi, abs(y), unit="1"),
+            figure_of_columns(time_of_largest, phi, abs(y), unit="deg"),
+        )
         for y in function_values
     ]
     if not all(top.value for top, _ in tops):
@@ -153,7 +156,7 @@ def measure(context: Context, system: System, samples: int) -> TransferFunctions
     for dimension in DIMENSIONS:
         near, far = (abs(next(turns) - next(turns)) / (2 * k * CHANGE) for k in (1, 2))
         for name, (top, _), fine, coarse in zip(FUNCTIONS, tops, near, far):
-            share = of_rows(largest, phi, fine, unit="1")
+            share = figure_of_columns(largest, phi, fine, unit="1")
             error = abs(share.value - largest(phi, coarse)) + (share.error or 0.0)
             shares.append(
                 DimensionEffect(dimension, name, share.value / top.value, error / top.value)

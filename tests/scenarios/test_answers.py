@@ -27,7 +27,7 @@ from scenarios.project import PROJECT
 from tests.conftest import COMPARED, LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.catalog import load_module, names
 from workbench.cli import main
-from workbench.export import content, finish, write
+from workbench.export import content, print_and_write, write
 
 QUESTIONS = [
     pytest.param(name, marks=pytest.mark.slow) if name in LONG else name
@@ -247,7 +247,7 @@ def test_warnings_of_fmus_are_reported_once_after_the_answer(
     answer = ask("iron_start", motor_A="8N.m", stop=0.6, start={"iron.on_invalid": 1})
     (warning,) = answer.warnings
     assert warning.startswith("iron: cam follower lifts off at phi = 3.05")
-    finish(answer, tmp_path)
+    print_and_write(answer, tmp_path)
     output, errors = capfd.readouterr()
     assert errors == ""
     assert output.splitlines()[-3] == f"Warning: {warning}"
@@ -355,7 +355,7 @@ def test_python_asks_what_the_command_asks(
 def test_python_gives_numbers_and_paths_of_its_libraries() -> None:
     turn = scenarios.ask("iron_cycle", flavour="native", samples=np.int64(720), speed=np.float32(3))
     assert turn.options["samples"].value == 720 and turn.options["speed"].value == 3.0
-    assert len(turn.table) == 721
+    assert len(turn.first_table) == 721
     options: dict[str, Any] = {
         "flavour": "native",
         "data": Path("no record.csv"),

@@ -103,7 +103,7 @@ def holds(answer: Answer) -> None:
             if judgement.is_so is None and not judgement.also and expected:
                 assert each.answer == expected, text
             if each.figure and each.figure.error is None and each.answer is OPEN:
-                assert each.reason == each.figure.reason
+                assert each.why_open == each.figure.reason
 
 
 def decided(x: Judgement) -> str:
@@ -159,7 +159,7 @@ def test_all_that_must_hold_holds_together() -> None:
         ((yes, yes), YES), ((yes, unsure), OPEN), ((unsure, no), NO), ((refused, no), NO), ((yes, refused), OPEN),
     ):  # fmt: skip
         assert Judgement("all", also=parts).answer is wanted
-    assert Judgement("all", also=(yes, refused)).reason == "it sticks"
+    assert Judgement("all", also=(yes, refused)).why_open == "it sticks"
     assert Judgement("all", also=(unsure, no)).text() == "All: no, b 2.00 ± 0.10, limit 1 (200 %)"
 
 

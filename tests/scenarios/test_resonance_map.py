@@ -32,7 +32,7 @@ from scenarios.conveyor.response import NOT_IN_RANGE, Response
 from tests.conftest import ROOT, ask, fmus_of, restore_ctrl_c
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Context
-from workbench.export import finish
+from workbench.export import print_and_write
 
 A = SETS["A"]
 FMUS = fmus_of(resonance_map)
@@ -267,7 +267,7 @@ def small(folder: Path | None, **settings: Any) -> Any:
 
 
 def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
-    finish(small(None, range=None), tmp_path)
+    print_and_write(small(None, range=None), tmp_path)
     rows = pd.read_csv(tmp_path / "resonance_map.csv")
     assert list(rows.columns[:4]) == ["speed", "motor.T", "ripple", "gain"]
     assert len(rows) == 27 and rows["speed"][:9].is_monotonic_increasing

@@ -123,7 +123,7 @@ def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -
         assert main("run", "resonance", *options, *out) == cli.REFUSED
     two, python = ((tmp_path / x / "resonance.csv").read_bytes() for x in variants)
     sequential = (
-        ask("resonance", speeds="20,24", steps_per_rev=64).table.to_csv(index=False).encode()
+        ask("resonance", speeds="20,24", steps_per_rev=64).first_table.to_csv(index=False).encode()
     )
     assert sequential == two
     assert len(sequential.splitlines()) == 3

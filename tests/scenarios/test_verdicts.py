@@ -86,11 +86,11 @@ def test_on_resonance_ends_at_the_half_power_points_of_exact_orbits(
 def test_no_claim_of_a_sweep_goes_beyond_the_speeds_that_have_an_orbit() -> None:
     """A long crank makes the drive stall at most speeds; a slow motor at all but the fastest."""
     long = ask("resonance", speeds="40,54,57,60,66", start={"conveyor.crank.r": 0.1})
-    steady = int(long.table["tau2"].notna().sum())
+    steady = int(long.first_table["tau2"].notna().sum())
     assert 1 < steady < 5
-    assert (long.table["tau2"].dropna() > 50.0).all()
+    assert (long.first_table["tau2"].dropna() > 50.0).all()
     slow = ask("resonance", speeds="30,40,50,60", start={"motor.T": 1e9})
-    assert slow.table["tau2"].notna().sum() == 1
+    assert slow.first_table["tau2"].notna().sum() == 1
     reasons = ("the motor stalls at 40 rad/s", "no steady orbit is found at 40 rad/s")
     for answer, expected in zip((long, slow), reasons):
         assert answer.refused and answers(answer)[1] == "not determined"
@@ -116,7 +116,7 @@ def test_each_speed_of_a_sweep_is_counted_once() -> None:
         steps_per_rev=256,
         start=WEAK,
     )
-    table, chart = answer.table, answer.show().charts[0]
+    table, chart = answer.first_table, answer.show().charts[0]
     unknown = int((table["tau2"].notna() & table["tau2_error"].isna()).sum())
     assert unknown == 1
     drawn = {curve.name: np.isfinite(curve.y).sum() for curve in chart.panels[0].curves}
@@ -153,7 +153,7 @@ def test_a_drive_that_stalls_everywhere_is_told_so_first() -> None:
 def test_rows_without_an_error_answer_nothing() -> None:
     """Jacobi with 128 steps is far from the truth: ripples of 200 N.m instead of 100 N.m."""
     answer = ask("resonance", speeds="36:44:5", steps_per_rev=128, algorithm="jacobi")
-    assert answer.table["tau2"].max() > 150.0
+    assert answer.first_table["tau2"].max() > 150.0
     assert answers(answer) == ("not determined", "not determined")
     chart = answer.show().charts[0]
     assert not chart.spans

@@ -158,7 +158,7 @@ def test_killed_workers_and_a_killed_client_change_no_byte(cluster: Any, tmp_pat
         outcome = study.run(study.load(path, PROJECT), out=out, scheduler=address)
         loser.result()
     assert f"64 runs, {64 - len(partial)} of them now" in outcome.verdict
-    assert set(outcome.table["status"]) == {"ok"}
+    assert set(outcome.first_table["status"]) == {"ok"}
     study.run(study.load(path, PROJECT), out=tmp_path / "serial", jobs=1)
     for name in ("table.csv", "table.parquet", "sensitivity.csv"):
         assert (out / name).read_bytes() == (tmp_path / "serial" / name).read_bytes()
@@ -172,7 +172,7 @@ def test_a_run_that_ends_its_process_costs_no_worker(cluster: Any, tmp_path: Pat
     )
     plan = study.load(written(tmp_path, text), PROJECT)
     outcome = study.run(plan, out=tmp_path / "out", scheduler=cluster.scheduler_address)
-    assert outcome.table["status"].tolist() == ["crashed", "crashed", "timeout", "ok"]
+    assert outcome.first_table["status"].tolist() == ["crashed", "crashed", "timeout", "ok"]
     assert [nanny.process.pid for nanny in cluster.workers.values()] == before
 
 
@@ -233,16 +233,16 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
     path = written(tmp_path, CUP)
     result = study.run(study.load(path, PROJECT), out=tmp_path / "there", scheduler=address)
     local = study.run(study.load(path, PROJECT), out=tmp_path / "here", jobs=1)
-    assert set(result.table["status"]) == {"ok"}
+    assert set(result.first_table["status"]) == {"ok"}
     tables = [tmp_path / folder / "table.csv" for folder in ("there", "here")]
     assert tables[0].read_bytes() == tables[1].read_bytes()
-    for _, row in local.table.iterrows():
+    for _, row in local.first_table.iterrows():
         start = {"orientator.chute.mu": row["orientator.chute.mu"]}
         figures = ask("orientator_cycle", speed=row["speed"], start=start).figures
         assert row["orientation_time"] == pytest.approx(
             figures["orientation_time"].value, rel=1e-15, nan_ok=True
         )
-    assert local.table["orientation_time"].nunique() == 4
+    assert local.first_table["orientation_time"].nunique() == 4
     assert not (home / "fmus").exists()
 
     def refused(message: str) -> None:

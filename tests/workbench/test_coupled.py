@@ -13,13 +13,13 @@ from cosim.accuracy.trajectories import divergence
 from cosim.series import TIME, Column
 from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
-from workbench.figure import of_rows
+from workbench.figure import figure_of_columns
 
 
 def test_a_number_of_rows_states_what_their_spacing_leaves() -> None:
     """A sum over rows is off by the square of their distance."""
     t = np.linspace(0.0, 3.0, 31)
-    area = of_rows(
+    area = figure_of_columns(
         lambda t, x: float(np.trapezoid(x, t)), t, np.exp(-t) * np.sin(7 * t), unit="m.s"
     )
     exact = (7 - math.exp(-3) * (math.sin(21) + 7 * math.cos(21))) / 50

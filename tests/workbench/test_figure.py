@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from workbench.export import finite
-from workbench.figure import Figure, with_bounded_errors
+from workbench.figure import Figure, checked_figures
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_a_sentence_has_four_digits_or_the_error(value: float, error: float, sen
 
 
 def test_a_figure_whose_error_has_no_bound_is_undetermined_and_json_has_no_infinity() -> None:
-    figures = with_bounded_errors({"force": Figure(1.0, "N", math.inf, "a force")}, Path("q.py"))
+    figures = checked_figures({"force": Figure(1.0, "N", math.inf, "a force")}, Path("q.py"))
     assert figures["force"].text() == "not determined (its error has no bound)"
     assert figures["force"].meaning == "a force"
     for figure in (*figures.values(), Figure(math.inf, "N", math.inf)):

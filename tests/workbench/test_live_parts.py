@@ -274,7 +274,7 @@ def points_of(
 
 def test_a_drawing_is_a_table_of_coefficients_or_is_refused(javascript: Evaluate) -> None:
     motion = arm()
-    table = drawing.table(motion, 1)
+    table = drawing.coefficient_table(motion, 1)
     phi, x = np.array([0.3, 2.0]), np.array([0.1, 0.7])
     ground, tip, slide = points_of(table, {"a.phi": phi, "a.x": x}, motion)
     scale = abs(ground[0][1] - ground[0][0])
@@ -291,7 +291,7 @@ def test_a_drawing_is_a_table_of_coefficients_or_is_refused(javascript: Evaluate
     with pytest.raises(
         drawing.NonlinearDrawingError, match=r"the points of 'slide' are not linear"
     ):
-        drawing.table(arm(0.2), 1)
+        drawing.coefficient_table(arm(0.2), 1)
 
 
 def test_a_machine_that_has_no_live_drawing_costs_a_warning_and_not_the_answer() -> None:
@@ -337,14 +337,14 @@ def test_no_slider_changes_the_elements_of_a_drawing(name: str) -> None:
 
 def test_all_these_questions_are_live() -> None:
     questions = {name: PROJECT.load(name) for name in names(PROJECT.home)}
-    lives = {name for name, each in questions.items() if PROJECT.modules(each)}
+    lives = {name for name, each in questions.items() if PROJECT.wasm_modules(each)}
     assert lives == set(LIVE_QUESTIONS)
 
 
 def built(declaration: Any) -> Any:
     """The live part of a product in the orientator, with another declaration."""
     page = load_module(names(PROJECT.home)["orientator_cycle"])
-    o, modules = read(page)(), PROJECT.modules(read(page))
+    o, modules = read(page)(), PROJECT.wasm_modules(read(page))
     figures = {"orientation_time": Figure(0.26, "s", 0.0, "time from drop to end")}
     findings = Findings(figures, None, o.system(fmus_of(page)))
     return live.of(declaration, o, findings, modules, "")

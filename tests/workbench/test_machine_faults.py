@@ -108,13 +108,13 @@ def test_a_fault_of_the_machine_ends_a_study_and_the_same_command_goes_on(
     (home / "fault").unlink()
     result = study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
     assert done(home) == [2.0, 3.0]
-    assert list(result.table["y"]) == [0.0, 3.0, 6.0, 9.0]
+    assert list(result.first_table["y"]) == [0.0, 3.0, 6.0, 9.0]
 
 
 def test_a_file_that_a_question_misses_for_itself_costs_its_row(home: Path) -> None:
     (home / "fault").write_text("own")
     result = study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
-    assert list(result.table["status"]) == ["ok", "ok", "failed", "ok"]
+    assert list(result.first_table["status"]) == ["ok", "ok", "failed", "ok"]
 
 
 def test_a_study_whose_folder_moves_ends_and_goes_on_where_it_is(home: Path) -> None:
@@ -139,7 +139,7 @@ def test_a_study_whose_folder_moves_ends_and_goes_on_where_it_is(home: Path) -> 
     assert done(home)[:3] == [0.0, 1.0, 2.0]
     result = study.run(study.load(home / "some.toml", PROJECT), out=destination, jobs=1)
     assert done(home) == [2.0, 3.0]
-    assert set(result.table["status"]) == {"ok"}
+    assert set(result.first_table["status"]) == {"ok"}
 
 
 def changed(fmu: Path) -> None:

@@ -38,7 +38,7 @@ from workbench.answer import Answer, GivenValue, Show, Table
 from workbench.catalog import load_module, names
 from workbench.charts import model as pictures
 from workbench.charts import mpl, plotly
-from workbench.charts.axes import decades, x_axis
+from workbench.charts.axes import log_ticks, x_axis
 from workbench.charts.elements import UNDETERMINED, Band, Bars, Line
 from workbench.charts.gif import gif
 from workbench.charts.labels import apart
@@ -146,7 +146,7 @@ def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
     curve_data, axes, data = curves(chart), named(plotted), plotted["data"]
     for panel in (panel for panel in chart.panels if isinstance(panel, Panel)):
         for curve in panel.curves:
-            label = panel.quantity if panel.flag else panel.label
+            label = panel.quantity if panel.is_flag else panel.label
             assert_allclose(curve_data[label, curve.name], curve.y, rtol=1e-6)
     assert axes["force [N]"]["range"] == pytest.approx([0.0, 11.55])
     assert axes["energy [J]"]["range"] == pytest.approx([0.0, 31.5])
@@ -332,14 +332,14 @@ def test_a_colour_and_a_look_that_do_not_exist_are_named() -> None:
 
 
 def test_a_logarithmic_axis_reports_its_numbers() -> None:
-    assert decades(0.01, 10.0) == [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]
-    assert decades(0.015, 0.16) == [0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15]
+    assert log_ticks(0.01, 10.0) == [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]
+    assert log_ticks(0.015, 0.16) == [0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15]
 
 
 def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -> None:
     values = np.array([[0.1, 1.0, np.nan], [10.0, 100.0, 0.01]])
-    x = pictures.Direction("speed", "rad/s", np.arange(3.0))
-    y = pictures.Direction("T", "s", np.arange(1.0, 3.0), True)
+    x = pictures.GridAxis("speed", "rad/s", np.arange(3.0))
+    y = pictures.GridAxis("T", "s", np.arange(1.0, 3.0), True)
     ridge = Curve("ridge", [0.5], [1.5], "grey", "theory")
     limit = pictures.Level(2.0, "limit", np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]]))
     field = Field("Gain", x, y, "gain", values, [ridge], True, [limit], [Span(0.5, 1.5, "range")])
@@ -429,11 +429,11 @@ def test_the_picture_of_the_resonance_marks_the_figures_of_its_answer() -> None:
     assert [level.at for level in torque.levels] == [100.0, 50.0]
     points = [curve for curve in torque.curves if curve.look == "points"]
     values = np.concatenate([np.asarray(curve.y, float) for curve in points])
-    assert_allclose(np.sort(values), np.sort(answer.table["tau2"]))
+    assert_allclose(np.sort(values), np.sort(answer.first_table["tau2"]))
     errors = np.concatenate(
         [np.asarray(curve.error, float) for curve in points if curve.error is not None]
     )
-    known = answer.table["tau2_error"].dropna()
+    known = answer.first_table["tau2_error"].dropna()
     assert_allclose(np.sort(errors), np.sort(known))
 
 
@@ -832,10 +832,10 @@ def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
 ) -> None:
     x = np.random.default_rng(1).normal(size=4000)
     table = Table.of_frame(pd.DataFrame({"x": x}), {"x": "1"})
-    limited, note = html.limited(table)
+    limited, note = html.packed_csv(table)
     assert note == "4000 rows"
     monkeypatch.setattr(html, "MAX_TABLE_LETTERS", len(limited) // 3)
-    packed, note = html.limited(table)
+    packed, note = html.packed_csv(table)
     assert len(packed) < len(limited) // 3
     assert note == "one row in 4 of 4000; the complete file is next to this page"
     rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(packed))))

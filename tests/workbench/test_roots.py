@@ -13,7 +13,7 @@ from workbench.roots import (
     NO_VALUE,
     PEAK_NODES,
     Array,
-    next_coefficients,
+    bound_next_coefficients,
     peaks,
     roots_between,
     secant,
@@ -79,7 +79,7 @@ def test_a_peak_lies_within_its_error_wherever_the_nodes_are(noise: float) -> No
 
 
 def bound(coefficients: Any) -> float:
-    return float(next_coefficients(np.array(coefficients)[:, None])[0])
+    return float(bound_next_coefficients(np.array(coefficients)[:, None])[0])
 
 
 def test_what_a_series_leaves_out_is_bounded_by_the_fall_of_its_coefficients() -> None:

@@ -303,7 +303,7 @@ def test_an_option_without_effect_is_refused() -> None:
     with pytest.raises(
         SetupError, match=r"^scheduler: this question does its runs together in one"
     ):
-        assert Context({}, ClusterRunner("tcp://x:1")).threads
+        assert Context({}, ClusterRunner("tcp://x:1")).jobs
     for name in catalog.names(PROJECT.home):
         if PROJECT.load(name).is_sequential:
             with pytest.raises(SetupError, match=f"^jobs = 2 has no effect on {name}, whose runs"):
@@ -330,9 +330,9 @@ def test_a_damaged_file_among_the_inputs_is_written_anew(tmp_path: Path) -> None
     """Runs would be refused for it, for ever."""
     (tmp_path / "A.fmu").write_bytes(b"an FMU")
     cargo = Bundle.of([tmp_path / "A.fmu"])
-    unpacked_folder = cargo.unpacked(tmp_path / "inputs")
+    unpacked_folder = cargo.unpacked_folder(tmp_path / "inputs")
     for damage in (lambda file: file.write_bytes(b"an"), lambda file: file.unlink()):
         damage(unpacked_folder / "A.fmu")
-        assert cargo.unpacked(tmp_path / "inputs") == unpacked_folder
+        assert cargo.unpacked_folder(tmp_path / "inputs") == unpacked_folder
         assert (unpacked_folder / "A.fmu").read_bytes() == b"an FMU"
     assert [path.name for path in (tmp_path / "inputs").iterdir()] == [cargo.name]

@@ -52,7 +52,7 @@ def test_an_interval_covers_the_true_share_at_least_as_often_as_it_says(number: 
 def test_a_limit_gives_the_share_above_it(tmp_path: Path) -> None:
     """A run whose figure has the limit within its error counts for neither side."""
     answer = study.run(study.load(write(tmp_path, LIMITS)), out=tmp_path / "out", jobs=1)
-    rows = answer.table
+    rows = answer.first_table
     above = rows["height"] - rows["height_error"] > 15.0
     near = (rows["height"] - 15.0).abs() <= rows["height_error"]
     assert 38 <= above.sum() <= 46  # two thirds of 64 in a Latin hypercube: 43 within one

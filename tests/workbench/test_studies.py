@@ -312,7 +312,7 @@ def test_start_values_may_be_names_and_numbers(tmp_path: Path) -> None:
     path.write_text(
         "scenario = 'run_up'\n[fixed]\nstop = 0.01\n[grid]\n'conveyor.rod.finite' = [true, 0]"
     )
-    table = scenarios.study(path, out=tmp_path / "out", flavour="native").table
+    table = scenarios.study(path, out=tmp_path / "out", flavour="native").first_table
     assert table["conveyor.rod.finite"].tolist() == [1, 0]
     assert table["status"].tolist() == ["ok", "ok"]
 
@@ -383,7 +383,7 @@ def test_the_table_reports_inputs_figures_errors_and_units(
     assert (out / "overview.png").stat().st_size > 10_000
     again = study.run(study.load(path), out=out)
     assert "10 runs, 0 of them now" in again.verdict
-    assert again.table["height"].tolist() == [float(row["height"]) for row in rows]
+    assert again.first_table["height"].tolist() == [float(row["height"]) for row in rows]
     assert again.tables["table.csv"].units["height_error"] == "m"
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .model import Direction, Field, Lanes, Panel, Picture, Samples
+from .model import Field, GridAxis, Lanes, Panel, Picture, Samples
 from .style import STYLE
 
 #: Widest ratio of the ends of a logarithmic axis whose ticks need steps between 1, 2 and 5; chosen: with
@@ -54,9 +54,9 @@ class Axis:
 def x_axis(picture: Picture) -> Axis:
     """Return the x axis of a picture, with free length beside points; texts are at 0, 1, 2 and so on."""
     if isinstance(picture, Field):
-        return direction_axis(picture.x)
+        return grid_axis(picture.x)
     curves = [c for panel in picture.panels if isinstance(panel, Panel) for c in panel.curves]
-    if names := next((curve.names for curve in curves if curve.names), None):
+    if names := next((curve.categories for curve in curves if curve.categories), None):
         return Axis(picture.x, (-0.5, len(names) - 0.5), ticks=dict(enumerate(names)))
     bars = [b for panel in picture.panels if isinstance(panel, Lanes) for _, b in panel.bars]
     ends = [mark.at for mark in picture.marks] + [x for b in bars for x in (b.first, b.last)]
@@ -70,7 +70,7 @@ def x_axis(picture: Picture) -> Axis:
     return _axis(picture.x, low, high, is_log=picture.log)
 
 
-def direction_axis(direction: Direction) -> Axis:
+def grid_axis(direction: GridAxis) -> Axis:
     """Return the axis of a plane."""
     values = np.asarray(direction.values, float)
     ends = float(values[0]), float(values[-1])
@@ -90,7 +90,7 @@ def y_axis(panel: Panel, ranges: Sequence[Samples]) -> Axis:
     flag has the ticks "no" and "yes".
     """
     free = STYLE.free_share
-    if panel.flag:
+    if panel.is_flag:
         return Axis(panel.quantity, (-free, 1 + free), ticks={0.0: "no", 1.0: "yes"})
     fixed = [*panel.includes, *(level.at for level in panel.levels)]
     values = np.concatenate([fixed, *ranges])
@@ -105,8 +105,8 @@ def y_axis(panel: Panel, ranges: Sequence[Samples]) -> Axis:
     return Axis(panel.label, ends)
 
 
-def decades(low: float, high: float) -> list[float]:
-    """Return the ticks of a logarithmic axis, closer where it spans less than two decades."""
+def log_ticks(low: float, high: float) -> list[float]:
+    """Return the ticks of a logarithmic axis, closer where it spans less than two log_ticks."""
     is_narrow = high / low <= NARROW_RATIO
     steps = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if is_narrow else (1.0, 2.0, 5.0)
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
@@ -118,5 +118,5 @@ def _axis(
 ) -> Axis:
     """Return an axis with the ticks that a logarithm needs, or at grid values if these are few."""
     grid = values if len(values) <= STYLE.max_grid_ticks else ()
-    ticks = decades(low, high) if is_log else grid
+    ticks = log_ticks(low, high) if is_log else grid
     return Axis(label, (low, high), is_log, {float(tick): f"{tick:g}" for tick in ticks})

@@ -9,7 +9,7 @@ from itertools import count, cycle
 
 import numpy as np
 
-from .axes import Axis, color_axis, direction_axis, y_axis
+from .axes import Axis, color_axis, grid_axis, y_axis
 from .model import Curve, Field, Lanes, Panel, Samples
 from .style import (
     COLOR_SCALES,
@@ -21,7 +21,7 @@ from .style import (
     STYLE,
     Dash,
     Marker,
-    color_of,
+    hex_color,
 )
 
 #: Name of what is drawn where there is no value.
@@ -112,7 +112,7 @@ Element = Line | Band | Bars | Heat
 
 
 @dataclass(frozen=True)
-class Row:
+class DrawnRow:
     """A part of a picture: y axis, elements, arrows, and a height that may shrink or not."""
 
     y: Axis
@@ -127,24 +127,24 @@ class Row:
         return [element for element in self.elements if element.is_named]
 
 
-def row_of(part: Panel | Lanes | Field, x: Axis, height_px: float) -> Row:
+def drawn_row(part: Panel | Lanes | Field, x: Axis, height_px: float) -> DrawnRow:
     """Return what is drawn of a part of a picture over an x axis; only a panel takes the height."""
     match part:
         case Panel():
-            return panel_row(part, x, height_px)
+            return drawn_panel(part, x, height_px)
         case Lanes():
-            return lanes_row(part, x)
+            return drawn_lanes(part, x)
         case Field():
-            return field_row(part)
+            return drawn_field(part)
 
 
-def panel_row(panel: Panel, x: Axis, height_px: float) -> Row:
+def drawn_panel(panel: Panel, x: Axis, height_px: float) -> DrawnRow:
     """Draw curves over their errors, areas on each other, bars beside each other, levels end to end."""
     bars = sum(curve.look == "bars" for curve in panel.curves)
     width = STYLE.bars_share / max(1, bars)
     offsets, dashes = count(-STYLE.bars_share / 2, width), cycle(CURVE_DASHES)
     base, elements, ranges = np.zeros(1), list[Element](), [np.zeros(min(1, bars))]
-    hover = "{y}" if panel.flag else f"{{y:.5g}} {panel.unit}"
+    hover = "{y}" if panel.is_flag else f"{{y:.5g}} {panel.unit}"
     for curve in panel.curves:
         if curve.look == "area":
             top = base + np.nan_to_num(np.asarray(curve.y, float))
@@ -166,11 +166,11 @@ def panel_row(panel: Panel, x: Axis, height_px: float) -> Row:
     elements += _undetermined(panel, y)
     if sum(element.is_named for element in elements) == 1:
         elements = [replace(element, is_named=False) for element in elements]
-    arrows = (ArrowElement(a.x, a.start, a.end, color_of(a.color)) for a in panel.arrows)
-    return Row(y, tuple(elements), height_px, tuple(arrows))
+    arrows = (ArrowElement(a.x, a.start, a.end, hex_color(a.color)) for a in panel.arrows)
+    return DrawnRow(y, tuple(elements), height_px, tuple(arrows))
 
 
-def lanes_row(lanes: Lanes, x: Axis) -> Row:
+def drawn_lanes(lanes: Lanes, x: Axis) -> DrawnRow:
     """Draw a lane of bars for every name, with their texts inside where these fit on a small screen."""
     elements = []
     half = STYLE.lane_bar_share / 2
@@ -183,7 +183,7 @@ def lanes_row(lanes: Lanes, x: Axis) -> Row:
                 np.array([bar.first]),
                 np.array([lane - half]),
                 np.array([lane + half]),
-                color_of(bar.color),
+                hex_color(bar.color),
                 0.0,
                 length,
                 STYLE.area_opacity,
@@ -193,10 +193,10 @@ def lanes_row(lanes: Lanes, x: Axis) -> Row:
             )
         )
     y = Axis("", (len(lanes.rows) - 0.5, -0.5), ticks=dict(enumerate(lanes.rows)))
-    return Row(y, tuple(elements), STYLE.lane_px * len(lanes.rows), may_shrink=False)
+    return DrawnRow(y, tuple(elements), STYLE.lane_px * len(lanes.rows), may_shrink=False)
 
 
-def field_row(field: Field) -> Row:
+def drawn_field(field: Field) -> DrawnRow:
     """Draw levels and curves over a quantity in colour, with a rim that shows them on every colour."""
     elements: list[Element] = [_heat(field)]
     for level in field.levels:
@@ -222,7 +222,7 @@ def field_row(field: Field) -> Row:
             )
         )
         elements.append(replace(line, width_px=width, marker_px=size))
-    return Row(direction_axis(field.y), tuple(elements), STYLE.plane_px)
+    return DrawnRow(grid_axis(field.y), tuple(elements), STYLE.plane_px)
 
 
 def contour(field: Field, at: float, values: Samples | None) -> Samples:
@@ -244,7 +244,7 @@ def _curve(curve: Curve, dash: Dash, hover: str) -> list[Element]:
     if curve.look == "linked":
         x, y = broken(x, y, curve.breaks)
     line = Line(
-        curve.name, x, y, color_of(curve.color),
+        curve.name, x, y, hex_color(curve.color),
         0.0 if curve.look == "points" else STYLE.line_width_px,
         "dash" if curve.look == "theory" else dash,
         curve.look == "step",
@@ -255,7 +255,7 @@ def _curve(curve: Curve, dash: Dash, hover: str) -> list[Element]:
     if has_points or curve.error is None:
         return [*_errors(curve, curve.positions), line]
     low, high = curve.bounds
-    color, opacity = color_of(curve.color), STYLE.band_opacity
+    color, opacity = hex_color(curve.color), STYLE.band_opacity
     return [Band(curve.name, curve.positions, low, high, color, opacity), line]
 
 
@@ -268,7 +268,7 @@ def broken(x: Samples, y: Samples, breaks: Sequence[int]) -> tuple[Samples, Samp
 def _area(curve: Curve, base: Samples, top: Samples, unit: str) -> Band:
     """Draw a stacked area, of which the mouse tells its own height."""
     values, low = np.asarray(curve.y, float), base + np.zeros(len(top))
-    color, opacity, hover = color_of(curve.color), STYLE.area_opacity, f"{{value:.5g}} {unit}"
+    color, opacity, hover = hex_color(curve.color), STYLE.area_opacity, f"{{value:.5g}} {unit}"
     return Band(
         curve.name,
         curve.positions,
@@ -287,7 +287,7 @@ def _bars(
 ) -> list[Element]:
     """Draw bars from 0, with their errors over them."""
     x, y = curve.positions, np.asarray(curve.y, float)
-    color = color_of(curve.color)
+    color = hex_color(curve.color)
     bars = Bars(curve.name, x, 0 * y, y, color, offset, width, is_hatched=is_hatched, hover=hover)
     return [bars, *_errors(curve, x + offset + width / 2)]
 
@@ -297,7 +297,7 @@ def _errors(curve: Curve, x: Samples) -> list[Element]:
     if curve.error is None:
         return []
     y = np.stack([*curve.bounds, np.full(len(x), np.nan)], axis=1).ravel()
-    color = color_of("black" if curve.look == "bars" else curve.color)
+    color = hex_color("black" if curve.look == "bars" else curve.color)
     width = STYLE.error_width_px
     return [Line(curve.name, np.repeat(x, 3), y, color, width, is_named=False)]
 

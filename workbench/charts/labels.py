@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from .axes import Axis
-from .elements import Band, Bars, Element, Heat, Line, Row
+from .elements import Band, Bars, DrawnRow, Element, Heat, Line
 from .model import Mark, Span
 from .style import STYLE, SYMBOLS
 
@@ -141,7 +141,7 @@ def _placed(
     return _Placed(text, middle, middle - length / 2, middle + length / 2, "center")
 
 
-def lines_of(row: Row, letters: int) -> list[list[str]]:
+def lines_of(row: DrawnRow, letters: int) -> list[list[str]]:
     """Return the names of a row, each in lines of so many letters; a number stays with its unit."""
     return [
         textwrap.wrap(
@@ -160,7 +160,9 @@ def width_px(lines: Sequence[str]) -> float:
     return STYLE.symbol_px + STYLE.name_letter_px * max(map(len, lines))
 
 
-def names_of(row: Row, x: Axis, height_px: float, letters: int, *, is_plane: bool) -> list[Name]:
+def names_of(
+    row: DrawnRow, x: Axis, height_px: float, letters: int, *, is_plane: bool
+) -> list[Name]:
     """Return the names of a row, each beside the end of its curve; those that would meet are moved apart.
 
     They stand on the right of the row; over a plane, whose right side explains the colours, inside.
@@ -178,7 +180,7 @@ def names_of(row: Row, x: Axis, height_px: float, letters: int, *, is_plane: boo
     is_plane
         Whether the row is a plane.
     """
-    texts, ends = lines_of(row, letters), [end_of(element) for element in row.named]
+    texts, ends = lines_of(row, letters), [last_point(element) for element in row.named]
     wanted = [1.0 - float(row.y.share(y)) if np.isfinite(y) else 1.0 for _, y in ends]
     sizes = [STYLE.name_line_px * len(lines) / height_px for lines in texts]
     names = []
@@ -203,7 +205,7 @@ def apart(wanted: Sequence[float], sizes: Sequence[float]) -> list[float]:
     return [places[k] for k in range(len(wanted))]
 
 
-def end_of(element: Element) -> tuple[float, float]:
+def last_point(element: Element) -> tuple[float, float]:
     """Return x and y of the last value of an element; that of an area or a bar is in its middle."""
     match element:
         case Line():

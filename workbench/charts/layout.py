@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .axes import Axis, x_axis
-from .elements import Row, row_of
+from .elements import DrawnRow, drawn_row
 from .labels import Label, Name, labels_above, lines_of, names_of, width_px
 from .model import Chart, Field, Mark, Picture, SecondUnit, Span
 from .style import LETTERS_BY_SCREEN, NAME_LETTERS, STYLE, Screen
@@ -22,7 +22,7 @@ class PlacedRow:
 
     Attributes
     ----------
-    row : Row
+    row : DrawnRow
         What is drawn.
     label : str
         The label of its y axis, broken into lines that fit beside it.
@@ -32,7 +32,7 @@ class PlacedRow:
         The names of its elements.
     """
 
-    row: Row
+    row: DrawnRow
     label: str
     top_px: float
     height_px: float
@@ -83,12 +83,12 @@ class ChartLayout:
         """Its whole height."""
         return self.plot_px + STYLE.below_px
 
-    def leader(self, mark: Mark) -> float:
+    def leader_px(self, mark: Mark) -> float:
         """Return how far above the first row the line of a mark leads to its text [px]."""
         lines = [each.line for each in self.labels if each.text == mark.text]
         return STYLE.text_line_px * (max(lines, default=0) + 0.8) if lines else 0.0
 
-    def shares(self, placed: PlacedRow) -> tuple[float, float]:
+    def foot_and_top(self, placed: PlacedRow) -> tuple[float, float]:
         """Return foot and top of a row as shares of the height down to the x axis, from below."""
         foot = 1 - (placed.top_px + placed.height_px) / self.plot_px
         return foot, 1 - placed.top_px / self.plot_px
@@ -109,10 +109,10 @@ def layout_of(
         Its height at most, for which panels become lower, but not below a share of their height.
     """
     letters = LETTERS_BY_SCREEN[screen]
-    x = with_short_ticks(x_axis(picture), letters)
+    x = with_wrapped_ticks(x_axis(picture), letters)
     parts = [picture] if isinstance(picture, Field) else picture.panels
     panel_px = {1: STYLE.single_panel_px, 2: STYLE.double_panel_px}.get(len(parts), STYLE.panel_px)
-    rows = [row_of(part, x, panel_px) for part in parts]
+    rows = [drawn_row(part, x, panel_px) for part in parts]
     is_plane = isinstance(picture, Field)
     names = [lines for row in rows for lines in lines_of(row, NAME_LETTERS[screen])]
     names_px = 0.0 if is_plane else max(map(width_px, names), default=0.0)
@@ -145,7 +145,7 @@ def layout_of(
     )
 
 
-def with_short_ticks(x: Axis, letters: int) -> Axis:
+def with_wrapped_ticks(x: Axis, letters: int) -> Axis:
     """Return an axis whose tick texts are broken into lines, if these have some length."""
     width = letters // max(1, len(x.ticks)) - 1
     if width < STYLE.min_tick_letters:
@@ -154,7 +154,7 @@ def with_short_ticks(x: Axis, letters: int) -> Axis:
     return replace(x, ticks=texts)
 
 
-def shrunk(rows: Sequence[Row], max_height_px: float) -> list[float]:
+def shrunk(rows: Sequence[DrawnRow], max_height_px: float) -> list[float]:
     """Return the heights of rows [px], those that may shrink lower where all are higher together."""
     heights = np.array([row.height_px for row in rows])
     may_shrink = np.array([row.may_shrink for row in rows])

@@ -65,14 +65,14 @@ class Curve(NamedTuple):
     breaks: Sequence[int] = ()
 
     @property
-    def names(self) -> list[str]:
+    def categories(self) -> list[str]:
         """The texts that x may consist of."""
         return [x for x in self.x if isinstance(x, str)]
 
     @property
     def positions(self) -> Samples:
         """Positions x as numbers: texts are at 0, 1, 2 and so on."""
-        return np.asarray(np.arange(len(self.x)) if self.names else self.x, float)
+        return np.asarray(np.arange(len(self.x)) if self.categories else self.x, float)
 
     @property
     def bounds(self) -> Samples:
@@ -172,7 +172,7 @@ class Panel(NamedTuple):
         return f"{self.quantity} [{self.unit}]"
 
     @property
-    def flag(self) -> bool:
+    def is_flag(self) -> bool:
         """Whether all that it shows steps between 0 and 1, which are no and yes."""
         values = np.concatenate([np.empty(0), *(np.asarray(c.y, float) for c in self.curves)])
         steps = {curve.look for curve in self.curves} == {"step"}
@@ -209,7 +209,7 @@ class Chart(NamedTuple):
     log: bool = False
 
 
-class Direction(NamedTuple):
+class GridAxis(NamedTuple):
     """An axis of a plane: quantity, unit, values, and whether they are drawn logarithmically."""
 
     quantity: str
@@ -239,8 +239,8 @@ class Field(NamedTuple):
     """
 
     title: str
-    x: Direction
-    y: Direction
+    x: GridAxis
+    y: GridAxis
     quantity: str
     values: Samples
     curves: Sequence[Curve] = ()

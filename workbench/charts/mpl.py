@@ -17,7 +17,7 @@ from .labels import Label, Name
 from .layout import ChartLayout, PlacedRow, layout_of
 from .model import Picture
 from .motion import Motion
-from .style import COLORS, PT_PER_INCH, PX_PER_INCH, STYLE, color_of
+from .style import COLORS, PT_PER_INCH, PX_PER_INCH, STYLE, hex_color
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -120,11 +120,11 @@ def _row(axes: Axes, placed: PlacedRow, layout: ChartLayout) -> None:
     is_plane = layout.is_plane
     width = STYLE.plane_span_edge_px if is_plane else STYLE.span_edge_px
     for span in layout.spans:
-        color = color_of(span.color)
+        color = hex_color(span.color)
         face = (color, 0.0 if is_plane else STYLE.span_opacity)
         axes.axvspan(span.first, span.last, facecolor=face, edgecolor=color, linewidth=_pt(width))
     for mark in layout.marks:
-        top = layout.leader(mark) / placed.height_px if placed is layout.rows[0] else 0.0
+        top = layout.leader_px(mark) / placed.height_px if placed is layout.rows[0] else 0.0
         axes.axvline(
             mark.at, ymax=1.0 + top, color=COLORS["grey"], linewidth=_pt(STYLE.mark_width_px),
             linestyle=":", clip_on=False,

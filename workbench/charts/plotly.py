@@ -13,7 +13,7 @@ from .axes import Axis
 from .elements import Band, Bars, Element, Heat, Line
 from .layout import ChartLayout, layout_of
 from .model import Picture, Samples
-from .style import COLORS, LETTERS_BY_SCREEN, STYLE, color_of
+from .style import COLORS, LETTERS_BY_SCREEN, STYLE, hex_color
 
 PlotlyDict = dict[str, Json]
 
@@ -39,14 +39,14 @@ SIDES = {"left": 1, "center": 0, "right": -1}
 PLOTLY_SYMBOLS = {"cross": "x"}
 
 
-def figure(picture: Picture, max_paper_px: float = math.inf) -> dict[str, Json]:
+def figure(picture: Picture, max_paper_height_px: float = math.inf) -> dict[str, Json]:
     """Return a picture as plotly draws it.
 
     Parameters
     ----------
     picture : Picture
         What to draw.
-    max_paper_px : float
+    max_paper_height_px : float
         Its height on paper at most.
 
     Returns
@@ -55,7 +55,7 @@ def figure(picture: Picture, max_paper_px: float = math.inf) -> dict[str, Json]:
         The traces as "data", and a layout for each kind of screen and for paper.
     """
     wide = layout_of(picture, "wide")
-    paper = plotly_layout(layout_of(picture, "paper", max_paper_px))
+    paper = plotly_layout(layout_of(picture, "paper", max_paper_height_px))
     return {
         "data": traces(wide),
         "narrow": plotly_layout(layout_of(picture, "narrow")),
@@ -64,7 +64,7 @@ def figure(picture: Picture, max_paper_px: float = math.inf) -> dict[str, Json]:
     }
 
 
-def template(picture: Picture) -> dict[str, Json]:
+def empty_figure(picture: Picture) -> dict[str, Json]:
     """Return a picture without data and ranges, which a live page fills in."""
     layouts = {screen: layout_of(picture, screen) for screen in LETTERS_BY_SCREEN}
     empty: PlotlyDict = {"x": [], "y": []}
@@ -113,11 +113,11 @@ def plotly_layout(layout: ChartLayout, *, has_ranges: bool = True) -> PlotlyDict
     for k, placed in enumerate(layout.rows, 1):
         has_grid = not placed.row.y.ticks
         axis_settings: PlotlyDict = {
-            "showgrid": has_grid, "zeroline": has_grid, "anchor": "x", "domain": layout.shares(placed)
+            "showgrid": has_grid, "zeroline": has_grid, "anchor": "x", "domain": layout.foot_and_top(placed)
         }  # fmt: skip
         parts[f"yaxis{k}"] = _axis(placed.row.y, placed.label, has_range=has_ranges) | axis_settings
         for heat in (each for each in placed.row.elements if isinstance(each, Heat)):
-            parts["coloraxis"] = _color_axis(heat, layout.shares(placed))
+            parts["coloraxis"] = _color_axis(heat, layout.foot_and_top(placed))
     if layout.second:
         factor = layout.second.factor
         parts["meta"] = {"factor": factor}
@@ -307,14 +307,14 @@ def _shapes(layout: ChartLayout) -> Iterable[PlotlyDict]:
         (span.first, span.last, span.color, 0.0, {"width": edge}) for span in layout.spans
     ]
     line: PlotlyDict = {"dash": "dot", "width": STYLE.mark_width_px}
-    spans += [(mark.at, mark.at, "grey", layout.leader(mark), line) for mark in layout.marks]
+    spans += [(mark.at, mark.at, "grey", layout.leader_px(mark), line) for mark in layout.marks]
     for k, placed in enumerate(layout.rows, 1):
         for first, last, color, leader, look in spans:
             top = 1 + (leader / placed.height_px if k == 1 else 0.0)
             yield {
                 "type": "rect", "yref": f"y{k} domain", "y0": 0, "y1": top, "x0": first, "x1": last,
-                "fillcolor": _faint(color_of(color), opacity), "layer": "above" if plane else "below",
-                "line": {"color": color_of(color), **look},
+                "fillcolor": _faint(hex_color(color), opacity), "layer": "above" if plane else "below",
+                "line": {"color": hex_color(color), **look},
             }  # fmt: skip
 
 

@@ -60,7 +60,7 @@ NAME_LETTERS: MappingProxyType[Screen, int] = MappingProxyType({
 })  # fmt: skip
 
 
-def color_of(name: str) -> str:
+def hex_color(name: str) -> str:
     """Return a colour by its name.
 
     Raises

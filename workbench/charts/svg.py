@@ -49,15 +49,9 @@ class Symbol(NamedTuple):
     shift: tuple[float, float] = (0.0, 8.0)
 
 
-def scale_of(motion: Motion) -> float:
-    """Units of the drawing in a metre."""
-    low, high = motion.bounds
-    return float(UNITS_ACROSS / (high[0] - low[0]))
-
-
 def svg(motion: Motion) -> str:
     """The motion again and again over its ghosts, with letters of a size for wide and narrow screens."""
-    size, _, shapes = placed_shapes(motion)
+    size, _, shapes = placed_drawing(motion)
     since = motion.times - motion.times[0]
     times = ";".join(f"{share:.6g}" for share in since / since[-1])
     clock = f'dur="{since[-1] * motion.slow:.6g}s" repeatCount="indefinite" keyTimes="{times}"'
@@ -68,21 +62,21 @@ def svg(motion: Motion) -> str:
         for frame in motion.ghosts
     ]
     lines = [_line(shape, placed, clock) for shape, placed in shapes]
-    names = [_name(shape, placed, clock) for shape, placed in shapes]
+    names = [_name_beside(shape, placed, clock) for shape, placed in shapes]
     label = escape(f"{motion.title}: {', '.join(shape.name for shape in motion.shapes)}")
     return (
         f'<svg role="img" aria-label="{label}" viewBox="0 0 {size[0]:.1f} {size[1]:.1f}" '
-        f'style="{letter_sizes(size)}">{"".join([*ghosts, *lines, *names])}</svg>'
+        f'style="{font_size_css(size)}">{"".join([*ghosts, *lines, *names])}</svg>'
     )
 
 
 def still(motion: Motion, frame: int, pixels: float) -> str:
     """A frame below its caption as a picture, on its longer side so many pixels long."""
-    size, _, shapes = placed_shapes(motion)
+    size, _, shapes = placed_drawing(motion)
     unit = max(size) / pixels
     now = [(shape, placed[[min(frame, len(placed) - 1)]]) for shape, placed in shapes]
     lines = [_line(shape, placed, "", thick=unit) for shape, placed in now]
-    names = [_name(shape, placed, "") for shape, placed in now]
+    names = [_name_beside(shape, placed, "") for shape, placed in now]
     wide, tall = size[0], size[1] + CAPTION * unit / 2
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide / unit:.0f}" '
@@ -98,7 +92,7 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
 
     The ghosts have words beside them; symbols take the place of the names of their shapes.
     """
-    size, _, shapes = placed_shapes(motion)
+    size, _, shapes = placed_drawing(motion)
     unit = (1.2 if motion.ghosts else 1.0) * size[0] / DRAWING_WIDTH
     tall, symbolic = round(size[1] / unit) + DRAWING_TOP, {symbol.shape for symbol in symbols}
     lines = [
@@ -108,7 +102,11 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
         if len(placed) > 1
     ]
     lines += [_line(shape, placed[:1], "", thick=unit) for shape, placed in shapes]
-    texts = [_name(shape, placed[:1], "") for shape, placed in shapes if shape.name not in symbolic]
+    texts = [
+        _name_beside(shape, placed[:1], "")
+        for shape, placed in shapes
+        if shape.name not in symbolic
+    ]
     moving = [placed for _, placed in shapes if len(placed) > 1]
     texts += [
         f'<text x="{size[0]:.1f}" y="{moving[0][frame, :, 1].mean():.1f}">{escape(text)}</text>'
@@ -129,18 +127,24 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
     )
 
 
-def placed_shapes(motion: Motion) -> tuple[Samples, float, list[tuple[Shape, Samples]]]:
-    """Return the size of the drawing, its units in a metre, and every shape with its points there.
+class PlacedDrawing(NamedTuple):
+    """A drawing: width and height, units in a metre, and every shape with its points, shape (frames or 1, n, 2)."""
 
-    The size is width and height; points have the shape (frames or 1, n, 2).
-    """
-    (low, high), scale = motion.bounds, scale_of(motion)
+    size: Samples
+    scale: float
+    shapes: list[tuple[Shape, Samples]]
+
+
+def placed_drawing(motion: Motion) -> PlacedDrawing:
+    """Return a motion in the units of its drawing."""
+    low, high = motion.bounds
+    scale = float(UNITS_ACROSS / (high[0] - low[0]))
     corner, directions = np.array([low[0], high[1]]), np.array([scale, -scale])
     placed = [(shape, (shape.points - corner) * directions + EDGE) for shape in motion.shapes]
-    return scale * (high - low) + 2 * EDGE, scale, placed
+    return PlacedDrawing(scale * (high - low) + 2 * EDGE, scale, placed)
 
 
-def letter_sizes(size: Sequence[float] | Samples) -> str:
+def font_size_css(size: Sequence[float] | Samples) -> str:
     """The size of letters on wide and narrow screens in a drawing of that size, for its style."""
     return "; ".join(
         f"--{screen}: {height / min(wide / size[0], MAX_HEIGHT_PX / size[1]):.1f}px"
@@ -158,7 +162,7 @@ def _line(shape: Shape, placed: Samples, clock: str, more: str = "", thick: floa
     return _element(tag, look, inside, {"points": placed.reshape(len(placed), -1)}, clock)
 
 
-def _name(shape: Shape, placed: Samples, clock: str) -> str:
+def _name_beside(shape: Shape, placed: Samples, clock: str) -> str:
     """The name of a shape beside it, if it is to be read."""
     if shape.label is None:
         return ""

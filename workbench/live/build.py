@@ -18,10 +18,8 @@ from ..answer import LivePart
 from ..formula import Formula
 from ..options import Options, declared
 from ..page.script import compact
-from .content import Content, numeric
-from .declare import (
-    Live,
-)  # fmt: skip
+from .declare import Live
+from .encoder import LiveEncoder, numeric
 
 if TYPE_CHECKING:
     from ..answer import Findings
@@ -76,23 +74,23 @@ def of(
     if not isinstance(live, Live):
         raise SetupError("live(self, f, r) must return a workbench.live.Live")
     network = connect(findings.system)
-    content = Content(network, o, findings, live)
+    encoder = LiveEncoder(network, o, findings, live)
     options = declared(type(o))
     values = {name: getattr(o, name) for name in options}
     changed = {
         name: x for name, x in values.items() if x != options[name].read(options[name].default)
     }
-    data = content.data() | {
-        "command": [command, *(_argument(name, x) for name, x in changed.items())],
+    data = encoder.page_data() | {
+        "command": [command, *(_command_line_option(name, x) for name, x in changed.items())],
         "user": numeric((port, x) for port, x in network.start if port.name in o.start),
         "adapted": [name for name, text in live.start.items() if name in Formula.read(text).names],
     }
-    worker = f'"use strict";\n{script(WORKER)}\n{content.functions()}'
+    worker = f'"use strict";\n{script(WORKER)}\n{encoder.formula_functions()}'
     contents = {part: modules[part].read_bytes() for part in network.descriptions}
     return LivePart(contents, worker, script(PAGE), data)
 
 
-def _argument(name: str, value: Any) -> str:
+def _command_line_option(name: str, value: Any) -> str:
     """An option as a command line has it."""
     flag = f"--{name.replace('_', '-')}"
     if isinstance(value, bool):

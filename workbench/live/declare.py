@@ -34,10 +34,10 @@ Text = str | float
 Formulas = Mapping[str, Text]
 #: Formulas by what they may name, as `content` encodes them: values; numbers read before, too; columns; and a window,
 #: which is a time, `REVOLUTION`, or empty.
-ValuesText = Annotated[Text, "of_values"]
-NumbersText = Annotated[Text, "of_numbers"]
-ColumnText = Annotated[str, "of_columns"]
-Window = Annotated[Text, "of_window"]
+ValuesText = Annotated[Text, "formula_of_values"]
+NumbersText = Annotated[Text, "formula_of_numbers"]
+ColumnText = Annotated[str, "formula_of_columns"]
+Window = Annotated[Text, "window_formula"]
 #: the window of the last revolution of `Live.angle`
 REVOLUTION = "revolution"
 #: How a number may be read from a column: a function of js/readers.js, and the metric that it has in an answer.
@@ -114,12 +114,12 @@ class Reader:
         begin = {} if self.window == "" else {"begin": Formula.read(self.window)(values)}
         return kind(self.column, **level, **begin)
 
-    def factor(self, own: str, unit: str, where: str) -> float:
-        """Return the factor to a unit from its own where it has one; raises SetupError if there is none."""
+    def factor(self, from_unit: str, to_unit: str, where: str) -> float:
+        """Return the factor between units of a column, where it has one; raises SetupError if there is none."""
         if self.kind in UNIT_OF_COLUMN:
-            return conversion(own, unit or own, f"{where}: {self.column}")
-        if self.kind != "phase" and unit not in ("", "s"):
-            raise SetupError(f"{where}: {self.kind} is a time in s, not in {unit}")
+            return conversion(from_unit, to_unit or from_unit, f"{where}: {self.column}")
+        if self.kind != "phase" and to_unit not in ("", "s"):
+            raise SetupError(f"{where}: {self.kind} is a time in s, not in {to_unit}")
         return 1.0
 
 
@@ -144,7 +144,7 @@ class Number:
     """
 
     name: str
-    value: Annotated[Reader | Metric | Text, "of_numbers"]
+    value: Annotated[Reader | Metric | Text, "formula_of_numbers"]
     unit: str = ""
     meaning: str = ""
     when: NumbersText = 1.0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..charts.motion import Columns, Motion, Shape
 from ..charts.style import COLORS
-from ..charts.svg import placed_shapes
+from ..charts.svg import placed_drawing
 from .declare import Coordinate, LiveMotion
 
 Samples = NDArray[np.float64]
@@ -35,7 +35,7 @@ class NonlinearDrawingError(ValueError):
     """The points of a drawing do not depend linearly on its features."""
 
 
-def table(motion: LiveMotion, runs: int) -> dict[str, Any]:
+def coefficient_table(motion: LiveMotion, runs: int) -> dict[str, Any]:
     """Return the shapes of a motion as coefficients of features, in units of the drawing.
 
     Parameters
@@ -76,14 +76,10 @@ def table(motion: LiveMotion, runs: int) -> dict[str, Any]:
         rows.append({
             "name": shape.name, "color": COLORS[shape.color], "width": shape.width,
             "closed": shape.closed, "label": shape.label,
-            "terms": [[int(k), *_numbers(fit[k])] for k in visible],
+            "terms": [[int(k), *(x.round(DECIMALS).tolist() for x in (fit[k].real, fit[k].imag))] for k in visible],
         })  # fmt: skip
     step = np.array(motion.offset) * [scale, -scale]
     return {"size": size, "shapes": rows, "offset": step.round(DECIMALS).tolist()}
-
-
-def _numbers(values: NDArray[np.complex128]) -> list[list[float]]:
-    return [values.real.round(DECIMALS).tolist(), values.imag.round(DECIMALS).tolist()]
 
 
 def _columns(coordinates: Sequence[Coordinate], shares: Samples) -> Columns:
@@ -115,6 +111,6 @@ def _placed(
     shapes = list(motion.draw(columns))
     far = np.array(motion.offset) * (runs - 1)
     room = [*shapes, *(shape._replace(points=shape.points + far) for shape in shapes)]
-    size, scale, placed = placed_shapes(Motion(motion.title, np.zeros(1), 1.0, [], room))
+    size, scale, placed = placed_drawing(Motion(motion.title, np.zeros(1), 1.0, [], room))
     points = [(shape, xy[..., 0] + 1j * xy[..., 1]) for shape, xy in placed[: len(shapes)]]
     return [round(float(x), 1) for x in size], scale, points

@@ -58,7 +58,7 @@ def drawn(
     results = [results] if isinstance(results, Result) else results
     values: dict[str, float] = {f"figures.{name}": x.value for name, x in figures.items()}
     values |= {name: x for name, x in vars(o).items() if isinstance(x, int | float)} if o else {}
-    scopes = [_columns(result, chart, values, angle) for result in results]
+    scopes = [_formula_scope(result, chart, values, angle) for result in results]
     panels = []
     for panel in chart.panels:
         units = results[0].units
@@ -113,7 +113,7 @@ def moved(
     return Motion(motion.title, t[picked], motion.slow, captions, shapes, motion.note)
 
 
-def _columns(
+def _formula_scope(
     result: Result, chart: RunChart, values: Mapping[str, float], angle: str
 ) -> dict[str, Samples | float]:
     """The columns that a chart needs, in its window, and the values that formulas may use."""

@@ -17,8 +17,10 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cosim.json_values import Json
+
 from ..charts.motion import Motion
-from ..charts.plotly import PlotlyDict, alt_text, figure
+from ..charts.plotly import alt_text, figure
 from ..charts.style import STYLE
 from ..charts.svg import svg
 from ..figure import Figure
@@ -62,7 +64,7 @@ def report(answer: Answer, path: Path) -> None:
     heights = [first_picture_px(answer)] + [LATER_PICTURE_PX] * len(pictures)
     charts = [figure(picture, height) for picture, height in zip(pictures, heights)]
     live = answer.live
-    content: dict[str, Any] = {"charts": charts, "motions": list(map(motion, show.motions))}
+    content: dict[str, Any] = {"charts": charts, "motions": list(map(motion_json, show.motions))}
     content |= {"live": live.data} if live else {}
     folder = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
@@ -73,12 +75,12 @@ def report(answer: Answer, path: Path) -> None:
     text = page.render(
         answer=answer,
         scope=answer.error_scope,
-        judged=list(judged(answer)),
+        judged=list(lines_with_signs(answer)),
         mark=mark,
         charts=[{"title": picture.title, "alt_text": alt_text(picture)} for picture in pictures],
         motions=show.motions,
         figures=[_figure(name, x) for name, x in answer.figures.items()],
-        tables={name: limited(x, len(answer.tables)) for name, x in answer.tables.items()},
+        tables={name: packed_csv(x, len(answer.tables)) for name, x in answer.tables.items()},
         parameters=_parameters(answer),
         provenance=_provenance(answer.provenance),
         max_open=MAX_OPEN_ROWS,
@@ -91,7 +93,7 @@ def report(answer: Answer, path: Path) -> None:
     path.write_text(secured(text, mark, [_plotly()], more), encoding="utf-8")
 
 
-def judged(answer: Answer) -> Iterator[tuple[str, str, str]]:
+def lines_with_signs(answer: Answer) -> Iterator[tuple[str, str, str]]:
     """Give each line of the verdict with its sign, which is not told by colour alone, and what it means."""
     signs = {
         True: ("\N{CHECK MARK}", "yes"),
@@ -187,7 +189,7 @@ def _value(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def limited(table: Table, among: int = 1) -> tuple[str, str]:
+def packed_csv(table: Table, among: int = 1) -> tuple[str, str]:
     """Return the CSV packed, of every k-th row if it is too large, and a note that says so.
 
     All tables of a page together stay below MAX_TABLE_LETTERS.
@@ -215,11 +217,11 @@ def _provenance(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*rows, *provenance["versions"].items(), ("curves", curves)]
 
 
-def motion(shapes: Motion) -> PlotlyDict:
+def motion_json(motion: Motion) -> dict[str, Json]:
     """Return a motion as the page's script gets it."""
-    times = (shapes.times - shapes.times[0]).round(6).tolist()
-    pace = "In real time." if shapes.slow == 1 else f"{shapes.slow:g} times slower than real time."
+    times = (motion.times - motion.times[0]).round(6).tolist()
+    pace = "In real time." if motion.slow == 1 else f"{motion.slow:g} times slower than real time."
     return {
-        "svg": svg(shapes), "slow": shapes.slow, "times": times,
-        "captions": list(shapes.captions), "note": f"{pace} {shapes.note}",
+        "svg": svg(motion), "slow": motion.slow, "times": times,
+        "captions": list(motion.captions), "note": f"{pace} {motion.note}",
     }  # fmt: skip

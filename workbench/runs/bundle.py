@@ -34,7 +34,7 @@ class Bundle(NamedTuple):
         digests = (file.encode() + digest(files[file]).encode() for file in sorted(files))
         return cls(files, digest(b"".join(digests)))
 
-    def unpacked(self, folder: Path) -> Path:
+    def unpacked_folder(self, folder: Path) -> Path:
         """The files in a folder of their own, in this folder; they may be there already, whole."""
         target = folder.resolve() / self.name
         if target.is_symlink():

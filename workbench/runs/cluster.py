@@ -75,7 +75,7 @@ def sealed(function: Callable[[Any], Any], task: Any, files: Sequence[Path]) -> 
     return content.getvalue()
 
 
-def opened(call: tuple[bytes, Path]) -> Any:
+def run_sealed(call: tuple[bytes, Path]) -> Any:
     """function(task) of what was `sealed`, with its files in a folder."""
     content, folder = call
     opener = _Opener(io.BytesIO(content))
@@ -132,7 +132,7 @@ class ClusterRunner(Runner):
             finally:
                 with contextlib.suppress(OSError, TimeoutError):
                     client.cancel(list(submissions.key_of))
-                    client.run(_release, on_error="ignore")
+                    client.run(_end_idle_children, on_error="ignore")
 
 
 def _connect(scheduler: str) -> Any:
@@ -167,7 +167,7 @@ class _Submissions:
     ) -> None:
         self._client, self._scheduler, self._shipment = client, scheduler, shipment
         self._calls, self._timeout = calls, timeout
-        self._shipped = client.submit(_ship, self._shipment, pure=False)
+        self._shipped = client.submit(_keep_on_worker, self._shipment, pure=False)
         self._deaths: Counter[Key] = Counter()
         self._done: SimpleQueue[Any] = SimpleQueue()
         self.key_of: dict[Any, Key] = {}
@@ -175,7 +175,7 @@ class _Submissions:
     def submit(self, key: Key) -> None:
         """Submit a run, and what all runs need again if its workers were lost."""
         if self._shipped.status == "error":
-            self._shipped = self._client.submit(_ship, self._shipment, pure=False)
+            self._shipped = self._client.submit(_keep_on_worker, self._shipment, pure=False)
         future = self._client.submit(
             _run, self._calls[key], self._shipped, self._timeout, pure=False
         )
@@ -261,7 +261,7 @@ def _last_contact(client: Any, scheduler: str, previous: float) -> float:
     )
 
 
-def _ship(shipment: Shipment) -> Shipment:
+def _keep_on_worker(shipment: Shipment) -> Shipment:
     """A task of its own, which Dask computes again when the workers that hold its result die."""
     return shipment
 
@@ -272,7 +272,7 @@ def _run(call: bytes, shipment: Shipment, timeout: float | None) -> Outcome:
 
     worker = get_worker()
     _check_same(worker.address, facts(*shipment.packages), shipment.facts)
-    folder = shipment.bundle.unpacked(Path(worker.local_directory) / "runs")
+    folder = shipment.bundle.unpacked_folder(Path(worker.local_directory) / "runs")
     copy = folder / Path(shipment.page).name
     page = str(copy) if copy.is_file() else shipment.page
     multiprocessing.current_process().daemon = False  # a nanny's worker may have no children else
@@ -280,12 +280,12 @@ def _run(call: bytes, shipment: Shipment, timeout: float | None) -> Outcome:
         child = _idle.get_nowait()
     except Empty:
         child = CallWorker()
-    outcome = child.do(opened, (call, folder), timeout, page)
+    outcome = child.do(run_sealed, (call, folder), timeout, page)
     _idle.put(child)
     return outcome
 
 
-def _release() -> None:
+def _end_idle_children() -> None:
     """End the child processes of this worker that have nothing to do."""
     while not _idle.empty():
         _idle.get_nowait().close()

@@ -26,7 +26,7 @@ PRESENTATION = (
     "workbench/export.py",
     "workbench/live/__init__.py",
     "workbench/live/build.py",
-    "workbench/live/content.py",
+    "workbench/live/encoder.py",
     "workbench/live/drawing.py",
     "workbench/live/still.py",
     "workbench/page/*",

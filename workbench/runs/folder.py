@@ -42,7 +42,7 @@ def reservation(folder: Path | None) -> Iterator[None]:
             "folder with --out"
         ) from None
     except OSError as error:
-        _remove(new)
+        _remove_empty(new)
         raise SetupError(f"{folder} cannot be written: {error.strerror}") from error
     before = _reserved.set(_reserved.get() | {folder.resolve()})
     try:
@@ -56,10 +56,10 @@ def reservation(folder: Path | None) -> Iterator[None]:
         with suppress(OSError):  # Windows removes it with the lock
             (folder / LOCK).unlink()
         lock.release()
-        _remove(new)
+        _remove_empty(new)
 
 
-def _remove(folders: list[Path]) -> None:
+def _remove_empty(folders: list[Path]) -> None:
     """Remove those of these folders that are empty, innermost first."""
     with suppress(OSError):
         for path in folders:

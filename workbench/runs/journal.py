@@ -107,7 +107,7 @@ class OutcomeJournal:
         """Return the outcomes by number, in the order in which they came."""
         return list(self._rows.items())
 
-    def interrupt(self) -> KeyboardInterrupt:
+    def interruption(self) -> KeyboardInterrupt:
         """An interruption that says what is kept."""
         rows = pluralize(len(self), "row")
         return KeyboardInterrupt(f"{rows} in {self.path}; the same command continues")

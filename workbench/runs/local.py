@@ -12,7 +12,7 @@ from cosim.threads import available_cores
 from ..options import at_least
 from .journal import Key
 from .runner import Outcomes, Runner
-from .worker import OK, CallWorker, Outcome, wait_for_step
+from .worker import OK, CallWorker, Outcome, wait_for_any
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class LocalRunner(Runner):
             for worker in workers:
                 start_next(worker)
             while key_of:
-                wait_for_step(list(key_of))
+                wait_for_any(list(key_of))
                 for worker in list(key_of):
                     if (outcome := worker.step()) is not None:
                         key = key_of.pop(worker)

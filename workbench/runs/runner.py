@@ -117,7 +117,7 @@ class Runner(ABC):
                 for key, outcome in fresh:
                     failed += outcome.status != OK
                     if at_once:
-                        _check_machine(self.files, title, key, outcome)
+                        _refuse_machine_faults(self.files, title, key, outcome)
                     if journal is not None and (at_once or outcome.status == OK):
                         journal[key] = outcome
                     progress.update(bar, advance=1, failed=failed)
@@ -125,7 +125,7 @@ class Runner(ABC):
             except KeyboardInterrupt:
                 if journal is None:
                     raise
-                raise journal.interrupt() from None
+                raise journal.interruption() from None
 
     def _together(
         self,
@@ -188,7 +188,7 @@ class Runner(ABC):
                 yield answers[wanted]
 
 
-def _check_machine(files: Sequence[Path], title: str, key: Key, outcome: Outcome) -> None:
+def _refuse_machine_faults(files: Sequence[Path], title: str, key: Key, outcome: Outcome) -> None:
     """Raise SimulationError for a run that the machine made fail."""
     if outcome.status == OK:
         return

@@ -80,7 +80,7 @@ class CallWorker:
         """What becomes of function(task); blocks."""
         self.give(function, task, timeout, page)
         while (outcome := self.step()) is None:
-            wait_for_step([self])
+            wait_for_any([self])
         return outcome
 
     def handles(self) -> tuple[Any, int]:
@@ -160,7 +160,7 @@ class CallWorker:
         return words, death
 
 
-def wait_for_step(workers: Sequence[CallWorker]) -> None:
+def wait_for_any(workers: Sequence[CallWorker]) -> None:
     """Block until one of these workers can do a step."""
     left = [seconds for worker in workers if (seconds := worker.left()) is not None]
     handles = [handle for worker in workers for handle in worker.handles()]
@@ -172,10 +172,10 @@ def _serve(pipe: Connection) -> None:
     os.environ.update(dict.fromkeys(THREADS, "1"))
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            _answer(pipe, pipe.recv(), pipe.recv_bytes())
+            _do_call(pipe, pipe.recv(), pipe.recv_bytes())
 
 
-def _answer(pipe: Connection, page: str, content: bytes) -> None:
+def _do_call(pipe: Connection, page: str, content: bytes) -> None:
     """Do a call, once its question is loaded: say that it begins, and what became of it."""
     os.ftruncate(2, 0)
     began = time.perf_counter()
@@ -197,7 +197,7 @@ def _answer(pipe: Connection, page: str, content: bytes) -> None:
 
 def failure(error: BaseException) -> Outcome:
     """What an exception makes of a call; cosim may not be loaded."""
-    if _is_fault(error):
+    if _is_machine_fault(error):
         name = "" if isinstance(error, OSError | ValueError) else f"{type(error).__name__}: "
         return Outcome(MACHINE, message=f"{name}{error}")
     errors: Any = sys.modules.get("cosim")
@@ -209,7 +209,7 @@ def failure(error: BaseException) -> Outcome:
     return Outcome("failed", message=text, trace="".join(traceback.format_exception(error)))
 
 
-def _is_fault(error: BaseException) -> bool:
+def _is_machine_fault(error: BaseException) -> bool:
     """Whether the machine's lack of something is behind an exception.
 
     The loader of libraries says so by its text alone.

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from ..charts.model import SERIES, Chart, Curve, Direction, Field, Look, Panel, Picture
+from ..charts.model import SERIES, Chart, Curve, Field, GridAxis, Look, Panel, Picture
 from .file import Study
 
 #: Figures of a study that are drawn; chosen: as many panels as a page shows.
@@ -35,7 +35,7 @@ def overview(
         panels = []
         for name in names:
             curve_of_figure = curve(name)
-            includes = (0.0, 1.0) if flag(curve_of_figure.y) else ()
+            includes = (0.0, 1.0) if is_flag(curve_of_figure.y) else ()
             panels.append(Panel(name, units.get(name) or "1", [curve_of_figure], includes=includes))
         return Chart(title, x, panels)
 
@@ -56,7 +56,7 @@ def _label(name: str, units: Units) -> str:
     return f"{name} [{units.get(name) or '1'}]"
 
 
-def flag(y: object) -> bool:
+def is_flag(y: object) -> bool:
     """Whether all is yes or no."""
     values = np.asarray(y, float)
     return set(values[np.isfinite(values)]) <= {0.0, 1.0}
@@ -66,7 +66,7 @@ def _line(table: pd.DataFrame, x: str, name: str) -> Curve:
     """A figure with its errors over the only input, in its order; over names as bars."""
     numeric = pd.api.types.is_numeric_dtype(table[x])
     rows = table.sort_values(x) if numeric else table
-    look: Look = "bars" if not numeric else "step" if flag(rows[name]) else "linked"
+    look: Look = "bars" if not numeric else "step" if is_flag(rows[name]) else "linked"
     error = rows[name + ERROR].fillna(0.0).to_numpy() if name + ERROR in rows else None
     return Curve(name, rows[x].to_list(), rows[name].to_numpy(), "blue", look, error)
 
@@ -95,7 +95,7 @@ def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> F
     """A figure over two inputs."""
     square = table.pivot_table(index=grid[1], columns=grid[0], values=name, dropna=False)
     x, y = (
-        Direction(at, units.get(at) or "1", values.to_numpy(dtype=float))
+        GridAxis(at, units.get(at) or "1", values.to_numpy(dtype=float))
         for at, values in zip(grid, (square.columns, square.index))
     )
     return Field(name, x, y, _label(name, units), square.to_numpy())

@@ -20,12 +20,13 @@ from cosim.errors import pluralize
 
 from ..answer import Answer, Show, Table
 from ..charts.mpl import draw
+from ..figure import Figure
 from ..run import Row
 from ..runs.worker import OK, Outcome
 from . import charts
 from .file import Study
 from .sensitivity import analyse
-from .words import limits, sentence
+from .words import sentence, shares_above_limits
 
 #: Figures, and remarks, that are sentences of the verdict, the rest is in the table; chosen: more is a log.
 SPOKEN = 3
@@ -33,6 +34,7 @@ PRINTED_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\
 
 RESERVED_COLUMNS = ("run", "status", "warnings", "message")
 NOTHING: Row = [], np.empty((0, 2)), []
+NO_FIGURE = Figure.undetermined("1", "the run failed")
 
 
 def conclude(
@@ -41,8 +43,8 @@ def conclude(
     units: Mapping[str, str],
     identity: Mapping[str, Any],
     session: tuple[int, float],
-) -> tuple[Answer, Sequence[str]]:
-    """Return the answer of a study whose runs are all done, in their order, and their figures.
+) -> Answer:
+    """Return the answer of a study whose runs are all done, in their order.
 
     `units` are those of the varied inputs, `session` is how many runs were done now and how long it took
     [s].
@@ -52,7 +54,7 @@ def conclude(
     indices, missing = analyse(study, figures, table.frame)
     seconds = np.quantile([outcome.seconds for outcome in outcomes], (0.0, 0.5, 1.0)).tolist()
     counts = Counter(outcome.status for outcome in outcomes)
-    shares, of_limits = limits(study, table, names)
+    shares, of_limits = shares_above_limits(study, table, names)
     facts = {
         "study": study.name,
         "runs": {"all": len(outcomes), **dict(sorted(counts.items()))},
@@ -90,7 +92,7 @@ def conclude(
         f"{pluralize(len(outcomes), 'run')}, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
         *_remarks(outcomes),
     ]
-    answer = Answer(
+    return Answer(
         scenario="study",
         question=title,
         verdict="\n".join(sentences),
@@ -103,7 +105,6 @@ def conclude(
             more=[picture for pictures_of_file in pictures.values() for picture in pictures_of_file]
         ),
     )
-    return answer, list(names)
 
 
 def _causes(indices: pd.DataFrame) -> dict[str, str]:
@@ -128,7 +129,7 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
     for number, outcome in enumerate(outcomes):
         failed = [f"{outcome.status}: {outcome.message}"] * (outcome.status != OK)
         warned = (f"warning: {text}" for text in warnings_of(outcome))
-        for text in (*failed, *warned, *refusals(outcome)):
+        for text in (*failed, *warned, *undetermined_figures(outcome)):
             runs_by_remark.setdefault(PRINTED_NUMBER.sub("#", text), {}).setdefault(number, text)
     lines = []
     for runs in sorted(runs_by_remark.values(), key=len, reverse=True):
@@ -151,11 +152,11 @@ def is_row(answer: Any) -> bool:
     return False
 
 
-def figures_of(outcome: Outcome) -> dict[str, tuple[float, str, float | None, str]]:
-    """Value, unit, error and reason of the figures of a run by name; of one that failed none."""
+def figures_of(outcome: Outcome) -> dict[str, Figure]:
+    """The figures of a run by name; of one that failed none."""
     figures, numbers, _ = outcome.answer or NOTHING
     return {
-        name: (value, unit, None if math.isnan(error) else error, reason)
+        name: Figure(value, unit, None if math.isnan(error) else error, reason=reason)
         for (name, unit, reason), (value, error) in zip(figures, numbers)
     }
 
@@ -165,10 +166,10 @@ def warnings_of(outcome: Outcome) -> list[str]:
     return list((outcome.answer or NOTHING)[2])
 
 
-def refusals(outcome: Outcome) -> list[str]:
+def undetermined_figures(outcome: Outcome) -> list[str]:
     """The figures that a run did not determine, and why."""
     figures = figures_of(outcome).items()
-    return [f"{name} not determined: {reason}" for name, (*_, reason) in figures if reason]
+    return [f"{name} not determined: {x.reason}" for name, x in figures if x.reason]
 
 
 def frame(
@@ -183,7 +184,7 @@ def frame(
     names: dict[str, str] = {}
     units = dict(units)
     rows = [figures_of(outcome) for outcome in outcomes]
-    for figure, (_, unit, error, _) in (item for row in rows for item in row.items()):
+    for figure, (_, unit, error, *_) in (item for row in rows for item in row.items()):
         taken = figure in study.varied or figure in RESERVED_COLUMNS
         name = names.setdefault(figure, f"answer.{figure}" if taken else figure)
         if units.setdefault(name, unit) != unit:
@@ -196,13 +197,11 @@ def frame(
         convert: Callable[[Any], Any] = str if str in kinds else lambda value: +value
         columns[name] = values if len(kinds) == 1 else [convert(value) for value in values]
     for figure, name in names.items():
-        cells = [row.get(figure, (None, "", None, "")) for row in rows]
-        columns[name] = pd.Series([value for value, *_ in cells], dtype=float)
+        cells = [row.get(figure, NO_FIGURE) for row in rows]
+        columns[name] = pd.Series([x.value for x in cells], dtype=float)
         if name + charts.ERROR in units:
-            columns[name + charts.ERROR] = pd.Series(
-                [error for _, _, error, _ in cells], dtype=float
-            )
+            columns[name + charts.ERROR] = pd.Series([x.error for x in cells], dtype=float)
     columns["status"] = [outcome.status for outcome in outcomes]
     columns["warnings"] = ["; ".join(warnings_of(outcome)) for outcome in outcomes]
-    columns["message"] = [x.message or "; ".join(refusals(x)) for x in outcomes]
+    columns["message"] = [x.message or "; ".join(undetermined_figures(x)) for x in outcomes]
     return Table.of_frame(pd.DataFrame(columns), units), names

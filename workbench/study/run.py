@@ -28,7 +28,7 @@ from ..runs.folder import reservation
 from ..runs.journal import OutcomeJournal, open_journal
 from ..runs.worker import TIMEOUT
 from .file import Study, ends
-from .report import conclude, is_row
+from .report import conclude, figures_of, is_row
 
 #: Keys of a study file on which no row depends.
 BESIDE_ROWS = ("figures", "timeout", "limits")
@@ -65,7 +65,7 @@ def run(
         inputs = Bundle.of([*fmus.values(), *question_files])
         for unfinished in (folder / "inputs").glob(f"{inputs.name}.*"):  # a killed run left it
             remove(unfinished)
-        home = inputs.unpacked(folder / "inputs")
+        home = inputs.unpacked_folder(folder / "inputs")
         page = home / question_files[0].name if question_files else study.question.locator
         answers = partial(rows, page, {part: home / path.name for part, path in fmus.items()})
         runner = replace(runner, page=str(page), files=[home / name for name in inputs.files])
@@ -79,10 +79,11 @@ def run(
         session = len(cases) - before, time.perf_counter() - began
         done = [outcomes[number] for number in cases]
         try:
-            answer, figures = conclude(study, done, units, who, session)
+            answer = conclude(study, done, units, who, session)
             end(answer, folder)
         except KeyboardInterrupt:
-            raise journal.interrupt() from None
+            raise journal.interruption() from None
+    figures = dict.fromkeys(name for outcome in done for name in figures_of(outcome))
     unknown = [name for name in (*study.figures, *study.limits) if name not in figures]
     if unknown and figures:
         raise SetupError(

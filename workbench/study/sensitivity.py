@@ -64,7 +64,7 @@ def indices(
         return f"{count} complete samples are too few; at least {least} are needed"
     if np.ptp(y) <= FLAT * np.abs(y).max():
         return "it does not vary"
-    shares, r2 = _line(x, y)
+    shares, r2 = _linear_shares(x, y)
     names, seed = salib_problem(inputs), sampling.seed
     result: dict[str, Any]
     if saltelli:
@@ -90,7 +90,7 @@ def indices(
     return estimates
 
 
-def _line(x: Samples, y: Samples) -> tuple[Samples, float]:
+def _linear_shares(x: Samples, y: Samples) -> tuple[Samples, float]:
     """Squared standardised coefficients of the linear fit, and its adjusted R2."""
     count, dimensions = x.shape
     spread = x.std(axis=0)
@@ -107,7 +107,7 @@ def _interval(x: Samples, y: Samples, shares: Samples, seed: int) -> Samples:
     What the line leaves over comes on top: all of that may be the share of one input.
     """
     samples = np.random.default_rng(seed).integers(len(y), size=(RESAMPLES, len(y)))
-    again = np.array([_line(x[rows], y[rows])[0] for rows in samples])
+    again = np.array([_linear_shares(x[rows], y[rows])[0] for rows in samples])
     ends = np.quantile(again, (0.025, 0.975), axis=0)
     return np.asarray(np.abs(ends - shares).max(axis=0))
 

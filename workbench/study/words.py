@@ -64,7 +64,7 @@ def interval(count: int, number: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def share(study: Study, table: Table, name: str, limit: float, rows: Flags) -> Share:
+def share_above(study: Study, table: Table, name: str, limit: float, rows: Flags) -> Share:
     """How many of these rows have a figure above its limit; those without the figure do not count."""
     y = np.asarray(table.columns[name], float)
     error = np.nan_to_num(
@@ -80,7 +80,9 @@ def share(study: Study, table: Table, name: str, limit: float, rows: Flags) -> S
     return Share(name, limit, int(above.sum()), int(near.sum()), int(rows.sum()), low, high)
 
 
-def limits(study: Study, table: Table, names: Mapping[str, str]) -> tuple[Table, list[str]]:
+def shares_above_limits(
+    study: Study, table: Table, names: Mapping[str, str]
+) -> tuple[Table, list[str]]:
     """The shares above the study's limits at every point of its grid, and a sentence for each limit."""
     grid = list(study.grid) if study.sampling is not None else []
     keys = list(zip(*(table.columns[name] for name in grid))) or [()] * len(table)
@@ -96,7 +98,7 @@ def limits(study: Study, table: Table, names: Mapping[str, str]) -> tuple[Table,
         except SetupError as error:
             raise SetupError(f"{study.path}: {error}") from None
         shares = [
-            share(study, table, name, limit, np.array([key == point for key in keys]))
+            share_above(study, table, name, limit, np.array([key == point for key in keys]))
             for point in points
         ]
         rows += [(*point, *one) for point, one in zip(points, shares)]
@@ -153,7 +155,7 @@ def sentence(study: Study, table: Table, name: str) -> str:
     """What the runs say of a figure, in a sentence without its end."""
     y = np.asarray(table.columns[name], float)
     rows = np.isfinite(y)
-    if table.units[name] == "1" and rows.sum() > 1 and charts.flag(y):
+    if table.units[name] == "1" and rows.sum() > 1 and charts.is_flag(y):
         return _yes_or_no(study, table, name, y, rows)
     return _spread(pd.Series(y, name=name), table.units[name])
 

@@ -161,7 +161,7 @@ def guess(o: Identify, base: Machine, speed: cosim.Series) -> dict[str, Value]:
     """Start values near the motion of a record: the angle at its start by the order 2 of its speed,
     the supply by its mean speed.
     """
-    w, turned = o.turned(speed, "crank")
+    w, turned = o.speeds_and_angles(speed, "crank")
     nu = float(w.mean())
     require_torque(base, nu)
     machine = linearised(base, nu)

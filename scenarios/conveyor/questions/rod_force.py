@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cosim import SetupError
 from workbench import Context, Figure, Findings, Judgement, Question, Show, option
 from workbench.answer import parameters
-from workbench.charts.model import Direction, Picture
+from workbench.charts.model import GridAxis, Picture
 from workbench.judgement import Holds
 
 from .. import motion
@@ -92,8 +92,8 @@ class RodForce(Question, RippleOptions):
         length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
         drive = Drive(context, self.algorithm, self.steps_per_rev)
         drive.require_enough_steps(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
-        across = Direction("operating speed", "rad/s", np.array(self.speeds))
-        up = Direction("stiffness of the spring", "N/m", np.array(self.springs))
+        across = GridAxis("operating speed", "rad/s", np.array(self.speeds))
+        up = GridAxis("stiffness of the spring", "N/m", np.array(self.springs))
         plane = Plane(ParameterAxis(SPEED_NAME, across), ParameterAxis(SPRING, up), present, nu)
 
         parts: list[Orbits] = []

@@ -151,7 +151,7 @@ def guess(o: IronIdentify, fmus: Mapping[str, Path], speed: cosim.Series) -> Sys
     """
     fixed: dict[str, Any] = {"iron.on_invalid": 1, **iron.MOTOR, **o.start}
     gear = float(fixed.get("iron.reducer.i_g", 36.0))
-    w, turned = o.turned(speed, "cam", gear)
+    w, turned = o.speeds_and_angles(speed, "cam", gear)
     nu = float(np.median(w)) / gear
     fixed |= {SUPPLY: float(fixed["motor.B"]) * gear * nu + LOAD, "iron.w_cam": nu, TORQUE: LOAD}
     system = System(fmus, iron.WIRES, fixed)

@@ -38,8 +38,8 @@ from workbench import (
 )
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
-from workbench.context import captured_warnings
-from workbench.figure import listed, of_rows
+from workbench.context import captured_log_warnings
+from workbench.figure import figure_of_columns, listed
 from workbench.judgement import Holds
 from workbench.live import moved
 from workbench.steady import LastTwoTurns, steady_turns
@@ -162,7 +162,7 @@ class MeasuredDrive(NamedTuple):
 
     def most(self, nu: float) -> Figure:
         """The largest torque of such a turn, of either sign."""
-        return of_rows(largest, self.phi, abs(self.torque(nu)), unit="N.m")
+        return figure_of_columns(largest, self.phi, abs(self.torque(nu)), unit="N.m")
 
     def excitation_error(self, nu: float, order: int) -> float:
         """How far the rows leave open what such a turn has of an order [N.m]."""
@@ -204,7 +204,7 @@ def simulate(machine: MeasuredDrive, case: tuple[float, float, int]) -> list[Seq
     T, nu, per_rev = case
     system, excitation = machine.system(T, nu), machine.torque(nu)
     states = {name: np.array([system.start[name]], float) for name in ("iron.w_cam", "motor.tau")}
-    with captured_warnings() as warnings:
+    with captured_log_warnings() as warnings:
         turns = steady_turns(
             system, states, list(states), "iron.phi", np.array([nu]), steps_per_rev=per_rev,
             record=RELEASED_FORCES, algorithm=ALGORITHM, angles=TURN_ANGLES,

@@ -18,7 +18,7 @@ from cosim.metrics import Integral, largest
 from cosim.series import Column
 from workbench import Context, Figure, Judgement, Question, RunOptions, Show, option
 from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE
-from workbench.figure import of_rows, scaled
+from workbench.figure import figure_of_columns, scaled
 from workbench.live import (
     Live,
     LiveMotion,
@@ -209,7 +209,7 @@ def slow_torque(system: System) -> Figure:
     torque, unit = slow["iron.tau_cam"], slow.units["iron.tau_cam"]
     still = torque - (fast["iron.tau_cam"] - torque) / 3
     meaning = "largest torque at the cam in a slow turn"
-    return of_rows(largest, slow["iron.phi"], still, unit=unit, meaning=meaning)
+    return figure_of_columns(largest, slow["iron.phi"], still, unit=unit, meaning=meaning)
 
 
 def still_rises(r: Result) -> bool:

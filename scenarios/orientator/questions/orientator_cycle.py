@@ -18,7 +18,7 @@ from cosim.accuracy.judge import SOME_RUNS
 from cosim.dense import Array as Samples
 from workbench import Context, Figure, Judgement, Question, RunOptions, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
-from workbench.figure import of_rows
+from workbench.figure import figure_of_columns
 from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 
 from .. import machine as orientator
@@ -235,7 +235,7 @@ def reaction(r: Result) -> Figure:
         if ends[1] > end and len(t) < LEAST_ROWS:
             return Figure.undetermined(unit, FEW_ROWS, meaning)
         if ends[1] > end:
-            least.append(of_rows(partial(lowest, ends=ends), t, force, unit=unit))
+            least.append(figure_of_columns(partial(lowest, ends=ends), t, force, unit=unit))
         end = float(ends[1])
     if not least:
         return Figure.undetermined(unit, ending(r), meaning)

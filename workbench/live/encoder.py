@@ -20,8 +20,8 @@ from cosim.system.graph import stepping_order
 
 from ..answer import parameters
 from ..charts.model import Chart, Curve, Mark, Panel
-from ..charts.plotly import template
-from ..charts.svg import letter_sizes
+from ..charts.plotly import empty_figure
+from ..charts.svg import font_size_css
 from ..figure import conversion
 from ..formula import DOTTED, Formula
 from ..options import Options, declared
@@ -52,7 +52,7 @@ def numeric(start: Iterable[tuple[Port, Value]]) -> dict[str, float]:
 
 
 @dataclass
-class Content:
+class LiveEncoder:
     """Turns a declaration into data, and collects the formulas and the columns that it uses."""
 
     network: Network
@@ -63,7 +63,7 @@ class Content:
     sources: list[str] = field(default_factory=list)
     columns: list[str] = field(default_factory=list)
 
-    def data(self) -> dict[str, Any]:
+    def page_data(self) -> dict[str, Any]:
         """Return the data of the declaration."""
         live = self.live
         sliders = [self.slider(x) for x in live.sliders]
@@ -74,7 +74,7 @@ class Content:
             raise SetupError(f"{names} follows a table or a function, which a live page cannot do")
         values = []
         for name, text in live.values.items():
-            values.append([name, self.of_values(text, f"values: {name}")])
+            values.append([name, self.formula_of_values(text, f"values: {name}")])
             self.values[name] = Formula.read(text)(self.values)
         for text, where in ((live.stop, "stop"), (live.step, "step")):
             self.values.setdefault(where, self.positive(text, where))
@@ -115,7 +115,8 @@ class Content:
                 return self.encoded(x, where)
             case Mapping():
                 return [
-                    [name, self.of_values(text, f"{where}: {name}")] for name, text in x.items()
+                    [name, self.formula_of_values(text, f"{where}: {name}")]
+                    for name, text in x.items()
                 ]
         if role := getattr(hint, "__metadata__", None):
             return getattr(self, role[0])(x, where)
@@ -124,7 +125,7 @@ class Content:
         return x
 
     @cached_property
-    def outputs(self) -> frozenset[str]:
+    def fmu_outputs(self) -> frozenset[str]:
         """The outputs of the FMUs, which formulas of columns may use."""
         return frozenset(
             f"{part}.{variable.name}"
@@ -134,7 +135,7 @@ class Content:
         )
 
     @cached_property
-    def starts(self) -> Mapping[str, Any]:
+    def parameters(self) -> Mapping[str, Any]:
         """The start values and parameters of the system; formulas may name those that are numbers."""
         return parameters(self.findings.system)  # type: ignore[arg-type]
 
@@ -142,7 +143,7 @@ class Content:
     def option_values(self) -> dict[str, float]:
         """The values of start values and options that formulas may name."""
         options = {name: getattr(self.options, name) for name in declared(type(self.options))}
-        all_values = {name: x.value for name, x in self.starts.items()} | options
+        all_values = {name: x.value for name, x in self.parameters.items()} | options
         return {
             name: float(x)
             for name, x in all_values.items()
@@ -152,9 +153,9 @@ class Content:
     def slider(self, slider: Slider) -> dict[str, Any]:
         """Return a slider with value, unit and meaning of the option or start value that it moves."""
         name, options = slider.name, declared(type(self.options))
-        if name not in options and name not in self.starts:
+        if name not in options and name not in self.parameters:
             raise SetupError(f"slider {name!r} is neither an option nor a start value")
-        what: Any = options.get(name) or self.starts[name]
+        what: Any = options.get(name) or self.parameters[name]
         value = getattr(self.options, name) if name in options else what.value
         first = type(self.options)()
         own = getattr(first, name) if name in options else value if first == self.options else None
@@ -186,12 +187,12 @@ class Content:
                 "from": wire.source.name, "to": wire.target.name, "factor": wire.factor, "offset": wire.offset,
                 "nominal": abs(float(wire.source.variable.nominal or 0.0)) or 1.0,
                 "discrete": wire.source.type != "Real",
-                "formula": self.of_values(factors.get(wire.target.name, wire.factor), "factors"),
+                "formula": self.formula_of_values(factors.get(wire.target.name, wire.factor), "factors"),
             }
             for wire in self.network.wires
         ]  # fmt: skip
 
-    def of_values(self, text: Any, where: str, more: Iterable[str] = ()) -> int:
+    def formula_of_values(self, text: Any, where: str, more: Iterable[str] = ()) -> int:
         """Return the number of a formula of values, of numbers read before where `more` has their prefix."""
         formula = Formula.read(text)
         for name in sorted(formula.names - self.values.keys() - {*more}):
@@ -204,40 +205,42 @@ class Content:
             self.sources.append(formula.source)
         return self.sources.index(formula.source)
 
-    def of_numbers(self, text: Any, where: str) -> int:
+    def formula_of_numbers(self, text: Any, where: str) -> int:
         """Return the number of a formula of values and of numbers that were read before."""
-        return self.of_values(text, where, more=("figures",))
+        return self.formula_of_values(text, where, more=("figures",))
 
-    def of_columns(self, text: Any, where: str, factor: float = 1.0) -> dict[str, Any]:
+    def formula_of_columns(self, text: Any, where: str, factor: float = 1.0) -> dict[str, Any]:
         """Return a formula of columns: its number, and the columns that it uses."""
         formula = Formula.read(text if factor == 1.0 else f"{factor!r} * ({text})")
         if "crank_angle" in formula.names and not self.live.angle:
             raise SetupError(f"{where}: crank_angle needs `angle`, the output of the crank angle")
-        columns = sorted(formula.names & {*CLOCK, *self.outputs})
+        columns = sorted(formula.names & {*CLOCK, *self.fmu_outputs})
         for name in columns:
             if name not in CLOCK:
                 self.record(name, where)
-        number = self.of_values(formula.text, where, more=("figures", *columns))
+        number = self.formula_of_values(formula.text, where, more=("figures", *columns))
         return {"formula": number, "columns": columns}
 
-    def of_window(self, window: Any, where: str) -> Any:
+    def window_formula(self, window: Any, where: str) -> Any:
         """Return the number of the formula of a time, a word, or None for all rows."""
         if window in ("", REVOLUTION):
             return window or None
-        return self.of_numbers(window, where)
+        return self.formula_of_numbers(window, where)
 
-    def require_angle(self, x: Reader | RunChart | LiveMotion, where: str, angle: str) -> None:
+    def require_angle_for_window(
+        self, x: Reader | RunChart | LiveMotion, where: str, angle: str
+    ) -> None:
         """Refuse a revolution of no angle."""
         if x.window == REVOLUTION and not angle:
             raise SetupError(f"{where}: a revolution needs `angle`, the output of the crank angle")
 
-    def functions(self) -> str:
+    def formula_functions(self) -> str:
         """Return the formulas as functions of JavaScript."""
         return "const formulas = [\n{}];\n".format("".join(f"v=>{x},\n" for x in self.sources))
 
     def positive(self, text: Any, where: str) -> float:
         """Return the value of a formula that is a time above 0 [s] with the values of the options."""
-        self.of_values(text, where)
+        self.formula_of_values(text, where)
         value = Formula.read(text)(self.values)
         if not value > 0.0 or not math.isfinite(value):
             raise SetupError(f"{where} = {text!r} is {value:g} s, but must be above 0")
@@ -282,19 +285,19 @@ class Content:
         if reader.kind in ("amplitude", "phase") and reader.window != REVOLUTION:
             raise SetupError(f"{where}: {reader.kind} needs the window {REVOLUTION!r}")
         angle = reader.angle or self.live.angle
-        self.require_angle(reader, where, angle)
+        self.require_angle_for_window(reader, where, angle)
         if angle:
             self.record(angle, where)
         run = names.index(reader.run) if reader.run else 0
-        is_alone = reader.column in self.outputs
+        is_alone = reader.column in self.fmu_outputs
         own = str(self.network.port(reader.column).unit) if is_alone else ""
-        column = self.of_columns(reader.column, where, reader.factor(own, unit, where))
+        column = self.formula_of_columns(reader.column, where, reader.factor(own, unit, where))
         return self.encoded(reader, where, column=column, run=run, angle=angle)
 
     def chart(self, chart: RunChart) -> dict[str, Any]:
         """Return a chart of runs, or over a sweep: what its traces are, and how plotly draws them."""
         where, sweep = f"chart {chart.title!r}", self.live.sweep
-        self.require_angle(chart, where, self.live.angle)
+        self.require_angle_for_window(chart, where, self.live.angle)
         is_swept = sweep is not None and chart is sweep.chart
         runs = [LiveRun()] if is_swept else self.live.runs
         traces: list[dict[str, Any]] = []
@@ -303,16 +306,16 @@ class Content:
             unit, factors = self.units(panel, where)
             if is_swept:
                 traces += [
-                    {"formula": self.of_numbers(text, where), "sweep": "figures." in text}
+                    {"formula": self.formula_of_numbers(text, where), "sweep": "figures." in text}
                     for text in panel.curves
                 ]
             else:
                 traces += [
-                    {"run": run, **self.of_columns(text, where, factor)}
+                    {"run": run, **self.formula_of_columns(text, where, factor)}
                     for run in range(len(runs))
                     for text, factor in factors.items()
                 ]
-            traces += [{"level": self.of_numbers(x, where)} for x in panel.levels.values()]
+            traces += [{"level": self.formula_of_numbers(x, where)} for x in panel.levels.values()]
             # from 0 to 2, since what steps between 0 and 1 is no and yes
             curves = [
                 Curve(x.name, [0.0, 1.0], [0.0, 2.0], x.color, x.look) for x in panel.looks(runs)
@@ -320,13 +323,13 @@ class Content:
             levels = [Mark(0.5, text) for text in panel.levels]
             panels.append(Panel(panel.quantity, unit, curves, levels, panel.includes))
         marks = [
-            {"text": text, "unit": unit, "value": self.of_numbers(value, where)}
+            {"text": text, "unit": unit, "value": self.formula_of_numbers(value, where)}
             for text, (value, unit) in chart.marks.items()
         ]
         empty = [Mark(math.nan, text) for text in chart.marks]
         known = {"panels": None, "marks": marks, **({"x": None} if is_swept else {})}
         return self.encoded(chart, where, **known) | {
-            "traces": traces, "picture": template(Chart(chart.title, chart.label, panels, empty)),
+            "traces": traces, "picture": empty_figure(Chart(chart.title, chart.label, panels, empty)),
             "includes": [list(panel.includes) for panel in chart.panels],
         }  # fmt: skip
 
@@ -336,7 +339,7 @@ class Content:
             is_known = text in (*CLOCK, *self.values) or text.startswith("figures.")
             if DOTTED.fullmatch(text) and not is_known:
                 self.record(text, where)
-        units = {x: str(self.network.port(x).unit) for x in panel.curves if x in self.outputs}
+        units = {x: str(self.network.port(x).unit) for x in panel.curves if x in self.fmu_outputs}
         target = panel.unit or units.get(next(iter(panel.curves)), "")
         if not target:
             raise SetupError(f"{where}: the panel {panel.quantity!r} needs a unit, as in unit='m'")
@@ -351,11 +354,11 @@ class Content:
         A start value of the user may be the reason, which must not cost the answer, so it is a warning.
         """
         where = f"motion {motion.title!r}"
-        self.require_angle(motion, where, self.live.angle)
+        self.require_angle_for_window(motion, where, self.live.angle)
         for coordinate in motion.coordinates:
             self.record(coordinate.column, where)
         try:
-            table = drawing.table(motion, len(self.live.runs))
+            table = drawing.coefficient_table(motion, len(self.live.runs))
         except drawing.NonlinearDrawingError as problem:
             logging.getLogger("cosim").warning(str(problem))
             return None
@@ -363,7 +366,7 @@ class Content:
             "In real time." if motion.slow == 1 else f"{motion.slow:g} times slower than real time."
         )
         note = f"{pace} {motion.note}".strip()
-        known = table | {"draw": None, "note": note, "letters": letter_sizes(table["size"])}
+        known = table | {"draw": None, "note": note, "letters": font_size_css(table["size"])}
         return known | self.encoded(motion, where, **known)
 
     def check_sweep(self) -> None:
