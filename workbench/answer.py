@@ -189,6 +189,7 @@ class Answer(Findings):
         return "\n".join([
             *self.verdict.splitlines(),
             *(f"  {label:<{wide}}  {x.text()}" for label, x in zip(labels, self.figures.values())),
+            *(f"{source}, {where}" for source, where in self.sources),
             *[self.error_scope] * bool(self.figures),
             *(f"Warning: {warning}" for warning in warned[:PRINTED_WARNINGS]),
             *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),

@@ -39,7 +39,7 @@ class Judgement:
     is_so : bool, optional
         The answer where no number decides; `note` then says why.
     yes, no : str
-        What to do if it holds, and if it does not; said in the first line of an answer.
+        What to do if it holds, and if it does not; said in the answer in place of claim and yes or no.
     note : str
         What else there is to say.
     is_wanted : bool
@@ -151,7 +151,7 @@ class Judgement:
         )
 
     def headline(self) -> str:
-        """Return the judgement as the first line of an answer: what to do, and the figure that says so."""
+        """Return the judgement as a line of an answer: what to do, if that is said, and the figure that says so."""
         do = {Holds.YES: self.yes, Holds.NO: self.no}.get(self.answer or Holds.OPEN, "")
         said = "; ".join(x for x in (self.evidence(), self.note) if x)
         return capital(": ".join(x for x in (do, said) if x)) if do else self.text()
@@ -192,5 +192,5 @@ def capital(text: str) -> str:
 
 
 def lines(judgements: Sequence[Judgement]) -> list[str]:
-    """Return an answer in words: what to do by the first judgement, and a line for each further one."""
-    return [*(x.headline() for x in judgements[:1]), *(x.text() for x in judgements[1:])]
+    """Return an answer in words: a line for each judgement, what to do by the first one above all."""
+    return [x.headline() for x in judgements]

@@ -127,7 +127,8 @@ def limit(
     ----------
     x : array of shape (3, ...)
         Values with the steps h, r h and r^2 h, finest first. The coarsest may be nan, if there is no such run:
-        the order is then taken to be that of the algorithm.
+        the order is then taken to be that of the algorithm. The errors of complex values are distances in their plane:
+        their differences are arrows, of which a part along an axis may pass through zero while the whole falls.
     order : array
         The order p of the algorithm for each value.
     ratio : float
@@ -156,7 +157,7 @@ def limit(
     >>> round(float(of_runs.error), 4), round(float(of_runs.extrapolated), 4)
     (0.0125, 1.0)
     """
-    p, *each = np.broadcast_arrays(np.asarray(order, float), *np.asarray(x, float))
+    p, *each = np.broadcast_arrays(np.asarray(order, float), *(np.asarray(x) + 0.0))
     fine, middle, coarse = runs = np.array(each)
     noises = np.broadcast_to(np.asarray(noise, dtype=np.float64), runs.shape)
     with np.errstate(all="ignore"):
@@ -166,7 +167,7 @@ def limit(
         gain = ratio**p - 1.0
         q = np.where(D > 0.0, np.log(D / np.maximum(d, least)) / math.log(ratio), -math.inf)
         settled = np.maximum(d, D) <= least
-        alternating = last * previous < 0.0
+        alternating = (last * previous.conj()).real < 0.0
         lacking = np.isnan(coarse) & np.isfinite(middle)
 
         confirmed = (np.abs(q - p) <= CONFIRMED_DISTANCE * p) & np.asarray(is_regular)

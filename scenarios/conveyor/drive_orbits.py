@@ -270,11 +270,8 @@ def at_zero_step(values: Array, order: float, noise: Array | float = 0.0) -> Lim
 
 def with_error(values: Any, order: float, noise: Array | float = 0.0) -> tuple[Any, Array]:
     """Return where values go, real or complex, and the errors of that, nan where they are not known."""
-    parts = [values.real, values.imag] if np.iscomplexobj(values) else [values]
-    limits = [at_zero_step(part, order, noise) for part in parts]
-    errors = [np.where(x.is_stated, x.extrapolated_error, np.nan) for x in limits]
-    value = limits[0].extrapolated + (1j * limits[1].extrapolated if len(limits) > 1 else 0.0)
-    return value, np.hypot.reduce(errors)
+    found = at_zero_step(values, order, noise)
+    return found.extrapolated, np.where(found.is_stated, found.extrapolated_error, np.nan)
 
 
 def sector_peaks(waveform: Array) -> Array:

@@ -13,11 +13,13 @@ from scipy.optimize import minimize_scalar
 from components.iron_drive import model as iron
 from cosim import System
 from fmukit.declare.record import start
+from scenarios.iron.questions.iron_start import ENERGY
 from scenarios.orientator import machine as orientator
 from scenarios.orientator.products import STEP, Product, ProductsUntilJam
 from scenarios.orientator.questions import orientation_time
 from tests.components.iron_oracle import by_material_points
 from tests.conftest import ask
+from workbench.formula import Formula
 
 
 def slow_torque() -> float:
@@ -36,6 +38,16 @@ def slow_torque() -> float:
 def test_the_torque_of_a_slow_turn_is_that_of_points_of_mass() -> None:
     figure = ask("iron_start", motor_A=0.05).figures["tau_cam_max"]
     assert figure.error and abs(figure.value - slow_torque()) <= figure.error
+
+
+def test_the_live_energy_is_counted_from_the_start_like_that_of_the_picture() -> None:
+    """The potential energy is not 0 where the cam starts."""
+    frame = ask("iron_start", stop=0.3).table
+    energy = (frame["iron.E_kin"] + frame["iron.E_pot"]).to_numpy()
+    names = {name: frame[name].to_numpy() for name in ("iron.E_kin", "iron.E_pot")}
+    names |= {"figures.energy_end": energy[-1], "figures.energy_stored": energy[-1] - energy[0]}
+    stored = Formula.read(next(iter(ENERGY.curves))).over(names)
+    assert energy[0] < -4.0 and stored == pytest.approx(frame["E_stored"].to_numpy(), abs=1e-12)
 
 
 def test_a_motor_that_turns_the_cam_backwards_does_not_stall() -> None:

@@ -88,8 +88,9 @@ LAST = 0.9
 
 RESONANCE = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
 NAME = "resonance of the mount"
+SWITCHED_ON = "Supply switched on at once, from rest"
 STARTS_CHART = RunChart(
-    "Two starts from rest",
+    SWITCHED_ON,
     "time [s]",
     [
         RunPanel("speed", {"exciter.w": "red"}, levels={NAME: "figures.nu_res"}),
@@ -103,7 +104,7 @@ FROM_REST_NUMBERS = (
     Number("x_end", Reader("max", "abs(exciter.x)", "stop - 1"), "m", "largest displacement"),
 )
 FROM_REST_CHART = RunChart(
-    "What a start from rest leads to",
+    f"{SWITCHED_ON}: what it leads to",
     "supply [V]",
     [
         RunPanel(
@@ -214,17 +215,17 @@ class Sommerfeld(Question):
                 yes=yes,
                 no=no,
             ),
+            *from_rest(f, observed),
             Judgement("speed before the jump past the resonance", f["before_up"]),
             Judgement("speed after the jump past the resonance", f["after_up"]),
             Judgement("supply that keeps it above the resonance when lowered again", down),
-            *from_rest(f, observed),
         ]
 
     def show(self, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
         """Steady speed and displacement over the supply, and two starts from rest on either side."""
         starts, of = starts_of(self, f)
-        shares = " and ".join(f"{share:.0%}" for share in STARTS)
-        title = f"Starts from rest with {shares} of the {of}"
+        shares = " and ".join(f"{100 * share:g} %" for share in STARTS)
+        title = f"{SWITCHED_ON}: {shares} of the {of}"
         runs = {x.name: r[0].case.run(float(x.start["motor.v"])) for x in starts}
         chart = drawn(STARTS_CHART, list(runs.values()), self, f, runs=starts)
         pictures = [steady_motion(self, f, r), chart._replace(title=title)]
@@ -250,7 +251,7 @@ class Sommerfeld(Question):
             stop="hold",
             step=step,
             numbers=[Number("nu_res", RESONANCE), *ends],
-            motion=motion.live_motion("Two starts from rest", parameters(r[0].case.system)),
+            motion=motion.live_motion(SWITCHED_ON, parameters(r[0].case.system)),
             sweep=LiveSweep("motor.v", self.supplies, step, FROM_REST_NUMBERS, FROM_REST_CHART),
         )
 
@@ -399,7 +400,7 @@ def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[Judgement]:
     last = run["time"] >= LAST * run["time"][-1]
     mean = float(run["exciter.w"][last].mean())
     passes = mean > 1.1 * before.value
-    what = f"{supply:.4g} V, {STARTS[0]:.0%} of the supply of the jump, passes the resonance when switched on at once from rest"
+    what = f"{supply:.4g} V, {100 * STARTS[0]:g} % of the supply of the jump, passes the resonance when switched on at once from rest"
     note = f"it turns at {mean:.4g} rad/s after {run['time'][-1]:g} s"
     return [Judgement(what, is_so=passes, note=note)]
 

@@ -41,6 +41,9 @@ SAMPLES = 720
 #: Time that the first chart shows [s]; a convention.
 FIRST = 0.3
 HALF = "stop / 2"
+#: That of a weight is 0 at the height of the rocker's or the cam's pivot, and the iron hangs below: the sum begins at
+#: -4.2 J, so that what is shown is counted from the start.
+ENERGY_NOW = "iron.E_kin + iron.E_pot"
 
 
 class IronStart(Question, RunOptions):
@@ -71,7 +74,7 @@ class IronStart(Question, RunOptions):
         ),
         Number("turns", Reader("change", "iron.phi / (2 * pi)"), "1", "turns of the cam"),
         Number("energy_in", Integral("motor.P"), "J", "work of the motor"),
-        Number("energy_stored", Reader("change", "iron.E_kin + iron.E_pot"), "J", "stored at the end"),
+        Number("energy_stored", Reader("change", ENERGY_NOW), "J", "stored at the end"),
         Number("energy_friction", Reader("last", "iron.E_friction"), meaning="lost to friction"),
     )  # fmt: skip
     sliders = (
@@ -172,6 +175,9 @@ class IronStart(Question, RunOptions):
             Number("cycles", f"figures.w_cam_mean * {iron.PER_MINUTE!r}"),
             Number("P_mean", Reader("mean", "motor.P"), "W", "mean power of the motor"),
             Number("energy_in", "figures.P_mean * stop"),
+            Number(
+                "energy_end", Reader("last", ENERGY_NOW), "J", "energy at the end", is_visible=False
+            ),
         )
         return self.page(f, r, charts=[RunChart(TITLE, LABEL, [*START, LIFTS, ENERGY])], more=more)
 
@@ -243,7 +249,7 @@ MISSING = RunPanel("made or lost by the coupling", {"E_missing": ("missing", THE
 ENERGY = RunPanel(
     "energy",
     {
-        "iron.E_kin + iron.E_pot": ("kinetic and potential", POWER),
+        f"{ENERGY_NOW} - (figures.energy_end - figures.energy_stored)": ("stored", POWER),
         "iron.E_friction": ("friction", THEORY),
     },
     "J",

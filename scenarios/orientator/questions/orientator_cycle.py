@@ -19,6 +19,7 @@ from cosim.dense import Array as Samples
 from workbench import Context, Figure, Judgement, Question, RunOptions, Show, option
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.figure import figure_of_columns
+from workbench.judgement import Holds
 from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
 
 from .. import machine as orientator
@@ -136,6 +137,11 @@ class OrientatorCycle(Question, RunOptions):
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """What becomes of the product, how long each stage takes, and whether its wall only pushes."""
         oriented = bool(f["oriented"].value)
+        wall = Judgement(
+            "the wall pushes at all times, as a real one must", f["wall_least"], least=0.0
+        )
+        held = ", if the cup stays at its wall, which has to pull on it"
+        after = f"after {f['orientation_time'].brief()}{held * (wall.answer is Holds.NO)}"
         return [
             Judgement(
                 "the product is oriented",
@@ -143,13 +149,9 @@ class OrientatorCycle(Question, RunOptions):
                 is_so=oriented,
                 yes="The product is oriented",
                 no="The product is not oriented",
-                note=f"after {f['orientation_time'].brief()}" if oriented else ending(r[0]),
+                note=after if oriented else ending(r[0]),
             ),
-            Judgement(
-                "the wall pushes at all times, as a real one must",
-                f["wall_least"],
-                least=0.0,
-            ),
+            wall,
             *(
                 Judgement(f"duration of the stage {x}", f[f"t_{x}"])
                 for x in STAGES
