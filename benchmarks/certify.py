@@ -301,7 +301,7 @@ def machines(
     stuck = {"motor.A": 0.12, "motor.B": 6e-4, "motor.T": 0.01, "motor.tau": 0.0, "iron.phi": 0.3}
     w, mu = draw(3.0, 5.0), draw(0.3, 0.4)
     dropped = {"orientator.w": w, "orientator.release": 1, "orientator.chute.mu": mu}
-    packing = line.PackingLine(gear=draw(1.2, 1.3)).system(
+    packing = line.PackingLine.parse({"gear": draw(1.2, 1.3)}).system(
         {k: native / f"{v}.fmu" for k, v in line.PackingLine.parts.items()}
     )
     play = {"shaft.b": 0.01, "shaft.c": draw(5e3, 2e4), "shaft.d": 5.0, "shaft.twist": 0.02,

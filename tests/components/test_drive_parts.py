@@ -117,7 +117,7 @@ def test_back_calculation_keeps_the_overshoot_of_a_long_saturation_small() -> No
 def test_gearbox_keeps_ratio_efficiency_and_balance_in_both_directions(i: float) -> None:
     draw, p = random.Random(2), start(gearbox.Parameters, i=i, eta=0.8)
     for _ in range(100):
-        x = gearbox.State(draw.uniform(-9, 9), draw.choice([-1, 1]) * draw.uniform(0.2, 90))
+        x: Any = gearbox.State(draw.uniform(-9, 9), draw.choice([-1, 1]) * draw.uniform(0.2, 90))
         u = gearbox.Inputs(draw.uniform(-9, 9), draw.uniform(-50, 50))
         y = gearbox.outputs(p, 0.0, x, u)
         assert (y.w_b, y.phi_b) == (x.w_a / i, x.phi_a / i)

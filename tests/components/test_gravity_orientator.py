@@ -140,7 +140,8 @@ def test_states_energies_and_impulses_are_the_reference_ones(fmus: Path) -> None
     unit = machine(fmus, 40, 0.35, 2e-2)
     actual = read(unit, "S_x", "S_y", "S_k", "P_B", "P_K")
     assert actual == pytest.approx(IMPULSES, rel=1e-8)
-    assert read(unit, *model.State._fields[:8]) == pytest.approx(INSTANTS["oriented"], rel=5e-10)
+    fields: Any = model.State
+    assert read(unit, *fields._fields[:8]) == pytest.approx(INSTANTS["oriented"], rel=5e-10)
 
 
 def test_without_speed_the_product_flies_from_its_release_and_falls_as_in_the_formula() -> None:

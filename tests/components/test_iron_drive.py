@@ -39,7 +39,9 @@ def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -
     A, B = at.J + K * p.iron.m * H_1**2, at.J_1 / 2 + K * p.iron.m * H_1 * H_2
     C = K * at.W_0 * H_1 - at.Pi_1
     M = B * w * w - C if M is None else M
-    y = iron.outputs(p, 0.0, start(iron.State, phi=phi, w_cam=w), iron.Inputs(M / p.reducer.i_g))
+    y: Any = iron.outputs(
+        p, 0.0, start(iron.State, phi=phi, w_cam=w), iron.Inputs(M / p.reducer.i_g)
+    )
     d = dynamics.dynamics(p, at, w, sense, M)
     return at._asdict() | d._asdict() | y._asdict() | {
         "alpha_1": at.alpha.first, "alpha_2": at.alpha.second, "H_1": H_1, "H_2": H_2, "M": M,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim import ALGORITHMS, CONVERGENCE_ORDERS, SetupError, System, diagnose, run, write_container
+from cosim import SetupError, System, diagnose, run, write_container
 from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
 from cosim.engine.algorithms import (
     REGISTRY,
@@ -142,17 +142,6 @@ def test_an_implicit_algorithm_of_several_stages_is_refused(
         refuse_in_run(fmus, Path(), "half iterated")
 
 
-def test_the_registry_names_each_algorithm_once() -> None:
-    assert ALGORITHMS == tuple(REGISTRY) == tuple(CONVERGENCE_ORDERS)
-    for name, algorithm in REGISTRY.items():
-        assert algorithm.name == name and algorithm.summary.endswith(".")
-        turns = [turn for stage in algorithm.stages("abc") for turn in stage]
-        for part in "abc":  # each part takes the whole step, in pieces that follow each other
-            pieces = sorted(turn[1:] for turn in turns if turn.part == part)
-            assert sum(fraction for _, fraction in pieces) == 1.0
-            assert [begin for begin, _ in pieces] == [0.0, *(a + b for a, b in pieces[:-1])]
-
-
 def test_outputs_that_show_the_end_of_a_step_keep_the_order_of_the_states() -> None:
     """On the way back of the splitting, a hears what b shows at the end; b never hears a there."""
     feedthroughs = [
@@ -188,15 +177,6 @@ def test_a_loop_of_different_units_is_solved_like_a_loop_of_equal_units(
     exact = (1.0 + 2.0 * gain) / 1.5
     assert result["a.z[1]"] == pytest.approx(exact, rel=1e-9)
     assert result["b.z[1]"] == pytest.approx(2.0 - exact / (2.0 * gain), rel=1e-9)
-
-
-def test_a_loop_without_a_solution_is_refused(fmus: Path) -> None:
-    units = {
-        "a": LinearPart([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[1e6]]),
-        "b": LinearPart([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[1e-6]]),
-    }
-    with pytest.raises(SetupError, match=r"start values of an algebraic loop.*still off: .* by "):
-        run(couple(units, fmus / "LinearSystem.fmu"), stop=0.1, step=0.1, algorithm="iterated")
 
 
 def test_the_page_of_the_master_lists_the_registry() -> None:

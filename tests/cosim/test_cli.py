@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import json
 import os
-import pty
 import re
 import subprocess
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from fmpy import simulate_fmu
 from numpy.testing import assert_array_equal
 
 from cosim import System, certify, run, write_ssp
-from cosim.cli import commands
-from cosim.cli.main import main, parser
+from cosim.cli.main import main
 from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import CommandOutput
@@ -132,24 +128,6 @@ def test_a_single_fmu_is_run_over_its_default_experiment(
     assert "silent.fmu states no stop time: give --stop" in command_output("run", silent, code=2)
 
 
-def test_columns_of_a_part_drive_fmpy(
-    drive: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput
-) -> None:
-    """The conveyor's speed, taken by fmpy as the motor's input, gives the motor's torque."""
-    speed, torque = tmp_path / "w.csv", tmp_path / "tau.csv"
-    common = ("run", drive, "--step", 1e-3, "--algorithm", "jacobi")
-    command_output(*common, "--part", "conveyor", "--record", "conveyor.w", "--out", speed)
-    command_output(*common, "--part", "motor", "--out", torque)
-    start = {k.partition(".")[2]: v for k, v in SETS["A"].start(NU).items() if k[:5] == "motor"}
-    frame = pd.read_csv(speed)
-    rows = np.array([tuple(row) for row in frame.to_numpy()], [("time", "<f8"), ("w", "<f8")])
-    settings: dict[str, Any] = {"stop_time": 1.0, "output_interval": 1e-3, "output": ["tau"]}
-    motor = str(fmus / "DriveMotor.fmu")
-    result = simulate_fmu(motor, **settings, start_values=start, input=rows)
-    ours = pd.read_csv(torque)["tau"]
-    assert result["tau"] == pytest.approx(ours.to_numpy(), abs=1e-6)
-
-
 def test_certify_states_errors_and_orders(drive: Path, command_output: CommandOutput) -> None:
     text = command_output(
         "run", drive, "--stop", 0.1, "--certify", "--record", "motor.tau,conveyor.a"
@@ -208,32 +186,6 @@ def test_held_angles_are_warned_of(
     path = tmp_path / "angle.ssp"
     write_ssp(System(parts, ["crank.phi => other.u[1]"], start), path, stop=1.0)
     assert "an angle held over a step pushes a stiff shaft" in command_output("check", path)
-
-
-def test_a_terminal_shows_simulated_time_pace_and_what_is_left(drive: Path) -> None:
-    """On a pseudo-terminal; everywhere else a run is quiet."""
-    ours, its = pty.openpty()
-    command = [sys.executable, "-m", "cosim", "run", str(drive), "--stop", "0.5"]
-    process = subprocess.Popen(command, cwd=ROOT, stderr=its, stdout=subprocess.PIPE)
-    os.close(its)
-    written = b""
-    with suppress(OSError):
-        while chunk := os.read(ours, 1 << 16):
-            written += chunk
-    os.close(ours)
-    output, _ = process.communicate()
-    terminal_text = written.decode(errors="replace")
-    assert "drive" in terminal_text
-    assert re.search(r"of 0\.5 s, \S+ x real time", terminal_text)
-    assert re.search(r"\d:\d\d:\d\d", terminal_text)
-    assert b"500 steps" in output
-
-
-def test_adaptive_run(drive: Path, tmp_path: Path, command_output: CommandOutput) -> None:
-    out = tmp_path / "out.csv"
-    text = command_output("run", drive, "--adaptive", 0.01, "--output-step", 0.01, "--out", out)
-    assert "adaptive steps, tolerance 0.01" in text
-    assert pd.read_csv(out)["time"].to_numpy() == pytest.approx(np.arange(101) * 0.01, abs=1e-15)
 
 
 def test_a_single_fmu_runs_with_its_inputs(
@@ -314,19 +266,6 @@ def test_bad_input_ends_with_code_2(
     )
 
 
-@pytest.mark.parametrize("command", parser()._actions[-1].choices or ())
-def test_help_states_defaults_as_a_person_writes_them(command: str) -> None:
-    """None where there is none, and what may be given again."""
-    commands: Any = parser()._actions[-1].choices
-    help_text = " ".join(commands[command].format_help().split())
-    assert not re.search(r"default: (None|False|inf|\[\]|\d+\.0\b)", help_text)
-    for option in ("--set", "--substeps", "--at", "--map"):
-        if f" {option} " in help_text:
-            assert re.search(rf"{option} [^(]*?\(repeatable\)", help_text.split("options:")[1])
-    if command == "run":
-        assert "--input-order N polynomial order of inputs within a step (default: 0)" in help_text
-
-
 def test_output_that_nobody_reads_any_more_is_no_traceback(drive: Path) -> None:
     """And there is nothing else on what is no terminal."""
     reading, writing = os.pipe()
@@ -359,24 +298,6 @@ def test_times_and_start_values_take_units_and_either_option(
     assert "motor.T [s] = 0.005" in command_output("info", drive, "--start", "motor.T=5ms")
     rpm = command_output("info", drive, "--set", "motor.w=60rpm")
     assert f"motor.w [rad/s] = {2 * np.pi!r}" in rpm
-
-
-def test_a_command_is_added_by_a_single_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_output: CommandOutput
-) -> None:
-    module = tmp_path / "greet.py"
-    module.write_text(
-        "from cosim.cli.command import Command\n"
-        "def run(options):\n"
-        "    print('hello', options.name)\n"
-        "    return 0\n"
-        "def add_options(parser):\n"
-        "    parser.add_argument('name')\n"
-        "COMMAND = Command('greet', 'greet a person', run, add_options, 0, reads_system=False)\n"
-    )
-    monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
-    assert command_output("greet", "Ada") == "hello Ada\n"
-    assert next(iter(parser()._actions[-1].choices or ())) == "greet"
 
 
 def test_help_imports_nothing_that_only_a_command_needs() -> None:

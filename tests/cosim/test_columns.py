@@ -199,12 +199,6 @@ def test_columns_that_were_read_stay_when_their_file_is_replaced(
     assert len(result["time"]) == len(torque)
 
 
-def test_pieces_are_what_jumps_separate(switched: System) -> None:
-    pieces = list(run(switched, stop=1.0, step=Adaptive(1e-4)).pieces())
-    assert [(p["time"][0], p["time"][-1]) for p in pieces] == [(0.0, 0.503), (0.503, 1.0)]
-    assert [bool(p["motor.P"].any()) for p in pieces] == [False, True]
-
-
 class Drawn:
     """A system at random: x' = a x + u, z = x + u / 2, alone or with another that it drives by x or by z.
 

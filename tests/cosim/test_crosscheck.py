@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,7 +14,6 @@ import pytest
 from cosim import Crosscheck, SetupError, crosscheck
 from cosim.analysis.crosscheck import checks
 from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED
-from cosim.analysis.crosscheck.report import COLORS
 from cosim.analysis.crosscheck.subject import Subject
 from cosim.fmu.messages import quiet
 from tests.conftest import ROOT, described, rewritten
@@ -25,7 +23,6 @@ from tests.cosim.foreign import pack as foreign
 from tests.cosim.third import pack as third
 from tests.fmukit.test_fmi3 import built
 
-SVG = "{http://www.w3.org/2000/svg}"
 QUICK = ("CrankConveyor", "GravityOrientator")
 
 
@@ -157,12 +154,6 @@ def test_no_check_fails_on_fmi_3_with_events_arrays_and_all_types(tmp_path: Path
         assert {v.status for v in report.verdicts} == {PASSED}, report.text()
 
 
-def test_a_report_names_the_standard_of_the_fmu(tmp_path: Path) -> None:
-    report = crosscheck(pack(tmp_path / "faulty.fmu", "version", "3.0"))
-    assert "binary, FMI 3.0.2, 2.2.5: ask the binary" in report.text()
-    assert "FMI 3.0.2, 2.2.5" in report.junit() and "<th>FMI 3.0.2</th>" in report.html()
-
-
 @pytest.mark.slow
 def test_no_check_fails_on_any_fmu_of_the_project(fmus: Path) -> None:
     all_of_them = sorted(fmus.rglob("*.fmu"))
@@ -217,16 +208,6 @@ def test_what_does_not_repeat_is_reported_once(tmp_path: Path) -> None:
     report = verdicts(pack(tmp_path / "noisy.fmu", "not repeatable"))
     assert failed(report) == ["repetition"]
     assert "the other checks leave out y" in report["repetition"].detail
-
-
-def test_a_badge_says_how_many_checks_failed(native: Path) -> None:
-    """Its numbers are those of the report, and its color that of the outcome."""
-    good = verdicts(native / "CrankConveyor.fmu", "description", "run")
-    bad = replace(good, verdicts=(good.verdicts[0]._replace(status=FAILED), good.verdicts[1]))
-    for report, outcome, status in ((good, "2 passed", PASSED), (bad, "1 failed", FAILED)):
-        texts = [e.text for e in ElementTree.fromstring(report.badge()).iter(f"{SVG}text")]
-        assert texts == [f"{report.standard} crosscheck", outcome]
-        assert COLORS[status] in report.badge()
 
 
 def test_the_action_is_valid_and_its_options_exist() -> None:

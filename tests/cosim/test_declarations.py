@@ -282,15 +282,6 @@ def test_check_refuses_an_input_without_start(fmi2: Edited, command_output: Comm
         )
 
 
-@pytest.mark.parametrize("fault", ["error_at", "crash_at", "exit_at"])
-def test_check_refuses_what_a_run_refuses_before_its_first_step(
-    fault: str, tmp_path: Path, command_output: CommandOutput
-) -> None:
-    fmu, times = pack(tmp_path / "A.fmu", **{fault: 0.0}), ["--stop", "1", "--step", "0.1"]
-    refusal = command_output("run", fmu, *times, code=2)
-    assert refusal in command_output("check", fmu, *times, code=1)
-
-
 def test_check_finds_a_loop_without_solution(
     fmi2: Edited, tmp_path: Path, command_output: CommandOutput
 ) -> None:

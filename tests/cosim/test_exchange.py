@@ -64,7 +64,7 @@ def test_both_versions_have_the_same_events(case: tuple, native: Path) -> None:
 def test_a_boolean_wire_acts_at_the_same_time_in_both_versions(native: Path) -> None:
     """Which event mode of FMI 3.0 takes: the iron of one version releases a product in the other."""
     fmus = {name: native / f"{fmu}.fmu" for name, fmu in packing_line.PackingLine.parts.items()}
-    line = packing_line.PackingLine().system(fmus)
+    line = packing_line.PackingLine.parse({}).system(fmus)
     third = dict(line.parts) | {"orientator": built("GravityOrientator")}
     same_events(line, replace(line, parts=third), 0.7)
 

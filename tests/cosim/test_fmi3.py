@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -22,22 +21,18 @@ from cosim import (
     SetupError,
     SimulationError,
     System,
-    certify,
-    largest,
     read_ssp,
     run,
     write_container,
     write_osp,
     write_ssp,
 )  # fmt: skip
-from cosim.describe import info
 from cosim.engine.initialise import initialise
 from cosim.engine.settings import RunSettings
 from cosim.engine.snapshot import Snapshot
 from cosim.system import connect
 from tests.conftest import rewritten
 from tests.cosim import foreign
-from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_cosim import NU, WIRES
 from tests.cosim.third import BASES, pack
 from tests.fmukit.test_fmi3 import built
@@ -52,7 +47,6 @@ RANGES = {
 RANGES |= {"Int32": (-(2**31), 2**31 - 1), "UInt32": (0, 2**32 - 1)}
 RANGES |= {"Int64": (-(2**53), 2**53), "UInt64": (0, 2**53)}
 TICKS = 'intervalVariability="{}" intervalDecimal="0.1" shiftDecimal="0.05"'
-Make = Callable[..., Path]
 
 
 @pytest.fixture(scope="module")
@@ -130,17 +124,6 @@ def test_going_back_gives_the_same_bits(
     results = [run(System(drives[v], WIRES), stop=0.05, **settings) for v in ("22", "33", "23")]
     for other in results[1:]:
         assert_array_equal(results[0].data, other.data)
-
-
-def test_a_certified_figure_is_the_same(drives: dict[str, dict[str, Path]]) -> None:
-    def torque(result: Result) -> dict[str, float]:
-        return {"torque": largest(result["time"], result["motor.tau"])}
-
-    figures = [
-        certify(System(drives[v], WIRES), torque, stop=0.1, step=2e-3).figures["torque"]
-        for v in ("22", "32")
-    ]
-    assert figures[0] == figures[1]
 
 
 def test_all_types_go_over_wires(two: dict[str, Path]) -> None:
@@ -260,7 +243,8 @@ def test_going_back_brings_back_the_elements_of_an_array_that_no_wire_brings(thi
     network = connect(system)
     with ExitStack() as stack:
         parts = initialise(network, RunSettings(1.0, 0.1), ["B", "A"], stack)
-        snapshot, instance = Snapshot([*parts.values()]), parts["A"].instance
+        instance: Any = parts["A"].instance
+        snapshot = Snapshot([*parts.values()])
         element, shown = (network.port(f"A.{n}[1,2]").variable for n in ("Int8_ins", "Int8_outs"))
         snapshot.take()
         instance.set(element, 7)
@@ -514,14 +498,6 @@ def test_a_wire_between_single_elements_is_written_aloud(
     ]
 
 
-def test_a_package_of_fmi_2_is_written_as_ssp_1(
-    drives: dict[str, dict[str, Path]], tmp_path: Path
-) -> None:
-    root = written(System(drives["22"], WIRES, {"motor.T": 0.04}), tmp_path / "old.ssp")
-    assert {e.get("version") for e in root.iter("{*}SystemStructureDescription")} == {"1.0"}
-    assert {etree.QName(c[0]).localname for c in root.iter("{*}Connector")} == {"Real"}
-
-
 SECOND: dict[str, tuple[str, str, str]] = {
     "size of a dimension": ('size="2"', 'sizeConnector="n"', "a Dimension without a size as a number"),
     "other size": ('size="2"/><ssc:Dimension size="2"/></ssd:Connector', 'size="3"/></ssd:Connector',
@@ -545,14 +521,3 @@ def test_bad_arrays_and_values_are_refused(name: str, two: dict[str, Path], tmp_
 
     with pytest.raises(SetupError, match=message):
         read_ssp(rewritten(tmp_path / "a.ssp", tmp_path / "b.ssp", edit), tmp_path / "b")
-
-
-def test_info_and_the_shell_report_types_and_version(
-    third: Path, tmp_path: Path, command_output: CommandOutput
-) -> None:
-    text = "\n".join(info(connect(System({"A": third}))))
-    assert "A: third, third.fmu, FMI 3.0" in text
-    assert "has event mode, returns early at events, shows values within a step" in text
-    assert "input   A.UInt16_ins[2,1]: UInt16" in text
-    assert "A.Binary_in = 'c0ffee'" in text
-    assert "ready to run" in command_output("check", third, "--stop", "1")

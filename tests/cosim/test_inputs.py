@@ -22,7 +22,6 @@ from cosim import (
     SetupError,
     SimulationError,
     System,
-    certify,
     diagnose,
     run,
     write_container,
@@ -118,16 +117,6 @@ def test_adaptive_steps_end_at_a_jump_and_keep_the_tolerance(fmus: Path) -> None
         errors.append(speed_error(result) / A)
         assert errors[-1] < tolerance
     assert [math.log10(a / b) for a, b in pairwise(errors)] == pytest.approx([1.0, 1.0], abs=0.35)
-
-
-def test_a_coarse_run_is_certified(fmus: Path) -> None:
-    system = motor(fmus, RAMP)
-    figures = certify(
-        system, lambda r: {"end": float(r["motor.tau"][-1])}, stop=1.0, step=0.005
-    ).figures
-    end = figures["end"]
-    assert end.order == pytest.approx(2.0, abs=0.1)
-    assert end.error is not None and abs(end.value - torque(1.0)) < end.error < 1e-1
 
 
 @pytest.mark.parametrize("input_order", [0, 1])

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cosim import Interrupted, SetupError, SimulationError, isolated, result, run, run_isolated
+from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
 from cosim.cli.commands import run as run_command
 from cosim.cli.main import main
 from cosim.engine import driver, process_state
@@ -45,21 +45,6 @@ def long(tmp_path: Path, *options: str | Path, **start_values: Any) -> list[str 
     """The arguments of a run that takes minutes."""
     fmu = pack(tmp_path / "A.fmu", **start_values)
     return [fmu, "--stop", "2000", "--step", "1e-4", *options]
-
-
-def test_two_runs_do_not_write_the_same_file(tmp_path: Path) -> None:
-    out = tmp_path / "r.csv"
-    first = start(*long(tmp_path, "--out", out))
-    until((tmp_path / "r.partial.csv").exists)
-    with pytest.raises(SetupError, match=r"another run is writing .*r\.partial\.csv"):
-        run(single_fmu_system(tmp_path / "A.fmu"), stop=1.0, step=0.1, csv=out)
-    until(lambda: (tmp_path / "r.partial.csv").stat().st_size > 100_000)
-    first.send_signal(signal.SIGINT)
-    first.communicate(timeout=60)
-    rows = pd.read_csv(tmp_path / "r.partial.csv")
-    assert np.diff(rows["time"]) == pytest.approx(1e-4, rel=1e-6)
-    run(single_fmu_system(tmp_path / "A.fmu"), stop=1.0, step=0.1, csv=out)
-    assert len(pd.read_csv(out)) == 11
 
 
 @pytest.mark.parametrize(
@@ -93,7 +78,7 @@ def test_a_name_belongs_to_a_single_run_in_every_format(
     assert "another run is writing" in command_output("run", tmp_path / "A.fmu", *again, code=2)
     until(lambda: sum(rows.stat().st_size for rows in tmp_path.rglob("*.partial.csv")) > 1000)
     first.send_signal(signal.SIGINT)
-    _, errors = first.communicate(timeout=60)
+    _, errors = first.communicate(timeout=600)
     assert first.returncode == 130, errors
     partial = tmp_path / f"r.partial{Path(first_options[0]).suffix}"
     assert (
@@ -114,7 +99,7 @@ def test_signals_that_ask_to_stop_keep_the_rows(number: signal.Signals, tmp_path
     process = start(*long(tmp_path, "--out", out), env=environment)
     until(lambda: out.with_name("r.partial.csv").exists())
     process.send_signal(number)
-    _, message = process.communicate(timeout=60)
+    _, message = process.communicate(timeout=600)
     assert process.returncode == 130
     assert "interrupted; what was computed is kept" in message and "Traceback" not in message
     assert json.loads((tmp_path / "r.partial.json").read_text())["status"] == "interrupted"
@@ -128,7 +113,7 @@ def test_a_child_does_not_outlive_its_parent(tmp_path: Path) -> None:
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     assert children
     process.kill()
-    process.communicate(timeout=60)
+    process.communicate(timeout=600)
     until(lambda: not any(Path(f"/proc/{child}/exe").exists() for child in children))
 
 
@@ -293,33 +278,6 @@ def test_numbers_whose_subnormal_ones_vanish_end_a_run(watched: Path) -> None:
     assert np.array_equal(result["C.y"], started["B.y"])
 
 
-@pytest.mark.parametrize("name", ["r.partial.csv", "r.partial.json", "r.json"])
-def test_results_are_not_written_through_links(
-    name: str, tmp_path: Path, command_output: CommandOutput
-) -> None:
-    precious = tmp_path / "precious.txt"
-    precious.write_text("precious")
-    (tmp_path / name).symlink_to(precious)
-    pack(tmp_path / "A.fmu")
-    for ending in (".csv", ".parquet"):
-        link = name.replace(".csv", ending)
-        if ending == ".parquet":
-            link = link.replace(".json", ".parquet.json")
-        if not (tmp_path / link).is_symlink():
-            (tmp_path / link).symlink_to(precious)
-        out = str(tmp_path / f"r{ending}")
-        errors = command_output(
-            "run", tmp_path / "A.fmu", "--stop", "1", "--step", "0.1", "--out", out, code=2
-        )
-        assert (
-            f"{tmp_path / link} is a symbolic link, and results are not written through" in errors
-        )
-    with pytest.raises(SetupError, match="is a symbolic link"):
-        run(single_fmu_system(tmp_path / "A.fmu"), stop=1.0, step=0.1).write(tmp_path / "r.csv")
-    assert precious.read_text() == "precious"
-    assert not (tmp_path / "r.csv").exists()
-
-
 def test_a_run_without_standard_output_ends_well_and_writes_only_its_rows(tmp_path: Path) -> None:
     pack(tmp_path / "A.fmu")
     command = f'"{sys.executable}" -m cosim run A.fmu --stop 1 --step 0.1 --out r.csv >&- 2>errors'
@@ -376,14 +334,6 @@ def test_an_fmu_that_is_never_freed_does_not_hold_the_result(
         run_isolated(single_fmu_system(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv")
     assert len(pd.read_csv(tmp_path / "r.csv")) == 11
     assert json.loads((tmp_path / "r.json").read_text())["status"] == "complete"
-
-
-def test_rows_in_a_file_are_counted_without_reading_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_output: CommandOutput
-) -> None:
-    monkeypatch.setattr(result, "read_file", pytest.fail)
-    arguments = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "r.csv")]
-    assert ", 11 rows" in command_output("run", pack(tmp_path / "A.fmu"), *arguments)
 
 
 @pytest.mark.parametrize("options", [["q.parquet"], ["q.csv", "--part", "A"]])

@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 
-import cosim
 from cosim import Result, System, run
 from cosim.__main__ import main as command
 from cosim.fmu import library
@@ -130,12 +129,3 @@ def test_ctrl_c_while_the_modules_are_imported_prints_no_traceback(
         [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True
     )
     assert done.stdout.split() == [b"set()"]
-
-
-def test_tab_completion_shows_what_is_public() -> None:
-    assert {"diagnose", "identify", "measured", "System", "run"} < {*dir(cosim)}
-    assert not {"HOMES", "TYPE_CHECKING", "import_module"} & {*dir(cosim)}
-    assert all(getattr(cosim, name) is not None for name in dir(cosim))
-    assert cosim.metrics.largest is cosim.largest
-    with pytest.raises(AttributeError, match="no attribute 'certfy'; did you mean certify"):
-        _ = cosim.certfy

@@ -148,7 +148,7 @@ def test_events_are_those_of_co_simulation(native: Path, case: Any) -> None:
 def test_a_boolean_wire_acts_when_its_source_changes(native: Path) -> None:
     """The iron at its top dwell releases a product: at a cam angle of 100 degrees, at once."""
     fmus = {name: native / f"{fmu}.fmu" for name, fmu in packing_line.PackingLine.parts.items()}
-    line = packing_line.PackingLine().system(fmus)
+    line = packing_line.PackingLine.parse({}).system(fmus)
     record = ["iron.phi", "iron.top_dwell", "orientator.since", "orientator.stage"]
     got = oracle(line, stop=0.7, output_step=0.1, record=record)
     released = int(np.argmax(got["iron.top_dwell"]))
@@ -246,7 +246,7 @@ def test_a_nominal_value_of_0_is_taken_as_1(
             cells[:] = [0.0] * len(cells)
 
     monkeypatch.setattr(ModelExchange, "array", zero)
-    reference = oracle(drive, stop=0.1, method=method, timeout=30.0)
+    reference = oracle(drive, stop=0.1, method=method, timeout=600.0)
     assert reference.data == pytest.approx(usual.data, rel=1e-9, abs=1e-9)
 
 

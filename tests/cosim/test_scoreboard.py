@@ -162,16 +162,6 @@ def test_a_result_that_is_not_whole_is_none(
     assert not found.best(KEY)
 
 
-def test_a_page_is_written_where_nothing_can_be_read(
-    board: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for path in (board / "results/held").glob("*.csv"):
-        path.rename(path.with_stem("quartercar_1ms"))
-    page = tmp_path / "board.html"
-    assert main(["referee", "--scoreboard", str(board), "--out", str(page)]) == 1
-    assert "is of no system here" in capsys.readouterr().out and page.is_file()
-
-
 def test_an_empty_folder_and_one_without_results_are_refused(board: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()

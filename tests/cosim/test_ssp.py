@@ -22,7 +22,6 @@ STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
 NAMES = {"ssd": "Description", "ssc": "Common", "ssv": "ParameterValues", "ssm": "ParameterMapping"}
 SPACES = " ".join(f'xmlns:{prefix}="{STANDARD}{name}"' for prefix, name in NAMES.items())
 RPM = f'<ssc:Unit name="rpm"><ssc:BaseUnit s="-1" rad="1" factor="{math.pi / 30!r}"/></ssc:Unit>'
-RECORD = ["tau", "w"]
 
 MOTOR = """
 <ssd:Component name="motor" source="resources/DriveMotor.fmu"><ssd:Connectors>
@@ -491,14 +490,6 @@ def test_what_does_no_harm_is_a_warning(
     ]
 
 
-@pytest.mark.parametrize("name", ["not.ssp", "missing.ssp"])
-def test_the_file_is_named_once(name: str, tmp_path: Path) -> None:
-    (tmp_path / "not.ssp").write_text("hello")
-    with pytest.raises(SetupError) as caught:
-        read_ssp(tmp_path / name, tmp_path / "unpacked")
-    assert str(caught.value).count(name) == 1
-
-
 def stacked(*levels: str) -> str:
     """Bindings of one element, one after the other."""
     return "".join(levels).replace("</ssd:ParameterBindings><ssd:ParameterBindings>", "")
@@ -545,11 +536,6 @@ GOOD: dict[str, tuple[str, dict[str, Any]]] = {
 def test_a_structure_runs_as_the_system_it_describes(name: str, fmus: Path, read: Read) -> None:
     structure, start = GOOD[name]
     same(read(structure), pair(fmus, **start))
-
-
-def test_inputs_without_a_source_keep_the_value_of_the_fmu(read: Read) -> None:
-    ((port, value),) = connect(read(ssd(CONVEYOR.format(""))).system).open
-    assert (port.name, value) == ("conveyor.tau", 8.0)
 
 
 def everything(fmus: Path, echo: Path) -> System:
@@ -853,20 +839,6 @@ BAD: dict[str, Any] = {
     "scaled Boolean": (flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', LINEAR)))),
         "a linear transformation does not fit rod.finite of type Boolean"),
 }  # fmt: skip
-
-
-def test_wires_may_have_names_that_no_text_can_spell(
-    fmus: Path, read: Read, echo: Path, tmp_path: Path
-) -> None:
-    """A blank and a factor's sign in the name of an output."""
-    fmu = rewritten(echo, tmp_path / "Odd.fmu", described(('name="y"', 'name="y *2 "')))
-    odd = f'<ssd:Component name="odd" source="Odd.fmu">{connectors(("y *2 ", "output", ""))}'
-    connection = SPACE.format("odd", "y *2 ", "motor", "w")
-    package = read(ssd(MOTOR.format("") + f"{odd}</ssd:Component>", connection), **{"Odd.fmu": fmu})
-    parts = {"motor": fmus / "DriveMotor.fmu", "odd": echo}
-    plain = System(parts, ["odd.y -> motor.w"], package.system.start)
-    settings: dict[str, Any] = {"stop": 0.02, "step": 1e-3, "record": ["motor.tau"]}
-    assert_array_equal(run(package.system, **settings).data, run(plain, **settings).data)
 
 
 def test_dotted_names_mean_a_single_variable(fmus: Path, echo: Path, tmp_path: Path) -> None:

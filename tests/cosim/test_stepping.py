@@ -253,12 +253,6 @@ def test_parquet_carries_the_frame(fmus: Path, tmp_path: Path) -> None:
     assert Series.read(tmp_path / "run.csv").units["tau"] == "N.m"
 
 
-def test_plot_has_an_axis_per_unit(fmus: Path, tmp_path: Path) -> None:
-    figure = from_rest(fmus, step=1e-2).plot(path=tmp_path / "run.png")
-    assert [axis.get_ylabel() for axis in figure.axes] == ["N.m", "rad/s"]
-    assert (tmp_path / "run.png").stat().st_size > 10_000
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -277,25 +271,6 @@ def test_plot_has_an_axis_per_unit(fmus: Path, tmp_path: Path) -> None:
 def test_bad_settings_are_refused(fmus: Path, settings: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=message):
         from_rest(fmus, **settings)
-
-
-@pytest.mark.slow
-def test_a_day_needs_no_more_memory_than_its_first_hours(fmus: Path, tmp_path: Path) -> None:
-    """24 h of the drive at 20 ms, a row per minute; pages in use at a tenth and at the end."""
-    used: list[int] = []
-
-    def look(_: float) -> None:
-        used.append(int(Path("/proc/self/statm").read_text().split()[1]))
-
-    result = run(
-        pair(fmus / "native", START | REST), stop=86400.0, step=0.02, algorithm="gauss-seidel",
-        output_step=60.0, csv=tmp_path / "day.csv", progress=look,
-    )  # fmt: skip
-    assert result.provenance["steps"] == 4_320_000
-    assert_array_equal(result["time"], np.arange(1441) * 60.0)
-    early, final = used[len(used) // 10], used[-1]
-    assert (final - early) * 4096 < 1 << 20
-    assert np.abs(result["conveyor.w"][1:] - NU).max() < 4.0
 
 
 def test_adaptive_steps_reach_a_permille_with_a_fifth_of_the_steps(fmus: Path) -> None:

@@ -169,19 +169,6 @@ def test_pieces_have_no_equal_times_and_no_breaks(tmp_path: Path) -> None:
     assert [piece["x"].tolist() for piece in series.pieces()] == [[0, 1], [5, 6, 7], [2, 3]]
 
 
-def test_columns_of_a_large_file_are_read_one_by_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cosim.table_file.LARGE", 10)
-    frame = pd.DataFrame({"time": [0.0, 1.0], "x [m]": [1.5, 2.5], "y": [3, 4]})
-    frame.to_csv(tmp_path / "a.csv", index=False)
-    frame.to_parquet(tmp_path / "a.parquet")
-    for suffix in ("csv", "parquet"):
-        series = Series.read(tmp_path / f"a.{suffix}")
-        assert series["x"].tolist() == [1.5, 2.5] and series["x"] is not series["x"]
-        assert series.t.tolist() == [0.0, 1.0] and series.column("x").unit == "m"
-
-
 @pytest.mark.parametrize(
     ("heading", "reason"),
     [

@@ -25,7 +25,6 @@ from cosim.verification.checks import (
     MOTOR,
     SCHEMES,
     SUBSTEPS,
-    SchemeCheck,
     orders,
     simulate,
 )
@@ -89,30 +88,6 @@ def test_the_suite_detects_a_wrong_master(
     mutant(monkeypatch)
     rows = orders(fmus / "LinearSystem.fmu", "drive", benchmark, "strang", SCHEMES["strang"])
     assert tuple(row.match < checks.SAME for row in rows) == MUTANTS[mutant]
-
-
-def test_main_reports_whether_all_passed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fmus: Path
-) -> None:
-    good = SchemeCheck("drive", "strang", 1e-14, "order of the states", 2.001, 2, True)
-    for rows, verdict in [([good], True), ([good, good._replace(passed=False)], False)]:
-        monkeypatch.setattr(verification, "verify", lambda fmu, rows=rows: iter(rows))
-        assert verification.main(fmus / "LinearSystem.fmu") is verdict
-    output = capsys.readouterr().out
-    assert "1 of 1 checks passed" in output and "1 of 2 checks passed" in output
-    assert "FAILED" in output
-
-
-def test_a_row_fails_by_a_match_and_by_a_measured_value() -> None:
-    def passes(matches: list[float], measured: float) -> bool:
-        return checks.judge("s", "t", matches, "q", measured, theory=1, within=0.1).passed
-
-    assert passes([1e-11, 0.0], 1.05)
-    assert not passes([1e-11, 1e-9], 1.05) and not passes([1e-11, math.nan], 1.05)
-    assert not passes([1e-11], 1.15) and not passes([1e-11], math.nan)
-    assert checks.deviation(np.ones((3, 2)), np.ones((4, 2))) == math.inf
-    assert checks.slope([8.0, 4.0, 2.0, 0.5], 1) == 2.0
-    assert math.isnan(checks.slope([8.0, 4.0, math.nan], 1))
 
 
 K, M, H = 50.0, 2.0, 0.02

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from fmukit.__main__ import main
-from fmukit.fmu import make
+from fmukit.fmu import make, validate
 from fmukit.fmu.native import package
 from fmukit.fmu.workplace import OWNER, PREFIX, workplace
 from tests.conftest import ROOT, restore_ctrl_c, rewritten, running, until
@@ -41,7 +41,7 @@ def pretended(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(package, "run_compiler", compiled)
     monkeypatch.setattr(package, "WASM_HEADERS", ())
     monkeypatch.setattr(package, "MUSL_MATH", ())
-    monkeypatch.setattr(make.validate, "differences", lambda _: [])
+    monkeypatch.setattr(validate, "differences", lambda _: [])
 
 
 def build(out: Path, platforms: str = "host", flavour: str = "native") -> dict[str, bool]:

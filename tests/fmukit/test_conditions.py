@@ -257,5 +257,5 @@ def test_saturations_in_a_row_are_traced_in_proportion_to_their_number(
     model = load(saturated(count, tmp_path))
     begin = time.process_time()
     sources = generate(model)
-    assert time.process_time() - begin < 10.0
+    assert time.process_time() - begin < 60.0
     assert len(sources.c) < 2000 * count + 40_000

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmukit.codegen import entries
 from fmukit.fmu.load import ModelError, load
 from fmukit.fmu.make import make_all
 from fmukit.fmu.python import package
@@ -78,7 +79,7 @@ def test_several_files_and_a_single_file_give_the_same_source(tmp_path: Path) ->
     text = "\n".join((body.partition("\n")[0], DECLARATIONS, GEOMETRY, body.partition("\n")[2]))
     lines = [line for line in text.splitlines() if not line.startswith("from .")]
     single.write_text("\n".join(lines))
-    sources = [package.entries.generate(load(file)) for file in (path, single)]
+    sources = [entries.generate(load(file)) for file in (path, single)]
     assert sources[0].python == sources[1].python
     assert sources[0].c.replace("Swing", "One").replace("swing", "one") == sources[1].c
 

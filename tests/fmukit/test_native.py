@@ -29,7 +29,7 @@ from fmukit.fmu import make
 from fmukit.fmu.native import package
 from fmukit.trace import tracer as trace
 from fmukit.trace.context import TraceContext, active
-from fmukit.trace.graph import Join, Node, Operation
+from fmukit.trace.graph import Node, Operation
 from tests.conftest import ROOT
 from tests.hosts.host import MESSAGES, Equations, Unit
 
@@ -65,7 +65,7 @@ def drops(rpm: float) -> Callable[[float], dict[str, Any]]:
 
 
 TORQUE, SPEED = wave(tau=(8.0, 5.0, 37.0)), wave(w=(40.0, 3.0, 30.0))
-SCENARIOS = [
+SCENARIOS: list[Any] = [
     *(
         ("DriveMotor", {"input_hold": hold, "characteristic": kind}, SPEED, 1e-3, 300)
         for hold in (0, 1, 2)
@@ -134,13 +134,6 @@ def test_builds_that_end_immediately_keep_a_complete_module(
     assert [*path.parent.iterdir()] == [path]
 
 
-#: What the scenarios of machines with events must contain: values of discrete outputs.
-DISCRETE: dict[str, dict[str, set[Any]]] = {
-    "IronDrive": {"direction": {-1, 0, 1}, "motion": {0, 1, 2, 3}, "valid": {0, 1}},
-    "GravityOrientator": {"stage": {0, 1, 2, 3, 4, 5}, "contact": {0, 1}, "missed": {1}},
-}
-
-
 def units(name: str, fmus: Path) -> list[Unit]:
     """The equations of a machine, its Python FMU, and its native one if there is one."""
     paths = [fmus / f"{name}.fmu", *([fmus / "native" / f"{name}.fmu"] if name in NAMES else [])]
@@ -173,13 +166,13 @@ def said() -> list[str]:
 )
 def test_equations_and_both_flavours_agree_to_the_last_bit(case: Any, fmus: Path) -> None:
     """Their outputs; warnings with the values of the event; and the reason of a failure, digit by digit."""
-    name, *scenario, h, steps = case
+    name, start, inputs, h, steps = case
     equations, *compiled = units(name, fmus)
-    expected, texts = rows(equations, *scenario, h, steps), []
+    expected, texts = rows(equations, start, inputs, h, steps), []
     assert all(map(math.isfinite, itertools.chain(*expected)))
     for unit in compiled:
         MESSAGES.clear()
-        assert rows(unit, *scenario, h, steps) == expected
+        assert rows(unit, start, inputs, h, steps) == expected
         texts.append(said())
         unit.refusal(lambda u: u.set(**{reals(u, "input")[0]: 1e300}).step(h * steps, h))
         texts[-1] += said()
@@ -208,23 +201,6 @@ def test_any_step_can_be_redone_from_a_saved_state(name: str, native: bool, fmus
             state, unit = other.fmi.deSerializeFMUstate(content), other
         unit.fmi.setFMUstate(state)
         assert unit.set(**inputs(k * h)).step(k * h, h).outputs() == expected[k]
-
-
-def test_the_scenarios_contain_stick_reversal_impacts_flight_and_jams(native: Path) -> None:
-    observed: dict[str, set[Any]] = {}
-    for name, *scenario in SCENARIOS:
-        for variable in DISCRETE.get(name, ()):
-            observed.setdefault(variable, set())
-        if name in DISCRETE:
-            unit = Unit(native / f"{name}.fmu")
-            names = [n for n, v in unit.variables.items() if v.causality == "output"]
-            for row in rows(unit, *scenario):  # type: ignore[arg-type]
-                values = dict(zip(names, row))
-                for variable in DISCRETE[name]:
-                    observed[variable].add(values[variable])
-    for variables in DISCRETE.values():
-        for variable, wanted in variables.items():
-            assert observed[variable] >= wanted, variable
 
 
 @pytest.mark.parametrize("flavour", ["", "native"])
@@ -662,16 +638,3 @@ def test_what_cannot_be_expressed_in_c_is_refused(run: Any, what: str) -> None:
 def sort_of(node: Node) -> str:
     """The operation of a node, or its class."""
     return node.op if isinstance(node, Operation) else type(node).__name__
-
-
-def test_traced_conditions_are_followed_once_for_each_answer() -> None:
-    def run(x: Any) -> Any:
-        if x > 1.0 and x < 2.0:
-            return x + 1.0
-        return -x if x > 1.0 else abs(x)
-
-    with active(TraceContext()):
-        traced = trace.function("f", run, {"x": "number"})
-    assert traced is not None
-    (outer,) = [node for node in traced.tree.nodes if isinstance(node, Join)]
-    assert [list(map(sort_of, arm.nodes)) for arm in outer.arms] == [["Join"], ["fabs"]]

@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Callable
 from ctypes import byref
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from fmpy import calloc, extract, fmi2, free, read_model_description
 from fmpy.fmi1 import FMICallException
@@ -91,7 +91,7 @@ class Unit:
         kind = self.variables[name].type.replace("Enumeration", "Integer")
         return getattr(self.fmi, verb + kind), [self.variables[name].valueReference]
 
-    def set(self, **values: Any) -> "Unit":
+    def set(self, **values: Any) -> Self:
         for name, value in values.items():
             setter, reference = self._access("set", name)
             setter(reference, [value])
@@ -104,18 +104,18 @@ class Unit:
     def outputs(self) -> list[Any]:
         return [self.get(name) for name, v in self.variables.items() if v.causality == "output"]
 
-    def start(self, t: float = 0.0, **values: Any) -> "Unit":
+    def start(self, t: float = 0.0, **values: Any) -> Self:
         self.fmi.setupExperiment(startTime=t)
         self.set(**values)
         self.fmi.enterInitializationMode()
         self.fmi.exitInitializationMode()
         return self
 
-    def step(self, t: float, h: float) -> "Unit":
+    def step(self, t: float, h: float) -> Self:
         self.fmi.doStep(t, h)
         return self
 
-    def end(self) -> "Unit":
+    def end(self) -> Self:
         self.fmi.terminate()
         return self
 
@@ -142,13 +142,13 @@ class Equations(Unit):
         variable = self.variables[name]
         return getattr(self.fmi, f"{verb.lower()}_{variable.kind.lower()}"), [variable.reference]
 
-    def start(self, t: float = 0.0, **values: Any) -> "Unit":
+    def start(self, t: float = 0.0, **values: Any) -> Self:
         self.fmi.setup_experiment(t, None, None)
         self.set(**values)
         self.fmi.enter_initialization_mode()
         self.fmi.exit_initialization_mode()
         return self
 
-    def step(self, t: float, h: float) -> "Unit":
+    def step(self, t: float, h: float) -> Self:
         self.fmi.do_step(t, h)
         return self

@@ -212,7 +212,8 @@ def test_every_error_is_above_0_or_of_a_formula_or_refused_and_no_fact_says_a_fi
 )
 def test_figures_and_columns_have_the_units_of_the_fmus(name: str) -> None:
     answer = plain(name)
-    units = {(key, x.unit) for key, x in [*answer.figures.items(), *answer.parameters.items()]}
+    numbers: Any = [*answer.figures.items(), *answer.parameters.items()]
+    units = {(key, x.unit) for key, x in numbers}
     for table in answer.tables.values():
         assert list(table.units) == list(table.frame.columns)
         units |= set(table.units.items())
@@ -302,7 +303,9 @@ def test_theory_and_machine_follow_the_same_start_values() -> None:
 
 def test_the_line_keeps_its_speeds_whatever_its_motors_are() -> None:
     start = {"conveyor_motor.B": 50.0, "conveyor.trough.d": 3e3, "iron_motor.B": 0.05}
-    asked = packing_line.PackingLine(iron_speed=4.0, start=start | {"iron.reducer.i_g": 30.0})
+    asked = packing_line.PackingLine.parse(
+        {"iron_speed": 4.0, "start": start | {"iron.reducer.i_g": 30.0}}
+    )
     line = asked.system(fmus_of(packing_line))
     assert line.start["conveyor_motor.A"] == pytest.approx((50.0 + 3e3 * 0.01**2 / 2) * 60.0)
     assert line.start["iron_motor.A"] == pytest.approx(0.05 * 30.0 * 4.0)

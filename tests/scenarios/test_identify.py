@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from scipy.optimize import brentq
 
@@ -16,11 +15,9 @@ from cosim import SetupError
 from examples import logger, measured_conveyor, measured_iron
 from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import identify
-from scenarios.project import PROJECT
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.catalog import names
-from workbench.fitting import RecordOptions, prior
+from workbench.fitting import prior
 from workbench.run import rows
 
 TRUTH = measured_conveyor.equivalent_drive()
@@ -41,19 +38,6 @@ def test_the_record_of_the_examples_is_what_its_script_makes(maker: str) -> None
     assert path.read_text() == rows.to_csv(index=False)
 
 
-def test_the_record_of_the_conveyor_has_counts_of_an_encoder_and_a_belt_that_creeps() -> None:
-    rows = measured_conveyor.record()
-    counts = rows["n [rpm]"] / 60 * logger.SAMPLE * logger.COUNTS
-    assert np.abs(counts - counts.round()).max() < 0.01
-    _, w, M = measured_conveyor.simulated(
-        measured_conveyor.TRUTH, np.array([0.0, 1.2]), measured_conveyor.CREEP
-    )
-    _, plain, other = measured_conveyor.simulated(TRUTH, np.array([0.0, 1.2]))
-    assert abs(w[1] - plain[1]) < 1e-3 * w[1] and abs(M[1] - other[1]) < 0.5
-    _, stiff, _ = measured_conveyor.simulated(measured_conveyor.TRUTH, np.array([0.0, 1.2]))
-    assert abs(stiff[1] - w[1]) > 5 * abs(w[1] - plain[1])
-
-
 def test_the_truth_lies_within_the_errors(answer: Answer) -> None:
     f, nu = answer.figures, answer.facts["operating_speed"]
     assert abs(f["nu_res"].value - MACHINE.nu_res) < f["nu_res"].error < 0.01 * MACHINE.nu_res
@@ -64,17 +48,6 @@ def test_the_truth_lies_within_the_errors(answer: Answer) -> None:
     for name in ("motor.B", "motor.T", "conveyor.rotor.J", "conveyor.spring.c"):
         figure = f[name.replace(".", "_").lower()]
         assert abs(figure.value - TRUTH[name]) < 1.5 * figure.error
-
-
-def test_the_sentence_under_its_figures_is_that_of_a_fit(answer: Answer) -> None:
-    assert "95 % interval of the fit" in repr(answer) and "numerical only" not in repr(answer)
-
-
-def test_every_question_that_fits_a_record_says_what_its_errors_are() -> None:
-    for name in names(PROJECT.home):
-        question = PROJECT.load(name)
-        fits = issubclass(question, RecordOptions)
-        assert ("95 % interval of the fit" in question.error_scope) == fits, name
 
 
 def test_what_would_get_it_clear_does(answer: Answer) -> None:

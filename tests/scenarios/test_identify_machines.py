@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 from benchmarks.identify_machines import KINDS, trial
-from cosim import Experiment, SetupError, System, run
-from examples import logger, measured_iron, measured_orientator
+from cosim import SetupError, System, run
+from examples import measured_iron, measured_orientator
 from scenarios.iron import machine as iron
 from scenarios.iron.questions import iron_identify
 from scenarios.orientator.questions import orientator_identify
-from tests.conftest import QUICK, ROOT, ask, fmus_of
+from tests.conftest import QUICK, ask, fmus_of
 from workbench.answer import Answer
-from workbench.fitting import planned_experiments
 
 IRON, ORIENTATOR = measured_iron.TRUTH, measured_orientator.TRUTH
 MU = "orientator_chute_mu"
@@ -29,21 +28,6 @@ def products() -> Answer:
     return ask(
         "orientator_identify", **QUICK["orientator_identify"], known=["orientator.chute.H=0.04+-1%"]
     )
-
-
-def test_further_records_have_the_torque_where_the_record_is_without_it() -> None:
-    starts = {"run-up": {"w": 0.0}, "other supply": {"motor.A": 3.0}}
-    noise, torque = {"w": 0.1}, {"tau": 2.0}
-    experiments = planned_experiments(starts, "motor.A", 5.0, noise, torque)
-    assert experiments == {
-        "run-up": Experiment({"w": 0.0}, noise, 5.0),
-        "run-up, with the torque": Experiment({"w": 0.0}, noise | torque, 5.0),
-        "other supply": Experiment({"motor.A": 3.0}, noise, 5.0, ("motor.A",)),
-        "other supply, with the torque": Experiment(
-            {"motor.A": 3.0}, noise | torque, 5.0, ("motor.A",)
-        ),
-    }
-    assert list(planned_experiments(starts, "motor.A", 5.0, noise | torque, torque)) == list(starts)
 
 
 def test_the_iron_of_the_examples_moves_as_the_fmu_does() -> None:
@@ -65,14 +49,6 @@ def test_the_orientator_of_the_examples_takes_the_times_of_the_fmu(n: float, mu:
     result = run(System(fmus_of(orientator_identify), start=start), stop=0.4, step=0.4)
     times = [result[f"orientator.t_{x}"][-1] for x in measured_orientator.STAGES]
     assert measured_orientator.times(n, mu, 0.04) == pytest.approx(times, abs=2e-7)
-
-
-def test_the_rows_of_the_camera_are_those_times_with_its_noise() -> None:
-    two_rows = measured_orientator.record(speeds=(20, 60)).to_numpy()
-    all_rows = np.loadtxt(ROOT / "examples/orientator_record.csv", delimiter=",", skiprows=1)
-    assert two_rows[0] == pytest.approx(all_rows[0])
-    true = [1e3 * x for x in measured_orientator.times(60, *ORIENTATOR.values())]
-    assert np.abs(two_rows[1][1:] - true).max() < 4 * measured_orientator.NOISE
 
 
 def test_friction_and_fall_of_the_orientator_are_identified(products: Answer) -> None:
@@ -98,16 +74,6 @@ def test_more_friction_makes_later_stages_longer_and_is_what_is_reported(tmp_pat
     rows.to_csv(tmp_path / "other.csv", index=False)
     other = ask("orientator_identify", **options)
     assert all(figure.error is None for figure in other.figures.values())
-
-
-def test_the_turn_of_the_iron_is_guessed_before_the_fit() -> None:
-    """The guess is of default values, and of the phase of the last turn."""
-    options = {k: v for k, v in QUICK["iron_identify"].items() if k != "starts"}
-    o = iron_identify.IronIdentify(**options)
-    system = iron_identify.guess(o, fmus_of(iron_identify), o.columns("iron.w")["iron.w"])
-    at = measured_iron.FIRST + logger.SAMPLE / 2
-    phi = measured_iron.simulated(IRON, np.array([0.0, at]))[0, -1]
-    assert abs(system.start["iron.phi"] - phi) < 0.5  # type: ignore[operator]
 
 
 REFUSED: list[tuple[str, dict[str, Any], str]] = [

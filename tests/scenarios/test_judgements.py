@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from scenarios.conveyor.questions import resonance, rod_force
-from scenarios.conveyor.speed_sweep import LARGEST_PEAKED_ZETA, OPERATING
 from tests.conftest import LONG, QUICK, ask, plain
 from workbench.answer import Answer
 from workbench.export import content
 from workbench.figure import Figure
 from workbench.judgement import Holds, Judgement, lines
-from workbench.options import declared
 
 YES, NO, OPEN = Holds
 
@@ -163,33 +159,6 @@ def test_all_that_must_hold_holds_together() -> None:
     assert Judgement("all", also=(unsure, no)).text() == "All: no, b 2.00 ± 0.10, limit 1 (200 %)"
 
 
-def test_the_first_line_says_what_to_do_with_figure_bound_and_margin() -> None:
-    ripple = Judgement(
-        "torque ripple below its limit",
-        Figure(16.171, "N.m", 1e-4),
-        most=62.5,
-        yes="420 rpm is safe for torque",
-        no="Avoid 420 rpm for its torque",
-    )
-    speed = Judgement("resonance", Figure(49.02, "rad/s", 1e-4), note="5.02 rad/s above")
-    assert lines([ripple, speed]) == [
-        "420 rpm is safe for torque: 16.17 of 62.5 N.m (26 %)",
-        "Resonance: 49.02 rad/s; 5.02 rad/s above",
-    ]
-    assert ripple.text() == "Torque ripple below its limit: yes, 16.17 of 62.5 N.m (26 %)"
-
-
-def test_the_picture_has_the_first_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from workbench import export
-
-    titles: list[str] = []
-    monkeypatch.setattr(
-        export, "draw", lambda pictures, title, path: titles.append(title) or path.touch()
-    )
-    export.draw_answer(plain("iron_cycle"), tmp_path / "a.png")
-    assert titles == [plain("iron_cycle").verdict.splitlines()[0]]
-
-
 def test_forces_beyond_the_lift_off_are_not_stated() -> None:
     carried = [
         x
@@ -197,13 +166,3 @@ def test_forces_beyond_the_lift_off_are_not_stated() -> None:
         if "pull of the chain" in x.what
     ]
     assert carried and all(x.figure and x.figure.error is None for x in carried)
-
-
-def test_help_texts_have_the_defaults_that_the_questions_use() -> None:
-    for question in (resonance.Resonance, rod_force.RodForce):
-        meaning = declared(question)["speed"].meaning
-        for name, speed in OPERATING.items():
-            assert f"{speed:g} in set {name}" in meaning
-    meaning = declared(resonance.Resonance)["speed"].meaning
-    assert all(f"{x:g}" in meaning for x in resonance.BAND)
-    assert math.isclose(LARGEST_PEAKED_ZETA**2, 0.5)

@@ -113,58 +113,6 @@ def test_of_two_nearly_equal_peaks_of_the_rod_force_each_converges_by_itself(
     assert figure.error is not None and figure.error < 1e-4 * figure.value
 
 
-@pytest.mark.parametrize(
-    ("drive", "speeds", "limit", "names"),
-    [
-        (Drive(), "20:66:9", 50.0, "from {} to {}"),
-        pytest.param(
-            Drive(), "30:66:9", 50.0, "from the start of the sweep, 30 rad/s, to {}", marks=SLOW
-        ),
-        pytest.param(
-            Drive(), "20:40:9", 50.0, "from {} to the end of the sweep, 40 rad/s", marks=SLOW
-        ),
-        (
-            Drive(d=400.0),
-            "20:90:15",
-            5.0,
-            "from the start of the sweep, 20 rad/s, to {} and from {} to the end of the sweep, 90 rad/s",
-        ),
-    ],
-)
-def test_the_verdict_reports_the_speeds_to_avoid_with_their_errors(
-    drive: Drive, speeds: str, limit: float, names: str
-) -> None:
-    """Where exact orbits have the limit; beside little damping the spring carries the load at 60."""
-    answer = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
-    first, last, _ = map(float, speeds.split(":"))
-    exact = edges(drive, first, last, limit)
-    avoided = [name for name in answer.figures if name.startswith("avoid")]
-    assert [f"{x.split('_')[1]} {{}}" for x in avoided] == re.findall(r"(?:from|to) \{\}", names)
-    ends = [answer.figures[name] for name in avoided]
-    for end, true in zip(ends, exact, strict=True):
-        assert held(end, true) <= 1.0 and end.error is not None and end.error < 1e-4 * true
-    stretches = [x.note for x in answer.judgements if x.what == "avoid speeds"]
-    assert all(end.brief() in " ".join(stretches) for end in ends)
-    assert len(stretches) == names.count("from")
-    chart = answer.show().charts[0]
-    spans = [x for span in chart.spans for x in span[:2] if x not in (first, last)]
-    assert spans == [end.value for end in ends]
-
-
-def test_speeds_to_avoid_without_an_error_are_about_right() -> None:
-    answer = ask("resonance", speeds="20:66:9", steps_per_rev=64)
-    assert {answer.figures[name].error for name in ("avoid_from", "avoid_to")} == {None}
-
-
-@pytest.mark.parametrize(("speed", "side"), [(60.0, "below"), (20.0, "above")])
-def test_the_verdict_reports_how_far_the_resonance_is_from_the_speed(
-    speed: float, side: str
-) -> None:
-    answer = ask("resonance", set="B", speeds="18:44:9", speed=speed)
-    share = answer.figures["nu_90"].value / speed - 1.0
-    assert abs(share) == pytest.approx(0.5, abs=2e-3)
-
-
 def orbits_of(nu: Any, steps_per_rev: int = 512, multiples: int = 1, **start: float) -> Orbits:
     """Orbits of set A at speeds, shape (multiples, speeds); names have two underscores for a dot."""
     changes = {name.replace("__", "."): value for name, value in start.items()}
@@ -213,15 +161,6 @@ def test_a_motor_that_stalls_has_no_orbit() -> None:
     assert [warning[:27] for warning in answer.warnings] == [
         f"No steady orbit at {nu} rad/s:" for nu in (3, 4, 5)
     ]
-
-
-def test_few_steps_per_revolution_settle_in_few_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the coarsest of the runs with 128, 64 and 32 steps; the sections lie between their rows."""
-    monkeypatch.setattr(steady, "MAX_RUNS", 4)
-    found = orbits_of([28.0, 30.0, 32.0, 40.0, 60.0], 128, 3)
-    assert not found.problem.any()
-    fine, middle, coarse = found.torque
-    assert_allclose(abs(coarse - middle) / abs(middle - fine), 4.0, rtol=0.25)  # of order 2
 
 
 def test_a_start_from_which_the_crank_stalls_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -153,7 +153,7 @@ def test_ripples_that_meet_are_named(line: Answer) -> None:
 @pytest.fixture(scope="module")
 def ours() -> np.ndarray:
     """What our Jacobi master makes of the system that was written: a release and an orientation."""
-    system = packing_line.PackingLine().system(fmus_of(packing_line))
+    system = packing_line.PackingLine.parse({}).system(fmus_of(packing_line))
     result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi", record=COMPARED)
     assert result["orientator.orientation_time"][-1] > 0.28
     return result.data[:, 1:]
@@ -172,7 +172,7 @@ def test_libcosim_runs_the_line_with_our_numbers(ssp: Path, ours: np.ndarray) ->
     task = {"parts": dict.fromkeys(packing_line.PackingLine.parts), "wires": [], "start": {}}
     task |= {"record": COMPARED, "steps": STEPS, "step": STEP}
     command = [sys.executable, str(HOSTS / "libcosim_system.py"), json.dumps(task), str(ssp)]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     theirs = np.array(json.loads(done.stdout))[:, 1:]
     assert_allclose(theirs, ours[1:], rtol=1e-9, atol=1e-10)
@@ -190,7 +190,7 @@ def test_ecos_runs_the_line_with_our_numbers(ssp: Path, ours: np.ndarray, tmp_pa
     folders = {"PATH": path, "LD_LIBRARY_PATH": f"{sys.prefix}/lib", "TMPDIR": str(tmp_path)}
     done = subprocess.run(
         [*map(str, call)], cwd=tmp_path, env={**os.environ, **folders}, check=False,
-        capture_output=True, text=True, timeout=60,
+        capture_output=True, text=True, timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     rows = pd.read_csv(tmp_path / "line.csv", skipinitialspace=True)

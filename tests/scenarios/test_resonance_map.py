@@ -40,7 +40,6 @@ DRIVE = drive_orbits.Drive(Context(FMUS), "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 SPEEDS = np.linspace(24.0, 64.0, 11).tolist()
-Real = np.typing.NDArray[np.float64]
 Points = tuple[Plane, pd.DataFrame, drive_orbits.Orbits]
 
 
@@ -409,29 +408,3 @@ def test_ctrl_c_keeps_the_rows(tmp_path: Path) -> None:
     assert f"{len(rows)} of 2400 points in {partial}" in errors.decode()
     assert rows.iloc[0, :2].to_list() == [15.0, 0.015]
     assert not (tmp_path / "resonance_map.csv").exists()
-
-
-@pytest.mark.slow
-def test_the_map_of_the_defaults_reports_the_figures_of_the_documentation() -> None:
-    answer = ask("resonance_map")
-    rows = answer.tables["resonance_map.csv"].frame
-    assert len(rows) == 2400 and (rows["settling"] < 1e-6).all()
-    lines = answer.tables["resonance_map_rows.csv"].frame
-    assert (lines["lag_90"].notna().sum(), lines["peak"].notna().sum()) == (39, 35)
-    for name, value, near, error in (
-        ("lag_90_off_formula_max", 0.075, 0.003, 0.002),
-        ("lag_90_off_formula_rms", 0.023, 0.002, 0.002),
-        ("peak_off_formula_max", 13.8, 0.1, 0.05),
-        ("peak_off_formula_rms", 6.03, 0.02, 0.05),
-        ("peak_off_peak_theory_max", 0.16, 0.02, 0.05),
-        ("ratio_min", 0.969, 0.001, 0.002),
-        ("misjudged", 0.13, 0.3, 0.5),
-    ):
-        figure = answer.figures[name]
-        assert figure.value == pytest.approx(value, abs=near) and 0.0 < figure.error < error
-    checks = answer.facts["checks"]
-    outside = [c for c in checks if not c["interval"][0] <= c["probability"] <= c["interval"][1]]
-    assert len(checks) == 12 and len(outside) <= 1
-    beyond = lines["motor.T"][lines["probability_in_range"] <= 0.01]
-    assert beyond[beyond < 0.045].max() == pytest.approx(0.027, rel=0.08)
-    assert beyond[beyond > 0.045].min() == pytest.approx(0.077, rel=0.08)

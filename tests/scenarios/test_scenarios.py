@@ -422,97 +422,11 @@ runpy.run_module("scenarios", run_name="__main__")
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
-def test_list_names_every_question() -> None:
-    output, _ = loaded("list")
-    lines = output.splitlines()
-    names = list(catalog.names(PROJECT.home))
-    assert [line.split()[0] for line in lines] == names
-    assert len(names) > 9
-    assert all(line.endswith("?") for line in lines)
-
-
-@pytest.mark.parametrize("name", catalog.names(PROJECT.home))
-def test_help_states_units_and_defaults_as_a_person_writes_them(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        main("run", name, "--help")
-    output = capsys.readouterr().out
-    assert "--start NAME=VALUE" in output
-    assert "None" not in output and "[]" not in output and "()" not in output
-    assert "4.1887" not in output
-    if name in ("iron_cycle", "orientator_cycle"):
-        assert "[rad/s] (default: 40rpm)" in output
-
-
-def test_run_up_passes_the_resonance_with_both_motors() -> None:
-    answer = ask("run_up")
-    for motor, low, high in (("linear", 59.0, 61.0), ("kloss", 64.0, 65.4)):
-        speed = answer.tables[f"{motor}.csv"].frame["conveyor.w"]
-        assert speed[0] == 0.0
-        assert low < speed[len(speed) * 4 // 5 :].mean() < high
-    linear, kloss = (answer.figures[f"{motor}_passing"].value for motor in ("linear", "kloss"))
-    assert 0.0 < linear < kloss < 0.5
-    assert all(figure.error is not None for figure in answer.figures.values())
-
-
-def test_iron_cycle_knows_torque_forces_and_limits() -> None:
-    answer = ask("iron_cycle")
-    rows = answer.tables["iron_cycle.csv"].frame
-    wanted = {
-        "tau_cam_min": -7.409358425, "tau_cam_max": 6.627300006, "stroke": 0.062385664995,
-        "follower_force_min": 175.4239707, "friction_work": 0.748782419985,
-        "follower_limit": 7.89776, "run_limit": 8.54097, "iron_limit": 9.11191,
-    }  # fmt: skip
-    assert {x: answer.figures[x].value for x in wanted} == pytest.approx(wanted, rel=1e-5)
-    at_10 = rows.iloc[40][["iron.phi", "iron.tau_cam", "iron.N"]].to_list()
-    assert at_10 == pytest.approx([math.radians(10.0), 0.43224335899, 249.00775848], rel=1e-6)
-    assert answer.figures["run_force_max"].value == pytest.approx(93.06866, abs=0.0048)
-    fast = ask("iron_cycle", speed="55rpm", start=["iron.spring.side=-1"])
-    assert fast.figures["follower_limit"].value == pytest.approx(5.15434, rel=1e-4)
-
-
 def test_a_follower_that_its_rocker_lifts_at_rest_has_no_speed_that_is_safe() -> None:
     heavy = ask("iron_cycle", start={"iron.rocker.m": 40.0, "iron.rocker.gamma": -1.5})
     assert heavy.figures["follower_limit"].value == 0.0
     assert heavy.figures["share"].reason == "the first limit is 0"
     assert any("cam follower lifts off" in warning for warning in heavy.warnings)
-
-
-def test_iron_start_keeps_the_energy_ledger() -> None:
-    answer = ask("iron_start")
-    rows = answer.tables["iron_start.csv"].frame
-    reference = {
-        0.1: (-0.65810204326, 4.36088738387, 3.889255535, 0.0),
-        1.0: (3.31017967564, 4.57811231216, 8.558056480, 0.475497139),
-        3.0: (12.21472872729, 4.43855728039, 5.583556326, 1.497564840),
-    }
-    for t, wanted in reference.items():
-        row = rows.iloc[(rows["time"] - t).abs().argmin()]
-        got = row[["iron.phi", "iron.w_cam", "E_in", "E_friction"]].to_list()
-        assert got == pytest.approx(wanted, abs=2e-3)
-    total = rows["E_stored"] + rows["E_friction"] + rows["E_missing"]
-    assert rows["E_in"].to_list() == pytest.approx(total.to_list(), abs=1e-12)
-    assert rows["E_missing"].abs().max() < 2e-3
-
-
-def test_iron_orders_know_when_a_resonance_matters() -> None:
-    answer = ask("iron_orders", speeds="5")
-    rows, crossings = (answer.tables[f"iron_orders{x}.csv"].frame for x in ("", "_meets"))
-    wanted = {
-        0.012: (2.970, 1.124, 1.836, 1.311, 0.756, 0.787, 0.375, 0.315),
-        0.08: (3.032, 1.179, 2.266, 1.908, 1.487, 1.916, 0.829, 0.404),
-    }
-    for T, amplitudes in wanted.items():
-        got = rows[rows["T"] == T]["torque"].to_list()[:8]
-        assert got == pytest.approx(amplitudes, abs=3e-3)
-    formulas = {T: w_n for T, k, w_n in crossings.itertuples(index=False) if k == 1}
-    assert formulas == pytest.approx({0.012: 81.31, 0.08: 31.490, 0.2: 19.916}, rel=1e-4)
-    assert crossings["nu"].to_list()[12:24] == pytest.approx(
-        [31.490 / k for k in range(1, 13)], rel=1e-4
-    )
-    added = [answer.figures[f"added_{lag}"].value for lag in ("12ms", "80ms", "200ms")]
-    assert [x > 10.0 for x in added] == [False, True, True]
 
 
 def test_what_the_lag_adds_lies_within_its_error_of_that_with_more_samples_of_a_turn(
@@ -550,14 +464,3 @@ def test_orientation_time_finds_the_limits() -> None:
     assert answer.figures["shortest_time"].text() == "0.238775 ± 0.000001 s"
     assert answer.figures["limit_mu_0_2"].meaning.endswith("beyond it: catcher back at stop")
     assert answer.warnings == []
-
-
-def test_a_single_product_by_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main("run", "orientator_cycle", "--out", tmp_path, *NATIVE) == 0
-    output = capsys.readouterr().out
-    assert output.startswith("The product is oriented: after 0.2638 s\n")
-    assert "0.263805 ± 0.000001 s" in output
-    for kind in ("png", "csv", "json"):
-        assert (tmp_path / f"orientator_cycle.{kind}").is_file()

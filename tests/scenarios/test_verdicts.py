@@ -20,7 +20,7 @@ from scenarios.conveyor.parameter_plane import coupling_error
 from scenarios.conveyor.rod_waveform import largest_forces
 from scenarios.conveyor.second_order import settling
 from scenarios.project import PROJECT
-from tests.conftest import LONG, QUICK, ask, plain
+from tests.conftest import ask
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
 from workbench.cli import REFUSED, main
@@ -106,26 +106,6 @@ WEAK = {
 }  # fmt: skip
 
 
-def test_each_speed_of_a_sweep_is_counted_once() -> None:
-    """Stalled, without an orbit, without an error, or above the limit; none is drawn as another."""
-    answer = ask(
-        "resonance",
-        speeds="6.199:25.29:7",
-        speed=13.65,
-        rated_torque=1.93,
-        steps_per_rev=256,
-        start=WEAK,
-    )
-    table, chart = answer.first_table, answer.show().charts[0]
-    unknown = int((table["tau2"].notna() & table["tau2_error"].isna()).sum())
-    assert unknown == 1
-    drawn = {curve.name: np.isfinite(curve.y).sum() for curve in chart.panels[0].curves}
-    assert drawn["co-simulation"] == table["tau2_error"].notna().sum()
-    assert drawn["co-simulation, error not known"] == unknown
-    missing = sum(np.isnan(curve.y).sum() for curve in chart.panels[0].curves)
-    assert missing == table["tau2"].isna().sum()
-
-
 def test_a_resonance_among_speeds_without_an_orbit_is_not_said_to_be_outside_the_sweep() -> None:
     start = {
         "conveyor.trough.m": 8.316, "conveyor.crank.r": 0.003444, "conveyor.rotor.J": 0.001854,
@@ -204,17 +184,6 @@ def test_a_refused_answer_has_a_separate_exit_status(
     assert REFUSED == 3
 
 
-@pytest.mark.parametrize("name", [x for x in QUICK if x not in LONG])
-def test_no_option_is_left_without_the_value_that_was_used(name: str) -> None:
-    """But for what a question does not use: the speed of a map over the speed, ends of a record."""
-    unused = {"resonance_map": {"speed"}, "identify": {"since", "until"}}
-    unused |= {f"{machine}_identify": {"since", "until"} for machine in ("iron", "orientator")}
-    empty = {key for key, x in plain(name).options.items() if x.value is None}
-    assert empty <= unused.get(name, set())
-    speeds = plain(name).options.get("speeds")
-    assert speeds is None or len(speeds.value) > 0
-
-
 def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_formula() -> None:
     determined, formula = Figure(1.0, "N", 0.1), Figure(1.0, "N", 0.0)
     unknown = Figure.undetermined("N", "it stuck")
@@ -231,13 +200,6 @@ def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_form
         assert is_refused(page, figures) is wanted  # type: ignore[arg-type]
     with pytest.raises(SetupError, match="decisive names 'a', which is no figure"):
         is_refused(declared, {"b": determined})  # type: ignore[arg-type]
-
-
-def test_where_the_power_goes_is_reported_with_its_signs() -> None:
-    """In set A the trough takes less with ripple than without, and the motor more than the supply."""
-    figures = ask("mean_values", speeds="30,44").figures
-    supply, motor, trough = (figures[f"{name}_more"] for name in ("supply", "motor", "trough"))
-    assert trough.value < 0.0 < supply.value < motor.value
 
 
 @pytest.mark.parametrize(("lag", "overshoots"), [(1e-3, True), (2e-4, False)])

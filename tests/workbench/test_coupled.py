@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from cosim import Estimate, Result, limit
+from cosim import Estimate, Result
 from cosim.accuracy.judge import Function, judge_function
 from cosim.accuracy.nested import NestedRuns
 from cosim.accuracy.trajectories import divergence
@@ -33,28 +33,6 @@ def test_revolutions_near_a_speed_add_up_over_all_visits() -> None:
     rows = np.stack([t, 1 + np.cos(t), t + np.sin(t)])
     near = run_up.revolutions_near(1.0, Result(columns, {}, rows.__getitem__))
     assert near == pytest.approx(4 * math.asin(0.1) / (2 * math.pi), rel=1e-6)
-
-
-@pytest.mark.parametrize("values", [(1.0, 1.1, 1.11), (2.0, 1.0, 0.99), (1.0, 1.5, 1.2)])
-def test_what_certify_refuses_is_no_figure_of_a_question_either(
-    values: tuple[float, float, float],
-) -> None:
-    results = [result_of_steps(steps) for steps in (1.0, 2.0, 4.0)]
-    assert not limit(values, 2.0).is_stated
-    for own, refused in ((0.001, True), (1.0, False)):
-        figures = iter([{"x": Estimate(value, own)} for value in (values[0], *values)])
-        figure = judged(lambda _, f=figures: next(f), results)["x"]
-        assert (figure.error is None) == refused
-        assert ("not converged" in figure.reason) == refused
-
-
-@pytest.mark.parametrize(("order", "power"), [(2.0, 2.0), (2.0, 1.0), (2.0, 3.0), (1.0, 1.0)])
-def test_a_coupling_error_holds_whatever_the_order_and_is_not_much_too_wide(
-    order: float, power: float
-) -> None:
-    values = [5.0 + 0.1 * h**power for h in (1.0, 2.0, 4.0)]
-    error = float(limit(values, order).error)
-    assert 0.1 < error < (1.3 if power == order else 14.1) * 0.1
 
 
 def result_of_steps(steps: float = 1.0, first_order: Sequence[str] = ()) -> Result:
@@ -90,18 +68,6 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_a_refusal() -> N
     assert judged(lambda _: refused, results) == refused
     last = iter([*(ends(r) for r in (results[0], *results[:2])), refused])
     assert judged(lambda _: next(last), results)["x"].error is None
-
-
-def test_figures_of_outputs_of_order_1_have_the_errors_of_order_1() -> None:
-    """Where only such an output is read; where others are, too, the order that is observed counts."""
-
-    def only_y(r: Result) -> dict[str, Estimate]:
-        return {"y": Estimate(r["y"][-1], 0.02)}
-
-    error = with_errors(first_order=["y"], figures=only_y)["y"].error
-    assert error == pytest.approx(0.02 + float(limit([5.1, 5.4, 6.6], 1.0).error))
-    assert error > with_errors(figures=only_y)["y"].error + 0.5
-    assert with_errors(first_order=["y"])["x"] == with_errors()["x"]
 
 
 LIGHT = {
@@ -141,43 +107,3 @@ def test_the_start_and_the_turn_of_the_iron_state_their_errors() -> None:
     for name in ("w_cam_max", "w_cam_max_time", "tau_max", "tau_max_time", "energy_in"):
         error = coarse[name].error
         assert abs(coarse[name].value - fine[name].value) < 1.1 * error < 2e-3 * fine[name].value
-
-
-def test_the_gain_of_an_order_states_its_error() -> None:
-    estimates = ask("iron_orders", speeds="5").figures
-    for lag in ("80ms", "200ms"):
-        for name in ("gain", "added"):
-            figure = estimates[f"{name}_{lag}"]
-            assert figure.error is not None and 0.0 < figure.error < 1e-3 * figure.value
-
-
-def test_the_cost_of_a_jam_and_its_error_follow_the_cycle() -> None:
-    estimates = ask("packing_line", step=1e-3).figures
-    cycle, products = estimates["cycle"], estimates["products"]
-    assert products.value == pytest.approx(60 / cycle.value, rel=1e-12)
-    share = products.error / products.value
-    assert share == pytest.approx(cycle.error / cycle.value, rel=0.2)
-
-
-def test_figures_after_the_runs_have_diverged_are_refused() -> None:
-    """Trajectories that do not come closer with shorter steps, after they begin alike."""
-    t = np.linspace(0.0, 10.0, 401)
-    past_divergence = np.where(t > 5.0, 1.0, 0.0)
-
-    def diverged(phase: float) -> Result:
-        rows = np.column_stack([t, np.sin(t + phase * past_divergence)])
-        return Result([TIME, Column("x")], {"convergence_order": 1}, rows.T.__getitem__)
-
-    results = [diverged(phase) for phase in (5.5, 3.0, 1.0)]
-
-    def figures(r: Result) -> dict[str, Estimate]:
-        x = r["x"]
-        return {"early": Estimate(float(x[100]), 0.1), "late": Estimate(float(x[-1]), 0.1)}
-
-    refused = judged(figures, results)
-    assert refused["early"].error == pytest.approx(0.1)
-    assert refused["late"].error is None
-    assert "the runs diverge from 5" in refused["late"].reason
-    same = [results[0]] * 3
-    for figure in judged(figures, same).values():
-        assert figure.error == pytest.approx(0.1)

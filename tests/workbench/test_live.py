@@ -7,9 +7,8 @@ import json
 import math
 import re
 import shlex
-import shutil
 from argparse import ArgumentParser
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -26,7 +25,6 @@ from scenarios.fmu_files import FMUS
 from scenarios.project import PROJECT
 from tests.conftest import ask
 from tests.workbench.browser import Browser
-from tests.workbench.firefox import Firefox, firefox
 from tests.workbench.test_report import first_element, page_browser
 from workbench.answer import Answer
 from workbench.live.build import WORKER, script
@@ -102,7 +100,7 @@ def opened(page_browser: Browser, name: str, folder: Path, width: int = 1000) ->
     return answer
 
 
-def answered(page_browser: Browser | Firefox, number: int = 1) -> None:
+def answered(page_browser: Browser, number: int = 1) -> None:
     page_browser.until(f"{PART}.dataset.answered === '{number}' && {PART}.ariaBusy === 'false'")
 
 
@@ -111,7 +109,7 @@ def move(page_browser: Browser, values: Mapping[str, float]) -> None:
     page_browser.value(f"location.hash = '#live:{quote(address)}'")
 
 
-def numbers(page_browser: Browser | Firefox) -> dict[str, list[Any]]:
+def numbers(page_browser: Browser) -> dict[str, list[Any]]:
     """By name: the live number and its step difference as texts, and as values."""
     page_numbers: dict[str, list[Any]] = page_browser.value(
         f"""Object.fromEntries([...{PART}.querySelectorAll('tr[data-number]')].map(row => [row.dataset.number,
@@ -120,7 +118,7 @@ def numbers(page_browser: Browser | Firefox) -> dict[str, list[Any]]:
     return page_numbers
 
 
-def agrees(page_browser: Browser | Firefox, answer: Answer) -> None:
+def agrees(page_browser: Browser, answer: Answer) -> None:
     """A live number is the figure within its step difference and the figure's error."""
     compared = 0
     for name, (text, value, difference_text, difference) in numbers(page_browser).items():
@@ -315,25 +313,6 @@ def test_only_the_newest_of_many_moves_is_answered(page_browser: Browser, folder
         move(page_browser, {"speed": speed})
         page_browser.value("new Promise((resolve) => setTimeout(resolve, 30))")
     check_move(page_browser, "resonance", {"speed": 36.0}, 5)
-
-
-@pytest.fixture(scope="module")
-def fox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Firefox]:
-    """Firefox for all pages."""
-    program = shutil.which("firefox-esr") or shutil.which("firefox")
-    if program is None:
-        pytest.skip("neither firefox-esr nor firefox is installed: no page was opened in it")
-    with firefox(program, tmp_path_factory.mktemp("fox") / "profile") as page:
-        yield page
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", LIVE)
-def test_firefox_has_the_same_numbers(name: str, fox: Firefox, folder: Path) -> None:
-    answer, file = page(name, folder, **LIVE[name])
-    fox.open(file)
-    answered(fox)
-    agrees(fox, answer)
 
 
 def test_a_run_that_fails_is_reported_above_the_last_answer(

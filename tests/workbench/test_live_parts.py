@@ -6,12 +6,9 @@ import base64
 import json
 import math
 import re
-import shutil
-import subprocess
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +32,7 @@ from workbench.catalog import load_module, names
 from workbench.charts.labels import apart
 from workbench.charts.motion import Shape, line
 from workbench.figure import Figure
-from workbench.formula import FUNCTIONS, Formula
+from workbench.formula import Formula
 from workbench.live import (
     REVOLUTION,
     Coordinate,
@@ -50,12 +47,10 @@ from workbench.live import (
     Slider,
     drawing,
 )  # fmt: skip
-from workbench.live.build import FOLDER, PAGE, WORKER, script
+from workbench.live.build import FOLDER, script
 from workbench.live.declare import READERS
 from workbench.question import read
 
-#: bytes of the scripts of a page without plotly
-LARGEST_SCRIPT = 40_000
 LIVE_QUESTIONS = (
     "iron_bounce", "iron_cycle", "iron_start", "orientator_cycle", "packing_line", "resonance",
     "run_up", "sommerfeld", "speed_step",
@@ -89,12 +84,6 @@ def test_a_formula_means_the_same_in_both_languages(text: str, javascript: Evalu
         f"{source} const v = {json.dumps(VALUES)}; return `${{+({formula.source})}}`;"
     )
     assert float(value) == pytest.approx(formula(VALUES), rel=1e-14, nan_ok=True)
-
-
-def test_every_function_of_formulas_is_tried() -> None:
-    assert all(any(f"{name}(" in text for text in FORMULAS) for name in FUNCTIONS)
-    assert Formula.read("-x**2")(VALUES) == -0.5625
-    assert Formula.read("a.b.c + d").names == {"a.b.c", "d"}
 
 
 @pytest.mark.parametrize(
@@ -335,12 +324,6 @@ def test_no_slider_changes_the_elements_of_a_drawing(name: str) -> None:
         assert second.points == pytest.approx(first.points, abs=1e-9), first.name
 
 
-def test_all_these_questions_are_live() -> None:
-    questions = {name: PROJECT.load(name) for name in names(PROJECT.home)}
-    lives = {name for name, each in questions.items() if PROJECT.wasm_modules(each)}
-    assert lives == set(LIVE_QUESTIONS)
-
-
 def built(declaration: Any) -> Any:
     """The live part of a product in the orientator, with another declaration."""
     page = load_module(names(PROJECT.home)["orientator_cycle"])
@@ -435,46 +418,6 @@ def test_the_example_of_the_guide_makes_a_question_live() -> None:
     part = live.of(scope["LIVE"], o, Findings(figures, None, o.system(fmus)), modules, "ask")
     assert part is not None
     assert [x["meaning"] for x in part.data["numbers"]] == [x.meaning for x in figures.values()]
-
-
-def test_the_scripts_stay_small() -> None:
-    for name in LIVE_QUESTIONS[:3]:
-        answer = ask(name)
-        assert answer.live is not None
-        assert len(answer.live.worker) + len(answer.live.page) < LARGEST_SCRIPT
-
-
-#: rules that hold for one file; names are shared between the files of a page, so their use is not looked at
-ESLINT_RULES = (
-    "eqeqeq",
-    "no-cond-assign",
-    "no-const-assign",
-    "no-dupe-keys",
-    "no-fallthrough",
-    "no-self-compare",
-    "no-shadow",
-    "no-unreachable",
-    "no-var",
-    "prefer-const",
-    "valid-typeof",
-)
-
-
-@pytest.mark.parametrize("tool", ["prettier", "eslint"])
-def test_the_scripts_are_formatted_and_linted(tool: str, tmp_path: Path) -> None:
-    program = shutil.which(tool)
-    if program is None:
-        pytest.skip(f"{tool} is not installed: the scripts were not looked at by it")
-    rules = [f"--rule={name}: error" for name in ESLINT_RULES]
-    options = {
-        "prettier": ["--check", "--print-width", "100"],
-        "eslint": ["--no-config-lookup", *rules],
-    }[tool]
-    files = [str(FOLDER / name) for name in (*WORKER, *PAGE)]
-    done = subprocess.run(
-        [program, *options, *files], capture_output=True, text=True, check=False, cwd=ROOT
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("algorithm", cosim.ALGORITHMS)

@@ -15,7 +15,6 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,20 +24,17 @@ from lxml import html as lxml_html
 from numpy.testing import assert_allclose
 from PIL import Image
 
-from cosim.system import connect
 from cosim.units import multiples
 from scenarios.conveyor import motion as conveyor
-from scenarios.conveyor.first_order import SETS
-from scenarios.conveyor.machine import conveyor_drive
 from scenarios.iron import motion as iron_mechanism
 from scenarios.project import PROJECT
-from tests.conftest import SAMPLED, ask, fmus_of, plain
+from tests.conftest import SAMPLED, ask, plain
 from tests.workbench.browser import Browser, browser
-from workbench.answer import Answer, GivenValue, Show, Table
-from workbench.catalog import load_module, names
+from workbench.answer import Answer, Show, Table
+from workbench.catalog import names
 from workbench.charts import model as pictures
 from workbench.charts import mpl, plotly
-from workbench.charts.axes import log_ticks, x_axis
+from workbench.charts.axes import x_axis
 from workbench.charts.elements import UNDETERMINED, Band, Bars, Line
 from workbench.charts.gif import gif
 from workbench.charts.labels import apart
@@ -55,13 +51,12 @@ from workbench.charts.model import (
     Span,
 )
 from workbench.charts.motion import Motion, Shape
-from workbench.charts.style import COLORS, LETTERS_BY_SCREEN, STYLE, Screen
+from workbench.charts.style import LETTERS_BY_SCREEN, STYLE, Screen
 from workbench.export import write
 from workbench.figure import Figure
 from workbench.judgement import Judgement
 from workbench.page import html
 from workbench.run import ask as workbench_ask
-from workbench.study import charts as study_charts
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 QUESTIONS = names(PROJECT.home)
@@ -166,31 +161,10 @@ def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
     )
 
 
-def test_marks_spans_and_lanes_have_their_text_and_curves_their_name_at_their_end() -> None:
-    plotted = plotly.figure(sample_chart())
-    wide, data = plotted["wide"], plotted["data"]
-    names = {note["name"]: note for note in wide["annotations"] if note.get("name")}
-    texts = {
-        x["text"]
-        for x in (*wide["annotations"], *data)
-        if x.get("text") and x not in names.values()
-    }
-    assert texts == {"peak", "crossing", "avoid", "falling"}
-    assert "turning" in names and "falling" not in names and "force" not in names
-    low, high = named(plotted)["torque [N.m]"]["range"]
-    assert names["theory"]["y"] == pytest.approx((np.sin(10.0) - low) / (high - low))
-    assert names["theory"]["yref"] == "y1 domain" and "- -" in names["theory"]["text"]
-    shapes = {(s["yref"], s["x0"], s["x1"]) for s in wide["shapes"]}
-    rows = [f"y{k} domain" for k in range(1, 6)]
-    assert {s["y1"] for s in wide["shapes"] if s["x0"] != s["x1"] or s["yref"] != rows[0]} == {1.0}
-    assert all(s["y1"] > 1.0 for s in wide["shapes"] if s["x0"] == s["x1"] and s["yref"] == rows[0])
-    assert shapes == {(y, *x) for y in rows for x in ((2.0, 4.0), (3.0, 3.0), (3.1, 3.1))}
-
-
 def test_the_image_draws_the_elements_of_the_layout() -> None:
     figure, layout = mpl.render([sample_chart()], "A title"), layout_of(sample_chart(), "paper")
     axes = figure.subfigs[0].axes
-    assert figure._suptitle is not None and figure._suptitle.get_text() == "A title"
+    assert figure.get_suptitle() == "A title"
     assert [each.get_ylabel() for each in axes] == [placed.label for placed in layout.rows]
     for axis, placed in zip(axes, layout.rows, strict=True):
         row = placed.row
@@ -213,7 +187,8 @@ def test_the_image_draws_the_elements_of_the_layout() -> None:
             name.symbol for name in placed.names
         } <= written
         assert [name.name for name in placed.names] == [element.name for element in row.named]
-    places = {t.get_text(): (t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
+    texts: Any = axes[0].texts
+    places = {t.get_text(): (t.xy[0], round(t.xyann[1] / 14)) for t in texts}
     wanted = {"avoid": (3.0, 1), "peak": (3.0, 0), "crossing": (3.1, 0)}
     assert {text: places[text] for text in wanted} == wanted
     assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
@@ -241,9 +216,8 @@ def test_no_text_above_a_picture_meets_another_or_the_line_of_a_mark(screen: Scr
         crossing = [x.text for x, _, _ in boxes if x.line > label.line and x.text != "span"
                     and x.anchor != "center" and first < float(layout.x.share(x.at)) < end]  # fmt: skip
         assert not crossing or label.anchor == "center"
-    assert sorted(x.text for x in layout.labels) == sorted(
-        m.text for m in (*chart.marks, *chart.spans)
-    )
+    named: list[Any] = [*chart.marks, *chart.spans]
+    assert sorted(x.text for x in layout.labels) == sorted(x.text for x in named)
     assert 1 + max(x.line for x in layout.labels) <= {"wide": 4, "paper": 4, "narrow": 7}[screen]
 
 
@@ -261,20 +235,6 @@ def test_names_stand_at_the_ends_of_their_curves_and_never_on_each_other() -> No
             assert places[b] - places[a] > (sizes[a] + sizes[b]) / 2 - 1e-12
         assert min(p - s / 2 for p, s in zip(places, sizes)) > -1e-12
         assert max(p + s / 2 for p, s in zip(places, sizes)) < 1 + 1e-12
-
-
-def test_curves_of_a_panel_differ_without_their_colours() -> None:
-    """In the dash of their lines, the shape of their points, or the hatch of their bars."""
-    x, looks = [0.0, 1.0], ("line", "line", "line", "theory")
-    lines = [Curve(f"{k}", x, x, "red", look) for k, look in enumerate(looks)]
-    bars = [Curve(f"{k}", ["a", "b"], x, color, "bars") for k, color in enumerate(("blue", "gold"))]
-    for curves in (lines, bars):
-        (placed,) = layout_of(Chart("", "x", [Panel("y", "N", curves)])).rows
-        looks = {
-            (e.dash if isinstance(e, Line) else isinstance(e, Bars) and e.is_hatched)
-            for e in placed.row.elements
-        }
-        assert len(looks) == len(curves)
 
 
 def test_points_without_a_value_are_reported_and_jumps_are_broken_with_an_arrow() -> None:
@@ -296,32 +256,6 @@ def test_points_without_a_value_are_reported_and_jumps_are_broken_with_an_arrow(
     assert [(n["ay"], n["y"]) for n in notes["annotations"] if n["showarrow"]] == [(2.0, 12.0)]
 
 
-def test_a_picture_of_nothing_but_undetermined_points_says_so() -> None:
-    panel = Panel("ripple", "N.m", [Curve("run", [1.0, 2.0], [math.nan] * 2, "red", "points")])
-    chart = Chart("Ripple", "speed", [panel])
-    (placed,) = layout_of(chart).rows
-    assert [name.name for name in placed.names] == ["run", UNDETERMINED]
-    assert UNDETERMINED in plotly.alt_text(chart)
-    assert mpl.render([chart], "").subfigs[0].axes[0].lines[-1].get_marker() == "X"
-
-
-def test_long_labels_break_and_rows_shrink_to_the_paper() -> None:
-    long = "largest torque that the motor of the crank conveyor gives"
-    flat = [Panel(long, "N.m", [Curve("a", [0.0, 1.0], [0.0, 1.0], "red")]) for _ in range(5)]
-    plotted = plotly.figure(
-        Chart("", "x", [*flat, Lanes({"lane": [Span(0.0, 1.0, "all")]})]), 600.0
-    )
-    assert plotted["paper"]["height"] == pytest.approx(600.0)
-    assert plotted["wide"]["height"] > 900.0
-    for screen in LETTERS_BY_SCREEN:
-        axis, height = plotted[screen]["yaxis1"], plotted[screen]["height"] - STYLE.below_px
-        room = (axis["domain"][1] - axis["domain"][0]) * height
-        assert max(map(len, axis["title"]["text"].split("<br>"))) <= max(10, room / 7.5)
-    lanes = [(y["domain"][1] - y["domain"][0]) * (d["height"] - STYLE.below_px)
-             for d in (plotted["paper"], plotted["wide"]) for y in [d["yaxis6"]]]  # fmt: skip
-    assert lanes == pytest.approx([30.0, 30.0])
-
-
 def test_a_colour_and_a_look_that_do_not_exist_are_named() -> None:
     chart = Chart("", "x", [Panel("w", "rad/s", [Curve("w", [0.0, 1.0], [0.0, 1.0], "turquoise")])])
     with pytest.raises(ValueError, match="color 'turquoise' must be one of red, blue"):
@@ -329,11 +263,6 @@ def test_a_colour_and_a_look_that_do_not_exist_are_named() -> None:
     with pytest.raises(ValueError, match="curve 'w': 'dots' must be one of line, theory, points"):
         pictures.NamedLook.of(("w", "red", "dots"), "speed")
     assert pictures.NamedLook.of("red", "speed") == ("speed", "red", "line")
-
-
-def test_a_logarithmic_axis_reports_its_numbers() -> None:
-    assert log_ticks(0.01, 10.0) == [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]
-    assert log_ticks(0.015, 0.16) == [0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15]
 
 
 def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -> None:
@@ -394,47 +323,6 @@ def test_every_curve_is_the_column_that_it_claims_to_be(where: str) -> None:
             assert np.isin(value, scale * table.frame[column].to_numpy()).all()
             y = curves(chart)[panel.label, curve]
             assert (y.min(), y.max()) == pytest.approx((value.min(), value.max()), rel=1e-6)
-
-
-def test_the_ripples_have_the_units_of_what_ripples() -> None:
-    network = connect(
-        conveyor_drive(fmus_of(load_module(QUESTIONS["resonance"])), SETS["A"].start(40.0))
-    )
-    units = [network.port(port).unit for port in ("motor.tau", "conveyor.w")]
-    (ripple,) = answered("resonance")[1].charts
-    assert isinstance(ripple, Chart)
-    assert [p.unit for p in ripple.panels[:2] if isinstance(p, Panel)] == units == ["N.m", "rad/s"]
-
-
-def test_theory_runs_through_the_points_of_the_resonance() -> None:
-    """Of ripples to a few per cent, of the lag to a few degrees of 360: first order, coarse steps."""
-    (ripple,) = answered("resonance")[1].charts
-    assert isinstance(ripple, Chart)
-    for panel in ripple.panels:
-        assert isinstance(panel, Panel)
-        theory, points = (next(c for c in panel.curves if c.name.startswith(x)) for x in ("f", "c"))
-        near = pytest.approx(np.asarray(points.y), rel=0.05, abs=6.0 * (panel.unit == "deg"))
-        assert np.interp(points.x, theory.x, theory.y) == near
-
-
-def test_the_picture_of_the_resonance_marks_the_figures_of_its_answer() -> None:
-    answer, show = answered("resonance")
-    chart, figures = show.charts[0], answer.figures
-    assert isinstance(chart, Chart)
-    marked = {figures[name].value for name in ("nu_res", "nu_90", "nu_peak_tau", "nu_peak_w")}
-    assert {mark.at for mark in chart.marks} == {x for x in marked if math.isfinite(x)} | {40.0}
-    assert {(span.text, span.color) for span in chart.spans} <= {("avoid", "red")}
-    torque = chart.panels[0]
-    assert isinstance(torque, Panel)
-    assert [level.at for level in torque.levels] == [100.0, 50.0]
-    points = [curve for curve in torque.curves if curve.look == "points"]
-    values = np.concatenate([np.asarray(curve.y, float) for curve in points])
-    assert_allclose(np.sort(values), np.sort(answer.first_table["tau2"]))
-    errors = np.concatenate(
-        [np.asarray(curve.error, float) for curve in points if curve.error is not None]
-    )
-    known = answer.first_table["tau2_error"].dropna()
-    assert_allclose(np.sort(errors), np.sort(known))
 
 
 def arm(frames: int) -> Motion:
@@ -648,16 +536,6 @@ def opened(page_browser: Browser, sample: Path) -> Browser:
     return page_browser
 
 
-def test_parameters_of_a_page_have_six_digits_in_lists_too() -> None:
-    answer, _ = answered("orientation_time")
-    with_lists = replace(
-        answer, options={"speeds": GivenValue((1.2217304763960306, 2.0), "rad/s", "")}
-    )
-    rows = html._parameters(with_lists)
-    assert rows[0] == ("speeds", "1.22173, 2", "rad/s", "")
-    assert not [value for _, value, *_ in html._parameters(answer) if len(value) > 200]
-
-
 def first_element(selector: str) -> str:
     """An element of the page in its own words."""
     return f"document.querySelector('{selector}')"
@@ -721,27 +599,6 @@ def test_the_policy_of_a_page_names_the_scripts_of_its_template(
     assert allowed_scripts == f"'sha256-{base64.b64encode(hashlib.sha256(b'a').digest()).decode()}'"
 
 
-def test_the_mouse_shows_values_and_the_second_unit_follows_the_zoom(opened: Browser) -> None:
-    x, y = opened.value(
-        f"""(() => {{ const chart = {first_element(".chart")}, full = chart._fullLayout;
-        chart.scrollIntoView();
-        const box = chart.getBoundingClientRect();
-        return [box.left + full._size.l + full.xaxis.d2p(4), box.top + full._size.t + 90]; }})()"""
-    )
-    for shift in (-3, 0):
-        opened.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + shift, y=y)
-    opened.until("document.querySelectorAll('.hoverlayer text').length > 0")
-    hover_text = (
-        opened.value(f"{first_element('.hoverlayer')}.textContent").replace("−", "-").rstrip()
-    )
-    assert f"{np.sin(4.0):.4f}"[:5] in hover_text
-    assert "way" in hover_text and hover_text.endswith(" m")
-    opened.value(
-        f"Plotly.relayout({first_element('.chart')}, {{'xaxis.range': [2, 3]}}).then(() => 1)"
-    )
-    opened.until(f"{first_element('.chart')}._fullLayout.xaxis2.range.join() === '2000,3000'")
-
-
 def test_the_download_is_the_csv_to_the_byte(opened: Browser, sample: Path, tmp_path: Path) -> None:
     opened.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     opened.until(f"{first_element('a[download]')}.href.startsWith('blob:')")
@@ -767,43 +624,6 @@ def test_motion_follows_slider_and_button(opened: Browser) -> None:
     assert opened.value(f"{first_element('.motion text')}.textContent") == "<arm>"
     opened.value(f"{button}.click()")
     opened.until(f"{tip}[0] < 500")
-
-
-def test_paper_gets_everything_but_the_controls(opened: Browser) -> None:
-    opened.call("Emulation.setEmulatedMedia", media="print")
-    opened.value("dispatchEvent(new Event('beforeprint'))")
-    controls = [".controls", "nav", ".hint", "[aria-labelledby=data]"]
-    for selector in (*controls, ".chart", ".motion svg", ".figures", ".verdict", ".warnings"):
-        is_displayed = opened.value(
-            f"getComputedStyle({first_element(selector)}).display !== 'none'"
-        )
-        assert is_displayed == (selector not in controls)
-    opened.until(f"{first_element('.chart svg')}.getBoundingClientRect().width === 680")
-    opened.value(f"{first_element('details')}.open = false")
-    assert opened.value(
-        f"{first_element('details td')}.checkVisibility({{contentVisibilityAuto: true}})"
-    )
-    breaks = (
-        "[...document.querySelectorAll('.figures tbody tr')].map(x => getComputedStyle(x).break{})"
-    )
-    assert set(opened.value(breaks.format("Before"))) == {"avoid"}
-
-
-def test_the_page_is_dark_where_the_screen_is(opened: Browser) -> None:
-    back = "getComputedStyle(document.body).backgroundColor"
-    assert opened.value(back) == "rgb(255, 255, 255)"
-    features = [{"name": "prefers-color-scheme", "value": "dark"}]
-    opened.call("Emulation.setEmulatedMedia", features=features)
-    assert opened.value(back) == "rgb(18, 23, 28)"
-    assert (
-        opened.value(f"getComputedStyle({first_element('.ytick text')}).fill")
-        == "rgb(227, 232, 237)"
-    )
-    strokes = "[...document.querySelectorAll('.js-line')].map(x => getComputedStyle(x).stroke)"
-    assert set(opened.value(strokes)) == {
-        "rgb(227, 232, 237)",
-        *(f"rgb{tuple(bytes.fromhex(COLORS[name][1:]))}" for name in ("red", "blue", "grey")),
-    }
 
 
 def test_thinning_keeps_ends_and_peaks() -> None:
@@ -840,27 +660,6 @@ def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
     assert note == "one row in 4 of 4000; the complete file is next to this page"
     rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(packed))))
     assert_allclose(rows["x"], x[::4])
-
-
-def test_a_study_draws_flags_as_steps_and_no_share_below_0() -> None:
-    columns = {"w": [1.0, 2.0, 3.0], "oriented": [1.0, 1.0, 0.0], "time": [0.2, 0.3, np.nan]}
-    table = pd.DataFrame(columns)
-    study: Any = SimpleNamespace(varied=["w"], grid={"w": table["w"]}, tolerances={})
-    (chart,) = study_charts.overview(
-        study, table, ["oriented", "time"], {"w": "rad/s", "time": "s"}
-    )
-    assert isinstance(chart, Chart)
-    assert [curve.look for panel in chart.panels for curve in panel.curves] == ["step", "linked"]
-    assert list(named(plotly.figure(chart))) == ["oriented", "time [s]"]
-    assert chart.x == "w [rad/s]"
-    indices = pd.DataFrame(
-        [("time", "T", "S1", -0.09, 0.15), ("time", "J", "S1", 0.7, 0.1)],
-        columns=["figure", "input", "kind", "value", "confidence"],
-    )
-    study = SimpleNamespace(grid={}, tolerances={"T": 0, "J": 0})
-    (shares,) = study_charts.sensitivity(study, indices, {})
-    assert_allclose(curves(shares)["share of time [1]", "S1, alone"], [0.0, 0.7])
-    assert named(plotly.figure(shares))["share of time [1]"]["range"][0] == 0.0
 
 
 def test_a_gif_has_the_frames_of_its_motion(tmp_path: Path) -> None:

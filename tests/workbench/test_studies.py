@@ -294,18 +294,6 @@ def test_cases_that_are_solved_together_give_the_rows_of_each_alone(tmp_path: Pa
     }  # fmt: skip
 
 
-def test_what_many_runs_report_is_written_once_with_a_sensible_number_of_digits(
-    write: Write, tmp_path: Path
-) -> None:
-    text = "scenario = 'plane.py'\n[fixed]\nmood = 'warn'\n[grid]\nx = [-3.5, -2, -1, 2.0]"
-    verdict = study.run(study.load(write(text)), out=tmp_path / "out").verdict
-    assert verdict.splitlines()[-3:] == [
-        "3 runs (first: run 0): root not determined: x < 0",
-        "3 runs (first: run 1): warning: the plane is steep, 0.333333 rad",
-        "Run 0: warning: the plane is steep, -0.166667 rad",
-    ]
-
-
 def test_start_values_may_be_names_and_numbers(tmp_path: Path) -> None:
     """Those of an enumeration, in the order of the file."""
     path = tmp_path / "some.toml"
@@ -753,21 +741,6 @@ def test_a_tolerance_with_an_end_beyond_a_bound_is_refused(
         assert not out.exists()
     else:
         assert len(study.load(path, PROJECT).runs()) == 2
-
-
-def test_the_studies_of_the_project_and_of_the_page_are_sound(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "studies.md").read_text()
-    (tmp_path / "page.toml").write_text(page.split("```toml mine.toml\n")[1].split("```")[0])
-    sizes = {path.stem: study.load(path, PROJECT) for path in (ROOT / "studies").glob("*.toml")}
-    assert {name: len(plan.runs()) for name, plan in sizes.items()} == {
-        "cup_scatter": 11 * 256,
-        "drive_tolerances": 128,
-        "records": 2,
-        "rotor_speed": 8,
-    }
-    plan = study.load(tmp_path / "page.toml", PROJECT)
-    assert len(plan.runs()) == 2 * 6 * 128
-    assert plan.varied[:3] == ["set", "motor.T", "conveyor.rotor.J"]
 
 
 def indices_of(sampling: Sampling, x: Any, y: Any) -> list[sensitivity.Index]:
