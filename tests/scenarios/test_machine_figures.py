@@ -42,7 +42,7 @@ def test_the_torque_of_a_slow_turn_is_that_of_points_of_mass() -> None:
 
 def test_the_live_energy_is_counted_from_the_start_like_that_of_the_picture() -> None:
     """The potential energy is not 0 where the cam starts."""
-    frame = ask("iron_start", stop=0.3).table
+    frame = ask("iron_start", stop=0.3).first_table
     energy = (frame["iron.E_kin"] + frame["iron.E_pot"]).to_numpy()
     names = {name: frame[name].to_numpy() for name in ("iron.E_kin", "iron.E_pot")}
     names |= {"figures.energy_end": energy[-1], "figures.energy_stored": energy[-1] - energy[0]}
