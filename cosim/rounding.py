@@ -59,6 +59,27 @@ def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str,
     return f"{value:.{max(power - digit, 0)}e}", f"{units * 10.0**digit:.{decimals}e}"
 
 
+def with_error(
+    value: float, error: float, unit: str = "", sign: str = "+-", digits: int = MOST_DIGITS
+) -> str:
+    """A value, its error and its unit as a text, or a bound where the error leaves no digit of the value.
+
+    What is smaller than its error is not measured but bounded (Currie, Analytical Chemistry 40, 1968).
+
+    Examples
+    --------
+    >>> with_error(40.12345, 0.0213, "rad/s")
+    '40.123 +- 0.022 rad/s'
+    >>> with_error(200.0, 230.0, "N.m")
+    'below 430 N.m in size'
+    """
+    unit = "" if unit in ("", "1") else f" {unit}"
+    if 0.0 < error < math.inf and error >= abs(value):
+        return f"below {rounded(0.0, abs(value) + error)[1]}{unit} in size"
+    number, of_number = rounded(value, error, digits)
+    return f"{number} {sign} {of_number}{unit}"
+
+
 def _units(value: float, error: float, digit: int) -> int:
     """The error with that of rounding the value, in units of the digit 10**digit, rounded up."""
     unit = 10.0**digit

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import SetupError
-from cosim.rounding import LEAST_POWER, rounded
+from cosim.rounding import LEAST_POWER, with_error
 from cosim.units import multiples
 
 if TYPE_CHECKING:
@@ -91,13 +91,17 @@ class Figure(NamedTuple):
 
     def text(self, unit: str = "") -> str:
         """The figure as text, "12.34 ± 0.05 rad/s"; `unit` is the wording of its unit."""
-        unit = "" if self.unit in ("", "1") and not unit else f" {unit or self.unit}"
         if self.error is None:
             return f"not determined ({self.reason})" if self.reason else "not determined"
         if self.error == 0.0:
-            return f"{self.value:.6g}{unit}"
-        value, error = rounded(self.value, self.error, MOST_DIGITS)
-        return f"{value} ± {error}{unit}"
+            wording = "" if (unit or self.unit) in ("", "1") else f" {unit or self.unit}"
+            return f"{self.value:.6g}{wording}"
+        return with_error(self.value, self.error, unit or self.unit, "±", MOST_DIGITS)
+
+    @property
+    def has_digit(self) -> bool:
+        """Whether the error leaves a digit of the value; else only a bound of its size is known."""
+        return self.error is not None and (self.error == 0.0 or self.error < abs(self.value))
 
     def brief(self, unit: str = "") -> str:
         """Write the figure for a sentence, in SENTENCE_DIGITS digits where its error allows.

@@ -136,7 +136,7 @@ class Judgement:
             )
         if most.value <= 0.0 or self.figure.value < 0.0:
             return f"{text} (at most {most._replace(unit='1').brief()})"
-        if self.figure.unit == "%":
+        if self.figure.unit == "%" or not self.figure.has_digit:
             return f"{text} (limit {most.brief()})"
         share = share_text(self.figure.value / most.value)
         if self.figure.value > most.value:

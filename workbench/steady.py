@@ -69,7 +69,8 @@ MIN_SETTLING_SHARE = 0.1
 MIN_STATE_SCALE = 1e-3
 #: Why there is no orbit of a crank that turns back before its first revolutions are complete.
 STALLED = "the crank does not complete a turn"
-UNSTABLE = "the orbit is not stable: deviations from it grow"
+GROWS = ": deviations from it grow"
+UNSTABLE = f"the orbit is not stable{GROWS}"
 
 
 @dataclass(frozen=True)
@@ -168,9 +169,10 @@ class _NewtonState:
         self.jacobian[m[is_new]], self.turns.contraction[m[is_new]] = jacobian, contraction
 
         left, change = self.turns.contraction[m], self.change[m]
-        error = change * np.maximum(left / np.maximum(1.0 - left, 1e-12), 1.0)
+        grows = left >= 1.0  # Newton's method also finds orbits that deviations leave
+        error = change * np.maximum(left / np.where(grows, np.inf, 1.0 - left), 1.0)
         settled = (error < SETTLED) | ((error < NOISE_FLOOR) & (change > STALLED_RATIO * previous))
-        grows = settled & (left >= 1.0)
+        grows &= settled
         self.refuse(m[grows], [UNSTABLE] * len(m))
         done = np.flatnonzero(settled & ~grows)
         if len(done):
@@ -278,7 +280,8 @@ def steady_turns(
         m,
         [
             f"no steady state after {MAX_RUNS * turns} revolutions of {steps[k]} steps (relative change "
-            f"{search.change[k]:.1g} per revolution); more steps per revolution may settle it"
+            f"{search.change[k]:.1g} per revolution{GROWS if search.turns.contraction[k] >= 1.0 else ''}); "
+            "more steps per revolution may settle it"
             for k in m
         ],
     )

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import SetupError
 from ..result import SimulationError
-from ..rounding import rounded
+from ..rounding import with_error
 from .chi2 import SIGNIFICANCE
 from .fit import Minimum
 from .linearisation import DEVIATIONS, Linearisation, Refinement, covariance
@@ -70,8 +70,7 @@ class Interval(NamedTuple):
         """The value and its interval, rounded to two digits of this."""
         if not 0.0 < self.error < math.inf:
             return f"{self.value:.6g} {self.unit} (not determined)".replace("  ", " ")
-        value, error = rounded(self.value, self.error)
-        return f"{value} +- {error} {self.unit}".rstrip()
+        return with_error(self.value, self.error, self.unit)
 
 
 @dataclass(frozen=True)

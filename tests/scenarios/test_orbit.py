@@ -190,7 +190,7 @@ def test_an_orbit_that_deviations_leave_is_refused() -> None:
         steps_per_rev=128,
         record=(),
     )
-    assert turns.problems[0] and np.isnan(turns.values).all() and np.isnan(turns.periods).all()
+    assert steady.GROWS in turns.problems[0] and np.isnan(turns.values).all() and np.isnan(turns.periods).all()
 
 
 def test_return_maps_of_linear_sequences_are_their_matrices() -> None:
@@ -365,3 +365,10 @@ def test_an_inverter_is_told_and_the_parameters_are_those_at_the_operating_speed
     assert w_s * s_b == pytest.approx(45.81 * 0.2166, rel=1e-12)
     plain = ask("resonance", speeds="36:60:4")
     assert "supply" not in plain.verdict
+
+
+def test_an_orbit_that_is_found_and_not_held_is_told_as_that() -> None:
+    """A motor whose lag is thirty times that of its plate does not hold the crank above the resonance."""
+    plate = "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"
+    answer = ask("resonance", nameplate=plate, start=["motor.T=0.5"], speeds="20", speed=20.0)
+    assert answer.warnings[0].endswith(steady.UNSTABLE)
