@@ -5,6 +5,7 @@ An instance is the question as it is asked, with a value for each option.
 
 from __future__ import annotations
 
+import logging
 import math
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,6 +25,7 @@ from cosim.units import multiples
 from . import catalog
 from .answer import Findings, Show, Table, parameters
 from .charts.style import hex_color
+from .dimensions import check_unit, known_units
 from .figure import ERROR_SCOPE, Figure, NamedFigures, checked_figures, conversion, scaled
 from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
@@ -287,7 +289,9 @@ class Question(Options):
             if isinstance(x.value, Reader):
                 is_of_column = x.value.kind in UNIT_OF_COLUMN
                 texts.setdefault(x.value.column, x.unit if is_of_column else "1")
-        values = {**(parameters_of(system) if texts else {}), **self.values}
+        given = parameters(system) if self.numbers else {}
+        numbers = {n: float(x.value) for n, x in given.items() if isinstance(x.value, int | float)}
+        values = {**numbers, **self.values}
         metrics: dict[str, Metric] = {}
         for x in self.numbers:
             if isinstance(x.value, Reader | Metric):
@@ -310,7 +314,8 @@ class Question(Options):
         units = (results[0] if results else result).units
         for x in self.numbers:
             figure = certified[x.name] if x.name in metrics else follows(x, certified, values)
-            certified[x.name] = self._as_declared(x, figure, units)
+            known = known_units(self, certified, given, units)
+            certified[x.name] = self._as_declared(x, figure, known)
         return results[0] if results else result, certified
 
     def _recorded(self, system: System) -> Sequence[str] | None:
@@ -340,13 +345,25 @@ class Question(Options):
             raise SetupError(
                 f"{self.path}: the meaning of {x.name!r} names {error}, no option"
             ) from error
-        factor = 1.0
+        factor: float = 1.0
+        formula: str | float | None = None
         if isinstance(x.value, Reader):
             is_alone = DOTTED.fullmatch(x.value.column) is not None
-            factor = x.value.factor(units.get(x.value.column, "") * is_alone, x.unit, where)
-        elif isinstance(x.value, Metric) and len(multiples(figure.unit)) > 1:
+            own = units.get(x.value.column, "") * is_alone
+            factor = x.value.factor(own, x.unit, where)
+            check_unit(x.value.level, own, units, f"{where}: level")
+            if not is_alone and x.value.kind in UNIT_OF_COLUMN:
+                formula = x.value.column
+        elif not isinstance(x.value, Metric):
+            formula = x.value
+        elif len(multiples(figure.unit)) > 1:
             factor = conversion(figure.unit, x.unit or figure.unit, where)
-        return scaled(figure, factor, x.unit or figure.unit, meaning)
+        stated = x.unit or figure.unit
+        if formula is not None and (unknown := check_unit(formula, stated, units, where)):
+            logging.getLogger("cosim").warning(
+                f"number {x.name!r} is in {stated} as stated: the unit of {', '.join(unknown)} is not known"
+            )
+        return scaled(figure, factor, stated, meaning)
 
 
 def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]) -> Figure:
@@ -372,15 +389,6 @@ def certified_results(results: Any) -> list[Result]:
     """The certified results among what methods of a question see."""
     of_systems = results[0] if isinstance(results, tuple) else results
     return [*of_systems.values()] if isinstance(of_systems, Mapping) else [of_systems]
-
-
-def parameters_of(system: System) -> dict[str, float]:
-    """The start values and parameters of a system that are numbers, which formulas may name."""
-    return {
-        name: float(x.value)
-        for name, x in parameters(system).items()
-        if isinstance(x.value, int | float)
-    }
 
 
 def check_attributes(question: type[Question], where: str) -> None:

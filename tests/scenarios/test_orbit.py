@@ -190,7 +190,11 @@ def test_an_orbit_that_deviations_leave_is_refused() -> None:
         steps_per_rev=128,
         record=(),
     )
-    assert steady.GROWS in turns.problems[0] and np.isnan(turns.values).all() and np.isnan(turns.periods).all()
+    assert (
+        steady.GROWS in turns.problems[0]
+        and np.isnan(turns.values).all()
+        and np.isnan(turns.periods).all()
+    )
 
 
 def test_return_maps_of_linear_sequences_are_their_matrices() -> None:

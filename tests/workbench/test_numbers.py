@@ -103,12 +103,16 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
             "time_of_max is a time in s, not in N.m",
         ),
         ('Reader("phase", "motor.tau"), "deg"', "must be one of last, change, max"),
+        ('Reader("max", "abs(motor.tau)"), "W"', "'x': 'abs(motor.tau)' is not in W, with motor"),
+        ('"motor.T * speed", "s"', "is not in s, with motor.T in s, speed in rad/s"),
+        ('"speed / 2"', "is not in 1, with speed in rad/s"),
+        ('Reader("first_crossing", "motor.tau", level="speed")', "level: 'speed' is not in N.m"),
     ],
 )
 def test_a_number_that_cannot_be_read_is_one_line(page: Path, number: str, message: str) -> None:
     head, _ = PAGE.split("    numbers = ")
     page.write_text(f'{head}    numbers = (Number("x", {number}),)\n')
-    with pytest.raises(SetupError, match="(?s)" + message.replace("(", r"\(")):
+    with pytest.raises(SetupError, match="(?s)" + message.replace("(", r"\(").replace(")", r"\)")):
         figures(page)
 
 
@@ -150,6 +154,11 @@ MISTAKES = [
         '{"motor.tau": "red"}',
         '{"motor.tau": "red"}, unit="kg"',
         "panel 'torque': motor.tau is in N.m",
+    ),
+    (
+        '{"motor.tau": "red"}',
+        '{"motor.tau": "red"}, levels={"all": "speed"}',
+        "panel 'torque': 'speed' is not in N.m, with speed in rad/s",
     ),
     (
         '{"conveyor.w": "speed"}',

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from cosim import SetupError
 from cosim.engine.algorithms import find_algorithm
+from cosim.metrics import Metric
 from cosim.system import Network, Port, Value
 from cosim.system.graph import stepping_order
 
@@ -22,6 +23,7 @@ from ..answer import parameters
 from ..charts.model import Chart, Curve, Mark, Panel
 from ..charts.plotly import empty_figure
 from ..charts.svg import font_size_css
+from ..dimensions import check_unit, known_units
 from ..figure import conversion
 from ..formula import DOTTED, Formula
 from ..options import Options, declared
@@ -150,6 +152,13 @@ class LiveEncoder:
             if DOTTED.fullmatch(name) and isinstance(x, (int, float))
         }
 
+    @cached_property
+    def units_of_terms(self) -> dict[str, str]:
+        """The units of what formulas may name, where they are known."""
+        columns = {x: self.network.port(x).unit for x in self.fmu_outputs}
+        clock = dict(zip(CLOCK, ("s", "rad")))
+        return known_units(self.options, self.findings.figures, self.parameters, columns, clock)
+
     def slider(self, slider: Slider) -> dict[str, Any]:
         """Return a slider with value, unit and meaning of the option or start value that it moves."""
         name, options = slider.name, declared(type(self.options))
@@ -269,9 +278,11 @@ class LiveEncoder:
         if figure and number.unit and number.unit != figure.unit:
             raise SetupError(f"{where} has the unit {number.unit!r}, its figure {figure.unit!r}")
         told: dict[str, Any] = {"unit": figure.unit, "meaning": figure.meaning} if figure else {}
+        unit = number.unit or (figure.unit if figure else "")
         if isinstance(number.value, Reader):
-            unit = number.unit or (figure.unit if figure else "")
             told["value"] = self.reader(number.value, where, unit)
+        elif not isinstance(number.value, Metric):
+            check_unit(number.value, unit, self.units_of_terms, where)
         original = figure.text() if figure else ""
         return self.encoded(number, where, **told) | {"original": original}
 
@@ -344,6 +355,8 @@ class LiveEncoder:
         if not target:
             raise SetupError(f"{where}: the panel {panel.quantity!r} needs a unit, as in unit='m'")
         factors = dict.fromkeys(panel.curves, 1.0)
+        for formula in (*panel.levels.values(), *panel.curves.keys() - units.keys()):
+            check_unit(formula, target, self.units_of_terms, f"{where}: panel {panel.quantity!r}")
         for text, unit in units.items():
             factors[text] = conversion(unit, target, f"{where}: panel {panel.quantity!r}: {text}")
         return target, factors

@@ -12,6 +12,7 @@ from cosim import Result
 
 from ..charts.model import Chart, Curve, Mark, Panel, Rows, Samples
 from ..charts.motion import FRAMES, Motion, Shape, rows, shifted
+from ..dimensions import check_unit, known_units
 from ..figure import Figure, conversion
 from ..formula import Formula
 from ..options import Options
@@ -58,16 +59,19 @@ def drawn(
     results = [results] if isinstance(results, Result) else results
     values: dict[str, float] = {f"figures.{name}": x.value for name, x in figures.items()}
     values |= {name: x for name, x in vars(o).items() if isinstance(x, int | float)} if o else {}
+    known = known_units(o, figures, results[0].units)
     scopes = [_formula_scope(result, chart, values, angle) for result in results]
     panels = []
     for panel in chart.panels:
-        units = results[0].units
-        unit = panel.unit or units[next(iter(panel.curves))]
+        unit = panel.unit or results[0].units[next(iter(panel.curves))]
+        where = f"panel {panel.quantity!r}"
+        for text in (*panel.levels.values(), *panel.curves.keys() - results[0].units.keys()):
+            check_unit(text, unit, known, where)
         looks, curves = iter(panel.looks(runs)), []
         for scope in scopes:
             x = Formula.read(chart.x).over(scope)
             for text in panel.curves:
-                factor = conversion(units.get(text, ""), unit, f"panel {panel.quantity!r}: {text}")
+                factor = conversion(results[0].units.get(text, ""), unit, f"{where}: {text}")
                 y, look = factor * Formula.read(text).over(scope), next(looks)
                 curves.append(Curve(look.name, x, y, look.color, look.look))
         levels = [Mark(Formula.read(at)(values), text) for text, at in panel.levels.items()]
