@@ -18,18 +18,18 @@ COUNTS = 16384
 RESOLUTION = 0.1
 
 
-def instants(first: float, stop: float) -> Samples:
+def row_ends_and_middles(first: float, stop: float) -> Samples:
     """Begin, middle and end of every row [s], two for each row and one more."""
     return first + SAMPLE / 2 * np.arange(2 * round((stop - first) / SAMPLE) + 1)
 
 
 def mean_speed(angle: Samples, counts: int = COUNTS) -> Samples:
-    """What an encoder shows over each row [rpm], from the angles [rad] at all instants."""
+    """What an encoder shows over each row [rpm], from the angles [rad] at all row_ends_and_middles."""
     return np.diff(np.floor(angle[::2] * counts / (2 * pi))) / counts / SAMPLE * 60
 
 
 def percent(torque: Samples, rated: float, noise: float, seed: int) -> Samples:
-    """What an inverter shows in the middle of each row [%], from the torques [N.m] at all instants."""
+    """What an inverter shows in the middle of each row [%], from the torques [N.m] at all row_ends_and_middles."""
     shown = 100 * torque[1::2] / rated
     shown = shown + np.random.default_rng(seed).normal(0.0, noise, len(shown))
     return RESOLUTION * (shown / RESOLUTION).round()

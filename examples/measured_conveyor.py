@@ -32,7 +32,7 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
-from examples.logger import Samples, instants, mean_speed, percent, write
+from examples.logger import Samples, mean_speed, percent, row_ends_and_middles, write
 
 TRUTH = {
     "motor.A": 38.0 * 180.215,  # [N.m]
@@ -57,7 +57,7 @@ NOISE = 0.8
 STOP = 1.2
 
 
-def simulated(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
+def angle_speed_torque(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
     """Angle, speed and torque at times t, starting at the first of them, shape (3, n)."""
     m, c, d, r = (p[f"conveyor.{x}"] for x in ("trough.m", "spring.c", "trough.d", "crank.r"))
 
@@ -83,8 +83,8 @@ def equivalent_drive(p: Mapping[str, float] = TRUTH) -> dict[str, float]:
 
 def record(seed: int = 1, drift: float = 0.0) -> pd.DataFrame:
     """The logger's rows; with a drift, the measured speed grows by that fraction per second."""
-    t = instants(0.0, STOP)
-    phi, _, M = simulated(TRUTH, t, CREEP)
+    t = row_ends_and_middles(0.0, STOP)
+    phi, _, M = angle_speed_torque(TRUTH, t, CREEP)
     return pd.DataFrame(
         {
             "t [ms]": 1e3 * t[1::2],

@@ -38,7 +38,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from examples.logger import instants, mean_speed, percent, write
+from examples.logger import mean_speed, percent, row_ends_and_middles, write
 
 RPM = 2 * pi / 60
 TRUTH = {
@@ -71,10 +71,10 @@ GAPS = ((0.54, 0.56), (1.5, 1.6))  # times without rows [s]
 NOISE = 1.0
 
 
-def motion(times: NDArray[np.float64], belt: float = 1.0) -> NDArray[np.float64]:
+def angles_speed_torque(times: NDArray[np.float64], slip: float = 1.0) -> NDArray[np.float64]:
     """Angle of the crank [rad], its speed [rad/s], torque on it [N.m], angle of the motor [rad].
 
-    At increasing times from t = 0 [s], shape (4, times). With `belt = 0` the belt does not slip.
+    At increasing times from t = 0 [s], shape (4, times). With `slip = 0` the belt does not slip.
     """
     A, B, T, J, r, l, m, d, c = TRUTH.values()
 
@@ -89,7 +89,7 @@ def motion(times: NDArray[np.float64], belt: float = 1.0) -> NDArray[np.float64]
         x1 = r * cos(phi) * (1 + r * sin(phi) / R)
         x2 = -r * sin(phi) + r**2 * cos(2 * phi) / R - (r**2 * sin(phi) * cos(phi)) ** 2 / R**3
         load = c * x * x1 + d * x1**2 * w + m * x1 * x2 * w**2
-        motor = RATIO * w * (1 + belt * ahead(t))
+        motor = RATIO * w * (1 + slip * ahead(t))
         return [w, (M - load) / (J + m * x1**2), (RATIO * (A - B * motor) - M) / T, motor]
 
     return solve_ivp(
@@ -99,8 +99,8 @@ def motion(times: NDArray[np.float64], belt: float = 1.0) -> NDArray[np.float64]
 
 def record(seed: int = 1) -> pd.DataFrame:
     """The rows of the logger."""
-    t = instants(0.0, STOP)
-    _, _, M, angle = motion(t)
+    t = row_ends_and_middles(0.0, STOP)
+    _, _, M, angle = angles_speed_torque(t)
     rows = pd.DataFrame(
         {
             "time [s]": t[1::2],

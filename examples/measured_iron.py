@@ -36,7 +36,7 @@ import pandas as pd
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from examples.logger import Samples, instants, mean_speed, percent, write
+from examples.logger import Samples, mean_speed, percent, row_ends_and_middles, write
 
 TRUTH = {
     "motor.A": 3.7,  # [N.m]
@@ -67,7 +67,7 @@ STOP = 2.5
 
 
 @cache
-def lift_curve() -> CubicSpline:
+def mechanism_curves() -> CubicSpline:
     """J [kg.m2], U [J] and H [m] over the cam angle [rad], without iron and spring force."""
     phi = np.linspace(0.0, 2 * pi, 1441)
     up, top, down = np.radians([100.0, 60.0, 80.0])
@@ -101,17 +101,17 @@ def rates(p: Mapping[str, float], t: float, y: Samples) -> list[float]:
     """Derivatives of the cam's angle and speed, and of the motor torque."""
     phi, w, M = y
     at = phi % (2 * pi)
-    (J, _, H), (J1, U1, H1), (_, _, H2) = (lift_curve()(at, k) for k in range(3))
+    (J, _, H), (J1, U1, H1), (_, _, H2) = (mechanism_curves()(at, k) for k in range(3))
     K = p["iron.friction.K_down"] if H1 > 0 else p["iron.friction.K_up"]
     m, load = p["iron.iron.m"], (1 + K) * p["iron.iron.m"]
-    F = m * G + p["iron.spring.c"] * (STRETCH + lift_curve().c[-1, 0, 2] - H)
+    F = m * G + p["iron.spring.c"] * (STRETCH + mechanism_curves().c[-1, 0, 2] - H)
     torque = GEAR * M - U1 + ((1 + K) * F + K * SPRING * G / 2) * H1
     a = (torque - (J1 / 2 + load * H1 * H2) * w * w) / (J + load * H1**2)
     static = p["motor.A"] - p["motor.B"] * GEAR * w
     return [w, a, (static - M) / p["motor.T"]]
 
 
-def simulated(p: Mapping[str, float], t: Samples) -> Samples:
+def angle_speed_torque(p: Mapping[str, float], t: Samples) -> Samples:
     """Angle and speed of the cam and motor torque at times t after the start, shape (3, n)."""
     start = list(STATES.values())
     run = solve_ivp(
@@ -123,8 +123,8 @@ def simulated(p: Mapping[str, float], t: Samples) -> Samples:
 
 def record(seed: int = 1, truth: Mapping[str, float] = TRUTH) -> pd.DataFrame:
     """The rows of the logger."""
-    t = instants(FIRST, STOP)
-    phi, _, M = simulated(truth, t)
+    t = row_ends_and_middles(FIRST, STOP)
+    phi, _, M = angle_speed_torque(truth, t)
     return pd.DataFrame(
         {
             "t [ms]": 1e3 * t[1::2],

@@ -92,7 +92,7 @@ def gradient(q: Vector, touching: Sequence[str]) -> Vector:
     return np.array([row for name in touching for row in rows[name]], float).reshape(-1, 4)
 
 
-def forced(
+def accelerations_and_wall_force(
     q: Vector, v: Vector, W: float, mu: float, touching: Sequence[str]
 ) -> tuple[Vector, float]:
     """Accelerations, and the force of the wall; W is the squared speed of the rotor."""
@@ -120,11 +120,11 @@ def hit(q: Vector, v: Vector, touching: Sequence[str]) -> Vector:
     return np.asarray(v - A.T @ share / MASSES)
 
 
-def times(n: float, mu: float, fall: float) -> list[float]:
+def stage_durations(rpm: float, mu: float, fall: float) -> list[float]:
     """Durations of the stages [s] at a rotor speed [rpm], a friction and a height of fall [m]; nan
     for stages that a jammed product does not reach.
     """
-    W = (n * pi / 30) ** 2
+    W = (rpm * pi / 30) ** 2
     down = G - mu * W * (WALL - R)
     if down <= 0.0:
         return [np.nan] * 4
@@ -137,7 +137,9 @@ def times(n: float, mu: float, fall: float) -> list[float]:
         nonlocal q, v
 
         def rates(t: float, y: Vector) -> Vector:
-            return np.concatenate([y[4:], forced(y[:4], y[4:], W, mu, touching)[0]])
+            return np.concatenate(
+                [y[4:], accelerations_and_wall_force(y[:4], y[4:], W, mu, touching)[0]]
+            )
 
         events = [lambda t, y, end=end: end(y[:4], y[4:]) for end in ends]
         for event in events:
@@ -165,12 +167,16 @@ def times(n: float, mu: float, fall: float) -> list[float]:
     if until(("hook", "wall"), lambda q, v: tip(q)[0] + L2, slides, turns, lambda q, v: q[0] - PHI):
         return [*stage_times[:-1], *[np.nan] * 2]
     stage_times.append(0.0)
-    on = forced(q, v, W, mu, ["wall"])[1] > 0.0
+    on = accelerations_and_wall_force(q, v, W, mu, ["wall"])[1] > 0.0
     while True:
         stands = lambda q, v: 2.5 * pi - q[1]
         if on:
             end = until(
-                ["wall"], stands, turns, slides, lambda q, v: forced(q, v, W, mu, ["wall"])[1]
+                ["wall"],
+                stands,
+                turns,
+                slides,
+                lambda q, v: accelerations_and_wall_force(q, v, W, mu, ["wall"])[1],
             )
         else:
             end = until([], stands, turns, lambda q, v: X - R - E * cos(q[1]) - q[2])
@@ -187,7 +193,7 @@ def record(
 ) -> pd.DataFrame:
     """The rows of the camera."""
     rng = np.random.default_rng(seed)
-    rows = np.array([times(n, *truth.values()) for n in speeds])
+    rows = np.array([stage_durations(n, *truth.values()) for n in speeds])
     measured = np.round((1e3 * rows + rng.normal(0.0, NOISE, rows.shape)) / GRID) * GRID
     table = {"n [rpm]": speeds} | {f"{x} [ms]": measured[:, k] for k, x in enumerate(STAGES)}
     return pd.DataFrame(table).round(3)

@@ -34,7 +34,7 @@ def kit_digest() -> bytes:
     return _digest([*files, CLONE / "LICENSE", CLONE / "pyproject.toml"])
 
 
-def machines() -> dict[str, Path]:
+def machine_folders() -> dict[str, Path]:
     """The folders of the machines in `components`, by their plain names."""
     return {plain(path.parent.name): path.parent for path in CLONE.glob("components/*/model.py")}
 
@@ -44,9 +44,9 @@ def source_digest(name: str) -> str:
 
     Raises FileNotFoundError for a machine that is not in `components`.
     """
-    if plain(name) not in machines():
+    if plain(name) not in machine_folders():
         raise FileNotFoundError(f"there is no folder of {name} in components")
-    machine = _digest(path for path in machines()[plain(name)].iterdir() if path.is_file())
+    machine = _digest(path for path in machine_folders()[plain(name)].iterdir() if path.is_file())
     return hashlib.sha256(kit_digest() + machine).hexdigest()
 
 
@@ -77,7 +77,7 @@ def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> s
         The folder of each flavour.
     """
     path = folders[flavour] / f"{name}{'.wasm' if flavour == 'wasm' else '.fmu'}"
-    if IS_CLONE and plain(name) not in machines():
+    if IS_CLONE and plain(name) not in machine_folders():
         existing = ", ".join(sorted(other.stem for other in path.parent.glob(f"*{path.suffix}")))
         return f"there is no machine {name!r} in components; {path.parent} has {existing or 'none'}"
     build = f".venv/bin/python build_fmus.py --flavour {flavour}"

@@ -115,7 +115,9 @@ def compare(machine: Machine, sweep: SpeedSweep, tolerance: float) -> ClassicalC
     Where an error may leave it between two speeds and come back, orbits are added to the sweep.
     """
     for _ in range(MOST_ROUNDS):
-        more = {nu for case in CALCULATIONS for nu in excursions(case, machine, sweep, tolerance)}
+        more = {
+            nu for case in CALCULATIONS for nu in doubtful_speeds(case, machine, sweep, tolerance)
+        }
         if not more:
             break
         sweep = sweep.with_more(sorted(more))
@@ -212,7 +214,7 @@ def error_curve(case: Calculation, machine: Machine, sweep: SpeedSweep) -> Error
     return ErrorCurve(nu, smooth, np.abs(smooth - straight))
 
 
-def excursions(
+def doubtful_speeds(
     case: Calculation, machine: Machine, sweep: SpeedSweep, tolerance: float
 ) -> Iterator[float]:
     """Yield speeds between those of a sweep at which an error may leave its tolerance and come back.
@@ -284,7 +286,7 @@ def limits_of(machine: Machine, sweep: SpeedSweep, tolerance: float) -> dict[Cal
     def residual(nu: Samples) -> tuple[Samples, Samples]:
         inside = (sweep.speeds[0] <= nu) & (nu <= sweep.speeds[-1])
         nu = np.where(inside, nu, np.nan)
-        orbits = sweep.drive.orbits(machine, sweep.drive.each(nu), "limits")
+        orbits = sweep.drive.orbits(machine, sweep.drive.for_each_step(nu), "limits")
         with np.errstate(invalid="ignore"):  # where no value is wanted
             columns = columns_of(sweep.drive, machine, nu, orbits)
             of_cases = [percent_above_simulated(case, machine, columns) for case in searched]
@@ -338,7 +340,7 @@ def curves(machine: Machine, load: str, nu: Any) -> list[Curve]:
     ]
 
 
-def force_panel(r: ClassicalComparison, nu: Any) -> Panel:
+def force_over_speed(r: ClassicalComparison, nu: Any) -> Panel:
     """Return the largest rod force by both calculations, over speeds nu [rad/s], and of the orbits."""
     column, name, unit, color = LOADS["force"]
     at, y, error = (r.frame[x].to_numpy() for x in ("nu", column, f"{column}_error"))

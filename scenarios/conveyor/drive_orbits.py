@@ -125,7 +125,7 @@ class Drive:
     counts: Counter[str] = field(default_factory=Counter)
 
     @property
-    def order(self) -> float:
+    def convergence_order(self) -> float:
         """The order with which errors fall."""
         return CONVERGENCE_ORDERS[self.algorithm]
 
@@ -235,7 +235,7 @@ class Drive:
                 f"errors. Take {most * math.ceil(self.steps_per_rev / most)}"
             )
 
-    def checked(self, machine: Machine, nu: float) -> Drive:
+    def with_stable_multiples(self, machine: Machine, nu: float) -> Drive:
         """Return how to run with 1, 2 and 4 times the step; with 1 alone where 4 times is not stable at nu."""
         try:
             self.require_enough_steps(machine, nu, STEP_MULTIPLES[-1])
@@ -243,7 +243,7 @@ class Drive:
             return replace(self, multiples=1)
         return self
 
-    def each(self, x: Any) -> Array:
+    def for_each_step(self, x: Any) -> Array:
         """Return x once for each step multiple, shape (multiples, ...)."""
         return np.repeat(np.asarray(x, float)[None], self.multiples, axis=0)
 
@@ -268,7 +268,7 @@ def at_zero_step(values: Array, order: float, noise: Array | float = 0.0) -> Lim
     return limit(runs, order, noise=noises)
 
 
-def with_error(values: Any, order: float, noise: Array | float = 0.0) -> tuple[Any, Array]:
+def extrapolated(values: Any, order: float, noise: Array | float = 0.0) -> tuple[Any, Array]:
     """Return where values go, real or complex, and the errors of that, nan where they are not known."""
     found = at_zero_step(values, order, noise)
     return found.extrapolated, np.where(found.is_stated, found.extrapolated_error, np.nan)

@@ -195,7 +195,9 @@ class Mechanism:
         x, dx, _ = path = at_angles(position)
         theta = machine.theta1 + machine.m * dx**2
         spring, drag = machine.c * x * dx, machine.d * dx**2
-        return cls(machine, theta, lambda w, a: spring + drag * w + pulled * dx * along(path, w, a))
+        return cls(
+            machine, theta, lambda w, a: spring + drag * w + pulled * dx * acceleration(path, w, a)
+        )
 
     def ripples(self, nu: float) -> Ripples:
         """The solution of (10) for every order at the mean speed nu, from Fourier coefficients.
@@ -214,7 +216,7 @@ class Mechanism:
         resonances = np.sqrt((m.B + slope) / (inertia * m.T)) / k
         return Ripples(load, np.asarray(-load * lag / damped), m.B * load / damped, resonances)
 
-    def motion(self, nu: float) -> tuple[Samples, Samples]:
+    def speed_and_acceleration(self, nu: float) -> tuple[Samples, Samples]:
         """Speed [rad/s] and acceleration [rad/s2] at NODE_ANGLES, to first order in the ripple."""
         k, speed = np.arange(1, HIGHEST + 1), self.ripples(nu).speed
         waves = np.exp(1j * np.outer(NODE_ANGLES, k))
@@ -225,10 +227,10 @@ class Mechanism:
 def push(machine: Machine, position: Position, w: Any, a: Any) -> Samples:
     """Force along x that the trough takes at NODE_ANGLES, at a speed [rad/s] and acceleration [rad/s2] [N]."""
     x, dx, _ = path = at_angles(position)
-    return np.asarray(machine.m * along(path, w, a) + machine.c * x + machine.d * dx * w)
+    return np.asarray(machine.m * acceleration(path, w, a) + machine.c * x + machine.d * dx * w)
 
 
-def along(path: Path, w: Any, a: Any) -> Samples:
+def acceleration(path: Path, w: Any, a: Any) -> Samples:
     """Acceleration of the trough [m/s2]."""
     return np.asarray(path[1] * a + path[2] * w**2)
 

@@ -19,7 +19,7 @@ from workbench import Context, Figure, fitting
 from workbench.fitting import figure_of
 from workbench.roots import roots_between
 
-from .drive_orbits import STEP_MULTIPLES, Drive, with_error
+from .drive_orbits import STEP_MULTIPLES, Drive, extrapolated
 from .first_order import FIELDS, Machine
 from .options import RippleOptions
 
@@ -90,16 +90,16 @@ def figures(o: RippleOptions, context: Context, drive_data: IdentifiedDrive) -> 
     for name, k in (("avoid_from", 0), ("avoid_to", 1)):
         nowhere = Figure.undetermined("rad/s", "the torque ripple is below its limit everywhere")
         edge = (near[k] if near else nowhere)._replace(meaning=meanings[name])
-        all_figures[name] = simulated(o, context, edge, lambda x: (best, x))
+        all_figures[name] = with_error_of_theory(o, context, edge, lambda x: (best, x))
     for name, key in CHANGED.items():
-        clear = cleared(o, drive_data, name, units[f"clear_{key}"])
-        all_figures[f"clear_{key}"] = simulated(
+        clear = value_at_limit(o, drive_data, name, units[f"clear_{key}"])
+        all_figures[f"clear_{key}"] = with_error_of_theory(
             o,
             context,
             clear._replace(meaning=meanings[f"clear_{key}"]),
             partial(changed, name),
         )
-        all_figures[f"change_{key}"] = change(
+        all_figures[f"change_{key}"] = change_to_limit(
             o, drive_data, name, all_figures[f"clear_{key}"], clear
         )
     return all_figures | fitting.fitted_figures(fit)
@@ -116,10 +116,10 @@ def ripple(o: RippleOptions, context: Context, drive_data: IdentifiedDrive, mean
     fit, nu = drive_data.fit, drive_data.operating
     machine = drive_data.machine(fit.start_values)
     drive = Drive(context, o.algorithm, STEPS)
-    orbits = drive.orbits(machine, drive.each([nu]), "operating speed")
+    orbits = drive.orbits(machine, drive.for_each_step([nu]), "operating speed")
     if problem := orbits.problem[0, 0]:
         return Figure.undetermined("N.m", str(problem), meaning)
-    torque, errors = with_error(orbits.torque, drive.order, orbits.torque_error)
+    torque, errors = extrapolated(orbits.torque, drive.convergence_order, orbits.torque_error)
     value, error = float(abs(torque[0])), float(errors[0])
     if math.isnan(error):
         return Figure.undetermined("N.m", "the coupling error is not known", meaning)
@@ -127,7 +127,7 @@ def ripple(o: RippleOptions, context: Context, drive_data: IdentifiedDrive, mean
     return Figure(value, "N.m", error + wide, meaning)
 
 
-def simulated(
+def with_error_of_theory(
     o: RippleOptions,
     context: Context,
     figure: Figure,
@@ -150,11 +150,11 @@ def simulated(
     if orbit.problem:
         return Figure.undetermined(figure.unit, str(orbit.problem), figure.meaning)
     slope = (theory(x * (1 + SLIGHT)) - theory(x * (1 - SLIGHT))) / (2 * SLIGHT * x)
-    shift = abs((math.log(abs(orbit.torque)) - math.log(o.ripple_limit)) / slope)
+    shift = abs((math.log(abs(orbit.torque)) - math.log(o.torque_ripple_limit)) / slope)
     return figure._replace(error=figure.error + shift)
 
 
-def edges(
+def stretches_above_limit(
     o: RippleOptions, fit: Identified, machine: Callable[[Mapping[str, float]], Machine]
 ) -> list[tuple[Figure, Figure]]:
     """The stretches of speed in which first-order theory has the torque ripple above its limit."""
@@ -166,14 +166,14 @@ def edges(
     def passed(v: Mapping[str, float]) -> list[float]:
         drive = machine(v)
         return roots_between(
-            lambda nu: np.log(np.abs(drive.torque_ripple(nu)) / o.ripple_limit), nus
+            lambda nu: np.log(np.abs(drive.torque_ripple(nu)) / o.torque_ripple_limit), nus
         )
 
     def edge(near: float, v: Mapping[str, float]) -> float:
         return float(min(passed(v), key=lambda x: abs(x - near), default=math.nan))
 
     ends = [figure_of(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values)]
-    if abs(machine(values).torque_ripple(nus[0])) > o.ripple_limit:
+    if abs(machine(values).torque_ripple(nus[0])) > o.torque_ripple_limit:
         ends.insert(
             0,
             Figure.undetermined(
@@ -189,20 +189,22 @@ def edges(
     return list(zip(ends[::2], ends[1::2]))
 
 
-def cleared(o: RippleOptions, drive_data: IdentifiedDrive, name: str, unit: str) -> Figure:
+def value_at_limit(o: RippleOptions, drive_data: IdentifiedDrive, name: str, unit: str) -> Figure:
     """What a parameter would have to be for the torque ripple at the operating speed to be at its
     limit.
     """
     fit, nu = drive_data.fit, drive_data.operating
     values = fit.start_values
-    if abs(drive_data.machine(values).torque_ripple(nu)) <= o.ripple_limit:
+    if abs(drive_data.machine(values).torque_ripple(nu)) <= o.torque_ripple_limit:
         return Figure.undetermined(unit, "the operating speed is already clear")
-    if math.isnan(clearing(o, drive_data, name, values)):
+    if math.isnan(factor_to_limit(o, drive_data, name, values)):
         return Figure.undetermined(unit, f"no {name} from a fifth to five times its value does it")
-    return figure_of(fit.interval(lambda v: v[name] * clearing(o, drive_data, name, v), unit), "")
+    return figure_of(
+        fit.interval(lambda v: v[name] * factor_to_limit(o, drive_data, name, v), unit), ""
+    )
 
 
-def change(
+def change_to_limit(
     o: RippleOptions, drive_data: IdentifiedDrive, name: str, clear: Figure, by_theory: Figure
 ) -> Figure:
     """The same as a change from the fitted value [%], whose error is smaller than that of the value:
@@ -212,14 +214,16 @@ def change(
     if clear.error is None or by_theory.error is None:
         return Figure.undetermined("%", clear.reason, meaning)
     value = drive_data.fit.start_values[name]
-    ratio = drive_data.fit.interval(lambda v: 100.0 * (clearing(o, drive_data, name, v) - 1.0), "%")
+    ratio = drive_data.fit.interval(
+        lambda v: 100.0 * (factor_to_limit(o, drive_data, name, v) - 1.0), "%"
+    )
     figure = figure_of(ratio, meaning)
     if figure.error is None:
         return figure
     return figure._replace(error=figure.error + 100.0 * (clear.error - by_theory.error) / value)
 
 
-def clearing(
+def factor_to_limit(
     o: RippleOptions, drive_data: IdentifiedDrive, name: str, values: Mapping[str, float]
 ) -> float:
     """The nearest factor of a parameter's value with which the torque ripple at the operating speed is
@@ -229,7 +233,7 @@ def clearing(
 
     def over_limit(factor: Any) -> Any:
         changed: dict[str, Any] = {field: values[name] * factor}
-        return np.log(np.abs(replace(drive, **changed).torque_ripple(nu)) / o.ripple_limit)
+        return np.log(np.abs(replace(drive, **changed).torque_ripple(nu)) / o.torque_ripple_limit)
 
     factors = roots_between(over_limit, np.geomspace(*FACTORS, SIGN_POINTS))
     return min(factors, key=lambda x: abs(math.log(x)), default=math.nan)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -57,7 +57,7 @@ def linearised(machine: Machine, nu: Any) -> Machine:
     """
     if not has_kloss_characteristic(machine):
         return machine
-    tau_b, b, slip = _kloss(machine, nu)
+    tau_b, b, slip = kloss_slips(machine, nu)
     return replace(machine, B=2.0 * tau_b * b * (b**2 - slip**2) / (slip**2 + b**2) ** 2)
 
 
@@ -65,12 +65,12 @@ def start_values(machine: Machine, nu: Any) -> dict[str, Any]:
     """Start values near the orbit of the mean speed nu, of a motor fed for it."""
     if not has_kloss_characteristic(machine):
         return machine.start(nu)
-    _, b, slip = _kloss(machine, nu)
+    _, b, slip = kloss_slips(machine, nu)
     fed = {"motor.kloss.w_s": nu + slip, "motor.kloss.s_b": b / (nu + slip)}
     return machine.start(nu) | fed
 
 
-def mains_speed(machine: Machine) -> float:
+def speed_on_mains(machine: Machine) -> float:
     """The mean speed [rad/s] at which an induction motor on the mains carries the load of the machine.
 
     It is where Kloss's torque is that of the load, between the synchronous speed and that of the breakdown torque.
@@ -111,12 +111,6 @@ def require_torque(machine: Machine, nu: Any) -> None:
         )
 
 
-def slip_speeds(machine: Machine, nu: float) -> tuple[float, float, float]:
-    """The synchronous speed of an induction motor fed for nu, that of its start values, and its slip at breakdown [rad/s]."""
-    _, b, slip = _kloss(machine, nu)
-    return nu + float(slip), float(kloss(machine)["motor.kloss.w_s"]), b
-
-
 def has_kloss_characteristic(machine: Machine) -> bool:
     """Whether the start values of a machine choose the Kloss characteristic."""
     return machine.more.get("motor.characteristic", 0) in (1, "kloss")
@@ -127,9 +121,17 @@ def kloss(machine: Machine) -> dict[str, Any]:
     return {name: machine.more.get(name, value) for name, value in KLOSS.items()}
 
 
-def _kloss(machine: Machine, nu: Any) -> tuple[Any, Any, Any]:
-    """Breakdown torque [N.m], slip speed there, and slip speed at the load of nu [rad/s]; nan where the load is larger."""
+class KlossSlips(NamedTuple):
+    """The breakdown torque of an induction motor [N.m], and its slip speeds [rad/s] there and under a load."""
+
+    breakdown_torque: Any
+    at_breakdown: Any
+    under_load: Any
+
+
+def kloss_slips(machine: Machine, nu: Any) -> KlossSlips:
+    """The slips under the mean load of the mean speeds nu [rad/s]; nan where the load pulls the motor out."""
     tau_b, s_b, w_s = kloss(machine).values()
     share = machine.load_slope * nu / tau_b
     root = np.sqrt(np.where(share < 1.0, 1.0 - share**2, np.nan))
-    return tau_b, s_b * w_s, s_b * w_s * share / (1.0 + root)
+    return KlossSlips(tau_b, s_b * w_s, s_b * w_s * share / (1.0 + root))

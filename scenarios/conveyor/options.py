@@ -83,19 +83,19 @@ class RippleOptions(workbench.Options):
     algorithm: str = option("strang", "coupling algorithm", choices=ORBIT_ALGORITHMS)
 
     @property
-    def rated(self) -> float:
+    def rated_torque_or_default(self) -> float:
         """The rated torque [N.m]."""
         return self.rated_torque or RATED[self.set]
 
     @property
-    def ripple_limit(self) -> float:
+    def torque_ripple_limit(self) -> float:
         """The limit of the torque ripple [N.m]."""
-        return self.limit / 100 * self.rated
+        return self.limit / 100 * self.rated_torque_or_default
 
     @property
-    def limit_note(self) -> str:
+    def default_rating_note(self) -> str:
         """Where the limit of the torque ripple comes from, if nobody has given the rated torque."""
-        default = f"the limit is {self.limit:g} % of the default rated torque of {self.rated:g} N.m"
+        default = f"the limit is {self.limit:g} % of the default rated torque of {self.rated_torque_or_default:g} N.m"
         return default if self.rated_torque is None else ""
 
 

@@ -25,7 +25,7 @@ from workbench.options import at_least
 from .drive_orbits import Drive, Orbits, at_zero_step, picked
 from .first_order import FIELDS, Machine
 from .machine import conveyor_drive
-from .response import Lines
+from .response import MachineLines
 
 Real = NDArray[np.float64]
 SPEED_NAME = "speed"
@@ -77,10 +77,10 @@ class Plane(NamedTuple):
         return machine, np.broadcast_to(nu, x.shape)
 
     @property
-    def lines(self) -> Lines:
+    def lines_of_rows(self) -> MachineLines:
         """The machines of equal y, a line for each."""
         x, y = self.x.along.values, self.y.along.values
-        return Lines(lambda at, line: self.at(at, y[line]), dict.fromkeys(range(len(y)), x))
+        return MachineLines(lambda at, line: self.at(at, y[line]), dict.fromkeys(range(len(y)), x))
 
 
 class Sample(NamedTuple):
@@ -100,7 +100,7 @@ class Sample(NamedTuple):
         return float((self.expected > limit).mean())
 
 
-class Built(NamedTuple):
+class BuiltMachines(NamedTuple):
     """Machines like those of a plane: the co-simulated ripple of these over that of theory, of shape
     (rows, columns), and what each part's nominal value is multiplied with, of shape (samples,).
     """
@@ -112,7 +112,7 @@ class Built(NamedTuple):
     @classmethod
     def within(
         cls, plane: Plane, ratio: Real, tolerances: Mapping[str, float], samples: int
-    ) -> Built:
+    ) -> BuiltMachines:
         """As many as scrambled Sobol points, a power of 2; a tolerance of 0.05 spreads a part's
         parameter evenly over 0.95 .. 1.05 times its value.
         """
@@ -147,7 +147,7 @@ class Built(NamedTuple):
             speeds = np.broadcast_to(nu, (1, runs))
             (orbits,) = drive.orbits(machines, speeds, "check of the probability").torque
             if np.isfinite(orbits).any():
-                checks.append(judged(sample, orbits, limit))
+                checks.append(compared_with_orbits(sample, orbits, limit))
         return checks
 
 
@@ -179,13 +179,13 @@ def coupling_error(
     some = (y[:, None] * len(plane.x.along.values) + x).ravel()
     machine, nu = plane.points()
     machine = picked(machine, nu.shape, some)
-    values = quantity(drive.orbits(machine, drive.each(nu[some]), "coupling error"))
+    values = quantity(drive.orbits(machine, drive.for_each_step(nu[some]), "coupling error"))
     runs = values[:, np.isfinite(values).all(axis=0)]
     if not runs.size:
         raise SetupError(
             "no orbit is steady with a quarter of the steps per revolution: take more steps"
         )
-    of_runs = at_zero_step(runs, order or drive.order)
+    of_runs = at_zero_step(runs, order or drive.convergence_order)
     return float((of_runs.error / of_runs.value).max())
 
 
@@ -196,7 +196,7 @@ def on_edge(probabilities: Any, count: int) -> list[int]:
     return sorted({int(open_[k]) for k in chosen})
 
 
-def judged(sample: Sample, torques: Any, limit: float) -> dict[str, Any]:
+def compared_with_orbits(sample: Sample, torques: Any, limit: float) -> dict[str, Any]:
     """What co-simulation makes of the first machines of a sample, by their torque ripple; without an orbit it is nan.
 
     By brute force the probability lies in the interval with CONFIDENCE.
@@ -226,7 +226,7 @@ def interval(hits: int, samples: int) -> tuple[float, float]:
     return float(bounds.low), float(bounds.high)
 
 
-def part(fmus: Mapping[str, Path], name: str) -> GivenValue:
+def parameter(fmus: Mapping[str, Path], name: str) -> GivenValue:
     """A parameter as its FMU has it; raises SetupError for names not in FIELDS."""
     if name not in FIELDS:
         raise SetupError(f"{name!r} is not a parameter of the drive, only {', '.join(FIELDS)}")
@@ -240,7 +240,7 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Parame
         raise SetupError(f"--{option} {text}: the speed belongs on x")
     label, unit = "operating speed", "rad/s"
     if name != SPEED_NAME:
-        _, unit, meaning = part(fmus, name)
+        _, unit, meaning = parameter(fmus, name)
         label = f"{meaning[:1].lower()}{meaning[1:]}\n{name}"
     log = numbers.endswith(":log")
     form = "NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
@@ -264,7 +264,7 @@ def shares(
     ripples = dict(default)
     for text in texts:
         name, _, percent = text.partition("=")
-        part(fmus, name)
+        parameter(fmus, name)
         (value,) = read(option, text, percent, "NAME=PERCENT", float)
         ripples[name] = value / 100.0
         if not 0.0 <= ripples[name] < 1.0:

@@ -106,7 +106,7 @@ PASSED = {
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class MachineLines:
     """Machines along lines of x > 0, a speed or a parameter.
 
     Attributes
@@ -121,16 +121,16 @@ class Lines:
     swept: Mapping[int, Array]
 
     @classmethod
-    def of(cls, machine: Machine, swept: Mapping[int, Array]) -> Lines:
+    def of(cls, machine: Machine, swept: Mapping[int, Array]) -> MachineLines:
         """Return the machines of an array over their speeds [rad/s], each with the slope that its motor has there."""
         return cls(lambda nu, line: (linearised(machine[line], nu), nu), swept)
 
-    def load(self, x: Any, line: Any) -> Any:
+    def load_ripple_at(self, x: Any, line: Any) -> Any:
         """Return the load ripple at constant speed [N.m]."""
         machine, nu = self.at(x, line)
         return machine.load_ripple(nu) + 0.0 * x
 
-    def theory(self, x: Any, line: Any) -> Any:
+    def load_over_theory(self, x: Any, line: Any) -> Any:
         """Return load over response of both RIPPLES by first-order theory, the same for every load.
 
         It is taken without a spring, which may cancel the load ripple and leave 0 / 0.
@@ -146,7 +146,7 @@ class Lines:
         A lag of 90 degrees has no real part of load over response. A level L is passed where
         |load|^2 - L^2 |1 / H|^2 changes its sign. `sought` has level and sense, numbers or arrays.
         """
-        passed = np.abs(self.load(x, line)) ** 2 - (sought.level * np.abs(inverse)) ** 2
+        passed = np.abs(self.load_ripple_at(x, line)) ** 2 - (sought.level * np.abs(inverse)) ** 2
         return sought.sense * np.where(np.isnan(sought.level), inverse.real, passed)
 
 
@@ -156,7 +156,7 @@ class Response:
 
     Attributes
     ----------
-    lines : Lines
+    lines : MachineLines
         The lines.
     line : int
         The number of this one.
@@ -164,7 +164,7 @@ class Response:
         Those of the sweep with the shortest step, shape (m,); without them, it is that of theory.
     """
 
-    lines: Lines
+    lines: MachineLines
     line: int = 0
     orbits: Orbits | None = None
 
@@ -185,8 +185,8 @@ class Response:
         if self.orbits is None:
             return None
         x, orbits = self.x[self.steady], self.orbits[self.steady]
-        inverse = self.lines.load(x, self.line) / np.stack([orbits.torque, orbits.speed])
-        return CubicSpline(x, inverse - self.lines.theory(x, self.line), axis=1)
+        inverse = self.lines.load_ripple_at(x, self.line) / np.stack([orbits.torque, orbits.speed])
+        return CubicSpline(x, inverse - self.lines.load_over_theory(x, self.line), axis=1)
 
     @cached_property
     def _states(self) -> CubicSpline:
@@ -195,14 +195,14 @@ class Response:
         x, states = self.x[self.steady], self.orbits.states[self.steady]
         return CubicSpline(x, states - near(*self.lines.at(x, self.line)))
 
-    def states(self, x: Any) -> Array:
+    def start_states(self, x: Any) -> Array:
         """Return the states of orbits at the crank angle 0, shape (..., 2)."""
         return np.asarray(near(*self.lines.at(x, self.line)) + self._states(x))
 
-    def inverse(self, x: Any) -> Any:
+    def load_over_response(self, x: Any) -> Any:
         """Return load over response of both quantities, shape (2, ...)."""
         correction = self._correction
-        theory = self.lines.theory(x, self.line)
+        theory = self.lines.load_over_theory(x, self.line)
         return theory if correction is None else theory + correction(x)
 
     @cached_property
@@ -216,7 +216,7 @@ class Response:
 
     @cached_property
     def _on_grid(self) -> Any:
-        return self.inverse(self.grid)
+        return self.load_over_response(self.grid)
 
     def falling_crossings(self, sought: Sought) -> list[ZeroCrossing]:
         """Return where the residual of a feature that is no peak falls through 0, with its slope there."""
@@ -227,7 +227,7 @@ class Response:
         found = []
         for x, slope in falling_roots(self.grid, residual(self.grid, self._on_grid)):
             for _ in range(POLISHES):
-                x -= float(residual(x, self.inverse(x))) / slope
+                x -= float(residual(x, self.load_over_response(x))) / slope
             found.append(ZeroCrossing(x, slope))
         return found
 
@@ -235,13 +235,17 @@ class Response:
         """Return where the torque ripple lags its load by 90 degrees, where x is least of such places."""
         if reason := self._lacks():
             return LAG._replace(line=self.line, reason=reason)
-        first, last = self.lines.theory(self.x[[0, -1]], self.line)[TORQUE].real
+        first, last = self.lines.load_over_theory(self.x[[0, -1]], self.line)[TORQUE].real
         sought = LAG._replace(line=self.line, sense=1.0 if first >= last else -1.0)
-        found = [c for c in self.falling_crossings(sought) if self.inverse(c.x)[TORQUE].imag > 0.0]
+        found = [
+            c
+            for c in self.falling_crossings(sought)
+            if self.load_over_response(c.x)[TORQUE].imag > 0.0
+        ]
         if not found:
             return sought._replace(reason=NOT_IN_RANGE)
-        load = np.abs(self.lines.load(self.grid, self.line)).max()
-        if abs(self.lines.load(found[0].x, self.line)) < VANISHING * load:
+        load = np.abs(self.lines.load_ripple_at(self.grid, self.line)).max()
+        if abs(self.lines.load_ripple_at(found[0].x, self.line)) < VANISHING * load:
             return sought._replace(reason=PHASE_UNDEFINED.format("there"))
         return sought._replace(x=found[0].x, slope=found[0].slope)
 
@@ -261,13 +265,16 @@ class Response:
         sought = PEAKS[quantity]._replace(line=self.line)
         if reason := self._lacks():
             return sought._replace(reason=reason)
-        above = np.abs(self.lines.load(self.grid, self.line)) ** 2
+        above = np.abs(self.lines.load_ripple_at(self.grid, self.line)) ** 2
         below = np.abs(self._on_grid[quantity]) ** 2
         rise, growth = (np.gradient(x, self.grid) for x in (above, below))
         tops = [c.x for c in falling_roots(self.grid, rise * below - above * growth)]
         places = np.array([self.x[0], self.x[-1], *tops])
         with np.errstate(divide="ignore"):
-            heights = np.abs(self.lines.load(places, self.line) / self.inverse(places)[quantity])
+            heights = np.abs(
+                self.lines.load_ripple_at(places, self.line)
+                / self.load_over_response(places)[quantity]
+            )
         top = float(places[np.argmax(heights)])
         if top in (self.x[0], self.x[-1]):
             return sought._replace(reason=AT_EDGE)
@@ -278,7 +285,7 @@ class Response:
         return NEED_TWO_SPEEDS if count <= 1 else ""
 
 
-def peak_half_widths(lines: Lines, x: Array, line: Any) -> Array:
+def node_half_widths(lines: MachineLines, x: Array, line: Any) -> Array:
     """Return half the ranges of the nodes around peaks at x: PEAK_WIDTH of the width of the resonance there.
 
     That width is zeta x / |d ln(nu_res / nu) / d ln x|; a neighbour 0.1 % away gives the derivative.
@@ -336,7 +343,7 @@ def locate(drive: Drive, responses: Sequence[Response], sought: Sequence[Sought]
             lost = (places.reasons == NO_VALUE) & (search.problems != "")
             reasons[at] = np.where(lost, search.problems, places.reasons)
     why = [next((reason for reason in column if reason), "") for column in reasons.T.tolist()]
-    order = drive.order
+    order = drive.convergence_order
     return Located(at_zero_step(x, order, error), at_zero_step(height, order, height_error), why)
 
 
@@ -353,14 +360,14 @@ class _FeatureSearch:
         self.x, self.slope, self.level, self.sense = columns[2:]
         self.problems = np.full(len(sought), "", object)
 
-    def inverse(self, x: Array) -> tuple[Array, Array]:
+    def load_over_response(self, x: Array) -> tuple[Array, Array]:
         """Return load over response of orbits at x, shape (..., n), and the share that settling leaves of it."""
         run, filled = np.isfinite(x), np.where(np.isfinite(x), x, self.x)
         machine, nu = self.lines.at(filled, self.line)
         nus, states = np.where(run, nu, np.nan), np.empty((*x.shape, 2))
         for line in np.unique(self.line):
             of_line = self.line == line
-            states[..., of_line, :] = self.responses[line].states(filled[..., of_line])
+            states[..., of_line, :] = self.responses[line].start_states(filled[..., of_line])
         orbits = self.drive.orbits(machine, nus, "features", self.multiple, states)
         for k in np.argwhere(orbits.problem != ""):
             self.problems[k[-1]] = orbits.problem[tuple(k)]
@@ -378,7 +385,7 @@ def _roots(search: _FeatureSearch) -> Estimates:
     """Return where features are that are no peaks."""
 
     def residual(x: Array) -> tuple[Array, Array]:
-        inverse, share = search.inverse(x)
+        inverse, share = search.load_over_response(x)
         size = np.abs(inverse)
         slope = np.where(np.isnan(search.level), size, 2.0 * (search.level * size) ** 2)
         return search.lines.residual(search, x, search.line, inverse), share * slope
@@ -388,17 +395,19 @@ def _roots(search: _FeatureSearch) -> Estimates:
 
 def _peaks(search: _FeatureSearch) -> LocatedPeaks:
     """Return where ripples are largest, and how large."""
-    half = np.minimum(peak_half_widths(search.lines, search.x, search.line), 0.9 * search.x)
+    half = np.minimum(node_half_widths(search.lines, search.x, search.line), 0.9 * search.x)
 
     def correction(nodes: Array) -> tuple[NDArray[Any], Array]:
-        inverse, share = search.inverse(nodes)
-        theory = search.lines.theory(np.where(np.isfinite(nodes), nodes, search.x), search.line)
+        inverse, share = search.load_over_response(nodes)
+        theory = search.lines.load_over_theory(
+            np.where(np.isfinite(nodes), nodes, search.x), search.line
+        )
         return inverse - search.of_quantity(*theory), share.max(axis=0)
 
     def height(x: Array, correction: NDArray[Any], k: NDArray[np.intp]) -> Array:
         line = search.line[k]
-        inverse = search.of_quantity(*search.lines.theory(x, line), of=k) + correction
-        size = np.abs(search.lines.load(x, line) / inverse)
+        inverse = search.of_quantity(*search.lines.load_over_theory(x, line), of=k) + correction
+        size = np.abs(search.lines.load_ripple_at(x, line) / inverse)
         return np.asarray(np.maximum(size, np.finfo(float).tiny))
 
     return peaks(correction, height, search.x, half)

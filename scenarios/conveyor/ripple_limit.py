@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from workbench import Figure, Judgement
+from workbench.judgement import Holds
 
 from .response import Sought
 from .speed_sweep import SpeedSweep
-
-UNDETERMINED = "not determined"
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class RippleLimit:
         starts_above = (
             not self.crossings[0].is_upward
             if self.crossings
-            else all(above_limit(self.limit, row) == "yes" for row in self.sweep.rows)
+            else all(is_above(self.limit, row) is Holds.YES for row in self.sweep.rows)
         )
         if starts_above:
             ends.insert(0, self.sweep.speeds[0])
@@ -68,11 +67,11 @@ class RippleLimit:
 
     def judgements(self) -> list[Judgement]:
         """Return which speeds to avoid, and at how many speeds of the sweep the ripple is above its limit."""
-        answers = [above_limit(self.limit, row) for row in self.sweep.rows]
+        answers = [is_above(self.limit, row) for row in self.sweep.rows]
         counts = {
-            "above its limit": answers.count("yes"),
-            "below": answers.count("no"),
-            "not determined": answers.count(UNDETERMINED),
+            "above its limit": answers.count(Holds.YES),
+            "below": answers.count(Holds.NO),
+            "not determined": answers.count(Holds.OPEN),
         }
         rows = ", ".join(f"{text} at {count}" for text, count in counts.items() if count)
         total = f"{len(answers)} speed{'s' * (len(answers) > 1)} of the sweep"
@@ -100,9 +99,9 @@ class RippleLimit:
         return [Judgement("avoid speeds", note=note) for note in notes]
 
 
-def above_limit(limit: float, row: Mapping[str, float]) -> str:
-    """Say whether the torque ripple of a row is above a limit [N.m]: yes, no, or not determined."""
+def is_above(limit: float, row: Mapping[str, float]) -> Holds:
+    """Whether the torque ripple of a row is above a limit [N.m]."""
     value, error = row["tau2"], row["tau2_error"]
     if value - error > limit:
-        return "yes"
-    return "no" if value + error <= limit else UNDETERMINED
+        return Holds.YES
+    return Holds.NO if value + error <= limit else Holds.OPEN

@@ -17,7 +17,7 @@ from workbench.charts.model import Field, GridAxis, Level, SecondUnit
 from .drive_orbits import Drive, Orbits
 from .first_order import NODE_ANGLES, Machine
 from .parameter_plane import Plane, torque_ripple
-from .rod_waveform import between, largest_forces, peak, waveform
+from .rod_waveform import best_spring, largest_forces, peak, waveform
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -57,7 +57,7 @@ class RodForceData(NamedTuple):
     def valley(self) -> list[tuple[float, float]]:
         """Speeds of the plane, and the springs of the plane that unload the rod there [N/m]."""
         springs, width = self.plane.y.along.values, len(self.speeds)
-        optima = [between(springs, self.orbits[k::width]) for k in range(width)]
+        optima = [best_spring(springs, self.orbits[k::width]) for k in range(width)]
         return [(nu, c) for nu, c in zip(self.speeds, optima) if isinstance(c, float)]
 
 
@@ -66,7 +66,7 @@ def over_angle(r: RodForceData) -> Chart:
     nu, deg, panels = r.plane.speed, np.degrees(NODE_ANGLES), []
     for name, machine in r.machines.items():
         steady, swinging = (
-            1e-3 * waveform(machine, r.length, nu, steady=kind) for kind in (True, False)
+            1e-3 * waveform(machine, r.length, nu, at_constant_speed=kind) for kind in (True, False)
         )
         simulated = 1e-3 * r.operating[name].waveform[0, ::2]
         curves = [

@@ -28,13 +28,17 @@ NEWTON_STEPS = 4
 
 
 def waveform(
-    machine: Machine, length: float, nu: float, *, steady: bool = False
+    machine: Machine, length: float, nu: float, *, at_constant_speed: bool = False
 ) -> NDArray[np.float64]:
     """The force of a rod of that length [m] at NODE_ANGLES [N], to first order in the ripple of the speed;
     without it at a `steady` speed. The length may be infinite.
     """
     position = crank(machine.r, length)
-    motion = (nu, 0.0) if steady else Mechanism.of(machine, position).motion(nu)
+    motion = (
+        (nu, 0.0)
+        if at_constant_speed
+        else Mechanism.of(machine, position).speed_and_acceleration(nu)
+    )
     tilt = machine.r / length * np.cos(NODE_ANGLES)
     return np.asarray(push(machine, position, *motion) / np.sqrt(1 - tilt**2))
 
@@ -68,7 +72,7 @@ def largest_forces(orbits: Orbits) -> NDArray[np.float64]:
     return np.asarray(sector_peaks(orbits.waveform).max(axis=-1))
 
 
-def least(waveform_of: Callable[[float], Any], low: float, high: float) -> float:
+def best_spring_between(waveform_of: Callable[[float], Any], low: float, high: float) -> float:
     """The spring between two [N/m] with the least peak of the rod force; nan where that is at an end.
 
     A force is nearly linear in the spring at every angle, and its peak nearly convex.
@@ -84,36 +88,38 @@ def least(waveform_of: Callable[[float], Any], low: float, high: float) -> float
     return c if low + room < c < high - room else math.nan
 
 
-def around(machine: Machine, nu: float) -> NDArray[np.float64]:
+def springs_around(machine: Machine, nu: float) -> NDArray[np.float64]:
     """Springs around that of (17) [N/m]."""
     return np.asarray(np.array(AROUND) * machine.m * nu**2)
 
 
-def between(springs: NDArray[np.float64], orbits: Orbits) -> float | str:
+def best_spring(springs: NDArray[np.float64], orbits: Orbits) -> float | str:
     """The spring with the least peak among some whose orbits are known [N/m], or why it is not determined."""
     if problem := next(filter(None, orbits.problem), ""):
         return str(problem)
     c, order = np.sort(springs), np.argsort(springs)
-    optimum = least(CubicSpline(c, orbits.waveform[order]), c[0], c[-1])
+    optimum = best_spring_between(CubicSpline(c, orbits.waveform[order]), c[0], c[-1])
     return "it lies far from that of formula (17)" if math.isnan(optimum) else optimum
 
 
-def unloading(drive: Drive, machine: Machine, nu: float) -> Figure:
+def unloading_spring(drive: Drive, machine: Machine, nu: float) -> Figure:
     """The spring with the least peak of the rod force at nu: between orbits around that of (17), and
     again with one more at the place.
     """
-    meaning, springs = "spring with the smallest peak of the rod force", around(machine, nu)
+    meaning, springs = "spring with the smallest peak of the rod force", springs_around(machine, nu)
 
     def orbits_of(c: Any) -> Orbits:
         return drive.orbits(replace(machine, c=c), np.full(c.shape, nu), "springs")
 
-    first = orbits_of(drive.each(springs))
-    optima = [between(springs, orbits) for orbits in map(first.__getitem__, range(drive.multiples))]
+    first = orbits_of(drive.for_each_step(springs))
+    optima = [
+        best_spring(springs, orbits) for orbits in map(first.__getitem__, range(drive.multiples))
+    ]
     if reasons := [c for c in optima if isinstance(c, str)]:
         return Figure.undetermined("N/m", reasons[0], meaning)
     guesses = np.array(optima, float)
     every = first.beside(orbits_of(guesses[:, None]))
-    fine = [between(np.append(springs, c), every[k]) for k, c in enumerate(guesses)]
+    fine = [best_spring(np.append(springs, c), every[k]) for k, c in enumerate(guesses)]
     if reasons := [c for c in fine if isinstance(c, str)]:
         return Figure.undetermined("N/m", reasons[0], meaning)
     found = np.array(fine, float)

@@ -38,15 +38,15 @@ def means(machine: Machine, nu: Any, *, ripple: bool = True) -> Means:
     return Means(speed, angle, torque, supply, trough, (torque**2 + abs(M) ** 2 / 2) / machine.B)
 
 
-def settling(machine: Machine) -> Any:
+def settling_rates(machine: Machine) -> Any:
     """The two rates of theta0 T nu'' + J nu' + B* nu = A, complex, shape (2,) [1/s]."""
     return np.roots([machine.theta0 * machine.T, machine.J, machine.slope]).astype(complex)
 
 
-def drift(machine: Machine, t: Any) -> tuple[Any, Any]:
+def deviation_left(machine: Machine, t: Any) -> tuple[Any, Any]:
     """What is left of a deviation of the mean speed, at rest at first, after t seconds: by (16), and
     with the term theta0 T nu'' that (16) leaves out.
     """
-    rates = settling(machine)
+    rates = settling_rates(machine)
     full = (rates[1] * np.exp(rates[0] * t) - rates[0] * np.exp(rates[1] * t)) / np.diff(rates)[0]
     return np.exp(-t * machine.slope / machine.J), full.real

@@ -15,9 +15,9 @@ from workbench import Figure, Table
 from workbench.figure import listed
 from workbench.steady import STALLED
 
-from .drive_orbits import Drive, Orbits, Peaks, force_peaks, orbit_figure, with_error
+from .drive_orbits import Drive, Orbits, Peaks, extrapolated, force_peaks, orbit_figure
 from .first_order import Machine
-from .response import AT_EDGE, NEED_TWO_SPEEDS, NOT_IN_RANGE, Lines, Response
+from .response import AT_EDGE, NEED_TWO_SPEEDS, NOT_IN_RANGE, MachineLines, Response
 
 Array = NDArray[np.float64]
 Row = Mapping[str, float]
@@ -57,7 +57,7 @@ def columns_of(
         ("w2", orbits.speed, orbits.speed_error, machine.speed_ripple(nu)),
         ("tau2", orbits.torque, orbits.torque_error, machine.torque_ripple(nu)),
     ):
-        value, error = with_error(amplitudes, drive.order, left)
+        value, error = extrapolated(amplitudes, drive.convergence_order, left)
         phase = np.angle(value, deg=True)
         columns |= {name: np.abs(value), f"{name}_error": error, f"{name}_phase": phase}
         phase = np.angle(expected, deg=True)
@@ -65,7 +65,9 @@ def columns_of(
     lag = np.angle(machine.load_ripple(nu), deg=True) - columns["tau2_phase"]
     with np.errstate(all="ignore"):
         lag_error = np.degrees(columns["tau2_error"] / columns["tau2"])
-    mean, mean_error = with_error(orbits.mean, drive.order, MEAN_SPEED_ERROR * orbits.mean)
+    mean, mean_error = extrapolated(
+        orbits.mean, drive.convergence_order, MEAN_SPEED_ERROR * orbits.mean
+    )
     force, force_error = (peaks or force_peaks(orbits.waveform)).largest()
     return columns | theory | {
         "lag": lag % 360.0,
@@ -77,11 +79,11 @@ def columns_of(
     }  # fmt: skip
 
 
-def run_sweeps(drive: Drive, lines: Lines) -> list[SpeedSweep]:
+def run_sweeps(drive: Drive, lines: MachineLines) -> list[SpeedSweep]:
     """Run the orbits of all lines of speeds together, and return what they say of each line."""
     counts = [len(nus) for nus in lines.swept.values()]
     line, nus = np.repeat(list(lines.swept), counts), np.concatenate(list(lines.swept.values()))
-    orbits = drive.orbits(*lines.at(drive.each(nus), line), "sweep")
+    orbits = drive.orbits(*lines.at(drive.for_each_step(nus), line), "sweep")
     peaks = force_peaks(orbits.waveform)
     columns = columns_of(drive, *lines.at(nus, line), orbits, peaks)
     parts = np.split(np.arange(len(nus)), np.cumsum(counts)[:-1])
@@ -97,7 +99,7 @@ class SpeedSweep:
     ----------
     drive : Drive
         How they were run.
-    lines : Lines
+    lines : MachineLines
         The machine at each speed, on one of several lines.
     line : int
         The number of the line.
@@ -110,7 +112,7 @@ class SpeedSweep:
     """
 
     drive: Drive
-    lines: Lines
+    lines: MachineLines
     line: int
     orbits: Orbits
     peaks: Peaks
@@ -137,7 +139,7 @@ class SpeedSweep:
 
     def with_more(self, speeds: Sequence[float]) -> SpeedSweep:
         """Return the sweep with orbits at more speeds."""
-        (more,) = run_sweeps(self.drive, Lines(self.lines.at, {self.line: np.array(speeds)}))
+        (more,) = run_sweeps(self.drive, MachineLines(self.lines.at, {self.line: np.array(speeds)}))
         order = np.argsort([*self.speeds, *speeds])
         columns = {name: np.append(x, more.columns[name]) for name, x in self.columns.items()}
         every = zip(vars(self.peaks).values(), vars(more.peaks).values())
@@ -152,7 +154,7 @@ class SpeedSweep:
     @property
     def response(self) -> Response:
         """Load over response, by the orbits with the shortest step."""
-        lines = Lines(self.lines.at, {self.line: self.columns["nu"]})
+        lines = MachineLines(self.lines.at, {self.line: self.columns["nu"]})
         return Response(lines, self.line, self.orbits[0])
 
     @cached_property

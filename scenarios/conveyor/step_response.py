@@ -19,7 +19,7 @@ from workbench.steady import TURN
 from .drive_orbits import STEP_MULTIPLES, Drive, at_zero_step, figure_of
 from .first_order import Machine
 from .machine import conveyor_drive
-from .second_order import drift, settling
+from .second_order import deviation_left, settling_rates
 
 DRIFT = ("overshoot", "off_16", "off_whole")
 #: Starts at even crank angles whose mean leaves out the ripple of the orders 1 to 7; a convention.
@@ -42,16 +42,16 @@ def drifts(machine: Machine, drive: Drive, nu: float) -> tuple[Table, dict[str, 
     """
     slow = (1.0 - SLOWER) * nu
     step_size, multiples = nu - slow, STEP_MULTIPLES[: drive.multiples]
-    stop = drift_time(machine)
+    stop = duration_of_drift(machine)
     longest = multiples[-1] * TURN / (nu * drive.steps_per_rev)
     count = multiples[-1] * math.ceil(stop / longest)
     h = stop / count
-    speeds = speeds_of_starts(machine, drive, nu, [k * h for k in multiples], count * h)
+    speeds = speeds_after_supply_step(machine, drive, nu, [k * h for k in multiples], count * h)
     deviations = np.full((2, len(multiples), len(DRIFT)), math.nan)
     for k, each in zip(multiples, speeds):
         t = np.linspace(0.0, count * h, count // k + 1)
         mean = each.mean(axis=0)
-        plain, second_order = (nu - step_size * left for left in drift(machine, t))
+        plain, second_order = (nu - step_size * left for left in deviation_left(machine, t))
         for j, x in enumerate((nu, plain, second_order)):
             share = (mean - x) / step_size
             above = figure_of_columns(largest, t, share, unit="1")
@@ -68,9 +68,9 @@ def drifts(machine: Machine, drive: Drive, nu: float) -> tuple[Table, dict[str, 
         "largest deviation of formula (16) from the mean speed in that step",
         "the same with the term that (16) neglects",
     )
-    limits = at_zero_step(deviations[0], drive.order, deviations[1])
+    limits = at_zero_step(deviations[0], drive.convergence_order, deviations[1])
     figures = {name: figure_of(limits, j, "%", meant[j]) for j, name in enumerate(DRIFT)}
-    slowest = float(-1 / settling(machine).real.max())
+    slowest = float(-1 / settling_rates(machine).real.max())
     by_16 = "time constant of settling by formula (16)"
     figures["settling_16"] = Figure(machine.J / machine.slope, "s", 0.0, by_16)
     figures["settling"] = Figure(slowest, "s", 0.0, "the same with the term that (16) neglects")
@@ -78,7 +78,7 @@ def drifts(machine: Machine, drive: Drive, nu: float) -> tuple[Table, dict[str, 
     return Table.of_rows(cells.tolist(), units), figures
 
 
-def speeds_of_starts(
+def speeds_after_supply_step(
     machine: Machine, drive: Drive, nu: float, steps: Sequence[float], stop: float
 ) -> list[Samples]:
     """The crank speed after every step, shape (STARTS, rows), for each step size [s].
@@ -104,12 +104,12 @@ def speeds_of_starts(
     return [ensemble["conveyor.w"][k : k + STARTS, : ensemble.counts[k]] for k in first]
 
 
-def drift_time(machine: Machine) -> float:
+def duration_of_drift(machine: Machine) -> float:
     """How long the drift of the mean speed is followed [s]: until it has settled and overshot.
 
     A damped oscillation exp(-a t) cos(b t) overshoots most at t = pi / b, by exp(-pi a / b).
     """
-    rate = settling(machine)[0]
+    rate = settling_rates(machine)[0]
     damping, frequency = -float(rate.real), abs(float(rate.imag))
     decayed = float(LASTS * 2 * machine.theta0 * machine.T / machine.J)
     if frequency == 0.0 or math.exp(-math.pi * damping / frequency) < NO_OVERSHOOT:

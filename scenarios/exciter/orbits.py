@@ -136,7 +136,7 @@ def averaged(system: System) -> Averaged:
     return Averaged(resonance, width, speeds, supply(speeds), np.transpose([at, supply(at), bends]))
 
 
-def response(system: System, speed: Array) -> Array:
+def first_guesses(system: System, speed: Array) -> Array:
     """Return initial guesses of the unknowns at mean speeds [rad/s], by averaged theory, shape (n, 5)."""
     R, k, d_r, U, M, c, d = constants(system)
     x = U * speed**2 / (c - M * speed**2 + 1j * d * speed)
@@ -191,7 +191,7 @@ class Shooting:
             Communication steps per revolution.
         """
         n = len(speed)
-        z, period = response(self.system, speed), TURN / speed
+        z, period = first_guesses(self.system, speed), TURN / speed
         slope, multipliers = np.full(n, np.nan), np.full((n, 4), np.nan, complex)
         is_open, is_found = np.isfinite(speed), np.zeros(n, bool)
         unit = np.vstack([np.zeros(5), np.kron(np.eye(5), [[1.0], [-1.0]]), np.zeros((2, 5))])
@@ -247,7 +247,7 @@ class Shooting:
         ]
         return edges
 
-    def beyond(
+    def after_jump(
         self, which: NDArray[np.intp], supply: Array, steps: NDArray[np.intp]
     ) -> ExciterOrbits:
         """Find the steady motions at voltages [V] on the branches to which folds throw the motor."""
@@ -278,7 +278,7 @@ class Shooting:
         growth = edges.growth(1)
         finest = np.flatnonzero(steps == [steps[which == k].max() for k in which])
         others = 1 - which[finest]
-        begins = self.beyond(others, self.theory.folds[others, 1], steps[finest])
+        begins = self.after_jump(others, self.theory.folds[others, 1], steps[finest])
         shares = 0.5 ** np.arange(PROBES)[:, None]
         probes = edges.speed[finest] + (begins.speed - edges.speed[finest]) * shares
         every = self.orbits(probes.ravel(), np.tile(steps[finest], PROBES))
@@ -293,7 +293,7 @@ class Shooting:
             f"the motion is unstable before the fold of its voltage at {v:.6g} V"
             for v in edges.supply[early]
         ]
-        landing = self.beyond(which, np.where(lost == "", edges.supply, np.nan), steps)
+        landing = self.after_jump(which, np.where(lost == "", edges.supply, np.nan), steps)
         lost = np.where(lost == "", landing.problems, lost)
         supply, before = (np.where(lost == "", x, np.nan) for x in (edges.supply, edges.speed))
         unstable = (lost == "") & (landing.growth() >= 1.0)
@@ -301,7 +301,7 @@ class Shooting:
         return Jumps(supply, before, np.where(lost == "", landing.speed, np.nan), lost)
 
 
-def fold_steps(theory: Averaged, step: float) -> NDArray[np.intp]:
+def steps_at_folds(theory: Averaged, step: float) -> NDArray[np.intp]:
     """Return the steps in a revolution at each fold with STEP_MULTIPLES of the finest, no longer than `step` [s]."""
     needed = np.maximum(TURN / (theory.folds[:, 0] * step), STEPS_PER_REV)
     return np.asarray(4 * np.ceil(needed / 4).astype(np.intp)[:, None] // np.array(STEP_MULTIPLES))

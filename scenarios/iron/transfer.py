@@ -130,7 +130,7 @@ class TransferFunctions:
         ]
 
 
-def measure(context: Context, system: System, samples: int) -> TransferFunctions:
+def transfer_functions(context: Context, system: System, samples: int) -> TransferFunctions:
     """Run a turn, and four more for each dimension: by 0.2 % and by 0.4 % longer and shorter.
 
     Raises

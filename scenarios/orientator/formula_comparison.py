@@ -20,7 +20,7 @@ from workbench.charts.motion import Motion
 from workbench.figure import scaled
 
 from . import motion
-from .limit_formula import OrientatorParameters, rpm
+from .limit_formula import OrientatorParameters, rpm_of_squared
 from .products import fastest, run_product, simulated_limit
 
 PLANE, RAISE = "orientator_limit.csv", "orientator_limit_dimensions.csv"
@@ -138,28 +138,28 @@ def compare_with_formula(
     """Compare limits over the plane, and those with every dimension a little smaller and larger."""
     cups = [replace(base, start={**base.start, **cup}) for cup, _ in CUPS.values()]
     cases = [(system, mu) for system in cups for mu in frictions]
-    rows = context.each(limits, cases, "limits", probes=True)
+    rows = context.each(limit_row, cases, "limits", probes=True)
     plane = context.record_rows(PLANE, LIMIT_COLUMNS, rows)
     ((machine, located),) = context.each(
         partial(simulated_limit, base), [friction], "limit", probes=True
     )
-    around = partial(gain, base, friction, (np.linspace(*NEAR_LIMIT) * located.value).tolist())
+    around = partial(gain_row, base, friction, (np.linspace(*NEAR_LIMIT) * located.value).tolist())
     raised = Table.of_rows(context.each(around, LENGTHS, "dimensions", probes=True), RAISED)
     all_figures = figures(plane.frame, raised.frame, machine, located)
     tables = {PLANE: plane, RAISE: raised}
     return FormulaComparison(base, friction, frictions, all_figures, tables)
 
 
-def limits(case: tuple[System, float]) -> Sequence[float]:
+def limit_row(case: tuple[System, float]) -> Sequence[float]:
     """A row of the plane; a limit that is not found is nan."""
     system, mu = case
     machine, limit_figure = simulated_limit(system, mu)
     error = math.nan if limit_figure.error is None else limit_figure.error
-    formula, joint = rpm(machine.limit()[0]), rpm(machine.lies_down)
+    formula, joint = rpm_of_squared(machine.limit()[0]), rpm_of_squared(machine.joint_limit)
     return machine.d, machine.h, mu, limit_figure.value, error, formula, joint
 
 
-def gain(base: System, mu: float, speeds: Sequence[float], name: str) -> Sequence[Any]:
+def gain_row(base: System, mu: float, speeds: Sequence[float], name: str) -> Sequence[Any]:
     """A row of the dimensions: percent that the limit rises by 1 % more of one, and its error; the
     limits are sought at these speeds.
     """
@@ -187,20 +187,20 @@ def figures(
     off, over = (
         100 * plane[x] * plane["error"] / plane["limit"] ** 2 for x in ("formula", "joint")
     )
-    by_formula = Figure(rpm(machine.limit()[0]), "rpm", 0.0, "the same by the formula")
+    by_formula = Figure(rpm_of_squared(machine.limit()[0]), "rpm", 0.0, "the same by the formula")
     if not by_formula.value > 0.0:
         why = "the formula finds none"
         by_formula = Figure.undetermined("rpm", why, by_formula.meaning)
-    joint = rpm(machine.lies_down)
+    joint = rpm_of_squared(machine.joint_limit)
     all_figures = {
         "limit": limit_figure,
         "formula": by_formula,
         "joint": Figure(joint, "rpm", 0.0, "closed bound: stage joint comes to its end"),
-        "off": extreme(formula.abs(), off, "largest difference between formula and simulation"),
+        "off": largest_of(formula.abs(), off, "largest difference between formula and simulation"),
         "above_least": scaled(
-            extreme(-bound, over, ""), -1.0, "%", "smallest excess of the closed bound over the limits"
+            largest_of(-bound, over, ""), -1.0, "%", "smallest excess of the closed bound over the limits"
         ),
-        "above_most": extreme(bound, over, "largest excess of the closed bound over the limits"),
+        "above_most": largest_of(bound, over, "largest excess of the closed bound over the limits"),
     }  # fmt: skip
     for row in raised.itertuples():
         meaning = f"change of the limit for 1 % more of {row.dimension}"
@@ -218,7 +218,7 @@ def gain_name(dimension: str) -> str:
     return f"gain_{dimension.replace('.', '_').lower()}"
 
 
-def extreme(values: Any, errors: Any, meaning: str) -> Figure:
+def largest_of(values: Any, errors: Any, meaning: str) -> Figure:
     """The largest of these values; its error is how much each of them might be further out, or its own."""
     if values.isna().all():
         return Figure.undetermined("%", "no limit was found", meaning)

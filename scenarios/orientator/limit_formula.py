@@ -90,57 +90,62 @@ class OrientatorParameters:
         return self.h - self.l2
 
     @property
-    def centre(self) -> float:
+    def bottom_from_pivot(self) -> float:
         """Distance L - r of the bottom's centre from the pivot while it slides on the wall [m]."""
         return self.l1 * math.cos(self.phi10) + self.r
 
     @property
-    def flush(self) -> float:
+    def angle_on_hook(self) -> float:
         """Angle of the catcher at which the cup lies on the hook [rad]."""
         far = self.r + self.l1
-        return math.atan2(self.h, far) + math.acos(self.centre / math.hypot(self.h, far))
+        return math.atan2(self.h, far) + math.acos(self.bottom_from_pivot / math.hypot(self.h, far))
 
     @property
-    def forces(self) -> tuple[float, float]:
+    def centrifugal(self) -> tuple[float, float]:
         """Centrifugal forces F_1 and F_2 over W [kg.m]."""
         arm = self.R - self.d - self.l1 / 2 * math.cos(self.phi10)
         return self.m1 * arm, self.m2 * (self.R - self.r)
 
     @property
-    def pose(self) -> tuple[float, float, float]:
+    def begin_of_turning(self) -> tuple[float, float, float]:
         """Angles of catcher and cup and height of its centre where turning begins."""
-        phi1, phi2 = self.flush, self.flush + UP
-        return phi1, phi2, float(self.hook(phi1, phi2)["yc"])
+        phi1, phi2 = self.angle_on_hook, self.angle_on_hook + UP
+        return phi1, phi2, float(self.hook_motion(phi1, phi2)["yc"])
 
     @property
-    def sticks(self) -> float:
+    def sticking(self) -> float:
         """W at which friction holds the cup in the chute, g/(mu (R - r)) [rad2/s2]."""
         return self.g / (self.mu * (self.R - self.r)) if self.mu else math.inf
 
-    def energy(self, phi1: Any, phi2: Any, yc: Any) -> tuple[Any, Any]:
+    def potential(self, phi1: Any, phi2: Any, yc: Any) -> tuple[Any, Any]:
         """Potential energy of weight, spring, centrifugal forces and friction: a + W b [J]."""
-        half, (F_1, F_2) = self.l1 / 2, self.forces
+        half, (F_1, F_2) = self.l1 / 2, self.centrifugal
         turned = (phi1 - self.phi10) * np.sin(phi1) + np.cos(phi1) - math.cos(self.phi10)
-        xc, slid = self.centre - self.e * np.cos(phi2), yc + self.e * np.sin(phi2) + self.r * phi2
+        xc, slid = (
+            self.bottom_from_pivot - self.e * np.cos(phi2),
+            yc + self.e * np.sin(phi2) + self.r * phi2,
+        )
         still = self.c * half * half * turned - self.m2 * self.g * yc
         return still, F_2 * (self.mu * slid - xc) - F_1 * half * np.cos(phi1)
 
-    def hinge(self, phi1: float) -> tuple[float, float, float, float]:
+    def joint_motion(self, phi1: float) -> tuple[float, float, float, float]:
         """Stage joint: derivatives of phi2, xc, yc by phi1, and the inertia at phi1."""
         c1, s1, r, h = math.cos(phi1), math.sin(phi1), self.r, self.h
         phi2 = (
-            TURNED - math.atan2(r, h) - math.acos((self.centre - self.l1 * c1) / math.hypot(h, r))
+            TURNED
+            - math.atan2(r, h)
+            - math.acos((self.bottom_from_pivot - self.l1 * c1) / math.hypot(h, r))
         )
         c2, s2 = math.cos(phi2), math.sin(phi2)
         u = -self.l1 * s1 / (h * s2 + r * c2)
         x, y = self.e * s2 * u, self.l1 * c1 + (self.l2 * c2 - r * s2) * u
         return u, x, y, self.J1 + self.m2 * (x * x + y * y) + self.J2 * u * u
 
-    def hook(self, phi1: Any, phi2: Any) -> dict[str, Any]:
+    def hook_motion(self, phi1: Any, phi2: Any) -> dict[str, Any]:
         """Stage turning: the tip's place x1 on the cup, height, masses, derivatives of the centre."""
         c1, s1, s2, T, S = np.cos(phi1), np.sin(phi1), np.sin(phi2), np.tan(phi2), 1 / np.cos(phi2)
         x, y, r, e = self.l1 * c1 + self.h1 * s1, self.l1 * s1 - self.h1 * c1, self.r, self.e
-        G = self.centre - x
+        G = self.bottom_from_pivot - x
         z1, z2, x2 = x + y * T, G * S * S + r * S * T - e / S, e * s2
         M11, M22 = self.J1 + self.m2 * z1 * z1, self.J2 + self.m2 * (x2 * x2 + z2 * z2)
         Y22 = 2 * G * S * S * T + r * S * (T * T + S * S) + e * s2
@@ -153,14 +158,14 @@ class OrientatorParameters:
     @cached_property
     def hook_impact(self) -> HookImpact:
         """The impact of the contact with the hook."""
-        *_, y, J = self.hinge(self.phi10)
+        *_, y, J = self.joint_motion(self.phi10)
         landed = (self.m2 * y) ** 2 * self.H / J
-        high = self.energy(self.phi10, UP, self.l1 * math.sin(self.phi10) - self.l2)
-        phi1, phi2, _ = self.pose
-        k, low = self.hook(phi1, phi2), self.energy(*self.pose)
+        high = self.potential(self.phi10, UP, self.l1 * math.sin(self.phi10) - self.l2)
+        phi1, phi2, _ = self.begin_of_turning
+        k, low = self.hook_motion(phi1, phi2), self.potential(*self.begin_of_turning)
         a = landed * self.g + high[0] - low[0]
         b = -landed * self.mu * (self.R - self.r) + high[1] - low[1]
-        u, x, y, J = self.hinge(phi1)
+        u, x, y, J = self.joint_motion(phi1)
         momenta = (
             self.J1 + self.m2 * k["z1"] * y,
             self.J2 * u + self.m2 * (k["x2"] * x + k["z2"] * y),
@@ -171,30 +176,30 @@ class OrientatorParameters:
         return HookImpact(float(speeds[0] / speeds[1]), float(a), float(b), share)
 
     @property
-    def lies_down(self) -> float:
+    def joint_limit(self) -> float:
         """W above which the cup cannot reach the hook: a bound of every limit, closed [rad2/s2]."""
         return -self.hook_impact.energy / self.hook_impact.energy_per_W
 
-    def needed(self, phi2: float) -> float:
+    def needed_speed_squared(self, phi2: float) -> float:
         """Square of the cup's speed at its release at phi2 that takes it to the end, over W."""
         phi = np.linspace(phi2, DOWN, 801)
         c2, s2, me = np.cos(phi), np.sin(phi), self.m2 * self.e
         q = self.e * s2 - self.mu * (self.e * c2 + self.r)
         rate = 2 * q / (self.J2 + q * me * s2)
         grown = np.exp(cumulative_trapezoid(rate * me * c2, phi, initial=0))
-        got = cumulative_trapezoid(grown * rate * self.forces[1], phi, initial=0)
+        got = cumulative_trapezoid(grown * rate * self.centrifugal[1], phi, initial=0)
         return float(-got.min())
 
-    def path(self, slope: float, bend: float) -> TurningPath | None:
+    def turning_path(self, slope: float, bend: float) -> TurningPath | None:
         """The parabola with this slope and second derivative, to where the tip leaves the cup; None
         where it stays.
         """
         impact = self.hook_impact
-        start, first = self.flush, self.flush + UP
+        start, first = self.angle_on_hook, self.angle_on_hook + UP
 
         def at(x: Any) -> tuple[Any, Any, dict[str, Any]]:
             phi1, phi2 = start + slope * x + bend * x * x / 2, first + x
-            return phi1, phi2, self.hook(phi1, phi2)
+            return phi1, phi2, self.hook_motion(phi1, phi2)
 
         tried = np.linspace(1e-6, DOWN - 0.1 - first, 120)
         over = np.flatnonzero(at(tried)[2]["x1"] > self.h)
@@ -205,12 +210,12 @@ class OrientatorParameters:
         x = np.append(POINTS, 1.0)
         phi1, phi2, k = at(end * x)
         p, c2, m, half = slope + bend * end * x, np.cos(phi2), self.m2, self.l1 / 2
-        F_1, F_2 = self.forces
-        gained = impact.share_left * np.array([impact.energy, impact.energy_per_W]) + self.energy(
-            *self.pose
-        )
+        F_1, F_2 = self.centrifugal
+        gained = impact.share_left * np.array(
+            [impact.energy, impact.energy_per_W]
+        ) + self.potential(*self.begin_of_turning)
         mass = (k["M11"] * p + 2 * k["M12"]) * p + k["M22"]
-        square = 2 * (gained[:, None] - self.energy(phi1, phi2, k["yc"])) / mass
+        square = 2 * (gained[:, None] - self.potential(phi1, phi2, k["yc"])) / mass
 
         def across(Q_1: Any, Q_2: Any) -> Any:
             det = k["M11"] * k["M22"] - k["M12"] ** 2
@@ -227,7 +232,7 @@ class OrientatorParameters:
         bent = across(-m * k["z1"] * ay, -m * (k["z2"] * ay + k["x2"] * self.e * c2)) - bend
         left = (across(np.array(on_catcher), np.array(on_cup)) + bent * square)[:, :-1]
         released = square[:, -1]
-        stops = released[0] / (self.needed(float(phi2[-1])) - released[1])
+        stops = released[0] / (self.needed_speed_squared(float(phi2[-1])) - released[1])
         return TurningPath(left, float(stops))
 
     def limit(self) -> tuple[float, int]:
@@ -236,20 +241,20 @@ class OrientatorParameters:
         Either catcher and tip come back together, along a straight path between known ends; or the cup
         stops in the end, after a parabola with the slope after the hook contact and a free end.
         """
-        angles = np.linspace(self.flush + UP, DOWN - 0.1, 200)
-        on = np.flatnonzero(self.hook(self.phi10, angles)["x1"] > self.h)
+        angles = np.linspace(self.angle_on_hook + UP, DOWN - 0.1, 200)
+        on = np.flatnonzero(self.hook_motion(self.phi10, angles)["x1"] > self.h)
         if not len(on):
             return math.nan, 0
-        distance = float(angles[on[0]]) - self.flush - UP
-        straight = (self.phi10 - self.flush) / distance
-        if back := self.path(straight, 0.0):
+        distance = float(angles[on[0]]) - self.angle_on_hook - UP
+        straight = (self.phi10 - self.angle_on_hook) / distance
+        if back := self.turning_path(straight, 0.0):
             still, turns = back.left @ HELD
             if back.stops >= -still / turns > 0.0:
                 return float(-still / turns), 6
         slope = self.hook_impact.slope
 
         def left(bend: float) -> float:
-            path = self.path(slope, bend)
+            path = self.turning_path(slope, bend)
             return float(np.array([1.0, path.stops]) @ path.left @ FREE) if path else math.nan
 
         bends = np.linspace(3 * (straight - slope) / distance, 0.05, 30)
@@ -257,10 +262,10 @@ class OrientatorParameters:
         change = np.flatnonzero(values[:-1] * values[1:] <= 0.0)
         if not len(change):
             return math.nan, 0
-        last = self.path(slope, float(brentq(left, *bends[change[0] : change[0] + 2])))
+        last = self.turning_path(slope, float(brentq(left, *bends[change[0] : change[0] + 2])))
         return last.stops if last else math.nan, 7
 
 
-def rpm(W: float) -> float:
+def rpm_of_squared(W: float) -> float:
     """Speed of a rotor whose square is W [rpm]."""
     return 30 / math.pi * math.sqrt(W)

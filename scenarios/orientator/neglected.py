@@ -22,7 +22,7 @@ from workbench.charts.motion import Motion
 from workbench.figure import ROUNDING, scaled
 
 from . import motion
-from .limit_formula import OrientatorParameters, rpm
+from .limit_formula import OrientatorParameters, rpm_of_squared
 from .products import STEP, fastest, run_product, simulate
 
 NEGLECTED = "orientator.neglected."
@@ -182,7 +182,9 @@ def fastest_oriented(mu: float, system: System) -> Figure:
     is the bracket, and what is left of the creep.
     """
     first, *more_machines = with_slower_creep(system)
-    speeds = np.arange(SLOWEST, FASTEST, SPACING) * rpm(OrientatorParameters.of(system).sticks)
+    speeds = np.arange(SLOWEST, FASTEST, SPACING) * rpm_of_squared(
+        OrientatorParameters.of(system).sticking
+    )
     fastest_rotor = fastest(first, speeds.tolist(), mu)
     near = (np.linspace(*CREEP_SPEEDS) * fastest_rotor.value).tolist()
     ends = [

@@ -16,7 +16,7 @@ from workbench import Figure
 from workbench.roots import bisect_flag
 
 from . import machine as orientator
-from .limit_formula import OrientatorParameters, rpm
+from .limit_formula import OrientatorParameters, rpm_of_squared
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -87,7 +87,7 @@ class ProductsUntilJam:
         return cls.of(Product(*row) for row in rows)
 
     @property
-    def bracket(self) -> float:
+    def gap_to_jam(self) -> float:
         """How far the first jam is above the last product that is oriented [rpm]; 0 without a jam."""
         return 0.0 if self.jam is None else self.jam.n - self.oriented[-1].n
 
@@ -98,7 +98,7 @@ class ProductsUntilJam:
         if self.jam is None:
             return Figure.undetermined("rpm", f"{which} of the sweep jams", meaning)
         beyond = f"{meaning}; beyond it: {orientator.REASONS[self.jam.reason]}"
-        return Figure(self.oriented[-1].n, "rpm", self.bracket, beyond)
+        return Figure(self.oriented[-1].n, "rpm", self.gap_to_jam, beyond)
 
 
 def run_product(machine: System, mu: float, n: float, step: float) -> Result:
@@ -128,7 +128,7 @@ def sweep(machine: System, speeds: Sequence[float], mu: float) -> list[Product]:
 
     while True:
         series = ProductsUntilJam.of(products)
-        if series.jam is None or series.bracket <= BRACKET:
+        if series.jam is None or series.gap_to_jam <= BRACKET:
             return products
         low, high = series.oriented[-1].n, series.jam.n
         first = max(0.0, 2 * low - high)
@@ -147,5 +147,7 @@ def simulated_limit(system: System, mu: float) -> tuple[OrientatorParameters, Fi
     machine = OrientatorParameters.of(
         replace(system, start={**system.start, "orientator.chute.mu": mu})
     )
-    speeds = np.arange(SLOWEST_PRODUCT, 1.0 + SPACING, SPACING) * rpm(machine.lies_down)
+    speeds = np.arange(SLOWEST_PRODUCT, 1.0 + SPACING, SPACING) * rpm_of_squared(
+        machine.joint_limit
+    )
     return machine, fastest(system, speeds.tolist(), mu)

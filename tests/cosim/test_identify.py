@@ -21,7 +21,7 @@ from cosim.identification.problem import Evaluator, prepare
 from cosim.identification.record import measured_columns
 from cosim.identification.residual import spectrum
 from cosim.system import connect
-from examples.measured_conveyor import simulated
+from examples.measured_conveyor import angle_speed_torque
 
 WIRES = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
 MACHINE = {
@@ -52,7 +52,7 @@ def system(fmus: Path, **changes: float) -> System:
 def record() -> dict[str, Any]:
     """One second of the machine at 1 kHz, without noise."""
     t = np.arange(1001) * 1e-3
-    phi, w, tau = simulated({"conveyor.crank.r": 0.01} | MACHINE, t)
+    phi, w, tau = angle_speed_torque({"conveyor.crank.r": 0.01} | MACHINE, t)
     return {"t": t, "phi": phi, "w": w, "tau": tau}
 
 
@@ -245,7 +245,7 @@ def test_a_planned_record_narrows_the_interval_as_predicted(
     best, second = advise(fit, experiments, resonance)
     assert (best.name, second.name) == ("run-up", "steady")
     assert best.error < 0.5 * second.error < 0.5 * fit.derived["resonance"].error
-    _, w, _ = simulated({"conveyor.crank.r": 0.01} | MACHINE | rest, record["t"])
+    _, w, _ = angle_speed_torque({"conveyor.crank.r": 0.01} | MACHINE | rest, record["t"])
     following = identify(
         system(fmus, **{**fit.start_values, **rest}),
         {"conveyor.w": Series.of({"t": record["t"], "w": noisy(w, 0.1, 5)})},

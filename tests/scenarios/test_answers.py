@@ -405,7 +405,7 @@ def test_the_enumerations_are_those_of_the_fmu() -> None:
 def test_the_torque_of_the_iron_counts_each_sample_of_a_turn_once() -> None:
     """Over evenly spaced samples of a whole turn the least-squares orders are those of the FFT."""
     drive = System(fmus_of(iron_orders), iron.WIRES, iron.MOTOR)
-    machine = iron_orders.measure(drive)
+    machine = iron_orders.at_constant_speed(drive)
     torque = machine.torque(5.0)
     wanted = 2j * np.fft.rfft(torque)[1:13] / len(torque)
     amplitudes = harmonics(machine.phi, torque, iron_orders.ORDERS)

@@ -36,7 +36,7 @@ def test_the_iron_of_the_examples_moves_as_the_fmu_does() -> None:
     error = []
     for step in (2e-3, 1e-3):
         result = run(system, stop=0.5, step=step)
-        mine = measured_iron.simulated(IRON, result["time"])
+        mine = measured_iron.angle_speed_torque(IRON, result["time"])
         error.append([abs(mine[k] - result[x]).max() for k, x in enumerate(measured_iron.STATES)])
     assert np.divide(*error) == pytest.approx(4.0, abs=0.2)
     assert max(error[1]) < 3e-3
@@ -48,7 +48,7 @@ def test_the_orientator_of_the_examples_takes_the_times_of_the_fmu(n: float, mu:
     start = {"orientator.chute.mu": mu, "orientator.w": n * math.pi / 30}
     result = run(System(fmus_of(orientator_identify), start=start), stop=0.4, step=0.4)
     times = [result[f"orientator.t_{x}"][-1] for x in measured_orientator.STAGES]
-    assert measured_orientator.times(n, mu, 0.04) == pytest.approx(times, abs=2e-7)
+    assert measured_orientator.stage_durations(n, mu, 0.04) == pytest.approx(times, abs=2e-7)
 
 
 def test_friction_and_fall_of_the_orientator_are_identified(products: Answer) -> None:

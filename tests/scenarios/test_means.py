@@ -21,7 +21,7 @@ from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.classical import worst
 from scenarios.conveyor.first_order import SETS, Machine, classical, flux_lag
 from scenarios.conveyor.questions import induction_motor
-from scenarios.conveyor.second_order import drift, means, settling
+from scenarios.conveyor.second_order import deviation_left, means, settling_rates
 from tests.conftest import QUICK, ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, Orbit, angles, f_rod_peak, orbit
 from workbench import Context, Figure
@@ -151,18 +151,18 @@ def test_mean_values_are_those_of_exact_orbits(answers_of_set: Any) -> None:
 
 def test_drift_solves_its_equation_and_16_is_its_limit_for_a_short_lag() -> None:
     machine, t = SETS["B"], np.linspace(0.0, 0.2, 4001)
-    _, deviation = drift(machine, t)
+    _, deviation = deviation_left(machine, t)
     rate, bend = np.gradient(deviation, t), np.gradient(np.gradient(deviation, t), t)
     rest = machine.theta0 * machine.T * bend + machine.J * rate + machine.slope * deviation
     assert deviation[0] == pytest.approx(1.0) and abs(rate[0]) < 0.1
     assert abs(rest[3:-3]).max() < 1e-3 * machine.slope
     error = []
     for T in (1e-4, 5e-5):
-        plain, deviation = drift(replace(machine, T=T), t)
+        plain, deviation = deviation_left(replace(machine, T=T), t)
         error.append(abs(plain - deviation).max())
     assert math.log2(error[0] / error[1]) == pytest.approx(1.0, abs=0.05)
     edge = replace(machine, d=0.0, T=machine.theta0 / machine.B / 22.05)
-    slow = -settling(edge).real.max()
+    slow = -settling_rates(edge).real.max()
     assert slow / (edge.slope / edge.J) == pytest.approx(1.05, abs=1e-3)
 
 
@@ -199,7 +199,7 @@ def test_the_mean_speed_drifts_as_the_coupled_system_and_theory_misses_it_by_sec
     assert rows["mean"].to_numpy() == pytest.approx(transient(t), abs=2e-4)
     change, t = 0.05 * nu, np.linspace(0.0, t[-1], 50_000)
     mean = transient(t)
-    for key, theory in zip(("off_16", "off_whole"), drift(machine, t)):
+    for key, theory in zip(("off_16", "off_whole"), deviation_left(machine, t)):
         figure = answer.figures[key]
         difference = 100 * abs(mean - (nu - change * theory)).max() / change
         assert abs(figure.value - difference) <= figure.error + 1e-5
@@ -215,7 +215,7 @@ def test_the_mean_speed_drifts_as_the_coupled_system_and_theory_misses_it_by_sec
         nu, stop = float(small.nu_res), t[-1]
         at = np.linspace(0.0, stop, 2001)
         error.append(
-            abs(drifted(small, nu, stop)(at) - nu * (1 - 0.05 * drift(small, at)[1])).max()
+            abs(drifted(small, nu, stop)(at) - nu * (1 - 0.05 * deviation_left(small, at)[1])).max()
         )
     assert math.log2(error[0] / error[1]) == pytest.approx(2.0, abs=0.3)
 
@@ -360,7 +360,10 @@ def sheet(**changed: float) -> induction_motor.Motor:
 def lag_speeds(*motors: induction_motor.Motor) -> list[Figure]:
     """The speeds of 90 degrees lag of motors with their characteristics, then with their lines."""
     drive = drive_orbits.Drive(Context(fmus_of(induction_motor)), "strang", 512)
-    kinds = [[(x.machine, x.guides) for x in motors], [(x.line, x.guides) for x in motors]]
+    kinds = [
+        [(x.machine, x.speeds_around_resonance) for x in motors],
+        [(x.line, x.speeds_around_resonance) for x in motors],
+    ]
     return [figure for kind in kinds for figure in induction_motor.lag_speeds(drive, kind)]
 
 
@@ -369,7 +372,7 @@ def in_time(motor: induction_motor.Motor, nu: float, flux: bool) -> float:
     the rotor's flux x + i y in a field of constant flux turning at w_s: T (x + i y)' = 1 - (1 + i u)
     (x + i y), u the slip in shares of the breakdown slip, torque -2 tau_b y.
     """
-    m, b, tau_b = motor.machine, motor.breakdown, motor.tau_b
+    m, b, tau_b = motor.machine, motor.breakdown_slip_speed, motor.breakdown_torque
     u0 = float(motor.slip(nu))
     w_s, half = nu + u0 * b, m.r**2 / 2
 
@@ -411,7 +414,12 @@ def test_lag_and_slope_of_the_motor_follow_from_the_flux_of_its_rotor() -> None:
     motor = sheet()
     for slip in (0.0, 0.1, 0.4, 0.9):
         for nu in (0.0, 20.0, 45.0):
-            numbers = {p: 2j * nu * motor.machine.T, sigma: slip, tau_b: 190.0, b: motor.breakdown}
+            numbers = {
+                p: 2j * nu * motor.machine.T,
+                sigma: slip,
+                tau_b: 190.0,
+                b: motor.breakdown_slip_speed,
+            }
             formula = flux_lag(motor.machine, slip, motor.stiff.B, nu)
             assert formula == pytest.approx(complex(gain.subs(numbers)), rel=1e-9)
 
@@ -430,7 +438,7 @@ def test_the_curve_of_the_characteristic_shifts_the_resonance_by_the_square_of_t
     speeds = lag_speeds(*(sheet(r=r, theta1=0.5 - 100 * r**2) for r in radii))
     for share, kloss, line in zip(shares, speeds[:2], speeds[2:]):
         shifts.append(1 - kloss.value / line.value)
-        ripple = abs(sheet().tangent.speed_ripple(30.0)) * share / sheet().breakdown
+        ripple = abs(sheet().tangent.speed_ripple(30.0)) * share / sheet().breakdown_slip_speed
         assert shifts[-1] == pytest.approx(3 / 8 * ripple**2, rel=0.1)
     assert math.log2(shifts[0] / shifts[1]) == pytest.approx(2.0, abs=0.1)
 
@@ -440,8 +448,8 @@ def test_the_flux_of_the_rotor_keeps_the_resonance_under_load_where_2_lowers_it(
     r = SETS["B"].r / 4
     motor = sheet(d=16 * 40000.0, r=r, theta1=0.5 - 100 * r**2)
     assert motor.nu_res == pytest.approx(29.91, abs=0.01)
-    assert motor.flux() == pytest.approx(30.843, abs=2e-3)
-    small = in_time(motor, motor.flux(), flux=True)
+    assert motor.flux_lag_speed() == pytest.approx(30.843, abs=2e-3)
+    small = in_time(motor, motor.flux_lag_speed(), flux=True)
     assert small == pytest.approx(90.0, abs=0.6)
     assert in_time(motor, motor.nu_res, flux=True) < 88.0
     loaded = sheet(d=40000.0)

@@ -118,7 +118,7 @@ def orbits_of(nu: Any, steps_per_rev: int = 512, multiples: int = 1, **start: fl
     changes = {name.replace("__", "."): value for name, value in start.items()}
     drive = conveyor.Drive(Context(FMUS), "strang", steps_per_rev, multiples)
     machine = replace(SETS["A"], more=changes)
-    return drive.orbits(machine, drive.each(np.atleast_1d(nu)), "test")
+    return drive.orbits(machine, drive.for_each_step(np.atleast_1d(nu)), "test")
 
 
 def test_orbits_are_those_of_an_independent_solver_and_what_is_left_is_reported() -> None:

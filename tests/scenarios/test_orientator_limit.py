@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from cosim import System
 from scenarios.orientator import formula_comparison, neglected
 from scenarios.orientator import machine as orientator
-from scenarios.orientator.limit_formula import DOWN, UP, OrientatorParameters, rpm
+from scenarios.orientator.limit_formula import DOWN, UP, OrientatorParameters, rpm_of_squared
 from scenarios.orientator.products import fastest, run_product, simulate
 from scenarios.orientator.questions import orientation_time
 from tests.conftest import ask, fmus_of
@@ -33,7 +33,7 @@ def system(mu: float, **start: Any) -> System:
 
 def relative_difference(machine: OrientatorParameters, limit: float) -> float:
     """How far the formula is from a limit [%]."""
-    return 100 * (rpm(machine.limit()[0]) / limit - 1)
+    return 100 * (rpm_of_squared(machine.limit()[0]) / limit - 1)
 
 
 def test_the_formula_is_within_two_percent_of_the_reference_limits() -> None:
@@ -41,23 +41,23 @@ def test_the_formula_is_within_two_percent_of_the_reference_limits() -> None:
         machine = OrientatorParameters.of(system(mu))
         assert abs(relative_difference(machine, limit)) < WITHIN
         assert machine.limit()[1] == (6 if mu <= 0.25 else 7)
-        assert rpm(machine.sticks) > rpm(machine.lies_down) > limit
+        assert rpm_of_squared(machine.sticking) > rpm_of_squared(machine.joint_limit) > limit
 
 
 class Upside(OrientatorParameters):
     """Friction that moves with the height of the contact, as printed."""
 
-    def energy(self, phi1: Any, phi2: Any, yc: Any) -> tuple[Any, Any]:
-        still, turning = super().energy(phi1, phi2, yc)
-        return still, turning - self.forces[1] * self.mu * self.r * phi2
+    def potential(self, phi1: Any, phi2: Any, yc: Any) -> tuple[Any, Any]:
+        still, turning = super().potential(phi1, phi2, yc)
+        return still, turning - self.centrifugal[1] * self.mu * self.r * phi2
 
 
 class Outwards(OrientatorParameters):
     """The centrifugal force on the cup with the other sign, as printed."""
 
     @property
-    def forces(self) -> tuple[float, float]:
-        return super().forces[0], -super().forces[1]
+    def centrifugal(self) -> tuple[float, float]:
+        return super().centrifugal[0], -super().centrifugal[1]
 
 
 @pytest.mark.parametrize("wrong", [Upside, Outwards])
@@ -68,7 +68,7 @@ def test_a_wrong_sign_or_a_term_that_is_missing_leaves_the_limits(wrong: Any) ->
 
 @pytest.mark.parametrize("mu", JOINT)
 def test_joint_fails_where_its_closed_bound_has_it(mu: float) -> None:
-    bound = rpm(OrientatorParameters.of(system(mu)).lies_down)
+    bound = rpm_of_squared(OrientatorParameters.of(system(mu)).joint_limit)
     assert bound == pytest.approx(JOINT[mu], abs=6e-4)
     below, above = (simulate(system(mu), mu, bound + x) for x in (-1e-5, 1e-5))
     assert below[3] != orientator.REASONS.index("catcher stopped")
@@ -76,7 +76,7 @@ def test_joint_fails_where_its_closed_bound_has_it(mu: float) -> None:
 
 
 def test_friction_holds_the_cup_in_the_chute_where_the_bound_has_it() -> None:
-    bound = rpm(OrientatorParameters.of(system(0.35)).sticks)
+    bound = rpm_of_squared(OrientatorParameters.of(system(0.35)).sticking)
     assert simulate(system(0.35), 0.35, bound - 1e-6)[3] != 1
     assert simulate(system(0.35), 0.35, bound + 1e-6)[3] == 1
 
@@ -86,14 +86,14 @@ def jacobi(m: OrientatorParameters, W: float) -> tuple[float, float, float] | No
     of motion over phi2 and the energy at the hook contact; None where the catcher comes back first.
     """
     slope, a, b, share = m.hook_impact
-    phi1, phi2, _ = m.pose
-    k = m.hook(phi1, phi2)
+    phi1, phi2, _ = m.begin_of_turning
+    k = m.hook_motion(phi1, phi2)
     mass = (k["M11"] * slope + 2 * k["M12"]) * slope + k["M22"]
-    half, (F_1, F_2) = m.l1 / 2, (W * x for x in m.forces)
+    half, (F_1, F_2) = m.l1 / 2, (W * x for x in m.centrifugal)
 
     def rates(phi2: float, z: Any) -> list[float]:
         phi1, p, y = z
-        k = m.hook(phi1, phi2)
+        k = m.hook_motion(phi1, phi2)
         ay = ((k["Y11"] * p + 2 * k["Y12"]) * p + k["Y22"]) * y
         down = m.m2 * (m.g - ay) - m.mu * F_2
         pull = F_1 * math.sin(phi1) + m.c * half * (phi1 - m.phi10) * math.cos(phi1)
@@ -104,7 +104,7 @@ def jacobi(m: OrientatorParameters, W: float) -> tuple[float, float, float] | No
         return [p, (a1 - p * a2) / y, 2 * a2]
 
     def leaves(phi2: float, z: Any) -> float:
-        return float(m.h - m.hook(z[0], phi2)["x1"])
+        return float(m.h - m.hook_motion(z[0], phi2)["x1"])
 
     def back(phi2: float, z: Any) -> float:
         return float(z[0] - m.phi10)
@@ -129,7 +129,7 @@ def test_an_integration_over_the_angle_jams_where_the_simulation_does(mu: float)
     def orients(n: float) -> bool:
         W = (n * math.pi / 30) ** 2
         end = jacobi(machine, W)
-        return end is not None and end[2] >= W * machine.needed(end[1])
+        return end is not None and end[2] >= W * machine.needed_speed_squared(end[1])
 
     assert orients(LIMITS[mu] - 2e-3)
     assert not orients(LIMITS[mu] + 2e-3)
@@ -145,7 +145,7 @@ def test_the_release_is_that_of_the_simulation() -> None:
     assert result["orientator.phi2"][row] == pytest.approx(phi2, abs=1e-4 * w2)
     assert result["orientator.phi1"][row] == pytest.approx(phi1, abs=1e-4 * 10)
     assert w2**2 == pytest.approx(square, rel=1e-3)
-    assert machine.pose[1] - machine.pose[0] == pytest.approx(UP, abs=1e-12)
+    assert machine.begin_of_turning[1] - machine.begin_of_turning[0] == pytest.approx(UP, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_the_formula_holds_for_three_cups(frictions: Any) -> None:
     cups = [system(0.35, **cup) for cup, _ in formula_comparison.CUPS.values()]
     assert len(cups) == 3
     for cup, mu in itertools.product(cups, frictions):
-        *_, limit, error, formula, joint = formula_comparison.limits((cup, mu))
+        *_, limit, error, formula, joint = formula_comparison.limit_row((cup, mu))
         assert abs(100 * (formula / limit - 1)) < WITHIN + 100 * error / limit
         assert joint > limit + error
         assert 0.0 < error < 0.01
@@ -174,8 +174,8 @@ def test_a_smaller_chute_raises_the_limit_as_the_centrifugal_force_says() -> Non
 
 def test_an_extreme_is_as_uncertain_as_what_may_lie_beyond_it() -> None:
     values, errors = pd.Series([1.0, 0.99, math.nan]), pd.Series([0.001, 0.05, 0.2])
-    assert formula_comparison.extreme(values, errors, "x").error == pytest.approx(0.04)
-    assert formula_comparison.extreme(values, errors / 100, "x").error == pytest.approx(1e-5)
+    assert formula_comparison.largest_of(values, errors, "x").error == pytest.approx(0.04)
+    assert formula_comparison.largest_of(values, errors / 100, "x").error == pytest.approx(1e-5)
 
 
 def test_effects_have_the_sense_of_their_cause() -> None:

@@ -19,11 +19,11 @@ import cosim
 from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.parameter_plane import (
-    Built,
+    BuiltMachines,
     Plane,
     axis,
+    compared_with_orbits,
     coupling_error,
-    judged,
     on_edge,
     shares,
 )
@@ -107,8 +107,8 @@ def test_ridges_do_not_depend_on_the_points_of_the_map(ridges: pd.DataFrame) -> 
 def test_torque_of_the_wrong_sign_has_no_phase_ridge(mapped: Points) -> None:
     map_plane, _, orbits = mapped
     reversed_orbits = replace(orbits, torque=-orbits.torque)[:11]
-    assert Response(map_plane.lines, 0, reversed_orbits).lag().reason == NOT_IN_RANGE
-    assert not Response(map_plane.lines, 0, orbits[:11]).lag().reason
+    assert Response(map_plane.lines_of_rows, 0, reversed_orbits).lag().reason == NOT_IN_RANGE
+    assert not Response(map_plane.lines_of_rows, 0, orbits[:11]).lag().reason
 
 
 def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
@@ -165,11 +165,11 @@ def test_parts_lie_evenly_within_their_tolerance(mapped: Points) -> None:
     assert abs(np.corrcoef(factors["motor.T"], factors["motor.B"])[0, 1]) < 0.01
 
 
-def machines(mapped: Points, tolerances: Any = resonance_map.TOLERANCES) -> Built:
+def machines(mapped: Points, tolerances: Any = resonance_map.TOLERANCES) -> BuiltMachines:
     """Machines like those of the map."""
     map_plane, points, _ = mapped
     ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(3, -1)
-    return Built.within(map_plane, ratio, tolerances, 1024)
+    return BuiltMachines.within(map_plane, ratio, tolerances, 1024)
 
 
 def built(mapped: Points, x: Any, share: Any = 1.0, row: int = 1) -> Any:
@@ -235,7 +235,7 @@ def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points)
     sample = built(mapped, 44.0)
     torques = sample.expected[:8].astype(complex)
     torques[2] = math.nan
-    check = judged(sample, torques, LIMIT)
+    check = compared_with_orbits(sample, torques, LIMIT)
     names = ("samples", "not_steady", "judged_above", "judged_below", "off_max")
     assert [check[name] for name in names] == [7, 1, 0, 0, 0.0]
 

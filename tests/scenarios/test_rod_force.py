@@ -16,7 +16,7 @@ from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.first_order import NODE_ANGLES, SETS, Machine, rod_force
 from scenarios.conveyor.parameter_plane import coupling_error
 from scenarios.conveyor.questions import rod_force as page
-from scenarios.conveyor.rod_waveform import largest_forces, peak, unloading, waveform
+from scenarios.conveyor.rod_waveform import largest_forces, peak, unloading_spring, waveform
 from scenarios.conveyor.speed_sweep import SPEEDS
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, orbit
@@ -76,7 +76,7 @@ def test_theory_misses_by_the_order_that_it_neglects(name: str) -> None:
             true = orbit(drive(machine), nu).f_rod(NODE_ANGLES)
             errors.append(
                 [
-                    np.abs(waveform(machine, math.inf, nu, steady=steady) - true).max()
+                    np.abs(waveform(machine, math.inf, nu, at_constant_speed=steady) - true).max()
                     / np.abs(true).max()
                     for steady in (True, False)
                 ]
@@ -166,7 +166,7 @@ def test_the_spring_that_unloads_the_rod_is_that_of_exact_orbits(
     """Within its error; (17) misses it where the speed swings, and no spring near by is better."""
     finite = {"finite": True, "l": rod} if math.isfinite(rod) else {}
     start = {"conveyor.rod.finite": True, "conveyor.rod.l": rod} if finite else {}
-    stated = unloading(DRIVE, machine.follow(start), nu)
+    stated = unloading_spring(DRIVE, machine.follow(start), nu)
     formula = machine.m * nu**2
 
     def exact(c: float) -> float:

@@ -18,7 +18,7 @@ from scenarios.conveyor.drive_orbits import FORCE_ORDER, picked
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.parameter_plane import coupling_error
 from scenarios.conveyor.rod_waveform import largest_forces
-from scenarios.conveyor.second_order import settling
+from scenarios.conveyor.second_order import settling_rates
 from scenarios.project import PROJECT
 from tests.conftest import ask
 from tests.scenarios.orbit_oracle import Drive, orbit
@@ -208,7 +208,7 @@ def test_a_mean_speed_overshoots_as_its_damping_says(lag: float, overshoots: boo
     start = {"motor.T": lag}
     answer = ask("mean_values", speeds="40", speed=40.0, start=start, steps_per_rev=1024)
     machine, figure = replace(SETS["A"], T=lag), answer.figures["overshoot"]
-    rate = settling(machine)[0]
+    rate = settling_rates(machine)[0]
     theory = 100 * math.exp(math.pi * rate.real / abs(rate.imag)) if overshoots else 0.0
     assert figure.error is not None and figure.error < 0.1
     assert figure.value == pytest.approx(theory, abs=0.2)
@@ -241,7 +241,9 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_point() -> None
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
     machine, nu = data.plane.points()
     machine = picked(machine, nu.shape, [at])
-    runs = largest_forces(data.drive.orbits(machine, data.drive.each(nu[[at]]), "test"))[:, 0]
+    runs = largest_forces(data.drive.orbits(machine, data.drive.for_each_step(nu[[at]]), "test"))[
+        :, 0
+    ]
     point_error = 100 * ratio[at] * float(limit(runs, FORCE_ORDER).error) / runs[0]
     sampled = coupling_error(data.plane, data.drive, largest_forces, FORCE_ORDER)
     assert point_error > 200 * sampled

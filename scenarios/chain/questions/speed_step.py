@@ -143,7 +143,7 @@ class SpeedStep(Question, RunOptions):
         follow. A motion that changes by more than STEADY is not steady, and has no such figures.
         """
         top, at = f["mean_max"], f["mean_max_time"]
-        changed = dict(frequencies(r))
+        changed = dict(natural_frequencies(r))
         if top.error is None:
             pass
         elif top.value <= (1.0 + LEAST_OVERSHOOT) * self.speed:
@@ -155,7 +155,7 @@ class SpeedStep(Question, RunOptions):
             changed["mean_max_time"] = Figure.undetermined("s", why, at.meaning)
         mean, ripple, order = (f[name] for name in ("mean", "ripple", "ripple_order"))
         ripple = ripple._replace(value=ripple.value / 2, error=ripple.error and ripple.error / 2)
-        scale, rests = order.value / TURN, rests_of(r)
+        scale, rests = order.value / TURN, changes_left(r)
         meaning = "frequency of this order"
         if not rests or max(rests) > STEADY * self.speed:
             why = f"the motion is not steady at {self.stop:g} s"
@@ -239,7 +239,7 @@ class SpeedStep(Question, RunOptions):
         return live_motion(r)
 
 
-def rests_of(r: Result) -> list[float]:
+def changes_left(r: Result) -> list[float]:
     """What mean and ripple of a turn may still change; empty where the load turns less than three times."""
     w, phi = r.solution("load.w"), r.solution("load.phi")
     ends = [float(r["time"][-1]), last_turn(phi, 1), last_turn(phi, 2)]
@@ -262,13 +262,13 @@ def remaining_change(last: float, before: float, first: float) -> float:
     return change * max(1.0, share / (1.0 - share))
 
 
-def frequencies(r: Result) -> dict[str, Figure]:
+def natural_frequencies(r: Result) -> dict[str, Figure]:
     """At which gearbox and load swing against each other on the undamped shaft, pressed to one flank,
     and the load alone while the controller holds the gearbox [Hz], with the mean inertia of the load.
     """
     gear, shaft, load = (r.provenance["parts"][x]["parameters"] for x in ("gear", "shaft", "load"))
     J_1 = gear["J"] * gear["i"] ** 2
-    J_2 = load["rotor.J"] + (load["trough.m"] + load["load.m"]) * mean_square(load)
+    J_2 = load["rotor.J"] + (load["trough.m"] + load["load.m"]) * mean_square_travel(load)
     free, held = math.sqrt(shaft["c"] * (1 / J_1 + 1 / J_2)), math.sqrt(shaft["c"] / J_2)
     meanings = {"free": "gearbox and load on the shaft", "held": "the load with the gearbox held"}
     fixed, mean = "natural frequency of", "at the load's mean inertia over a turn"
@@ -278,7 +278,7 @@ def frequencies(r: Result) -> dict[str, Figure]:
     }
 
 
-def mean_square(load: Mapping[str, float]) -> float:
+def mean_square_travel(load: Mapping[str, float]) -> float:
     """The mean over a turn of the square of the trough's travel per angle of the crank [m2/rad2]."""
     phi, tilt = np.arange(ANGLES) * TURN / ANGLES, 0.0
     if load["link.swings"]:

@@ -40,7 +40,7 @@ from workbench.fitting import RecordOptions
 from workbench.judgement import Holds
 
 from ..first_order import SETS, Machine
-from ..fitted_drive import CHANGED, IdentifiedDrive, edges, figures
+from ..fitted_drive import CHANGED, IdentifiedDrive, figures, stretches_above_limit
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed, has_kloss_characteristic, linearised, require_torque
 from ..motion import moving
@@ -100,7 +100,7 @@ class Identify(Question, RecordOptions, RippleOptions):
         )
         machine = partial(fitted_machine, base, nu)
         drive_data = IdentifiedDrive(
-            fit, machine, operating, edges(self, fit, machine), advice(self, fit)
+            fit, machine, operating, stretches_above_limit(self, fit, machine), advice(self, fit)
         )
         return Findings(
             figures(self, context, drive_data),
@@ -109,7 +109,7 @@ class Identify(Question, RecordOptions, RippleOptions):
             fit.result.provenance,
             tables=fitting.tables(fit, drive_data.advice, "identify", "rad/s"),
             facts=facts(self, drive_data),
-            defaults={"speed": drive_data.operating, "rated_torque": self.rated},
+            defaults={"speed": drive_data.operating, "rated_torque": self.rated_torque_or_default},
         )
 
     def judgements(self, f: Mapping[str, Figure], r: IdentifiedDrive) -> list[Judgement]:
@@ -122,10 +122,10 @@ class Identify(Question, RecordOptions, RippleOptions):
         ripple = Judgement(
             f"torque ripple below its limit at {at}",
             f["tau2"],
-            most=self.ripple_limit,
+            most=self.torque_ripple_limit,
             yes=f"{at} is safe for torque",
             no=f"Avoid {at} for its torque",
-            note=self.limit_note,
+            note=self.default_rating_note,
         )
         return [
             ripple,
@@ -191,7 +191,7 @@ def advice(o: Identify, fit: Identified) -> list[Advice]:
     times = fit.problem.columns[0].times
     stop, last = float(times[-1] - times[0]), {name: float(fit.result[name][-1]) for name in STATES}
     noise = {column.name: column.noise.sigma for column in fit.problem.columns}
-    torque = {TORQUE: NOISE * o.rated}
+    torque = {TORQUE: NOISE * o.rated_torque_or_default}
     supply = KLOSS[0] if has_kloss_characteristic(base) else LINEAR[0]
     rest = {"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0}
     kinds: dict[str, Mapping[str, Value]] = {
@@ -210,8 +210,8 @@ def facts(o: Identify, drive_data: IdentifiedDrive) -> dict[str, Any]:
     """What else stands in the JSON."""
     settings = {
         "operating_speed": drive_data.operating,
-        "rated_torque": o.rated,
-        "limit": o.ripple_limit,
+        "rated_torque": o.rated_torque_or_default,
+        "limit": o.torque_ripple_limit,
     }
     return settings | fitting.facts(drive_data.fit, drive_data.advice, FROM_DRAWINGS)
 
@@ -228,7 +228,7 @@ def band(o: Identify, f: Mapping[str, Figure], r: IdentifiedDrive) -> Chart:
         "first-order theory of the fitted machine", nus, [x.value for x in each], colors.TORQUE,
         "line", [x.error for x in each],
     )  # fmt: skip
-    limit = Mark(o.ripple_limit, f"limit {o.ripple_limit:g} N.m")
+    limit = Mark(o.torque_ripple_limit, f"limit {o.torque_ripple_limit:g} N.m")
     marks = [
         Mark.of("resonance", f["nu_res"]),
         Mark(r.operating, f"operating speed {r.operating:.4g} rad/s"),

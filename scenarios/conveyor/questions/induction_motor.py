@@ -40,7 +40,7 @@ from ..machine import KLOSS, conveyor_drive, followed, linearised, require_torqu
 from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
 from ..papers import cited
-from ..response import Lines, Response, locate
+from ..response import MachineLines, Response, locate
 from ..speed_sweep import LARGEST_PEAKED_ZETA, UNITS, run_sweeps
 
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
@@ -104,7 +104,7 @@ class InductionMotor(Question, NameplateOptions):
             start_ = {**start, **changed}
             lag = 1 / (2 * math.pi * frequency * float(start_["motor.kloss.s_b"]))
             found = Motor(replace(SETS["B"], T=lag).follow(start_))
-            require_torque(found.machine, found.guides)
+            require_torque(found.machine, found.speeds_around_resonance)
             return found
 
         followed(context.fmus, SETS["B"], start)
@@ -113,12 +113,14 @@ class InductionMotor(Question, NameplateOptions):
         slips = [motor({"motor.kloss.s_b": s}) for s in self.slips]
         each = [sheet, *loads, *slips]
         drive = Drive(context, self.algorithm, self.steps_per_rev)
-        of_kloss = lag_speeds(drive, [(x.machine, x.guides) for x in each])
-        lag_speeds_ = list(zip(of_kloss, lag_speeds(drive, [(x.line, x.guides) for x in each])))
+        of_kloss = lag_speeds(drive, [(x.machine, x.speeds_around_resonance) for x in each])
+        lag_speeds_ = list(
+            zip(of_kloss, lag_speeds(drive, [(x.line, x.speeds_around_resonance) for x in each]))
+        )
         table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds_)], COLUMNS)
-        speeds = characteristics_table(drive, sheet)
+        speeds = ripple_and_lag_over_speed(drive, sheet)
         heavy = max(zip(each, lag_speeds_), key=lambda it: it[0].machine.d)
-        small = min(zip(each, lag_speeds_), key=lambda it: it[0].breakdown)
+        small = min(zip(each, lag_speeds_), key=lambda it: it[0].breakdown_slip_speed)
         return Findings(
             sheet_figures(sheet, *lag_speeds_[0]) | extremes(heavy, small),
             MotorData(drive, sheet, len(loads), table.frame, speeds.frame),
@@ -175,12 +177,12 @@ class Motor(NamedTuple):
     machine: Machine
 
     @property
-    def tau_b(self) -> float:
+    def breakdown_torque(self) -> float:
         """The breakdown torque [N.m]."""
         return float(self.machine.more["motor.kloss.tau_b"])
 
     @property
-    def breakdown(self) -> float:
+    def breakdown_slip_speed(self) -> float:
         """The slip speed there [rad/s]."""
         more = self.machine.more
         return float(more["motor.kloss.s_b"] * more["motor.kloss.w_s"])
@@ -188,25 +190,25 @@ class Motor(NamedTuple):
     @property
     def stiff(self) -> Machine:
         """The machine with the slope without slip."""
-        return replace(self.machine, B=2 * self.tau_b / self.breakdown)
+        return replace(self.machine, B=2 * self.breakdown_torque / self.breakdown_slip_speed)
 
     @property
-    def guides(self) -> Samples:
+    def speeds_around_resonance(self) -> Samples:
         """Speeds around the resonance without slip [rad/s]."""
         first, last = (share * float(self.stiff.nu_res) for share in RANGE)
         return np.linspace(first, last, GUIDE_SPEEDS)
 
     def slip(self, nu: Any) -> Any:
         """The slip at the load of nu [rad/s], in shares of the breakdown slip."""
-        load = self.machine.load_slope * nu / self.tau_b
+        load = self.machine.load_slope * nu / self.breakdown_torque
         return load / (1 + np.sqrt(1 - load**2))
 
     @property
     def nu_res(self) -> float:
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
-        lag = Response(Lines.of(self.machine, {0: self.guides})).lag()
+        lag = Response(MachineLines.of(self.machine, {0: self.speeds_around_resonance})).lag()
         if lag.reason:
-            where = f"{self.guides[0]:.4g} .. {self.guides[-1]:.4g} rad/s"
+            where = f"{self.speeds_around_resonance[0]:.4g} .. {self.speeds_around_resonance[-1]:.4g} rad/s"
             raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {lag.reason}")
         return lag.x
 
@@ -221,7 +223,7 @@ class Motor(NamedTuple):
         more = {x: y for x, y in self.machine.more.items() if not x.startswith("motor.")}
         return replace(self.tangent, more=more)
 
-    def flux(self) -> float:
+    def flux_lag_speed(self) -> float:
         """The speed of 90 degrees lag with the rotor's flux in the place of (2) [rad/s]; nan for none."""
         m, stiff = self.machine, self.stiff.B
 
@@ -229,7 +231,7 @@ class Motor(NamedTuple):
             through = flux_lag(m, self.slip(nu), stiff, nu)
             return float((1 + (2j * nu * m.theta0 + m.load_slope) / through).real)
 
-        first, last = self.guides[[0, -1]].tolist()
+        first, last = self.speeds_around_resonance[[0, -1]].tolist()
         return brentq(behind, first, last) if behind(first) > 0 > behind(last) else math.nan
 
 
@@ -242,7 +244,7 @@ def lag_speeds(drive: Drive, machines: Sequence[tuple[Machine, Samples]]) -> lis
         for nu in nus[[0, -1]].tolist():
             drive.require_enough_steps(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
     each, guides = zip(*machines)
-    lines = Lines.of(Machine.of(each), dict(enumerate(guides)))
+    lines = MachineLines.of(Machine.of(each), dict(enumerate(guides)))
     responses = [sweep.response for sweep in run_sweeps(replace(drive, multiples=1), lines)]
     sought = [response.lag() for response in responses]
     return [figure for figure, _ in locate(drive, responses, sought).figures(sought, "rad/s")]
@@ -266,17 +268,19 @@ def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
     errors = [math.nan if x.error is None else x.error for x in (line, kloss)]
     return [
         machine.d, machine.more["motor.kloss.s_b"], machine.load_slope * nu, motor.slip(nu),
-        machine.B, machine.T, machine.zeta, nu, motor.flux(),
+        machine.B, machine.T, machine.zeta, nu, motor.flux_lag_speed(),
         line.value, errors[0], kloss.value, errors[1],
     ]  # fmt: skip
 
 
-def characteristics_table(drive: Drive, motor: Motor) -> Table:
+def ripple_and_lag_over_speed(drive: Drive, motor: Motor) -> Table:
     """Ripple and lag over the speed, with the characteristic and with the line of its slope."""
-    nus = np.linspace(motor.guides[0], motor.guides[-1], 2 * GUIDE_SPEEDS + 1)
+    nus = np.linspace(
+        motor.speeds_around_resonance[0], motor.speeds_around_resonance[-1], 2 * GUIDE_SPEEDS + 1
+    )
     units, columns = {"nu": "rad/s"}, {"nu": nus}
     for name, machine in (("kloss", motor.machine), ("linear", motor.line)):
-        (sweep,) = run_sweeps(drive, Lines.of(machine, {0: nus}))
+        (sweep,) = run_sweeps(drive, MachineLines.of(machine, {0: nus}))
         for column in ("tau2", "tau2_error", "lag", "lag_error"):
             what, _, end = column.partition("_")
             key = f"{what}_{name}{'_' * bool(end)}{end}"
@@ -302,7 +306,7 @@ def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure
         ),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "nu_res": Figure(nu, "rad/s", 0.0, "resonance by formula (22) with this slope"),
-        "nu_flux": fluxed(motor, "first order"),
+        "nu_flux": flux_lag_figure(motor, "first order"),
         "nu_linear": line._replace(meaning="speed of 90 deg lag, linear motor of this slope"),
         "nu_kloss": kloss._replace(meaning="speed of 90 deg lag, full characteristic"),
         "shift": shift,
@@ -317,7 +321,7 @@ def extremes(heavy: tuple[Motor, LagSpeeds], small: tuple[Motor, LagSpeeds]) -> 
     return {
         "most_resistance": Figure(most, "N.s/m", 0.0, "largest resistance of the trough"),
         "heavy_res": Figure(loaded.nu_res, "rad/s", 0.0, f"resonance by formula (22), {condition}"),
-        "heavy_flux": fluxed(loaded, condition),
+        "heavy_flux": flux_lag_figure(loaded, condition),
         "heavy_kloss": full._replace(
             meaning=f"speed of 90 deg lag, full characteristic, {condition}"
         ),
@@ -328,9 +332,9 @@ def extremes(heavy: tuple[Motor, LagSpeeds], small: tuple[Motor, LagSpeeds]) -> 
     }
 
 
-def fluxed(motor: Motor, where: str) -> Figure:
+def flux_lag_figure(motor: Motor, where: str) -> Figure:
     """The speed of 90 degrees lag with the rotor's flux in the place of (2)."""
-    nu, meaning = motor.flux(), f"speed of 90 deg lag, rotor flux instead of (2), {where}"
+    nu, meaning = motor.flux_lag_speed(), f"speed of 90 deg lag, rotor flux instead of (2), {where}"
     if math.isnan(nu):
         return Figure.undetermined("rad/s", "no speed near (22) has it", meaning)
     return Figure(nu, "rad/s", 0.0, meaning)
@@ -372,7 +376,10 @@ def dependence(column: str, name: str, x: str, rows: Any) -> Chart:
 
 def over_speed(f: Mapping[str, Figure], r: MotorData) -> Chart:
     """Ripple and lag of both motors, and first-order theory."""
-    nu, tangent = np.linspace(r.motor.guides[0], r.motor.guides[-1], 300), r.motor.tangent
+    nu, tangent = (
+        np.linspace(r.motor.speeds_around_resonance[0], r.motor.speeds_around_resonance[-1], 300),
+        r.motor.tangent,
+    )
     torque = tangent.torque_ripple(nu)
     lag = np.angle(tangent.load_ripple(nu) / torque, deg=True) % 360.0
     panels = []

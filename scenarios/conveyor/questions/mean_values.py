@@ -81,7 +81,7 @@ class MeanValues(Question, SweepOptions):
         operating = self.speed or float(machine.nu_res)
         for nu in nus:
             drive.require_enough_steps(machine, nu)
-        drive = drive.checked(machine, nus[0])
+        drive = drive.with_stable_multiples(machine, nus[0])
         drive.require_enough_steps(machine, operating, STEP_MULTIPLES[drive.multiples - 1])
         rows = mean_figures(drive, machine, sorted({*nus, operating}))
         units = {"nu": "rad/s"}
@@ -161,7 +161,7 @@ def mean_figures(
 
     Means over time are those over the angle of what is divided by the speed: dt = d phi / w.
     """
-    nu = drive.each(speeds)
+    nu = drive.for_each_step(speeds)
     turns = drive.turns(machine, nu.ravel(), (LOSS,), steps_per_rev=drive.steps(nu.shape).ravel())
     tau, w, loss = (turns.of(name) for name in ("motor.tau", "conveyor.w", LOSS))
 
@@ -177,7 +177,9 @@ def mean_figures(
     limits = {}
     for name, x in of_both.items():
         left = turns.settling_error(x) + MEAN_SPEED_ERROR * speed[:, 1] * (name == "speed")
-        limits[name] = at_zero_step(x[:, 1].reshape(nu.shape), drive.order, left.reshape(nu.shape))
+        limits[name] = at_zero_step(
+            x[:, 1].reshape(nu.shape), drive.convergence_order, left.reshape(nu.shape)
+        )
     problems = np.array(turns.problems, object).reshape(nu.shape)
     return {
         nu: {

@@ -53,16 +53,25 @@ from ..machine import (
     conveyor_drive,
     has_kloss_characteristic,
     kloss,
+    kloss_slips,
     linearised,
-    mains_speed,
     refusals,
     require_torque,
-    slip_speeds,
+    speed_on_mains,
     start_values,
 )
 from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
 from ..papers import cited
-from ..response import PHASE_UNDEFINED, RIPPLES, SPEED, TORQUE, VANISHING, Lines, Sought, locate
+from ..response import (
+    PHASE_UNDEFINED,
+    RIPPLES,
+    SPEED,
+    TORQUE,
+    VANISHING,
+    MachineLines,
+    Sought,
+    locate,
+)
 from ..ripple_limit import LimitCrossing, RippleLimit
 from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, run_sweeps
 
@@ -114,16 +123,16 @@ class Resonance(Question, NameplateOptions, RippleOptions):
     tolerance: float = option(5.0, "error that is accepted of classical theory", "%", above=0.0)
 
     @property
-    def rated(self) -> float:
+    def rated_torque_or_default(self) -> float:
         """The rated torque [N.m], that of the nameplate where none is given."""
         if self.rated_torque is None and self.plate:
             return self.plate.torque * self.plate.ratio
-        return super().rated
+        return super().rated_torque_or_default
 
     @property
-    def limit_note(self) -> str:
+    def default_rating_note(self) -> str:
         """Where the limit of the torque ripple comes from, if neither a rated torque nor a nameplate is given."""
-        return "" if self.nameplate else super().limit_note
+        return "" if self.nameplate else super().default_rating_note
 
     def solve(self, context: Context) -> Findings:
         """Sweep the speed, locate the features of the response, and judge the operating speed.
@@ -174,17 +183,19 @@ class Resonance(Question, NameplateOptions, RippleOptions):
             Judgement(
                 f"torque ripple below its limit at {at}",
                 f["tau2_operating"],
-                most=self.ripple_limit,
+                most=self.torque_ripple_limit,
                 yes=f"{at} is safe for torque",
                 no=f"Avoid {at} for its torque",
-                note=self.limit_note,
+                note=self.default_rating_note,
             ),
             Judgement(
                 "on resonance",
                 is_wanted=False,
                 also=[
                     Judgement("lag", f["lag_operating"], *BAND),
-                    Judgement("ripple over that of the load", amplification(f, r), least=1.0),
+                    Judgement(
+                        "ripple over that of the load", operating_amplification(f, r), least=1.0
+                    ),
                     *[damping] * (not has_peak),
                 ],
             ),
@@ -200,7 +211,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
             *([Judgement("the sweep leaves out", note=listed(left))] if left else []),
             *stalls(r),
             *taken(self),
-            *supply(self, f, r),
+            *fed_with(self, f, r),
         ]
 
     def show(self, f: Mapping[str, Figure], r: ResonanceData) -> Show:
@@ -209,7 +220,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         charts = [chart]
         if r.classical:
             nu = np.linspace(r.sweep.speeds[0], r.sweep.speeds[-1], CURVE_POINTS)
-            force = classical.force_panel(r.classical, nu)
+            force = classical.force_over_speed(r.classical, nu)
             charts = [
                 chart._replace(panels=[*chart.panels, force]),
                 classical.error_chart(r.classical, chart.marks),
@@ -221,7 +232,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
 
     def live(self, f: Mapping[str, Figure], r: ResonanceData) -> Live:
         """The orbit at the speed of the slider, and the ripple over the speeds of the sweep."""
-        return live_part(r.sweep, r.machine, r.speed, levels_of(self))
+        return live_part(r.sweep, r.machine, r.speed, torque_levels(self))
 
 
 class SweepPlan(NamedTuple):
@@ -278,19 +289,21 @@ def planned(o: Resonance, context: Context, base: Machine, why: str) -> SweepPla
     every = sorted({*speeds, speed})
     for nu in every if has_kloss_characteristic(base) else every[:1]:
         drive.require_enough_steps(linearised(base, nu), nu)
-    return SweepPlan(o, base, drive.checked(linearised(base, every[0]), every[0]), speeds, speed)
+    return SweepPlan(
+        o, base, drive.with_stable_multiples(linearised(base, every[0]), every[0]), speeds, speed
+    )
 
 
 def solved(plans: Sequence[SweepPlan]) -> Iterator[Findings]:
     """Yield what each of many machines that are run alike gives: all are swept together, and all features located."""
     drive = plans[0].drive
     every = {k: np.array(sorted({*plan.speeds, plan.speed})) for k, plan in enumerate(plans)}
-    lines = Lines.of(Machine.of([plan.machine for plan in plans]), every)
+    lines = MachineLines.of(Machine.of([plan.machine for plan in plans]), every)
     swept = run_sweeps(drive, lines)
     sought = []
     responses = [sweep.at(plan.speeds).response for plan, sweep in zip(plans, swept)]
     for plan, response in zip(plans, responses):
-        passed = response.passed(plan.question.ripple_limit)
+        passed = response.passed(plan.question.torque_ripple_limit)
         sought.append([response.lag(), response.peak(TORQUE), response.peak(SPEED), *passed])
     flat = [feature for of_one in sought for feature in of_one]
     located = iter(locate(drive, responses, flat).figures(flat, "rad/s"))
@@ -311,7 +324,7 @@ def findings(
         [sweep.explained(figure) for figure in pair] for pair in located
     )
     crossings = [LimitCrossing(feature, end) for feature, (end, _) in zip(sought[3:], ends)]
-    limit = RippleLimit(o.ripple_limit, sweep, crossings)
+    limit = RippleLimit(o.torque_ripple_limit, sweep, crossings)
     r = ResonanceData(sweep, speed, operating, limit)
     tables = {TABLE: sweep.table}
     if o.theory == CLASSICAL:
@@ -335,11 +348,11 @@ def findings(
         tables=tables,
         facts={
             "operating_speed": speed,
-            "rated_torque": o.rated,
+            "rated_torque": o.rated_torque_or_default,
             "orbits": dict(plan.drive.counts),
         },
         warnings=[f"No steady orbit at {nu:g} rad/s: {x}" for nu, x in every.problems().items()],
-        defaults={"speed": speed, "rated_torque": o.rated, "speeds": plan.speeds},
+        defaults={"speed": speed, "rated_torque": o.rated_torque_or_default, "speeds": plan.speeds},
     )
 
 
@@ -347,7 +360,7 @@ def operating_speed_of(o: Resonance, base: Machine) -> float:
     """Return the operating speed [rad/s]: as given, or on the mains that at which the torques balance."""
     if o.supply != MAINS:
         return o.speed or OPERATING[o.set]
-    speed = mains_speed(base)
+    speed = speed_on_mains(base)
     if o.speed is not None:
         raise SetupError(
             f"speed = {o.speed:g} rad/s cannot be chosen with supply = 'mains': the drive runs at {speed:.4g} rad/s "
@@ -412,7 +425,7 @@ def distance(lag: Figure, speed: float) -> Figure:
     return Figure(lag.value - speed, "rad/s", lag.error, meaning)
 
 
-def amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure:
+def operating_amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure:
     """Return the torque ripple at the operating speed over that of its load, there or of a slow turn.
 
     The larger of both loads counts: where spring and inertia of the trough nearly cancel, a ripple may be many
@@ -445,12 +458,13 @@ def stalls(r: ResonanceData) -> list[Judgement]:
     return [Judgement("the motor stalls at", note=note)] if where else []
 
 
-def supply(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
+def fed_with(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
     """Return how an induction motor is fed, since no motor has the synchronous speed of another supply."""
     if not has_kloss_characteristic(r.machine):
         return []
-    at, given, slip = slip_speeds(r.at(r.speed), r.speed)
-    slip_text = f"its slip speed at breakdown stays {slip:.4g} rad/s"
+    machine = r.at(r.speed)
+    slips, given = kloss_slips(machine, r.speed), kloss(machine)["motor.kloss.w_s"]
+    slip_text = f"its slip speed at breakdown stays {slips.at_breakdown:.4g} rad/s"
     if o.supply == MAINS:
         note = f"other speeds of the sweep are those of another frequency of the mains; {slip_text}"
         what = f"speed on the mains, whose synchronous speed is {given:.4g} rad/s"
@@ -460,7 +474,7 @@ def supply(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> list[Judg
         f"in place of the {given:.4g} rad/s {told}, as an inverter sets it for each speed; {slip_text}; with "
         "--supply mains it stays, and the speed follows"
     )
-    synchronous = Figure(at, "rad/s", 0.0)
+    synchronous = Figure(r.speed + float(slips.under_load), "rad/s", 0.0)
     return [Judgement("synchronous speed at the operating speed", synchronous, note=note)]
 
 
@@ -514,7 +528,7 @@ def ripple(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
         "operating speed [rad/s]",
         [
             panel("torque ripple", tau2, "tau2", abs(torque), colors.TORQUE,
-                  *(Mark(level, text) for text, level in levels_of(o).items())),
+                  *(Mark(level, text) for text, level in torque_levels(o).items())),
             panel("speed ripple", w2, "w2", abs(omega), colors.SPEED),
             panel("lag behind the load", "deg", "lag", lag, colors.LIFT, Mark(90.0, "90 deg"), *ends),
         ],
@@ -526,7 +540,10 @@ def ripple(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
     )  # fmt: skip
 
 
-def levels_of(o: Resonance) -> dict[str, float]:
+def torque_levels(o: Resonance) -> dict[str, float]:
     """Return the levels of the torque ripple by their names [N.m]."""
-    rated, limit = f"rated torque {o.rated:g} N.m", f"limit {o.ripple_limit:g} N.m"
-    return {rated: o.rated, limit: o.ripple_limit}
+    rated, limit = (
+        f"rated torque {o.rated_torque_or_default:g} N.m",
+        f"limit {o.torque_ripple_limit:g} N.m",
+    )
+    return {rated: o.rated_torque_or_default, limit: o.torque_ripple_limit}

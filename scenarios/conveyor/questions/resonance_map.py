@@ -34,7 +34,7 @@ from ..options import RippleOptions
 from ..papers import cited
 from ..parameter_plane import (
     SPEED_NAME,
-    Built,
+    BuiltMachines,
     Plane,
     Sample,
     axis,
@@ -127,16 +127,16 @@ class ResonanceMap(Question, RippleOptions):
         rows, error = ridges(plane, drive, orbits), coupling_error(plane, drive)
         map_ = Map(plane, drive, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
         ratio = map_.field("ripple") / map_.field("ripple_theory")
-        built = Built.within(plane, ratio, spread, self.samples)
+        built = BuiltMachines.within(plane, ratio, spread, self.samples)
         checks = built.check(
-            risk(map_, built, self.checks, self.ripple_limit),
+            add_risk(map_, built, self.checks, self.torque_ripple_limit),
             self.check_runs,
-            self.ripple_limit,
+            self.torque_ripple_limit,
             drive,
         )
         y = {plane.y.name: plane.y.along.unit}
         return Findings(
-            figures(points, rows, error) | judgement(checks, error),
+            figures(points, rows, error) | check_figures(checks, error),
             map_,
             conveyor_drive(context.fmus, plane.machine.start(plane.speed)),
             communication=f"{self.steps_per_rev} steps per revolution",
@@ -149,14 +149,14 @@ class ResonanceMap(Question, RippleOptions):
             },
             facts={
                 "range": within,
-                "limit": self.ripple_limit,
-                "rated_torque": self.rated,
+                "limit": self.torque_ripple_limit,
+                "rated_torque": self.rated_torque_or_default,
                 "tolerances": spread,
                 "distribution": "uniform within the tolerance, speed held",
                 "checks": checks,
             },
             defaults={
-                "rated_torque": self.rated,
+                "rated_torque": self.rated_torque_or_default,
                 "tolerance": tuple(f"{name}={100 * share:g}" for name, share in spread.items()),
                 **(
                     {"speed": plane.speed}
@@ -168,11 +168,11 @@ class ResonanceMap(Question, RippleOptions):
 
     def judgements(self, f: Mapping[str, Figure], r: Map) -> list[Judgement]:
         """Which part of the map stays clear, with the machine as it is and with all parts within tolerance."""
-        above = f"a torque ripple above {self.ripple_limit:g} N.m"
+        above = f"a torque ripple above {self.torque_ripple_limit:g} N.m"
         built = f"with all parts within tolerance, clear of it {NEARLY_ALL}"
         if r.within is None:
             ripple = r.points["ripple"].dropna()
-            clear = Figure(100.0 * float(np.mean(ripple <= self.ripple_limit)), "%", 0.0)
+            clear = Figure(100.0 * float(np.mean(ripple <= self.torque_ripple_limit)), "%", 0.0)
             points = f"of {len(ripple)} points with a steady orbit, out of {len(r.points)}"
             answers = [
                 Judgement(
@@ -183,7 +183,7 @@ class ResonanceMap(Question, RippleOptions):
         else:
             name = r.plane.y.name.replace("motor.T", "motor time constant")
             span = f"{r.within[0]:g} to {r.within[1]:g} rad/s"
-            nominal = r.clear("ripple_in_range", self.ripple_limit)
+            nominal = r.clear("ripple_in_range", self.torque_ripple_limit)
             nearly_all = r.clear("probability_in_range", SURE)
             answers = [
                 Judgement(
@@ -206,7 +206,9 @@ class ResonanceMap(Question, RippleOptions):
         """Both maps, the rows, and one revolution where the torque swings most."""
         worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
         turn = motion.revolution(r.drive, *r.plane.at(*worst))
-        return Show([*maps(r, self.ripple_limit), *chart_of_rows(r, self.ripple_limit)], *turn)
+        return Show(
+            [*maps(r, self.torque_ripple_limit), *chart_of_rows(r, self.torque_ripple_limit)], *turn
+        )
 
 
 def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, float] | None]:
@@ -276,7 +278,7 @@ def ridges(plane: Plane, drive: Drive, orbits: Orbits) -> DataFrame:
     """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
     has none. The orbits are those of all points.
     """
-    lines, levels = plane.lines, plane.y.along.values
+    lines, levels = plane.lines_of_rows, plane.y.along.values
     count = len(plane.x.along.values)
     of_rows = [orbits[k : k + count] for k in range(0, len(orbits.mean), count)]
     responses = [Response(lines, k, row) for k, row in enumerate(of_rows)]
@@ -291,7 +293,7 @@ def ridges(plane: Plane, drive: Drive, orbits: Orbits) -> DataFrame:
     return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], plane.x.along.unit)).frame
 
 
-def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:
+def add_risk(r: Map, built: BuiltMachines, count: int, most: float) -> list[Sample]:
     """Put probabilities and the ripple in the range into the tables; the machines of so many points,
     and of half as many rows, where the outcome is open.
     """
@@ -344,7 +346,7 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
     return all_figures
 
 
-def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Figure]:
+def check_figures(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Figure]:
     """How far probabilities may be off, by the machines that were co-simulated."""
     wrong, deviations, other_starts = (
         "co-simulated machines that theory judges differently",

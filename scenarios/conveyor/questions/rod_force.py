@@ -40,9 +40,17 @@ from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
 from ..papers import cited
 from ..parameter_plane import SPEED_NAME, ParameterAxis, Plane, coupling_error, torque_ripple
-from ..response import LAG, TORQUE, Lines, Response, locate
+from ..response import LAG, TORQUE, MachineLines, Response, locate
 from ..rod_force_map import SPRINGS, RodForceData, maps, over_angle, over_speed
-from ..rod_waveform import CLOSE, around, largest_forces, least, peak, unloading, waveform
+from ..rod_waveform import (
+    CLOSE,
+    best_spring_between,
+    largest_forces,
+    peak,
+    springs_around,
+    unloading_spring,
+    waveform,
+)
 from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, columns_of, no_orbit
 
 Real = NDArray[np.float64]
@@ -100,10 +108,10 @@ class RodForce(Question, RippleOptions):
         table = context.record_rows(TABLE, UNITS, rows(drive, length, plane, parts))
         if table.frame["f_rod"].isna().all():
             raise SetupError("no orbit of the map is steady")
-        spring, machines = unloading(drive, present, nu), {"": present}
+        spring, machines = unloading_spring(drive, present, nu), {"": present}
         if spring.error is not None:
             machines["_unloaded"] = replace(present, c=spring.value)
-        swept, turned = np.array([self.speeds]), drive.each(nu)
+        swept, turned = np.array([self.speeds]), drive.for_each_step(nu)
         data = RodForceData(
             drive, length, plane, table.frame, reduce(Orbits.beside, parts)[0], machines,
             {name: drive.orbits(x, swept, "speeds")[0] for name, x in machines.items()},
@@ -120,8 +128,8 @@ class RodForce(Question, RippleOptions):
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
             tables={TABLE: table},
-            facts={"operating_speed": nu, "rated_torque": self.rated},
-            defaults={"speed": nu, "rated_torque": self.rated},
+            facts={"operating_speed": nu, "rated_torque": self.rated_torque_or_default},
+            defaults={"speed": nu, "rated_torque": self.rated_torque_or_default},
         )
 
     def judgements(self, f: Mapping[str, Figure], r: RodForceData) -> list[Judgement]:
@@ -168,7 +176,7 @@ class RodForce(Question, RippleOptions):
     def show(self, f: Mapping[str, Figure], r: RodForceData) -> Show:
         """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
         best, nu = list(r.machines.values())[-1], r.plane.speed
-        pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, self.ripple_limit)]
+        pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, self.torque_ripple_limit)]
         turn = motion.revolution(r.drive, best, nu)
         return Show(pictures, *turn)
 
@@ -199,8 +207,8 @@ def rows(
 def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """The spring of the machine, and the one that unloads the rod: measured, by formula, by theory."""
     present, nu = r.plane.machine, r.plane.speed
-    low, high = around(present, nu)[[0, -1]].tolist()
-    theory = least(lambda c: waveform(replace(present, c=c), r.length, nu), low, high)
+    low, high = springs_around(present, nu)[[0, -1]].tolist()
+    theory = best_spring_between(lambda c: waveform(replace(present, c=c), r.length, nu), low, high)
     meaning = "that by theory to first order in the speed ripple"
     return {
         "spring": Figure(present.c, "N/m", 0.0, "spring of the machine"),
@@ -242,7 +250,7 @@ def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Fig
             f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {label}", why),
         }
     c = np.array([machine.c for machine in r.machines.values()])
-    lines = Lines(
+    lines = MachineLines(
         lambda x, line: (replace(r.plane.machine, c=c[line]), x),
         dict.fromkeys(range(len(c)), np.array(r.speeds)),
     )
@@ -303,8 +311,8 @@ def deviation(
     points = np.flatnonzero(sizes >= top - margin).tolist()
     machine, nu = r.plane.points()
     machine = picked(machine, nu.shape, points)
-    orbits = r.drive.orbits(machine, r.drive.each(nu[points]), "deviation")
-    of_runs = at_zero_step(quantity(orbits), order or r.drive.order)
+    orbits = r.drive.orbits(machine, r.drive.for_each_step(nu[points]), "deviation")
+    of_runs = at_zero_step(quantity(orbits), order or r.drive.convergence_order)
     if not of_runs.is_stated.all():  # an orbit may be lost with the longest steps only
         return Figure.undetermined(
             "%", "the coupling error is not known; take more steps per revolution"

@@ -58,7 +58,7 @@ from ..orbits import (
     Shooting,
     averaged,
     constants,
-    fold_steps,
+    steps_at_folds,
 )
 
 WIRES = ("motor.tau -> exciter.tau", "exciter.w -> motor.w")
@@ -153,7 +153,7 @@ class Sommerfeld(Question):
             raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
         case, theory = HeldDrive(system, self.hold, self.step), averaged(system)
         levels = case.levels(self.supplies)
-        count = fold_steps(theory, self.step)
+        count = steps_at_folds(theory, self.step)
         which = np.arange(len(count)).repeat(len(STEP_MULTIPLES))
         if len(count):
             with Shooting.of(system, theory) as shooting:
@@ -226,7 +226,7 @@ class Sommerfeld(Question):
         starts, of = starts_of(self, f)
         shares = " and ".join(f"{100 * share:g} %" for share in STARTS)
         title = f"{SWITCHED_ON}: {shares} of the {of}"
-        runs = {x.name: r[0].case.run(float(x.start["motor.v"])) for x in starts}
+        runs = {x.name: r[0].case.start_from_rest(float(x.start["motor.v"])) for x in starts}
         chart = drawn(STARTS_CHART, list(runs.values()), self, f, runs=starts)
         pictures = [steady_motion(self, f, r), chart._replace(title=title)]
         return Show(pictures, [motion.starts(title, runs)])
@@ -275,7 +275,7 @@ class HeldDrive(NamedTuple):
     hold: float
     step: float
 
-    def run(self, supply: float) -> Result:
+    def start_from_rest(self, supply: float) -> Result:
         """Run one voltage from rest."""
         system = replace(self.system, start={**self.system.start, "motor.v": supply})
         step, record = self.step_at(supply), (*STATES, *POWERS)
@@ -396,7 +396,7 @@ def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[Judgement]:
     if up.error is None or before.error is None:
         return []
     supply = STARTS[0] * up.value
-    run = observed.case.run(supply)
+    run = observed.case.start_from_rest(supply)
     last = run["time"] >= LAST * run["time"][-1]
     mean = float(run["exciter.w"][last].mean())
     passes = mean > 1.1 * before.value

@@ -110,7 +110,7 @@ class IronCycle(Question):
         """Run two more turns for the limits, and those of other dimensions."""
         is_compared = self.compare == DIMENSIONS
         plain = System(context.fmus, start=self.start)
-        varied = transfer.measure(context, plain, self.samples) if is_compared else None
+        varied = transfer.transfer_functions(context, plain, self.samples) if is_compared else None
         return CycleAnalysis(system, iron.limits(system), varied)
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:

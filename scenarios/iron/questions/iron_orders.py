@@ -89,7 +89,7 @@ class IronOrders(Question):
         several motors.
         """
         start = iron.MOTOR | {"iron.on_invalid": 1} | dict(self.start)
-        machine = measure(System(context.fmus, iron.WIRES, start))
+        machine = at_constant_speed(System(context.fmus, iron.WIRES, start))
         run = partial(simulate, machine)
         cases = [(lag / 1e3, nu, PER_REV) for lag in LAGS for nu in self.speeds]
         swept = chain.from_iterable(context.each(run, cases, "sweep"))
@@ -138,7 +138,7 @@ class IronOrders(Question):
         nu = self.speeds[len(self.speeds) // 2]
         turn, title = iron.turn(machine.drive, nu, 360), f"The mechanism at {nu:g} rad/s"
         moving = moved(motion.live_motion(title, turn, machine.drive, 4.0), turn)
-        return Show([gain(f, orders), *(torque(lag, f, orders) for lag in LAGS)], [moving])
+        return Show([gain(f, orders), *(torque_chart(lag, f, orders) for lag in LAGS)], [moving])
 
 
 class MeasuredDrive(NamedTuple):
@@ -160,7 +160,7 @@ class MeasuredDrive(NamedTuple):
         """Over a turn at constant speed [N.m]."""
         return self.still + self.moving * nu**2
 
-    def most(self, nu: float) -> Figure:
+    def largest_torque(self, nu: float) -> Figure:
         """The largest torque of such a turn, of either sign."""
         return figure_of_columns(largest, self.phi, abs(self.torque(nu)), unit="N.m")
 
@@ -172,14 +172,16 @@ class MeasuredDrive(NamedTuple):
         )
         return float(max(abs(every - half) for half in halves))
 
-    def system(self, T: float, nu: float) -> System:
-        """With the lag T [s] of a motor that is set for the mean speed nu [rad/s], turning from phi = 0."""
+    def system(self, lag: float, speed: float) -> System:
+        """With the lag [s] of a motor that is set for the mean speed [rad/s], turning from phi = 0."""
         mean = self.work / (2 * math.pi * self.i_g)
-        fixed = dict(zip(FIXED_STARTS, (self.slope * self.i_g * nu + mean, T, mean, nu, 0.0)))
+        fixed = dict(
+            zip(FIXED_STARTS, (self.slope * self.i_g * speed + mean, lag, mean, speed, 0.0))
+        )
         return replace(self.drive, start={**self.drive.start, **fixed})
 
 
-def measure(drive: System) -> MeasuredDrive:
+def at_constant_speed(drive: System) -> MeasuredDrive:
     """The mechanism from turns at constant speed, whose last rows are the first again: two tell the
     torque; the inertia, beside that of the rotor, is known to more digits with a light one.
     """
@@ -222,7 +224,7 @@ def simulate(machine: MeasuredDrive, case: tuple[float, float, int]) -> list[Seq
     M, excited, behind = np.abs(torque), np.abs(tau), np.angle(tau) - np.angle(torque)
     columns = [
         M, np.degrees(np.angle(torque)), np.abs(speed), excited, np.degrees(behind) % 360.0,
-        M / excited, left, 100 * (M - excited) / machine.most(nu).value,
+        M / excited, left, 100 * (M - excited) / machine.largest_torque(nu).value,
     ]  # fmt: skip
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
@@ -275,7 +277,7 @@ def figures(machine: MeasuredDrive, orders: Frame, runs: Frame) -> dict[str, Fig
             of_lag["added"] = Figure.undetermined("%", why, share)
         else:
             at = next(mine.itertuples())
-            most, left = machine.most(at.nu), 2 * at.settling
+            most, left = machine.largest_torque(at.nu), 2 * at.settling
             left += machine.excitation_error(at.nu, at.order)
             by_rows = (100 * left + at.added * (most.error or 0.0)) / most.value
             of_lag["added"] = figure_of(mine["added"], by_rows, "%", share)
@@ -314,7 +316,7 @@ def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:
     return Chart(title, "frequency of the order [rad/s]", [panel], marks)
 
 
-def torque(lag: int, f: Mapping[str, Figure], orders: Frame) -> Chart:
+def torque_chart(lag: int, f: Mapping[str, Figure], orders: Frame) -> Chart:
     """The torque of each order over the speed, where it meets w_n, and where the follower lifts."""
     mine = orders[orders["T"] == lag / 1e3]
     curves, marks = [], [Mark(f["follower_limit"].value, "follower lifts off")]

@@ -232,7 +232,7 @@ def figures(
     for mu, products_of in series.items():
         of_friction = {"limit": products_of.limit()}
         if products_of.jam is not None:
-            time = takes(products_of.oriented[-1], products_of.bracket, "orientation time there")
+            time = takes(products_of.oriented[-1], products_of.gap_to_jam, "orientation time there")
             of_friction["orientation_time"] = time
             of_friction["products"] = products_per_minute(time)
         for name, x in of_friction.items():

@@ -100,7 +100,7 @@ class OrientatorCycle(Question, RunOptions):
         while True:
             run = replace(self, step=step)
             _, read = context.certify(
-                system, {"wall": lambda r: {"wall_least": reaction(r)}}, run, WALL_RECORD
+                system, {"wall": lambda r: {"wall_least": smallest_reaction(r)}}, run, WALL_RECORD
             )
             figure = read["wall_least"]
             if figure.reason not in (FEW_ROWS, SOME_RUNS) or self.stop / step > MOST_STEPS:
@@ -222,7 +222,7 @@ class OrientatorCycle(Question, RunOptions):
         )
 
 
-def reaction(r: Result) -> Figure:
+def smallest_reaction(r: Result) -> Figure:
     """The smallest reaction of the wall until the product is oriented or jams; below 0 it pulls.
 
     The reaction jumps from stage to stage, so that each stage has a spline of its own, up to its ends.
@@ -237,7 +237,9 @@ def reaction(r: Result) -> Figure:
         if ends[1] > end and len(t) < LEAST_ROWS:
             return Figure.undetermined(unit, FEW_ROWS, meaning)
         if ends[1] > end:
-            least.append(figure_of_columns(partial(lowest, ends=ends), t, force, unit=unit))
+            least.append(
+                figure_of_columns(partial(least_of_spline, ends=ends), t, force, unit=unit)
+            )
         end = float(ends[1])
     if not least:
         return Figure.undetermined(unit, ending(r), meaning)
@@ -247,7 +249,7 @@ def reaction(r: Result) -> Figure:
     return Figure(low.value, unit, error, meaning)
 
 
-def lowest(t: Samples, force: Samples, ends: Samples) -> float:
+def least_of_spline(t: Samples, force: Samples, ends: Samples) -> float:
     """The least value between both ends of the spline through rows."""
     curve = CubicSpline(t, force)
     turns = curve.derivative().roots(extrapolate=False)

@@ -80,7 +80,7 @@ class OrientatorIdentify(Question, RecordOptions):
             )
         speeds = (scale * w.numbers()).tolist()
         data = {name: at_period_ends(name, table) for name, table in record.items()}
-        system = System(context.fmus, start={**self.start}, inputs=products(speeds))
+        system = System(context.fmus, start={**self.start}, inputs=product_inputs(speeds))
         with_noise = [fitting.noise(system, text)[0] for text in self.noise]
         for name, table in data.items():
             if name not in with_noise:
@@ -94,7 +94,7 @@ class OrientatorIdentify(Question, RecordOptions):
         limit = (
             Figure.undetermined("rpm", "no friction fits the record")
             if fit.misfit
-            else top(fit, machine)
+            else fastest_rotor(fit, machine)
         )
         tried = [round(share * limit.value) for share in NEXT if limit.error is not None]
         product_data = IdentifiedOrientator(
@@ -161,7 +161,7 @@ class IdentifiedOrientator(NamedTuple):
     advice: Sequence[Advice]
 
 
-def products(speeds: Sequence[float]) -> dict[str, Series]:
+def product_inputs(speeds: Sequence[float]) -> dict[str, Series]:
     """Inputs that drop a product in each period, at these speeds of the rotor [rad/s]."""
     begins = PERIOD * np.arange(len(speeds))
     edges = np.stack([begins + BEFORE * PERIOD, begins + 2 * BEFORE * PERIOD], axis=1).ravel()
@@ -201,7 +201,7 @@ def guess(system: System, data: Mapping[str, Series]) -> System:
     return min(machines, key=deviation)
 
 
-def top(fit: Identified, machine: System) -> Figure:
+def fastest_rotor(fit: Identified, machine: System) -> Figure:
     """The fastest rotor that orients [rpm]; its error holds that of friction."""
     mu = fit.values[FRICTION]
     with cosim.quiet():
@@ -237,7 +237,7 @@ def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
     stop = PERIOD * count
     experiments = {"the same products again": Experiment({}, noise, stop)}
     for n in tried:
-        inputs = products([n * math.pi / 30] * count)
+        inputs = product_inputs([n * math.pi / 30] * count)
         experiments[f"{count} products at {n} rpm"] = Experiment({}, noise, stop, (), inputs)
     return cosim.advise(fit, experiments, lambda v: v[FRICTION])
 
