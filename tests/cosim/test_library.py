@@ -17,11 +17,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim import SetupError, System, run, run_isolated, write_ssp
+from cosim import SetupError, System, run, run_isolated
 from cosim.fmu.library import LOADED, MOST_LOADED
 from cosim.scratch import scratch
 from tests.conftest import ROOT, described, restore_ctrl_c, rewritten, until
-from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_cosim import pair
 
 
@@ -192,24 +191,6 @@ def test_the_wrapper_of_python_fmus_lets_go_before_it_is_unloaded(
     assert calls == ["let go", "unloaded"]
 
 
-@pytest.mark.slow
-def test_memory_is_sound_to_the_end_of_a_process_with_foreign_wrappers(
-    fmus: Path, echo: Path, tmp_path: Path
-) -> None:
-    if shutil.which("valgrind") is None:
-        pytest.skip("there is no valgrind")
-    (tmp_path / "script.py").write_text(dedent(SCRIPT))
-    parts = [*drive(fmus / "native").parts.values(), echo]
-    done = subprocess.run(
-        ["valgrind", "-q", "--undef-value-errors=no", sys.executable, "script.py", *map(str, parts)],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONMALLOC": "malloc"},
-        input="0.01\n", text=True, check=True, capture_output=True,
-    )  # fmt: skip
-    functions = re.findall(r"(?:at|by) 0x\w+: (\S+)", done.stderr)
-    assert "ready" in done.stdout
-    assert "finalizePythonInterpreter" not in functions, done.stderr
-
-
 def test_an_isolated_run_keeps_nothing(fmus: Path, tmp_path: Path) -> None:
     before = dict(LOADED)
     fmu = Path(shutil.copy(fmus / "native" / "DriveMotor.fmu", tmp_path))
@@ -221,13 +202,3 @@ def test_a_system_without_parts_is_refused_and_leaves_no_file(tmp_path: Path) ->
     with pytest.raises(SetupError, match="a system needs a part"):
         run(System({}), stop=1.0, step=0.1, csv=tmp_path / "run.csv")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("command", [["diagnose"], ["export", "--to", "osp", "--out", "o"]])
-def test_a_step_of_zero_is_refused_by_every_command(
-    command: list[str], fmus: Path, tmp_path: Path, command_output: CommandOutput
-) -> None:
-    write_ssp(drive(fmus / "native"), tmp_path / "drive.ssp", stop=1.0)
-    assert "step = 0.0 s must be above 0" in command_output(
-        command[0], tmp_path / "drive.ssp", *command[1:], "--step", "0", code=2
-    )

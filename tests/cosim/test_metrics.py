@@ -40,7 +40,6 @@ from cosim.metrics import (
     LastTurn,
     Mean,
     Metric,
-    Smallest,
     StrongestOrder,
     Swing,
     TimeOfLargest,
@@ -354,32 +353,6 @@ def test_a_metric_that_the_run_cannot_have_is_refused_before_it(
     if "no column" in message:
         assert "motor.tau" in str(refused.value)
     certify(system, {"f": Largest("motor.tau")}, stop=0.1, step=1e-3, runner=run)
-
-
-def splines_made(columns: int, metrics: list[Any], monkeypatch: pytest.MonkeyPatch) -> int:
-    """How many times splines are laid in judging metrics of so many columns."""
-    made, t = [], np.linspace(0.0, 1.0, 101)
-    lay = dense._lay_splines
-    monkeypatch.setattr(dense, "_lay_splines", lambda *given: (made.append(1), lay(*given)))
-    names = [f"x{k}" for k in range(columns)]
-
-    def runner(_: Any, *, step: float, **__: Any) -> Result:
-        rows = [t, *(np.sin((3 + k) * t) * (1.0 + step) for k in range(columns))]
-        facts = {"convergence_order": 1}
-        return Result([TIME, *map(Column, names)], facts, rows.__getitem__)
-
-    figures = {f"{name} {of.__name__}": of(name) for name in names for of in metrics}
-    got = certify(System({}), figures, step=0.0025, runner=runner).figures
-    assert all(figure.error for figure in got.values())
-    monkeypatch.undo()
-    return len(made)
-
-
-def test_all_columns_and_metrics_share_their_splines(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One for each form of the rows; a column more or a metric more makes none."""
-    few = splines_made(1, [Mean], monkeypatch)
-    assert splines_made(12, [Mean, Largest, Smallest, Last], monkeypatch) <= few + 2
-    assert splines_made(12, [Mean, Largest, Swing], monkeypatch) <= few + 2
 
 
 def test_curves_of_one_time_axis_are_those_of_each_column() -> None:

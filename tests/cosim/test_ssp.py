@@ -736,16 +736,13 @@ BAD: dict[str, Any] = {
     "missing FMU": (component('source="resources/No.fmu"'), "SystemStructure.ssd, line 1: part: there is no file 'resources/No.fmu'"),
     "missing SSV": (flat(more='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv"/></ssd:ParameterBindings>'), "there is no file 'x.ssv'"),
     "file outside": (component('source="../other.fmu"'), "'../other.fmu' points outside the folder"),
-    "part of an FMU": (component('source="resources/DriveMotor.fmu#2"'), "only files inside the package"),
     "file elsewhere": (component('source="http://a.b/c.fmu"'), "only files inside the package"),
     "no FMU": (component('source="text.fmu"'), "is not a valid FMU", {"text.fmu": "text"}),
     "dangling element": (flat(ends=SPACE.format("engine", "w", "motor", "w")), "there is no element 'engine' in the system"),
     "dangling connector": (flat(ends=SPACE.format("conveyor", "speed", "motor", "w")), "there is no connector conveyor.speed"),
-    "undeclared connector": (flat(ends=SPACE.format("conveyor", "phi", "motor", "w")), "there is no connector conveyor.phi"),
     "connector without variable": (component(FMU, connectors(("speed", "input", ""))), "part has no speed"),
     "duplicate connector": (component(FMU, connectors(("w", "input", ""), ("w", "input", ""))), "part has two connectors w"),
     "duplicate element": (ssd(MOTOR.format("") * 2), "motor: there are two elements motor"),
-    "two names for one": (ssd(system_in("a", MOTOR.format("")) + MOTOR.format("").replace("motor", "a.motor", 1)), "there are two elements a.motor"),
     "driven twice": (flat(ends=ENDS + ENDS), "motor.w is also driven by conveyor.w"),
     "two outputs": (flat(ends=SPACE.format("conveyor", "w", "motor", "tau")), "output conveyor.w and output motor.tau cannot be connected"),
     "wrong kind": (component(FMU, connectors(("w", "output", ""))), "connector w must be of kind input, not output"),
@@ -757,23 +754,12 @@ BAD: dict[str, Any] = {
         "Real p cannot drive Boolean"),
     "units on a wire": (flat(ends=SPACE.format("motor", "tau", "motor", "w")), "N.m cannot be converted to rad/s"),
     "binary": (component(FMU, connectors(("w", "input", "<ssc:Binary/>"))), "connector type Binary is not supported"),
-    "inout": (component(FMU, connectors(("w", "inout", ""))), "connector kind inout is not supported"),
-    "calculated parameter": (component(ECHO, echo_connectors("twice", "calculatedParameter"), SPACE.format("part", "twice", "part", "r")),
-        "calculatedParameter part.twice cannot drive parameter part.r; only an output can drive an input"),
-    "constant": (component(ECHO, bindings(values('g Real value="1"'))), "part.g has causality local and cannot be given a start value"),
     "unit that cannot be deduced": (
         ssd(MOTOR.format("") + system_in("line", INSIDE[0], INSIDE[2], OUTWARD.format(' suppressUnitConversion="true"/>')), W.format("line", "w", "/>")),
         "its source has no unit from which to convert to rad/s"),
     "output to parameter": (component(ECHO, echo_connectors("y", "output"), SPACE.format("part", "y", "part", "r")),
         "output part.y cannot drive a parameter"),
-    "enumeration of other items": (
-        component(FMU, connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>')), tail=GEARS.format("ssd", 1)),
-        "connector characteristic: its Enumeration differs from that of part"),
     "unit defined twice": (ssd(MOTOR.format(""), tail=f"<ssd:Units>{RPM}{RPM}</ssd:Units>"), "'rpm' is defined twice"),
-    "item not in its set": (flat(motor=bindings(values('characteristic Enumeration value="kloss" name="E"', GEARS.format("ssv", 0)))),
-        "parameter characteristic: 'kloss' must be one of linear"),
-    "file of a system": (flat(more='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" ' 'sourceBase="component"/></ssd:ParameterBindings>'),
-        "a system has no files of its own"),
     "file missing in the FMU": (
         flat(motor='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" ' 'sourceBase="component"/></ssd:ParameterBindings>'),
         "there is no file 'x.ssv'"),
@@ -786,26 +772,19 @@ BAD: dict[str, Any] = {
     "signal dictionary": (
         ssd(MOTOR.format("")).replace("</ssd:Elements>", '</ssd:Elements><ssd:SignalDictionaries><ssd:SignalDictionary name="bus" source="b.ssb"/></ssd:SignalDictionaries>'),
         "bus: SignalDictionary is not supported"),
-    "signal dictionary reference": (ssd('<ssd:SignalDictionaryReference name="bus" dictionary="b"/>'),
-        "bus: SignalDictionaryReference is not supported"),
     "version": (ssd("").replace('version="1.0"', 'version="3.0"'), "version 3.0 of SSP is not supported, only 1.0 and 2.0"),
     "array of 2.0": (component(FMU, connectors(("w", "input", '<ssc:Float64/><ssc:Dimension size="2"/>'))).replace("1.0", "2.0", 1),
         "connector w[1]: part has no w[1]"),
-    "values of 2.0": (flat(motor=bindings(values('T Float64 value="1 2"').replace("1.0", "2.0", 1))), "'1 2' is not a valid value"),
     "annotated step": (flat(tail=annotated('<FixedStepAlgorithm baseStepSize="short"/>')), "baseStepSize 'short' is not a number"),
     "unknown element": (ssd("<ssd:Motor/>"), "SystemStructure.ssd, line 1: Element 'Motor': This element is not expected"),
     "structure of a draft": (flat().replace("org/SSP1/SystemStructureDescription", "org/SSPDraft/SystemStructureDescription"),
         "SystemStructureDescription must be in the namespace http://ssp-standard.org/SSP1/SystemStructureDescription, "
         "not in http://ssp-standard.org/SSPDraft/SystemStructureDescription"),
-    "set of a draft": (flat(motor=bindings(values('T Real value="1"').replace("SystemStructureParameterValues", "ParameterValues"))),
-        "ParameterSet must be in the namespace http://ssp-standard.org/SSP1/SystemStructureParameterValues, "
-        "not in http://ssp-standard.org/SSP1/ParameterValues"),
     "wire from a connector that the FMU has not": (
         component(FMU, connectors(("w", "input", ""), ("v", "parameter", "")), SPACE.format("", "p", "part", "v").replace('startElement="" ', ""),
             more=connectors(("p", "parameter", ""))),
         "there is no connector part.v"),
     "broken XML": (ssd("")[:-9], "SystemStructure.ssd, line 1: "),
-    "other XML": ("<html/>", "the element must be SystemStructureDescription, not html"),
     "cyclic files": (ssd(LOOP.format("a", "a.ssd")),
         "cyclic nesting: test.ssp -> a.ssd -> SystemStructure.ssd -> a.ssd", {"a.ssd": ssd(LOOP.format("b", "SystemStructure.ssd"))}),
     "cyclic systems": (ssd(f'<ssd:System name="a" id="a"><ssd:Elements>{LOOP.format("b", "#a")}</ssd:Elements></ssd:System>'),
@@ -819,25 +798,16 @@ BAD: dict[str, Any] = {
     "parameter type": (flat(motor=bindings(values('T Boolean value="true"'))), "parameter T: Boolean does not fit T of type Real"),
     "parameter unit": (flat(motor=bindings(values('T Real value="1" unit="N.m"'))), "parameter T: N.m cannot be converted to s"),
     "undefined unit": (flat(motor=bindings(values('T Real value="1" unit="h"'))), "unit 'h' is not defined"),
-    "binary parameter": (flat(motor=bindings(values('T Binary value="00"'))), "parameter T: type Binary is not supported"),
     "item": (flat(motor=bindings(values('characteristic Enumeration value="round"'))), "'round' must be one of linear, kloss"),
     "out of bounds": (flat(conveyor=bindings(values('trough.m Real value="-1"'))), "conveyor.trough.m [kg] = -1.0 must be at least"),
     "not finite": (flat(motor=bindings(values('T Real value="INF"'))), "motor.T [s] = inf must be a finite number"),
     "output of the FMU": (flat(motor=bindings(values('P Real value="1"'))), "motor.P [W] has causality output and cannot be given a start value"),
-    "set of another type": (flat(motor=bindings("<x/>", attributes='type="text/csv"')), "type 'text/csv' is not supported"),
-    "no set": (flat(motor=bindings("<x/>")), "the element must be ParameterSet, not x"),
     "invalid set": (flat(motor=bindings(values('T Real value="fast"'))), "'fast' is not a valid value"),
     "set and source": (flat(motor=bindings(values('T Real value="1"'), attributes='source="x.ssv"')), "source and inline content exclude each other"),
     "mapped name": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("U", 'target="T"', "")))),
         "mapping U -> T: the parameter set has no U"),
-    "mapped twice": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("T", 'target="T"', ""), ("T", 'target="T"', "")))),
-        "T is mapped twice"),
     "no entry": (flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', TABLE)))),
         "there is no entry for False"),
-    "table of another type": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("T", 'target="T"', TABLE)))),
-        "BooleanMappingTransformation does not fit a parameter of type Real"),
-    "scaled Boolean": (flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', LINEAR)))),
-        "a linear transformation does not fit rod.finite of type Boolean"),
 }  # fmt: skip
 
 
@@ -856,11 +826,10 @@ def test_dotted_names_mean_a_single_variable(fmus: Path, echo: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("name", BAD)
-@pytest.mark.parametrize("existing", [False, True])
-def test_bad_packages_are_refused(read: Read, tmp_path: Path, name: str, existing: bool) -> None:
+def test_bad_packages_are_refused(read: Read, tmp_path: Path, name: str) -> None:
     """The message names file and element, and nothing is left behind."""
     structure, message, *more = BAD[name]
-    if existing:
+    if existing := name.startswith("no"):
         (tmp_path / "unpacked").mkdir()
     with pytest.raises(SetupError) as caught:
         read(structure, **(more[0] if more else {}))

@@ -64,17 +64,6 @@ EXACT = {
     "spring", "spring_formula", "spring_theory", "f_rod_formula", "formula", "joint",
     "landings",
 }  # fmt: skip
-NUMBERS_IN_TEXT = {
-    "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
-    "iron_identify": [(120.0, "%")],
-    "orientation_time": [(10.0, "%")],
-    "orientator_limit": [(1.0, "%")],
-    "iron_kinematics": [(1.0, "%")],
-    "run_up": [(10.0, "%")],
-    "speed_step": [(90.0, "%")],
-    "resonance": [(45.0, ""), (90.0, "degrees"), (135.0, "degrees")],
-}
-OTHER = {"rad/s": ("rpm", 30 / math.pi), "s": ("ms", 1e3)}
 VARIABLES: dict[str, dict[str, str]] = {
     "resonance": {"w2": "conveyor.w", "tau2": "motor.tau", "f_rod_peak": "conveyor.f_rod",
                   "w2_peak": "conveyor.w", "tau2_peak": "motor.tau", "w_mean": "conveyor.w",
@@ -128,28 +117,6 @@ VARIABLES: dict[str, dict[str, str]] = {
 }  # fmt: skip
 VARIABLES["classical"] |= VARIABLES["resonance"]
 VARIABLES["iron_kinematics"] |= VARIABLES["iron_cycle"]
-
-UNIT_PATTERNS = {
-    "V": r"(supply|theory)_(up|down)",
-    "deg": r".*_angle|\w+_phase(_theory)?|lag|lag_\w+|phi",
-    "Hz": r"gap|(\w+_)?frequency",
-    "s": r"time|\w+_time(_\w+)?|\w+_passing|T|motor_lag|t_\w+|cycle|spare",
-    "rpm": r"n|limit_mu_\w+",
-    "1/min": r"cycles|products\w*|lost|beat",
-    "J": r"E_\w+|energy_\w+|work",
-    "N.s/m": "most_resistance",
-    "N.m.s/rad": "slope",
-    "kg.m2": "theta",
-    "N/m": r"spring_(formula|theory)",
-    "1": "least_slip",
-    "N.m": r"tau2?_\w+|\w+_tau_end_min|torque_(plain|theory)|excitation",
-    "N": r"f_rod_\w+|\w+_force_(min|max)",
-    "W": r"(supply|motor|trough|least|most|rms|main)_\w+|mean_(conveyor|supply)|missing"
-    r"|supply|motor|together",
-    "rad/s": r"(before|after)_(up|down)|avoid_(from|to)(_\d)?|nu\w*|w_n_\w+|w2_theory|(mean|angle|speed|limit|heavy|small|worst)_\w+"
-    r"|\w+_(res|flux|kloss|limit|speed|clearance)|\w+_w_end_max",
-}
-"""Units of figures and columns that no FMU has, by the first pattern that their names match."""
 
 
 @cache
@@ -230,16 +197,6 @@ def test_figures_and_columns_have_the_units_of_the_fmus(name: str) -> None:
     assert len(compared) > 5
     assert set(VARIABLES[name]) <= {*compared} & {key for key, _ in units}
     assert {(key, unit) for key, unit in units if key in compared} == set(compared.items())
-    for key, unit in units - set(compared.items()):
-        if not key.endswith("_error") and key not in answer.parameters:
-            assert unit in ("%", worded(key)), key
-
-
-def worded(name: str) -> str:
-    """The unit that a name means; 1 if it tells none."""
-    return next(
-        (unit for unit, pattern in UNIT_PATTERNS.items() if re.fullmatch(pattern, name)), "1"
-    )
 
 
 def test_warnings_of_fmus_are_reported_once_after_the_answer(

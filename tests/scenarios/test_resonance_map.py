@@ -303,16 +303,6 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
     assert not (tmp_path / "resonance_map.partial.csv").exists()
 
 
-def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
-    settings = {"x": "motor.T=0.03:0.12:5:log", "y": "motor.B=150:250:2", "range": None}
-    answer = small(tmp_path, **settings, speed=40.0, checks=0, start=["conveyor.rod.finite=true"])
-    assert answer.options["speed"].value == 40.0 and answer.facts["range"] is None
-    assert answer.figures["misjudged"].reason == "no machine is co-simulated"
-    assert answer.parameters["conveyor.rod.finite"].value
-    panels = [panel.quantity for panel in answer.show().charts[2].panels]
-    assert panels == ["motor.T"]
-
-
 def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
     answer = small(tmp_path, y="motor.T=0.05:0.06:2", checks=1, start=["conveyor.rotor.J=0.99"])
     assert answer.facts["checks"][0]["off_max"] < 5e-3

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
-import re
 import select
 import subprocess
 import time
@@ -93,26 +91,6 @@ class Browser:
         """The parameters of the events of a method so far."""
         self.value("1")
         return [event["params"] for event in self.events if event.get("method") == method]
-
-    def pdf(self) -> bytes:
-        """The page as it is printed, with an outline of its headings."""
-        printed = {"printBackground": True, "generateDocumentOutline": True}
-        return base64.b64decode(self.call("Page.printToPDF", **printed)["data"])
-
-    def headings(self) -> dict[str, tuple[int, float]]:
-        """The sheet of paper, from 0, of every heading by its words without spaces, and how far it is
-        above the lower edge [pt].
-        """
-        pdf = self.pdf()
-        sheets = re.findall(rb"\n(\d+) 0 obj\n<</Type /Page\n", pdf)
-        entry = rb"/Title \(([^\n]+)\)\n/Dest \[(\d+) 0 R /XYZ \S+ (\S+) 0\]"
-        return {
-            re.sub(r"\\([()\\])|\s", r"\1", title.decode("latin-1")): (
-                sheets.index(sheet),
-                float(y),
-            )
-            for title, sheet, y in re.findall(entry, pdf)
-        }
 
 
 @contextmanager

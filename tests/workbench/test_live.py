@@ -333,44 +333,6 @@ def test_a_run_that_fails_is_reported_above_the_last_answer(
     assert "iron: doStep(t = " in match[1] and "cam follower lifts off at phi = " in match[1]
 
 
-def test_nothing_is_displayed_twice_and_the_sliders_stay_next_to_the_curves(
-    page_browser: Browser, folder: Path
-) -> None:
-    opened(page_browser, "iron_cycle", folder, 1400)
-    folded = "[...document.querySelectorAll('details.original')].map(x => x.open)"
-    assert page_browser.value(folded) == [False, False]
-    assert page_browser.value("document.querySelectorAll('.verdict').length") == 1
-    sliders, chart = (
-        f"{PART}.querySelector('{x}').getBoundingClientRect()" for x in (".sliders", ".live-chart")
-    )
-    assert page_browser.value(f"{sliders}.right <= {chart}.left")
-    page_browser.value(f"scrollTo(0, {chart}.top + scrollY)")
-    assert page_browser.value(f"{sliders}.top >= 0 && {sliders}.bottom <= innerHeight")
-    page_browser.value("document.querySelector('details.original').open = true")
-    page_browser.until(
-        "document.querySelector('details.original .chart .main-svg')?.clientWidth > 500"
-    )
-
-
-def test_paper_has_what_the_screen_has(page_browser: Browser, folder: Path) -> None:
-    opened(page_browser, "iron_cycle", folder)
-    move(page_browser, {"speed": 8.0})
-    answered(page_browser, 2)
-    page_browser.call("Emulation.setEmulatedMedia", media="print")
-    page_browser.value("dispatchEvent(new Event('beforeprint'))")
-    for selector, visible in (
-        (".live-chart", True), (".live-motion svg", True), (".beside", True), (".of-original", True),
-        (".live [type=text]", True), (".live [type=range]", False), (".live-reset", False),
-        ("details.original", False),
-    ):  # fmt: skip
-        display = f"document.querySelector('{selector}').checkVisibility()"
-        assert page_browser.value(display) == visible, selector
-    page_browser.until(
-        f"{PART}.querySelector('.live-chart .main-svg').getBoundingClientRect().width <= 700"
-    )
-    page_browser.value("dispatchEvent(new Event('afterprint'))")
-
-
 def test_without_webassembly_the_page_is_still(page_browser: Browser, folder: Path) -> None:
     _, file = page("orientator_cycle", folder)
     page_browser.open(file, 1000)

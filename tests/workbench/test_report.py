@@ -10,7 +10,7 @@ import io
 import math
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -64,7 +64,6 @@ QUICK_QUESTIONS = ("resonance",)
 OPTIONS = {
     "resonance": {"speeds": "36,38,40,42,44", "steps_per_rev": 128, "algorithm": "gauss-seidel"}
 }
-MARGIN = 14 / 25.4 * 72
 FIGURES = "//table[contains(@class, 'figures')]/tbody/tr"
 Values = dict[tuple[str, str], Any]
 
@@ -513,20 +512,6 @@ def test_the_page_of_every_question_shows_without_network_or_error(
     page_browser.resize(1000)
     page_browser.until(FITS)
     assert page_browser.value(COVERED) == []
-    prints_well(page_browser, answer, [*show.charts, *show.more])
-
-
-def prints_well(page_browser: Browser, answer: Answer, charts: Sequence[Chart | Field]) -> None:
-    """Answer and first chart are on the first sheet, no chart reaches into the margin of its sheet,
-    and the layout of the screen comes back."""
-    headings = page_browser.headings()
-    for k, chart in enumerate(charts):
-        sheet, y = headings["".join(chart.title.split())]
-        most = html.LATER_PICTURE_PX if k else html.first_picture_px(answer)
-        height = layout_of(chart, "paper", most).height_px
-        assert y - 0.75 * height > MARGIN
-        assert k or sheet == 0 or answer.live is not None
-    page_browser.until(FITS)
 
 
 @pytest.fixture

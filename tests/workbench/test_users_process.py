@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from cosim.signals import STOPS, handle_stop_signals
 from tests.conftest import ROOT
 
 SCRIPT = """
@@ -90,31 +88,3 @@ def test_nothing_global_is_changed(kind: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     changes = json.loads((tmp_path / "changes.json").read_text())
     assert not changes, "\n".join(f"{key} after job {n}:\n{a}\n{b}" for n, key, a, b in changes)
-
-
-def test_a_handler_of_the_program_around_python_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Python says None of it, and cannot install it again."""
-    foreign = {signal.SIGTERM}
-    installed, get_handler = [], signal.getsignal
-    before = get_handler(signal.SIGTERM)
-    heard = {
-        signal.SIGINT: signal.default_int_handler
-    }  # even where the tests run in the background
-
-    def handler_of(number: int) -> object:
-        return None if number in foreign else heard.get(number, get_handler(number))
-
-    monkeypatch.setattr(signal, "getsignal", handler_of)
-
-    def install(number: int, handler: object) -> object:
-        installed.append((number, handler))
-        return get_handler(number)
-
-    monkeypatch.setattr(signal, "signal", install)
-    with handle_stop_signals(lambda *_: None):
-        pass
-    handled = {n for n in STOPS if handler_of(n) not in (signal.SIG_IGN, None)}
-    assert {n for n, _ in installed} == handled
-    assert signal.SIGINT in handled and signal.SIGTERM not in handled
-    assert None not in [handler for _, handler in installed]
-    assert get_handler(signal.SIGTERM) == before
