@@ -146,7 +146,7 @@ REFUSED = [
     (GRID, "x = {", '"motor.T" = {', "grid.\"motor.T\": plane has no start values"),
     (GRID, "number = 5", "number = 1", "grid.x.number = 1 must be a whole number at least 2"),
     (GRID, "number = 5", "number = 1000000000", "must be a whole number at least 2 and at most 1.04858e+06"),
-    (GRID, "number = 5", "number = 1000000", "2000000 runs are more than 1048576"),
+    (GRID, "5 }\ny = [10, 20.0]", "1100 }\ny = { from = 0.0, to = 1.0, number = 1000 }", "1100000 runs are more than 1048576"),
     (TOLERANCES, f"{LHS}\n", 'method = "saltelli"\nnumber = 524288\n', "2621440 runs are more than 1048576"),
     (GRID, "[10, 20.0]", f"{'[' * 5000}{']' * 5000}", "is not a TOML file: maximum recursion depth"),
     (GRID, "[grid]", "timeout = 1e300\n[grid]", "timeout = 1e+300 s must be a finite number above 0 s and at most"),
