@@ -1,8 +1,8 @@
-"""What a wheel of the project contains besides its Python: the FMUs, and the master's loop compiled.
+"""What an installation has besides its Python: the FMUs, and the master's loop compiled.
 
-A wheel is complete, so that nothing is built where it is installed. What pip makes of a folder or of git is for the
-machine that makes it, and its name says so; release.py asks for a wheel for all platforms. FMUs in `fmus/` that are
-up to date are taken as they are. An editable installation takes the FMUs of the clone, which build_fmus.py builds.
+Whoever installs from sources builds both, with a compiler that is there only for that: into the wheel, or, where the
+installation is editable, into the clone. FMUs in `fmus/` that are up to date are taken as they are. A wheel is for the
+machine that makes it, and its name says so; release.py asks for one for all platforms.
 """
 
 import importlib.util
@@ -13,6 +13,7 @@ import sys
 import sysconfig
 from pathlib import Path
 from shutil import rmtree
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
@@ -23,27 +24,32 @@ PLATFORMS = "DRIVE_FMUS_PLATFORMS"
 
 
 class CustomBuildHook(BuildHookInterface[Any]):
-    """Build the FMUs of both flavours and the loops, and put them into the wheel."""
+    """Build the FMUs of both flavours and the loops, and put them into the wheel if there is one."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Fill the wheel; raises RuntimeError with the builder's words where an FMU cannot be built."""
-        if self.target_name != "wheel" or version == "editable":
+        """Build; raises RuntimeError with the builder's words where an FMU cannot be built."""
+        if self.target_name != "wheel":
             return
         root = Path(self.root)
         loops = root / "build" / "loops"
         platforms = os.environ.get(PLATFORMS, "host")
         command = [sys.executable, str(root / "build_fmus.py"), "--flavour", "both"]
         command += ["--platforms", platforms]
-        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise RuntimeError(f"the FMUs cannot be built:\n{done.stderr}")
         compiler = _compiler(root)
-        if platforms == "all":
-            compiler.compile_every_loop(loops)
-        else:
-            compiler.compile_loop(loops / compiler.file_name(sys.platform, platform.machine()))
-            tag = sysconfig.get_platform().replace("-", "_").replace(".", "_")
-            build_data["pure_python"], build_data["tag"] = False, f"py3-none-{tag}"
+        with TemporaryDirectory() as cache:  # the compiler keeps 45 MB, which go with it
+            os.environ["ZIG_GLOBAL_CACHE_DIR"] = cache
+            done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise RuntimeError(f"the FMUs cannot be built:\n{done.stderr}")
+            if version == "editable":
+                compiler.compile_loop(compiler.loop_of_sources())
+                return
+            if platforms == "all":
+                compiler.compile_every_loop(loops)
+            else:
+                compiler.compile_loop(loops / compiler.file_name(sys.platform, platform.machine()))
+                tag = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+                build_data["pure_python"], build_data["tag"] = False, f"py3-none-{tag}"
         fmus = [
             path
             for pattern in ("*.fmu", "native/*.fmu", "wasm/*.wasm")

@@ -10,6 +10,7 @@ you should see.
 
 # %% The parts: two FMUs, made from components/drive_motor and components/crank_conveyor
 
+import argparse
 import cmath
 import math
 import subprocess
@@ -24,6 +25,7 @@ from cosim import System, certify, run
 from cosim.metrics import Largest, harmonics
 from scenarios.conveyor.first_order import SETS, Machine
 
+argparse.ArgumentParser(description=__doc__).parse_args()
 build = [sys.executable, "build_fmus.py", "drive_motor", "crank_conveyor"]
 subprocess.run(build, check=True, stdout=subprocess.DEVNULL)
 motor = Path("fmus/DriveMotor.fmu")

@@ -1,7 +1,5 @@
 """Backs *What answers and many runs cost* of docs/speed.md: here, in another checkout and by other masters.
 
-    .venv/bin/python benchmarks/answers.py [--against FOLDER] [--rounds N] [--memory N] [--threads]
-
 All drive motor and conveyor by native FMUs in fixed steps; each line is processor time of a process of its own, child
 processes included, for one run, answer or study after a first one, the median of some rounds. `--against` names a folder
 with a checkout of its own environment and built FMUs. The other masters are driven as benchmarks/coupling.py does it, with
@@ -162,7 +160,7 @@ def others(rounds: int) -> None:
         )
 
 
-def by_other(way: str, rounds: int) -> None:
+def time_other_master(way: str, rounds: int) -> None:
     """Print the processor time of a run by another master, after a first one."""
     make, fmus = coupling.METHODS[way]
     times = []
@@ -231,7 +229,7 @@ def threads(rounds: int) -> None:
 
 def main() -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--against", type=Path, default=ROOT)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--memory", type=int, default=100_000)
@@ -239,7 +237,7 @@ def main() -> int:
     parser.add_argument("--way", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.way:
-        by_other(options.way, options.rounds)
+        time_other_master(options.way, options.rounds)
     elif options.threads:
         threads(options.rounds)
     else:

@@ -1,4 +1,4 @@
-"""How often a stated error holds the true one: python benchmarks/certify.py [--seed N].
+"""Backs *What `certify` promises* of docs/certify.md: how often a stated error holds the true one.
 
 Coupled systems whose solution is known, linear ones by the matrix exponential, nonlinear ones by
 DOP853 at 1e-12, and the machines of the scenarios by the oracle, are certified with three algorithms
@@ -29,7 +29,7 @@ from scipy.optimize import brentq, minimize_scalar
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from benchmarks.certify_cases import Case, relaxing_pair, synthetic_cases
+from benchmarks.certify_cases import Case, relaxing_pair, state_at, synthetic_cases
 from cosim import (
     Adaptive,
     Result,
@@ -222,14 +222,9 @@ def coupled(halved: HalvedSystem, fmu: Path) -> Case:
 
     y0 = [x for half in halved.parts.values() for x in half.x]
     solution = solved(rhs, y0, halved.stop)
-    exact = {c: partial(column, solution, names.index(c)) for c in halved.columns}
+    exact = {c: partial(state_at, solution, names.index(c)) for c in halved.columns}
     system = System(dict.fromkeys(halved.parts, fmu), wires, start)
     return Case(system, halved.stop, halved.step, exact)
-
-
-def column(solution: Callable[[Any], Any], k: int, t: Any) -> Any:
-    """State number k at times t."""
-    return solution(t)[k]
 
 
 def solved(rhs: Callable[[float, Any], Any], y0: Any, stop: float, start: float = 0.0) -> Any:
@@ -265,7 +260,7 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
     solution = CubicHermiteSpline(np.linspace(0, stop, FINE), x, rates)
     names = linear.states(units)
     columns = [names[0], names[-1]]
-    exact = {c: partial(column, lambda t: solution(t).T, names.index(c)) for c in columns}
+    exact = {c: partial(state_at, lambda t: solution(t).T, names.index(c)) for c in columns}
 
     def runner(_: System, *, step: float, algorithm: str, **__: Any) -> Result:
         count = round(stop / step)

@@ -259,10 +259,10 @@ def relaxing_pair(draw: Draw) -> Case:
         (0.0, 1.0), [1.0, 0.5, 0.0, 0.0], method="Radau", rtol=1e-11, atol=1e-13, dense_output=True,
     ).sol  # fmt: skip
     places = {"y": 0, "z": 1, "b": 3}
-    columns = {name: partial(_state, exact, k) for name, k in places.items()}
+    columns = {name: partial(state_at, exact, k) for name, k in places.items()}
     return Case(System({}), 1.0, 0.01, columns, runner)
 
 
-def _state(solution: Callable[[Any], Any], k: int, t: Any) -> Any:
+def state_at(solution: Callable[[Any], Any], k: int, t: Any) -> Any:
     """State number k at times t."""
     return solution(t)[k]

@@ -1,4 +1,4 @@
-"""Time per communication step of motor and conveyor: python benchmarks/coupling.py [--steps N].
+"""Backs *What a communication step costs* of docs/speed.md: time per communication step of motor and conveyor.
 
 All ways of running the same drive with Jacobi and 1 ms steps, side by side: every way in a process
 of its own, round after round, free and pinned to one core. Shown are medians of the wall time per
@@ -151,7 +151,7 @@ def dop853(steps: int, _: Path) -> Callable[[], object]:
     return lambda: solve_ivp(rates, (0.0, steps * H), start_values, **settings)
 
 
-def sweep(_: int, fmus: Path) -> Callable[[], object]:
+def resonance_sweep(_: int, fmus: Path) -> Callable[[], object]:
     """The 31 speeds of set A by our master, Strang with 256 steps per revolution."""
     import numpy as np
 
@@ -218,7 +218,10 @@ METHODS: dict[str, tuple[Callable[[int, Path], Callable[[], object]], Path]] = {
     "Ecos, native FMUs": (ecos, NATIVE),
     "DOP853, one system": (dop853, PYTHON),
 }
-SWEEPS = {"sweep, Python FMUs": (sweep, PYTHON), "sweep, native FMUs": (sweep, NATIVE)}
+SWEEPS = {
+    "sweep, Python FMUs": (resonance_sweep, PYTHON),
+    "sweep, native FMUs": (resonance_sweep, NATIVE),
+}
 NAIVE, BARE = "fmpy methods, Python FMUs", "bare Python slaves"
 #: How many times more steps the fast programs take. Chosen: their runs then take a second too.
 MANY = 10
@@ -278,7 +281,7 @@ def child(method: str, steps: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--way", dest="method", help=argparse.SUPPRESS)

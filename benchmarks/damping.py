@@ -1,8 +1,6 @@
-"""How often `diagnose` is right: linear systems, centres and conveyors drawn at random.
+"""Backs *Which step does my system need?* of docs/micron_steps.md: how often `diagnose` is right.
 
-    .venv/bin/python benchmarks/damping.py --linear 200 --centres 100 --conveyors 100 --out cases.jsonl
-
-Each case is shown, and added to the file, as soon as it is judged: a run that is cut loses none.
+Linear systems, centres and conveyors are drawn at random. Each case is shown, and added to the file, as soon as it is judged: a run that is cut loses none.
 
 The truth comes from eigenvalues of the whole, from the multipliers of the coupling theory, and from the
 Floquet multipliers of the conveyor's own equations. Every stated ratio must lie within its error, none

@@ -1,4 +1,4 @@
-"""Backs the tables of docs/foreign.md: anybody's FMUs in the master and in FMPy, FOLDER [--out TABLE.md].
+"""Backs *Third-party FMUs* of docs/foreign.md: anybody's FMUs in the master and in FMPy.
 
 Every FMI 2.0 co-simulation FMU below the folder is run alone over its default experiment, at most 1000
 steps, by the master and by FMPy, each in a process of its own. The table tells the largest deviation of an
@@ -14,7 +14,6 @@ import json
 import logging
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -73,7 +72,7 @@ def by_fmpy(task: Task) -> Columns:
     return {name: rows[name].tolist() for name in ("time", *outputs)}
 
 
-def at_same_times(task: Task) -> Columns:
+def by_fmpy_at_times_of_master(task: Task) -> Columns:
     path, step, stop, outputs = task
     description = fmpy.read_model_description(path, validate=False)
     refs = {v.name: v.valueReference for v in description.modelVariables}
@@ -141,7 +140,7 @@ def largest_relative_difference(ours: Columns, theirs: Columns) -> float:
     return worst
 
 
-METHODS = {"master": by_master, "FMPy": by_fmpy, "same times": at_same_times}
+METHODS = {"master": by_master, "FMPy": by_fmpy, "same times": by_fmpy_at_times_of_master}
 
 
 def row(path: Path, folder: Path) -> list[str]:
@@ -165,15 +164,8 @@ def row(path: Path, folder: Path) -> list[str]:
     return [label, tool, text]
 
 
-def rows(folder: Path) -> Iterator[list[str]]:
-    for path in sorted(folder.rglob("*.fmu")):
-        cells = row(path, folder)
-        print(" | ".join(cells), flush=True)
-        yield cells
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Run a folder of FMUs in the master and in FMPy.")
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, help="of FMUs")
     parser.add_argument("--out", type=Path, help="write the table there")
     parser.add_argument("--way", dest="method", choices=METHODS, help=argparse.SUPPRESS)
@@ -183,7 +175,10 @@ def main() -> None:
         options.folder.write_text(json.dumps(METHODS[options.method](options.task)))
         return
     logging.getLogger("cosim").setLevel(logging.ERROR)
-    table = list(rows(options.folder))
+    table = []
+    for path in sorted(options.folder.rglob("*.fmu")):
+        table.append(row(path, options.folder))
+        print(" | ".join(table[-1]), flush=True)
     if options.out is not None:
         head = ["| FMU | Tool | Deviation from FMPy |", "|---|---|---|"]
         lines = [f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |" for cells in table]

@@ -1,4 +1,4 @@
-"""How often the interval of an identified resonance holds the truth: python benchmarks/identify.py.
+"""Backs *How far it can be trusted* of docs/identify.md: how often the interval of a resonance holds the truth.
 
 Machines of four kinds are drawn at random, integrated by DOP853 from equations that no FMU shares, and
 recorded for a second at 1 kHz with noise and on the grid of an encoder. Each is identified from first
@@ -126,7 +126,7 @@ def exciter(p: Machine, t: float, y: Samples, **_: float) -> list[float]:
     return [di, w, float(alpha), v, float(a)]
 
 
-def electromechanical(p: Mapping[str, float]) -> float:
+def electromechanical_resonance(p: Mapping[str, float]) -> float:
     """Where motor and load swing against each other, about the mean speed [rad/s]."""
     load = p["conveyor.trough.d"] * R * R / 2
     inertia = p["conveyor.rotor.J"] + p["conveyor.trough.m"] * R * R / 2
@@ -144,7 +144,7 @@ def electromechanical(p: Mapping[str, float]) -> float:
     return math.sqrt((slope + load) / (inertia * p["motor.T"])) / 2
 
 
-def mount(p: Mapping[str, float]) -> float:
+def mount_resonance(p: Mapping[str, float]) -> float:
     """The resonance of the mount of an exciter [rad/s]."""
     return math.sqrt(p["exciter.mount.c"] / (p["exciter.mount.m"] + p["exciter.rotor.m"]))
 
@@ -175,14 +175,14 @@ def draw(kind: str, rng: np.random.Generator) -> Record:
             "exciter.rotor.d": 0.005, "exciter.mount.m": about(19.5, 1.3),
             "exciter.mount.c": about(5e4), "exciter.mount.d": about(200.0),
         }  # fmt: skip
-        w = mount(p) * rng.uniform(0.6, 1.6)
+        w = mount_resonance(p) * rng.uniform(0.6, 1.6)
         p |= {"motor.v": p["motor.k"] * w + 1.0, "motor.i": 0.5, "exciter.phi": angle}
         p |= {"exciter.w": w, "exciter.x": 0.0, "exciter.v": 0.0}
         states = ["motor.i", "exciter.phi", "exciter.w", "exciter.x", "exciter.v"]
         return Record(
             p, EXCITER, ["motor.tau -> exciter.tau", "exciter.w -> motor.w"],
             ["motor.R", "exciter.rotor.J", "exciter.mount.c", "exciter.mount.d", "motor.v", *states],
-            {"exciter.mount.m": 0.01, "motor.k": 0.01}, ["exciter.phi", "motor.v"], mount,
+            {"exciter.mount.m": 0.01, "motor.k": 0.01}, ["exciter.phi", "motor.v"], mount_resonance,
             {"exciter.w": (2, 0.1, 0.3), "exciter.v": (4, 0.05, 0.0)}, {}, exciter, states,
         )  # fmt: skip
     p = {
@@ -202,7 +202,7 @@ def draw(kind: str, rng: np.random.Generator) -> Record:
         w = p["motor.kloss.w_s"] * 0.98
     else:
         p |= {"motor.B": about(120.0)}
-        w = electromechanical(p) * rng.uniform(0.7, 1.35)
+        w = electromechanical_resonance(p) * rng.uniform(0.7, 1.35)
         p |= {"motor.A": (p["motor.B"] + load) * w}
         free += ["motor.B", "motor.A"]
         first += ["motor.A"]
@@ -221,7 +221,7 @@ def draw(kind: str, rng: np.random.Generator) -> Record:
         free,
         prior,
         first,
-        electromechanical,
+        electromechanical_resonance,
         columns,
         fixed,
         rates,
@@ -233,7 +233,7 @@ KINDS = ("droop", "rod", "induction", "exciter")
 ERRORS = ("rod", "friction", "drift", "saturation")
 
 
-def lacking(name: str, record: Record, rng: np.random.Generator) -> dict[str, float]:
+def draw_lacking_effect(name: str, record: Record, rng: np.random.Generator) -> dict[str, float]:
     """Something that a machine has and the model has not, of random size."""
     if name == "rod":
         return {"rod": rng.uniform(3.0, 20.0) * R}
@@ -306,7 +306,7 @@ def trial(seed: int, kind: str, error: str = "") -> dict[str, Any]:
     """One machine, recorded and identified; `shift` is how far off the fit is, over its half-width."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     record = draw(kind, rng)
-    data = make_record(record, rng, **(lacking(error, record, rng) if error else {}))
+    data = make_record(record, rng, **(draw_lacking_effect(error, record, rng) if error else {}))
     began = time.process_time()
     fit = fit_record(record, data, rng)
     entry = {"kind": error or kind, "seed": seed, "seconds": time.process_time() - began}
@@ -335,7 +335,7 @@ def table(trials: Sequence[Mapping[str, Any]], kinds: Sequence[str]) -> Iterator
         )
 
 
-def errors(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def rows_of_errors(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """How machines fared that have what the model lacks."""
     for name in ERRORS:
         mine = [x for x in trials if x["kind"] == name]
@@ -345,7 +345,7 @@ def errors(trials: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=200, help="records of all kinds together")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
@@ -363,7 +363,7 @@ def main() -> None:
         print(
             "| lacks | records | named as misfit | resonance off by more than its interval | named |"
         )
-        print("|---|---|---|---|---|", *errors(trials), sep="\n")
+        print("|---|---|---|---|---|", *rows_of_errors(trials), sep="\n")
     else:
         print("| machine | records | refused | held | half-width, median | off by 3 | time |")
         print("|---|---|---|---|---|---|---|", *table(trials, [*KINDS, "all"]), sep="\n")

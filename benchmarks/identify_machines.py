@@ -1,4 +1,4 @@
-"""Backs the table of docs/identify.md on iron and orientator: how often their questions hold the truth.
+"""Backs *The iron and the orientator* of docs/identify.md: how often their questions hold the truth.
 
 Machines are drawn at random, recorded by `examples/measured_iron.py` and `examples/measured_orientator.py`,
 which share no equation with the FMUs, and asked about by the question, with no guess of its own. Shown
@@ -107,7 +107,7 @@ def table(name: str, trials: list[Mapping[str, Any]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=30, help="records of each machine")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)

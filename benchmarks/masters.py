@@ -1,4 +1,4 @@
-"""Run co-simulation masters on the reference systems: python benchmarks/masters.py FOLDER.
+"""Backs *Compare with other tools* of docs/masters.md: co-simulation masters on the reference systems.
 
 FOLDER gets the reference systems, unless it has them. Each master of the package index runs in an environment of its own
 that uv makes (`--environments` takes ready ones instead), all with the same FMUs, start values, wires and steps. The
@@ -216,7 +216,7 @@ def enter(
 
 def main() -> None:
     """Read the options, and run the masters one after the other."""
-    parser = argparse.ArgumentParser(description="Run masters on the reference systems.")
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--environments", type=Path, help="folder of ready environments by package")
     parser.add_argument("--masters", default=",".join((*OURS, *REQUIREMENTS)), help="which masters")

@@ -1,11 +1,12 @@
-"""Other co-simulation masters, each asked for one run: python masters_clients.py TOOL < task.json.
+"""Backs *Repeat it* of docs/masters.md: another co-simulation master, asked for one run after the other.
 
-The task names FMUs (`parts`), `wires`, `start` values, those of the wired `inputs`, `step` [s], the number of `steps`, an `ssp` of the same
+Each line of standard input is a task. It names FMUs (`parts`), `wires`, `start` values, those of the wired `inputs`, `step` [s], the number of `steps`, an `ssp` of the same
 system, and the outputs to `record`. The answer on standard output is JSON: `rows` of the time [s] and the
 outputs, the processor time of the steps in `seconds`, and the `versions` of what ran.
 masters.py runs this in an environment of the tool's own, which holds nothing of this project.
 """
 
+import argparse
 import contextlib
 import ctypes
 import io
@@ -225,10 +226,13 @@ def versions() -> dict[str, str]:
 
 def main() -> None:
     """Read tasks, one JSON value per line, and answer each with a line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("tool", choices=TOOLS)
+    tool = TOOLS[parser.parse_args().tool]
     for line in sys.stdin:
         with contextlib.redirect_stdout(io.StringIO()):
             try:
-                rows, seconds = TOOLS[sys.argv[1]](json.loads(line))
+                rows, seconds = tool(json.loads(line))
                 answer: dict[str, Any] = {"rows": rows, "seconds": seconds}
             except (Exception, SystemExit) as failure:  # noqa: BLE001 what a master raises is its answer
                 answer = {"failure": f"{type(failure).__name__}: {failure}"}

@@ -1,8 +1,6 @@
-"""Thirty wrong equations, each of which a test must notice: signs, factors and wires, set one at a time.
+"""Backs *Contributing* of CONTRIBUTING.md: thirty wrong equations, each of which a test must notice.
 
-.venv/bin/python benchmarks/mutants.py [NUMBER ...] [--list]
-
-A mutant is set in a copy of the project, and the tests that should notice it run there until one fails. Where
+They are wrong signs, factors and wires, set one at a time. A mutant is set in a copy of the project, and the tests that should notice it run there until one fails. Where
 code has moved, the words say how to set it again. Exit status 1 if a mutant survives, or cannot be set.
 """
 
@@ -137,7 +135,7 @@ def is_noticed(mutant: Mutant, folder: Path) -> bool:
 
 def main() -> int:
     """Set the mutants that are asked for; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("number", type=int, nargs="*", help="which (default: all)")
     parser.add_argument("--list", action="store_true", help="print their words only")
     options = parser.parse_args()

@@ -7,6 +7,7 @@ of MasterSim's tests (Nicolai, 2018), 100 s, largest error. Writes results/publi
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -119,6 +120,7 @@ def cost(case: Case, coupled: System, tolerance: float, **settings: object) -> C
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     for axis, case in zip(figure.subplots(1, 2), CASES.values()):
         coupled = system(case, ROOT / "results" / "published")

@@ -1,4 +1,4 @@
-"""Do the stated errors of the scenario resonance hold? python benchmarks/resonance.py [--number N].
+"""Backs *How far the errors can be trusted* of docs/scenarios.md: do the stated errors of `resonance` hold?
 
 Draws drives, asks the scenario for a sweep of each, many drives in one batch, and compares its figures with the exact
 orbits of tests/scenarios/orbit_oracle.py. Rows are printed as they come; with --out they are kept as lines of JSON, and
@@ -108,7 +108,7 @@ def judged(seed: int, numbers: Sequence[int]) -> list[Row]:
     return list(rows)
 
 
-def ratio(row: Row, name: str) -> float | None:
+def error_over_stated(row: Row, name: str) -> float | None:
     """Error over stated error, infinite for an invented one, None where none is stated."""
     truth, stated = row["truth"][name], row["stated"].get(name, {"error": None})
     if stated["error"] is None:
@@ -123,7 +123,7 @@ def ratio(row: Row, name: str) -> float | None:
 
 def line(row: Row) -> str:
     """A drive in a line."""
-    ratios = {name: ratio(row, name) for name in FIGURES}
+    ratios = {name: error_over_stated(row, name) for name in FIGURES}
     existing = [name for name in FIGURES if row["truth"][name] is not None]
     refused = [name for name in existing if ratios[name] is None]
     worst = max(FIGURES, key=lambda name: ratios[name] or 0.0)
@@ -147,10 +147,14 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
         cases = [(row, name) for row in rows for name in names]
         existing = [case for case in cases if case[0]["truth"][case[1]] is not None]
         stated = [
-            (case, error_ratio) for case in existing if (error_ratio := ratio(*case)) is not None
+            (case, error_ratio)
+            for case in existing
+            if (error_ratio := error_over_stated(*case)) is not None
         ]
         invented = sum(
-            ratio(*case) is not None for case in cases if case[0]["truth"][case[1]] is None
+            error_over_stated(*case) is not None
+            for case in cases
+            if case[0]["truth"][case[1]] is None
         )
         missed = sum(error_ratio > 1 for _, error_ratio in stated)
         relative = [
@@ -172,7 +176,9 @@ def percent(part: int, total: int) -> str:
 
 def worst(rows: Sequence[Row]) -> Iterator[str]:
     """The drives with the worst figures, and how to ask them again."""
-    error_ratios = [(ratio(row, name) or 0.0, name, row) for row in rows for name in FIGURES]
+    error_ratios = [
+        (error_over_stated(row, name) or 0.0, name, row) for row in rows for name in FIGURES
+    ]
     listed: set[int] = set()
     for error_ratio, name, row in sorted(error_ratios, key=lambda entry: -entry[0]):
         if error_ratio > 1 and row["number"] not in listed and len(listed) < LISTED:
@@ -192,7 +198,7 @@ def read_rows(path: Path | None, seed: int, number: int) -> list[Row]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=100, help="of drives")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--block", type=int, default=20, help="drives in a batch")

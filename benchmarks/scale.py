@@ -1,7 +1,4 @@
-"""What a large system costs, and many small runs: python benchmarks/scale.py [PICTURE].
-
-`python benchmarks/scale.py certify 10000000` only certifies a run whose finest has so many rows of 14 columns, and says
-how much memory that takes: 0.5 GB at most, though these rows are 1.1 GB.
+"""Backs *Large systems* of docs/speed.md: what a large system costs, and many small runs.
 
 First, systems of 2 to 1 000 parts, pairs of native motor and conveyor under Jacobi: milliseconds to
 describe, check, connect and start them, microseconds per step, per part and against two parts.
@@ -10,10 +7,12 @@ Then 3 000 parts with 10 000 wires, described, checked and connected, and one FM
 variables. Then runs of 100 steps of the pair, all included, after the first; and runs in two
 threads against one after the other: in wall time, which other programs spoil, and the share of
 processor time that only one thread at a time can have, for rows at every step and at every tenth.
+`--certify` does none of this and backs the last paragraph of *What answers and many runs cost*.
 """
 
 from __future__ import annotations
 
+import argparse
 import resource
 import statistics
 import sys
@@ -55,7 +54,7 @@ def paired_parts(count: int) -> System:
     return System(parts, wires)
 
 
-def grid(count: int) -> System:
+def ring(count: int) -> System:
     """So many parts in a ring, with up to four wires from each to the next."""
     parts = {f"line.p{k}": FMUS / "LinearSystem.fmu" for k in range(count)}
     outputs = [(k, i) for k in range(count) for i in range(1, 5)]
@@ -65,7 +64,7 @@ def grid(count: int) -> System:
     return System(parts, wires, start)
 
 
-def wide(count: int, folder: Path) -> System:
+def one_part_with_variables(count: int, folder: Path) -> System:
     """A motor with so many variables more."""
     with ZipFile(NATIVE / "DriveMotor.fmu") as archive:
         files = {name: archive.read(name) for name in archive.namelist()}
@@ -79,7 +78,7 @@ def wide(count: int, folder: Path) -> System:
     return System({"motor": folder / "wide.fmu"}, start={"motor.w": 1.0})
 
 
-def seconds(work: Callable[[], Any]) -> float:
+def processor_time(work: Callable[[], Any]) -> float:
     """Processor time, which other programs do not lengthen."""
     began = time.process_time()
     work()
@@ -104,12 +103,12 @@ def costs(count: int) -> tuple[float, float]:
 
     go(1)
     tasks: list[Callable[[], Any]] = [lambda: set_up(system), lambda: go(1), lambda: go(steps + 1)]
-    rounds = [[seconds(task) for task in tasks] for _ in range(ROUNDS)]
+    rounds = [[processor_time(task) for task in tasks] for _ in range(ROUNDS)]
     described, started, total = map(min, zip(*rounds))
     return (described + started) / count, (total - started) / steps / count
 
 
-def threads(every: int) -> tuple[float, float]:
+def compare_threads(every: int) -> tuple[float, float]:
     """Two threads against one after the other; the share of processor time under Python's lock."""
     tasks = [
         partial(run, paired_parts(2), stop=100.0, step=H, output_step=every * H) for _ in range(2)
@@ -136,7 +135,7 @@ def threads(every: int) -> tuple[float, float]:
             list(pool.map(lambda task: task(), tasks))
             rounds.append((middle - began, time.perf_counter() - middle))
     original, loop.library = loop.library, lambda: Timed
-    total = seconds(tasks[0])
+    total = processor_time(tasks[0])
     loop.library = original
     sequential, parallel = map(min, zip(*rounds))
     return parallel / sequential, 1.0 - free[0] / total
@@ -174,8 +173,15 @@ def draw(rows: Sequence[tuple[int, float, float]], path: Path) -> None:
 
 
 def main() -> None:
-    if sys.argv[1:2] == ["certify"]:
-        certify_rows(int(sys.argv[2]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--picture", type=Path, help="of the costs per part")
+    parser.add_argument(
+        "--certify", type=int, metavar="ROWS",
+        help="only certify a run whose finest has so many rows of 14 columns, and print the memory that this takes",
+    )  # fmt: skip
+    options = parser.parse_args()
+    if options.certify is not None:
+        certify_rows(options.certify)
         return
     print(f"{'parts':>6}{'start ms/part':>15}{'ratio':>7}{'step us/part':>14}{'ratio':>7}")
     first, rows = costs(2), []
@@ -186,18 +192,18 @@ def main() -> None:
             f"{count:>6}{1e3 * start:>15.3f}{start / first[0]:>7.2f}"
             f"{1e6 * step:>14.3f}{step / first[1]:>7.2f}"
         )
-    print(f"3 000 parts, 10 000 wires: {seconds(lambda: set_up(grid(3000))):.1f} s")
+    print(f"3 000 parts, 10 000 wires: {processor_time(lambda: set_up(ring(3000))):.1f} s")
     with tempfile.TemporaryDirectory() as folder:
-        system = wide(100_000, Path(folder))
-        print(f"100 000 variables: {seconds(lambda: set_up(system)):.1f} s")
+        system = one_part_with_variables(100_000, Path(folder))
+        print(f"100 000 variables: {processor_time(lambda: set_up(system)):.1f} s")
     short = partial(run, paired_parts(2), stop=0.1, step=H)
-    times = [seconds(short) for _ in range(50)]
+    times = [processor_time(short) for _ in range(50)]
     print(f"100 steps of the pair, all included: {1e3 * statistics.median(times):.2f} ms")
     for every in (1, 10):
-        ratio, locked = threads(every)
+        ratio, locked = compare_threads(every)
         print(f"two threads, a row every {every}: {ratio:.2f} of the time, {locked:.2f} locked")
-    for path in sys.argv[1:]:
-        draw(rows, Path(path))
+    if options.picture is not None:
+        draw(rows, options.picture)
 
 
 if __name__ == "__main__":

@@ -30,8 +30,7 @@ SITE_COMMAND = ".venv/bin/uv run --no-dev --extra site python -m gallery"
 BENCHMARK = ".venv/bin/python benchmarks/"
 SLOW = {
     "python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv pip install -q -e "
-    '".[native,page]" && .venv/bin/python build_fmus.py drive_motor crank_conveyor && '
-    ".venv/bin/scenarios run resonance && .venv/bin/python build_fmus.py",
+    '".[page]" && .venv/bin/uv cache clean -q ziglang && .venv/bin/scenarios run resonance',
     ".venv/bin/scenarios run resonance --set B",
     ".venv/bin/scenarios run resonance --start conveyor.spring.c=7e5",
     '.venv/bin/scenarios run resonance --speed 420rpm --nameplate "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, '
@@ -191,7 +190,7 @@ def tree(tmp_path: Path) -> Path:
         "python": f'exec {sys.executable} "$@"',
         "fmpy": f'exec {programs}/fmpy "$@"',
         "pip": '[ "$*" = "install -q uv" ]',
-        "uv": '[ "$1" = sync ]',
+        "uv": 'case "$1" in sync | pip | cache) ;; *) exit 2 ;; esac',
         **{
             name: f'exec {sys.executable} -m {name} "$@"'
             for name in ("cosim", "fmukit", "scenarios")
@@ -300,6 +299,31 @@ def test_the_tutorial_prints_what_it_says(tree: Path) -> None:
     promised = re.findall(r"^# prints: (.*)$", (ROOT / "tutorial.py").read_text(), re.MULTILINE)
     assert output.splitlines()[1:] == promised
     assert (tree / "results" / "tutorial.png").stat().st_size > 20_000
+
+
+def table_of(page: str, heading: str) -> dict[str, dict[str, str]]:
+    """The rows of the table of a page whose header begins so, by their first cell and the header's names."""
+    _, _, text = text_of(page).partition(f"| {heading} |".replace("  ", " "))
+    head, _, *lines = text.partition("\n\n")[0].splitlines()
+    names = [name.strip() for name in head.split("|")[:-1]]
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
+    return {first: dict(zip(names, rest)) for first, *rest in cells}
+
+
+def test_the_readme_says_of_the_masters_what_their_page_says() -> None:
+    columns = {
+        "conveyor drive": "conveyor_drive_a",
+        "two masses": "two_masses",
+        "controlled drive": "controlled_drive",
+    }
+    page = {
+        re.sub(r" \d[\d.]+", "", name): row
+        for name, row in table_of("docs/masters.md", "master, steps of 1 ms").items()
+    }
+    for label, row in table_of("README.md", "").items():
+        name = label.removesuffix(" (the default)")
+        for master in [name] if name in page else name.split(", "):
+            assert [row[x] for x in columns] == [page[master][x] for x in columns.values()]
 
 
 def test_the_first_command_answers_as_the_readme_shows(tmp_path: Path) -> None:

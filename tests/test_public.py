@@ -17,7 +17,7 @@ PACKAGES = ("cosim", "fmukit", "scenarios", "workbench")
 
 def interface() -> Iterator[str]:
     """A line for each public thing."""
-    from cosim.cli.main import registered_commands
+    from cosim.cli.main import COMMANDS
     from scenarios.project import PROJECT
     from workbench import cli
     from workbench.catalog import names
@@ -26,8 +26,7 @@ def interface() -> Iterator[str]:
         module = importlib.import_module(package)
         for name in sorted(module.__all__):
             yield f"{package}.{name}{signature(getattr(module, name))}"
-    coupling = (command.name for command in registered_commands())
-    yield from (f"command: cosim {name}" for name in sorted(coupling))
+    yield from (f"command: cosim {name}" for name in sorted(COMMANDS))
     yield from (f"command: scenarios {name}" for name in sorted(cli.COMMANDS))
     yield "command: fmukit build"
     yield "command: drive-fmus"

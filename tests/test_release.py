@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -17,6 +18,8 @@ ROOT = Path(__file__).resolve().parents[1]
 MODEL = ROOT / "tests" / "fmukit" / "models" / "van_der_pol.py"
 #: megabytes without bytecode and installer; docs/install.md has the table
 SIZE = 550
+#: megabytes of clone and home after the README's first command; the same table
+FIRST_ANSWER = 600
 UV = [sys.executable, "-m", "uv"]
 
 slow = pytest.mark.slow
@@ -74,23 +77,6 @@ def test_the_same_version_stands_everywhere() -> None:
     assert f"version: {cosim.__version__}\n" in citation
 
 
-SCRIPTS = [
-    "build_fmus",
-    "release",
-    *(f"examples.{p.stem}" for p in ROOT.glob("examples/measured_*.py")),
-]
-
-
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_help_says_what_a_script_does_and_does_nothing(script: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", script, "--help"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert done.stdout.startswith("usage: ")
-    assert not [*tmp_path.iterdir()]
-
-
 @slow
 def test_checksums_name_every_file(dist: Path) -> None:
     lines = (dist / "SHA256SUMS").read_text().splitlines()
@@ -141,3 +127,21 @@ def test_the_wheel_builds_a_stranger_s_model(dist: Path, environment: Environmen
         environment.run(*run)
         rows.append((environment.folder / "run.csv").read_bytes())
     assert rows[0] == rows[1]
+
+
+@slow
+def test_the_first_command_of_the_readme_answers_and_removes_the_compiler(tmp_path: Path) -> None:
+    """In a copy of the sources with an empty home; a file with several names in it counts once."""
+    clone, home = tmp_path / "clone", tmp_path / "home"
+    shutil.copytree(ROOT, clone, ignore=shutil.ignore_patterns(".*", "fmus", "results", "dist"))
+    (clone / "fmus").mkdir()
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    command = text.partition("<!-- run -->\n```sh\n")[2].partition("\n")[0]
+    environment = os.environ | {"HOME": str(home)}
+    done = subprocess.run(
+        command, shell=True, cwd=clone, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.startswith("Avoid 40 rad/s"), done.stderr
+    files = [path.lstat() for path in tmp_path.rglob("*")]
+    sizes = {(file.st_dev, file.st_ino): 512 * file.st_blocks for file in files}
+    assert sum(sizes.values()) < FIRST_ANSWER * 1e6

@@ -53,8 +53,9 @@ def main(argv: Sequence[str], project: Project, program: str) -> int:
         return 1
 
 
-def show_list(_argv: Sequence[str], project: Project, _program: str) -> int:
+def show_list(argv: Sequence[str], project: Project, program: str) -> int:
     """Print the questions of the project; none is imported."""
+    Parser(prog=f"{program} list", description="Print the questions, a line each.").parse_args(argv)
     questions = catalog.names(project.home)
     width = max(map(len, questions), default=0)
     for name, module in questions.items():

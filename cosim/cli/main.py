@@ -4,26 +4,43 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib import import_module
-from pkgutil import iter_modules
 
 from .. import __version__
 from ..errors import SetupError
-from . import commands, system_file
-from .command import Command
+from .commands import (
+    check,
+    compare,
+    crosscheck,
+    diagnose,
+    export,
+    info,
+    oracle,
+    referee,
+    run,
+    sweep,
+    verify,
+)
 from .options import Help, Parser, exit_code
 
+#: In the order in which they are listed.
+COMMANDS = {
+    module.__name__.rpartition(".")[2]: module
+    for module in (
+        info,
+        check,
+        run,
+        sweep,
+        diagnose,
+        oracle,
+        export,
+        referee,
+        crosscheck,
+        compare,
+        verify,
+    )
+}
 #: What people type for a command that is an option of another one.
 SUBSTITUTES = {"certify": "run --certify"}
-
-
-def registered_commands() -> list[Command]:
-    """Return the commands of all modules in `cosim.cli.commands`, by rank."""
-    modules = (
-        import_module(f"{commands.__name__}.{module.name}")
-        for module in iter_modules(commands.__path__)
-    )
-    return sorted((module.COMMAND for module in modules), key=lambda command: command.rank)
 
 
 def parser(program: str = "cosim") -> Parser:
@@ -34,17 +51,14 @@ def parser(program: str = "cosim") -> Parser:
     )
     top.add_argument("--version", action="version", version=f"cosim {__version__}")
     subparsers = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
-    for command in registered_commands():
-        text = command.summary
-        sentence = f"{text[0].upper()}{text[1:]}."
+    for name, command in COMMANDS.items():
+        text = str(command.__doc__).partition(": ")[2]
         subparser = subparsers.add_parser(
-            command.name, help=text, description=sentence, formatter_class=Help
+            name,
+            help=text.rstrip("."),
+            description=f"{text[0].upper()}{text[1:]}",
+            formatter_class=Help,
         )
-        subparser.set_defaults(run=command.run)
-        if command.reads_system:
-            system_file.add_options(
-                subparser, is_timed=command.is_timed, needs_file=command.needs_file
-            )
         command.add_options(subparser)
     return top
 
@@ -62,6 +76,6 @@ def main(arguments: Sequence[str] | None = None, program: str = "cosim") -> int:
             options.files += rest  # parts after an option
         elif rest:
             top.error(f"unrecognized arguments: {' '.join(rest)}")
-        return int(options.run(options))
+        return int(COMMANDS[options.command].execute(options))
 
     return exit_code(run_command)

@@ -52,19 +52,23 @@ class Parser(argparse.ArgumentParser):
 
     def number(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
         """An option that is a number."""
-        arguments: dict[str, Any] = {"type": number, "metavar": "NUMBER", "default": default} | more
+        arguments: dict[str, Any] = {
+            "type": parse_number,
+            "metavar": "NUMBER",
+            "default": default,
+        } | more
         self.add_argument(name, help=text, **arguments)
 
     def time(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
         """An option that is a time [s]."""
-        self.number(name, text, default, **{"type": seconds, "metavar": "TIME"} | more)
+        self.number(name, text, default, **{"type": parse_time, "metavar": "TIME"} | more)
 
     def several(self, name: str, text: str, **more: Any) -> None:
         """An option that may be given again."""
         self.add_argument(name, action="append", default=[], help=text, **more)
 
 
-def number(text: str) -> float:
+def parse_number(text: str) -> float:
     """A number; raises ArgumentTypeError for another text."""
     quantity = QUANTITY.fullmatch(text)
     if quantity is None or quantity[2]:
@@ -73,11 +77,11 @@ def number(text: str) -> float:
     return float(quantity[1])
 
 
-def seconds(text: str) -> float:
+def parse_time(text: str) -> float:
     """A time [s], which may be written with a unit: "1ms", "2 min". Raises ArgumentTypeError for others."""
     quantity = QUANTITY.fullmatch(text)
     if quantity is None or not quantity[2]:
-        return number(text)
+        return parse_number(text)
     scale = multiples("s").get(quantity[2])
     if scale is None:
         choices = ", ".join(multiples("s"))
@@ -98,7 +102,7 @@ class StartAction(argparse.Action):
         if not hasattr(options, self.dest):
             raise argparse.ArgumentError(self, f"{text!r} must read NAME=VALUE")
         try:
-            setattr(options, self.dest, seconds(text))
+            setattr(options, self.dest, parse_time(text))
         except argparse.ArgumentTypeError as error:
             raise argparse.ArgumentError(self, str(error)) from None
 

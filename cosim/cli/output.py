@@ -12,10 +12,8 @@ from tempfile import TemporaryFile, mkdtemp
 from .. import describe
 from ..engine.recorder import Stream
 from ..errors import SetupError
-from ..names import only
 from ..result import Result, require_names
 from ..result import partial as partial_file
-from ..system import System
 from ..table_file import facts_path
 from .options import require
 
@@ -33,7 +31,7 @@ def write_result(result: Result, path: Path, part: str | None) -> None:
 
 
 @contextmanager
-def claimed(path: Path | None) -> Iterator[None]:
+def locked_for_writing(path: Path | None) -> Iterator[None]:
     """Keep other runs from a file that is written at the end; SetupError if one writes it now."""
     if path is None:
         yield
@@ -47,8 +45,8 @@ def claimed(path: Path | None) -> Iterator[None]:
         claim.close()
 
 
-def require_files(options: argparse.Namespace, system: System) -> None:
-    """Raise SetupError, before a run, for files that it could not write at its end."""
+def require_outputs(options: argparse.Namespace) -> None:
+    """Raise SetupError, before a run, for a table or a picture that could not be written at its end."""
     require_image(options.plot)
     if options.out is not None:
         require_writable(options.out)
@@ -57,10 +55,6 @@ def require_files(options: argparse.Namespace, system: System) -> None:
             raise SetupError(f"{options.out} must end in .csv or .parquet")
         if options.out.suffix == ".parquet":
             require("pyarrow", f"{options.out}: Parquet")
-    if options.certify:
-        require("scipy", "--certify")
-    if options.part is not None and options.part not in system.parts:
-        raise SetupError(f"there is no part {options.part!r}, {only(options.part, system.parts)}")
 
 
 def require_writable(path: Path) -> None:
@@ -80,7 +74,6 @@ def require_image(path: Path | None) -> None:
     if path is None:
         return
     require_writable(path)
-    require("matplotlib", "--plot")
     from matplotlib.backend_bases import FigureCanvasBase
 
     if path.suffix[1:] not in (kinds := FigureCanvasBase.get_supported_filetypes()):

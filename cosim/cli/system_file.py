@@ -31,7 +31,7 @@ from ..system import (
     require_cosimulation,
     value_of_text,
 )
-from .options import Parser, StartAction, assignment, seconds
+from .options import Parser, StartAction, assignment, parse_time
 
 #: The longest step as a fraction of a run: derived from 1 + the rounding of a difference of times.
 MAX_STEP_FRACTION = 1.0 + 1e-9
@@ -85,16 +85,18 @@ class SystemFile:
             stated = {}
         return stated | requested
 
-    def run_settings(self, options: argparse.Namespace) -> RunSettings:
-        """Return the same for a run; what no option mends, an FMU without co-simulation, comes before what one does."""
+    def settings(self, options: argparse.Namespace) -> RunSettings:
+        """Return how to run: by the options, else by the file, else as the FMUs prefer.
+
+        What no option mends, an FMU without co-simulation, is told before what one does.
+        """
         try:
-            return self.settings(options)
+            return self._settings(options)
         except SetupError:
             require_cosimulation(self.network.descriptions, self.system.parts)
             raise
 
-    def settings(self, options: argparse.Namespace) -> RunSettings:
-        """Return how to run: by the options, else by the file, else as the FMUs prefer."""
+    def _settings(self, options: argparse.Namespace) -> RunSettings:
         start, stop = self.times(options)
         if options.step is not None and options.adaptive is not None:
             raise SetupError("--step and --adaptive cannot be used together")
@@ -210,7 +212,7 @@ def substep_counts(texts: Sequence[str]) -> dict[str, int]:
     return {name: int(count) for name, count in counts.items()}
 
 
-def add_options(parser: Parser, *, is_timed: bool, needs_file: bool) -> None:
+def add_system_options(parser: Parser, *, is_timed: bool = False, needs_file: bool = True) -> None:
     """Add the file or files, wires between parts, start values and how strictly all is read."""
     text = (
         f".ssp, .ssd, {FILE}, a folder that contains one, or FMUs: a.fmu, or motor=a.fmu pump=b.fmu"
@@ -237,8 +239,8 @@ def add_options(parser: Parser, *, is_timed: bool, needs_file: bool) -> None:
 def add_shared_options(parser: Parser, *options: str) -> None:
     """Add options that several commands have, by their names."""
     arguments: dict[str, dict[str, Any]] = {
-        "--stop": {"type": seconds, "metavar": "TIME", "help": "stop time [s] (default: that of the file)"},
-        "--step": {"type": seconds, "metavar": "TIME", "help": "communication step [s] (default: that of the file, or the one that the FMUs prefer)"},
+        "--stop": {"type": parse_time, "metavar": "TIME", "help": "stop time [s] (default: that of the file)"},
+        "--step": {"type": parse_time, "metavar": "TIME", "help": "communication step [s] (default: that of the file, or the one that the FMUs prefer)"},
         "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
         "--record": {"type": name_list, "metavar": "LIST", "help": "columns to record: motor.tau,conveyor.w (default: all outputs)"},
     }  # fmt: skip

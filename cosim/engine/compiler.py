@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import platform
 import subprocess
 import sys
 import tempfile
@@ -34,6 +36,14 @@ def file_name(system: str, machine: str) -> str:
     return f"loop-{system}-{machine}.so"
 
 
+def loop_of_sources() -> Path:
+    """Where the loop of these sources is kept for this machine, once it is compiled."""
+    text = f"{SOURCE.read_text()}{MEMBERS.read_text()}{OPTIONS}"
+    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    name = file_name(sys.platform, platform.machine())
+    return SOURCE.parent / "__pycache__" / f"{digest}-{name}"
+
+
 def compile_loop(path: Path, target: str = "native") -> None:
     """Compile the loop for a target of Zig; raises OSError with the words of the compiler."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,5 +69,5 @@ def compile_loop(path: Path, target: str = "native") -> None:
 
 def compile_every_loop(folder: Path) -> None:
     """Compile the loop for every platform into a folder; raises OSError as `compile_loop` does."""
-    for platform, target in TARGETS.items():
-        compile_loop(folder / file_name(*platform), target)
+    for names, target in TARGETS.items():
+        compile_loop(folder / file_name(*names), target)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import platform
 import sys
 from array import array
@@ -16,7 +15,7 @@ from ..fmu.blocks import VariableBlock
 from ..fmu.buffers import Slot, address
 from ..fmu.messages import WARNING
 from ..fmu.operations import COperation
-from .compiler import MEMBERS, OPTIONS, SOURCE, compile_loop, file_name
+from .compiler import SOURCE, compile_loop, file_name, loop_of_sources
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource
@@ -47,9 +46,7 @@ def _library() -> Any:
     path = SOURCE.parent / "compiled" / name
     try:
         if not path.exists():
-            text = f"{SOURCE.read_text()}{MEMBERS.read_text()}{OPTIONS}"
-            digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-            path = SOURCE.parent / "__pycache__" / f"{digest}-{name}"
+            path = loop_of_sources()
             if not path.exists() or not path.stat().st_size:
                 compile_loop(path)
         loop = ctypes.CDLL(str(path))

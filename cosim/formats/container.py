@@ -92,7 +92,7 @@ def write_container(
         container_path.replace(path)
 
 
-def _is_sequential(name: str, parts: Sequence[str]) -> bool:
+def _is_sequential(algorithm: str, parts: Sequence[str]) -> bool:
     """Whether an algorithm steps the parts one after the other, and not side by side.
 
     Raises
@@ -103,14 +103,14 @@ def _is_sequential(name: str, parts: Sequence[str]) -> bool:
     side_by_side = [tuple(Turn(part) for part in parts)]
     in_turn = [(Turn(part),) for part in parts]
     schedules = {
-        key: algorithm.stages(parts)
-        for key, algorithm in REGISTRY.items()
-        if not algorithm.is_implicit
+        name: explicit.stages(parts)
+        for name, explicit in REGISTRY.items()
+        if not explicit.is_implicit
     }
-    possible = [key for key, stages in schedules.items() if stages in (side_by_side, in_turn)]
-    if name not in possible:
-        raise SetupError(f"algorithm {name!r} must be one of {', '.join(possible)}")
-    return len(schedules[name]) > 1
+    possible = [name for name, stages in schedules.items() if stages in (side_by_side, in_turn)]
+    if algorithm not in possible:
+        raise SetupError(f"algorithm {algorithm!r} must be one of {', '.join(possible)}")
+    return len(schedules[algorithm]) > 1
 
 
 @contextmanager

@@ -31,7 +31,7 @@ from ..system import (
     describe_fmu,
     require_fmi2,
 )
-from .ssp.files import LINK, Budget, load, locate, plain, require_root
+from .ssp.files import LINK, Budget, load, local_name, locate, require_root
 from .ssp.files import Element as SourceElement
 from .ssp.parameters import Parameter
 from .ssp.plan import Connector, Flow, Node, Plan, dotted
@@ -119,11 +119,11 @@ class _Reader:
     def at(self, element: SourceElement) -> str:
         """File, line, kind and name of an element."""
         name = element.get("name") or element.get("variable") or ""
-        return f"{self.file.name}, line {element.sourceline}: {plain(element.tag)} {name}".rstrip()
+        return f"{self.file.name}, line {element.sourceline}: {local_name(element)} {name}".rstrip()
 
     def take(self, element: SourceElement) -> None:
         """Take one element; raises KeyError or ValueError for what it lacks or has wrong."""
-        tag, attributes = plain(element.tag), element.attrib
+        tag, attributes = local_name(element), element.attrib
         if tag in TIMES:
             self.times[tag] = real(element.text or "")
         elif tag == "Simulator":
@@ -132,7 +132,7 @@ class _Reader:
             simulator = element.getparent().getparent().attrib["name"]
             self._initial(self.plan.elements[""][simulator], element)
         elif tag == "LinearTransformation":
-            entry, leave = self._function(attributes["name"], ["in"], ["out"])
+            entry, leave = self._add_function(attributes["name"], ["in"], ["out"])
             factor = real(attributes.get("factor", "1"))
             offset = real(attributes.get("offset", "0"))
             step = Step(tag, None, convert=False, factor=factor, offset=offset)
@@ -144,7 +144,7 @@ class _Reader:
             self.plan.budget.take(self.at(element), LINK * inputs * width)
             for suffix in [f"[{j}]" for j in range(width)] if tag == "VectorSum" else [""]:
                 entries = [f"in[{k}]{suffix}" for k in range(inputs)]
-                *added, leave = self._function(attributes["name"], entries, [f"out{suffix}"])
+                *added, leave = self._add_function(attributes["name"], entries, [f"out{suffix}"])
                 self.added[leave] = added
         elif tag in ("VariableConnection", "SignalConnection"):
             self._connection(element, map(self._end, element.iterchildren("*")))
@@ -162,7 +162,7 @@ class _Reader:
         elif tag not in HOLDERS + CONTENTS:
             raise ValueError("is not supported")
 
-    def _function(self, name: str, entries: list[str], leaves: list[str]) -> list[Node]:
+    def _add_function(self, name: str, entries: list[str], leaves: list[str]) -> list[Node]:
         """The connectors of a function."""
         function = f"function {name}"
         self.plan.elements[""][function] = function
@@ -229,7 +229,7 @@ class _Reader:
 
     def _initial(self, part: str, element: SourceElement) -> None:
         name, (content,) = element.attrib["variable"], element.iterchildren("*")
-        kind = plain(content.tag)
+        kind = local_name(content)
         value = READ[kind](content.attrib["value"])
         if not self.plan.bind(part, Parameter(f"{part}.{name}", name, kind, value, None)):
             raise KeyError(f"{part}.{name}")
@@ -273,7 +273,7 @@ class _Reader:
             named = " and ".join(f"{kind} {dotted(end)}" for kind, end in zip(kinds, ends))
             raise ValueError(f"{named} cannot be connected")
         self.plan.add_arrow(
-            Flow(sources[0], sinks[0], Step(plain(element.tag), None, convert=False))
+            Flow(sources[0], sinks[0], Step(local_name(element), None, convert=False))
         )
         if "powerBond" in element.attrib:
             self.bonds[element.get("powerBond")].extend(sources)

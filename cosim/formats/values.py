@@ -11,9 +11,9 @@ from ..system import READ, Network, Value
 from ..system.base_units import Unit
 from ..table_file import read_cells
 from ..units import multiples
-from .ssp.files import Budget, parse
+from .ssp.files import Budget, load_valid
 from .ssp.parameters import Parameter, parameters_of
-from .ssp.plan import Node, Plan, dotted
+from .ssp.plan import Node, Plan
 from .ssp.units import definitions
 
 COLUMNS = ("name", "value", "unit")
@@ -33,7 +33,7 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
     root_path = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
     parameters: Iterable[Parameter]
     if path.suffix == ".ssv":
-        root = parse(path, "ssv:ParameterSet")
+        root = load_valid(path, "ssv:ParameterSet")
         parameters = parameters_of(root, "", path.name, definitions(root, path.name)).values()
     elif path.suffix == ".csv":
         parameters = _rows(path, plan, root_path)
@@ -48,7 +48,7 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
             raise SetupError(f"{parameter.where} is given twice")
         assigned.update(nodes)
         plan.bind(nodes[0][0], parameter._replace(name=nodes[0][1]))
-    return {dotted(node): value for node, value in plan.start.items()}
+    return plan.starts()
 
 
 def _variables_named(plan: Plan, root_path: str, name: str) -> list[Node]:

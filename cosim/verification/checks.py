@@ -128,7 +128,7 @@ def deviation(actual: Matrix, expected: Matrix) -> float:
     return float((np.abs(actual - expected).max(axis=0) / np.abs(expected).max(axis=0)).max())
 
 
-def order(scheme: Scheme, units: Mapping[str, LinearPart]) -> int:
+def stated_order(scheme: Scheme, units: Mapping[str, LinearPart]) -> int:
     """The order of the states that the algorithm states; FMUs that move their inputs have order 2."""
     if scheme.hold:
         return 2
@@ -143,7 +143,7 @@ def order(scheme: Scheme, units: Mapping[str, LinearPart]) -> int:
     return find_algorithm(scheme.algorithm).convergence_order(context)
 
 
-def residual_order(scheme: Scheme, units: Mapping[str, LinearPart]) -> int:
+def bond_residual_order(scheme: Scheme, units: Mapping[str, LinearPart]) -> int:
     """The order of what a power bond makes.
 
     Held old values against new ones leave a term of first order. A symmetric schedule, which has order
@@ -160,7 +160,7 @@ def residual_order(scheme: Scheme, units: Mapping[str, LinearPart]) -> int:
     return 2 if is_symmetric else 1
 
 
-def slope(errors: Sequence[float], theory: float) -> float:
+def worst_order(errors: Sequence[float], theory: float) -> float:
     """The binary logarithm of the quotient of neighbours that is farthest from theory."""
     slopes = np.array([math.log2(abs(a / b)) if a * b else math.inf for a, b in pairwise(errors)])
     return float(slopes[np.abs(slopes - theory).argmax()])
@@ -188,13 +188,13 @@ def orders(
             residuals.append(energy["residual"])
             ideal_shares.append(float((predicted[0] - predicted[1]) / np.abs(predicted).max()))
             shares.append(float(energy["residual"] / np.abs(predicted).max()))
-    theory = order(scheme, benchmark.units)
+    theory = stated_order(scheme, benchmark.units)
     yield judge(
         name,
         title,
         matches,
         "order of the states",
-        slope(errors, theory),
+        worst_order(errors, theory),
         theory=theory,
         within=ORDER,
     )
@@ -202,8 +202,8 @@ def orders(
         largest = max(shares, key=abs)
         yield judge(name, title, booked, "residual of the energy", largest, theory=0.0, within=SAME)
     elif bond:
-        theory = residual_order(scheme, benchmark.units)
-        measured_slope = slope(residuals, theory)
+        theory = bond_residual_order(scheme, benchmark.units)
+        measured_slope = worst_order(residuals, theory)
         yield judge(
             name,
             title,
@@ -306,7 +306,7 @@ def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> SchemeCheck:
         energy = (SHAFT_STIFFNESS * twist**2 + FIRST_INERTIA * w_1**2 + SECOND_INERTIA * w_2**2) / 2
         created = -next(iter(result.energy.values()))["residual"]
         gaps.append(float(energy[-1] - energy[0]) - created)
-    measured = slope(gaps, 2)
+    measured = worst_order(gaps, 2)
     quantity = "order of the energy not booked"
     return judge("undamped drive", title, matches, quantity, measured, theory=2, within=ORDER)
 

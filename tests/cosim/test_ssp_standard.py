@@ -6,7 +6,6 @@ import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -187,8 +186,6 @@ def test_what_other_tools_cannot_read_is_no_error(tmp_path: Path) -> None:
     report = check_standard(written(tmp_path, text))
     assert report.passed
     assert {f.clause for f in report.findings} >= {"libcosim", "Ecos"}
-    suite = ElementTree.fromstring(report.junit())
-    assert suite.attrib["failures"] == "0" and int(suite.attrib["skipped"]) == len(report.findings)
 
 
 def test_what_is_no_file_of_ssp_is_refused(tmp_path: Path) -> None:

@@ -13,16 +13,6 @@ LIGHT = (
 )
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_is_the_one_of_its_own_name(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        main([name, "--help"])
-    assert end.value.code == 0
-    assert f"usage: drive-fmus {name} " in capsys.readouterr().out
-
-
 def test_a_command_gets_the_arguments_behind_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["cosim", "certify"]) == 2
     assert capsys.readouterr().err == "error: there is no command 'certify': use run --certify\n"

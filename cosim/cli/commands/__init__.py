@@ -1,1 +1,1 @@
-"""The commands of `cosim`, a module each; `cosim.cli.main` finds every module that has a COMMAND."""
+"""The commands of `cosim`, a module each: its first line is the help, `add_options` the arguments, `execute` the work."""

@@ -1,4 +1,4 @@
-"""cosim check: whether a system can run, as far as its start shows it."""
+"""cosim check: check whether a system can run, without running it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from ...errors import SetupError
 from ...formats.ssp.standard import check_standard
 from ...isolated import begin_isolated
 from ...requirements import setup_problems
-from ..command import Command
 from ..options import Parser
-from ..system_file import add_stepping_options, open_system
+from ..system_file import add_stepping_options, add_system_options, open_system
 
 
-def check_system(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Print notes and problems of a system; return 1 if it cannot run, or breaks the standard that is asked for."""
     if options.standard:
         if len(options.files) > 1:
@@ -24,7 +23,7 @@ def check_system(options: argparse.Namespace) -> int:
         print(report.text())
         return 0 if report.passed else 1
     with open_system(options) as file:
-        settings = file.run_settings(options)
+        settings = file.settings(options)
         problems = list(setup_problems(file.network, settings))
         notes = list(describe.notes(file.network, settings))
         if file.package.step is not None:
@@ -44,12 +43,7 @@ def check_system(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add how the system is stepped, and the check of the standard in its place."""
+    add_system_options(parser, is_timed=True)
     add_stepping_options(parser)
     text = "check the file against the SSP standard instead, clause by clause"
     parser.add_argument("--standard", action="store_true", help=text)
-
-
-COMMAND = Command(
-    "check", "check whether a system can run, without running it", check_system,
-    add_options, rank=2, is_timed=True,
-)  # fmt: skip

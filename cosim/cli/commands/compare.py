@@ -1,4 +1,4 @@
-"""cosim compare: whether a result stays close to a reference."""
+"""cosim compare: check whether a result stays close to a reference."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import argparse
 import math
 
 from ...analysis.compare import SHARE, compare
-from ..command import Command
 from ..options import Parser, assignment
 from ..output import require_image
 
 
-def compare_results(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Print how far a result is from a reference; return 1 if a column leaves its band."""
     require_image(options.plot)
     comparison = compare(
@@ -45,9 +44,3 @@ def add_options(parser: Parser) -> None:
     text = "skip gaps longer than this between rows of the reference [s] (default: no limit)"
     parser.number("--gap", text, math.inf)
     parser.path("--plot", "image file with a plot of the curves and their bands")
-
-
-COMMAND = Command(
-    "compare", "check whether a result stays close to a reference", compare_results, add_options,
-    rank=8, reads_system=False,
-)  # fmt: skip

@@ -1,4 +1,4 @@
-"""cosim crosscheck: whether an FMU keeps its promises."""
+"""cosim crosscheck: check whether an FMU keeps its promises."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from pathlib import Path
 
 from ...analysis.crosscheck import crosscheck
 from ...analysis.crosscheck.report import Crosscheck
-from ..command import Command
 from ..options import Parser
 from ..output import require_writable
 
 
-def check_fmu(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Print and write the report of an FMU; return 1 if a check failed."""
     for path in options.out:
         Crosscheck.format_of(path)
@@ -31,9 +30,3 @@ def add_options(parser: Parser) -> None:
     parser.time("--timeout", "longest wall-clock time of a check [s]", 60.0)
     text = "report file: .txt, .xml (JUnit), .html, or a badge .svg"
     parser.several("--out", text, metavar="FILE", type=Path)
-
-
-COMMAND = Command(
-    "crosscheck", "check whether an FMU keeps its promises", check_fmu, add_options, rank=7,
-    reads_system=False,
-)  # fmt: skip

@@ -1,15 +1,14 @@
-"""cosim diagnose: what the coupling does to the damping."""
+"""cosim diagnose: measure how the coupling changes the damping."""
 
 from __future__ import annotations
 
 import argparse
 
-from ..command import Command
 from ..options import Parser
-from ..system_file import add_shared_options, open_system
+from ..system_file import add_shared_options, add_system_options, open_system
 
 
-def print_diagnosis(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Print the diagnosis of a system in plain words."""
     from ...analysis.damping import (
         diagnose,
@@ -26,13 +25,8 @@ def print_diagnosis(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add the step, the algorithm and what is allowed of it."""
+    add_system_options(parser)
     add_shared_options(parser, "--step", "--algorithm")
     text = "artificial damping allowed, as a share of the real damping"
     parser.number("--share", text, 0.05)
     parser.time("--settle", "time [s] to settle before the measurement", 0.0)
-
-
-COMMAND = Command(
-    "diagnose", "measure how the coupling changes the damping", print_diagnosis, add_options,
-    rank=4,
-)  # fmt: skip

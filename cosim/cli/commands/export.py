@@ -1,4 +1,4 @@
-"""cosim export: a system in another format."""
+"""cosim export: write a system in another format."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import argparse
 from ...formats.container import write_container
 from ...formats.osp import write_osp
 from ...formats.ssp.write import write_ssp
-from ..command import Command
 from ..options import Parser
 from ..output import require_writable
-from ..system_file import open_system
+from ..system_file import add_system_options, open_system
 
 FORMATS = ("ssp", "osp", "container")
 #: The length [s] of a container's experiment where the system states no stop time: a convention of FMI,
@@ -18,7 +17,7 @@ FORMATS = ("ssp", "osp", "container")
 DEFAULT_DURATION = 1.0
 
 
-def export_system(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Write a system as a package, a folder or a single FMU."""
     with open_system(options) as file:
         if options.to != "osp":
@@ -41,6 +40,7 @@ def export_system(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add the format, the file and the step."""
+    add_system_options(parser)
     parser.add_argument(
         "--to",
         choices=FORMATS,
@@ -49,6 +49,3 @@ def add_options(parser: Parser) -> None:
     )
     parser.path("--out", "file to write; a folder for osp", required=True)
     parser.time("--step", "communication step [s]")
-
-
-COMMAND = Command("export", "write a system in another format", export_system, add_options, rank=6)

@@ -1,16 +1,15 @@
-"""cosim info: what a system is made of."""
+"""cosim info: show the parts, wires and start values of a system."""
 
 from __future__ import annotations
 
 import argparse
 
 from ... import describe
-from ..command import Command
 from ..options import Parser
-from ..system_file import open_system
+from ..system_file import add_system_options, open_system
 
 
-def print_info(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Print parts, wires, start values and times of a system."""
     with open_system(options, runnable=False) as file:
         print("\n".join(describe.info(file.network)))
@@ -25,8 +24,4 @@ def print_info(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add nothing: the file is enough."""
-
-
-COMMAND = Command(
-    "info", "show the parts, wires and start values of a system", print_info, add_options, rank=1
-)
+    add_system_options(parser)

@@ -1,77 +1,55 @@
-"""cosim oracle: the true errors of a run, against the coupled system integrated by model exchange."""
+"""cosim oracle: compute the true errors of a run by model exchange."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
-from pathlib import Path
 
 from ...accuracy.certify import summary_of_rows
 from ...accuracy.reference import METHODS, oracle, true_errors
 from ...fmu.messages import quiet
-from ...system import System
-from ..command import Command
 from ..options import Parser
 from ..output import (
     new_folders,
     print_new_files,
     print_table,
     print_warnings,
-    require_files,
+    require_outputs,
 )
-from ..system_file import SystemFile, add_shared_options, open_system
+from ..system_file import add_shared_options, add_system_options, open_system
 
 
-def print_true_errors(options: argparse.Namespace) -> int:
-    """Print the metrics of a run beside those of the reference solution."""
+def execute(options: argparse.Namespace) -> int:
+    """Print the metrics of a run beside those of the reference solution, or these alone for parts that no run can step."""
     folders = new_folders(options)
-    require_files(options, System({}))
-    with open_system(options) as file:
+    require_outputs(options)
+    rows: list[tuple[str, ...]]
+    how = {"record": options.record, "method": options.method, "timeout": options.timeout}
+    with open_system(options) as file, quiet():
         descriptions = file.network.descriptions.items()
-        if model_exchange_only := [name for name, d in descriptions if d.coSimulation is None]:
-            return print_reference(file, options, model_exchange_only, folders)
-        settings = file.settings(options)
-        with quiet():
+        if not_stepped := [name for name, d in descriptions if d.coSimulation is None]:
+            start, stop = file.times(options)
+            result = oracle(file.system, start=start, stop=stop, output_step=options.step, **how)
+            figures = summary_of_rows(result, result.provenance["errors"])
+            rows = [(name, str(figure)) for name, figure in figures.items()]
+            parts = ", ".join(not_stepped)
+            title = f"the oracle's figures, with no run to compare: {parts} offers no co-simulation"
+        else:
+            settings, step = file.settings(options), file.step(options.step)
             judged = true_errors(
-                file.system, start=settings.start, stop=settings.stop,
-                step=file.step(options.step), record=options.record, method=options.method,
-                algorithm=options.algorithm, timeout=options.timeout,
+                file.system, start=settings.start, stop=settings.stop, step=step,
+                algorithm=options.algorithm, **how,
             )  # fmt: skip
-    if options.out is not None:
-        judged.result.write(options.out)
-    print("the oracle's figure, the certified one, its true error")
-    rows = []
-    for name, figure in judged.figures.items():
-        certified, unit = figure.certified, figure.certified.unit
-        rows.append(
-            (name, f"{figure.true:.9g} {unit}", str(certified), f"{figure.error:.2g} {unit}")
-        )
-    print_table(rows)
-    print_new_files(options, folders)
-    print_warnings(judged.result)
-    return 0
-
-
-def print_reference(
-    file: SystemFile,
-    options: argparse.Namespace,
-    model_exchange_only: Sequence[str],
-    folders: Sequence[Path],
-) -> int:
-    """Print the metrics of the reference solution alone, for parts that no run can step."""
-    start, stop = file.times(options)
-    with quiet():
-        result = oracle(
-            file.system, start=start, stop=stop, output_step=options.step, record=options.record,
-            method=options.method, timeout=options.timeout,
-        )  # fmt: skip
+            result = judged.result
+            rows = [
+                (name, f"{f.true:.9g} {unit}", str(f.certified), f"{f.error:.2g} {unit}")
+                for name, f in judged.figures.items()
+                for unit in (f.certified.unit,)
+            ]
+            title = "the oracle's figure, the certified one, its true error"
     if options.out is not None:
         result.write(options.out)
-    parts = ", ".join(model_exchange_only)
-    print(f"the oracle's figures, with no run to compare: {parts} offers no co-simulation")
-    figures = summary_of_rows(result, result.provenance["errors"])
-    rows = [(name, str(figure)) for name, figure in figures.items()]
+    print(title)
     print_table(rows)
     print_new_files(options, folders)
     print_warnings(result)
@@ -80,6 +58,7 @@ def print_reference(
 
 def add_options(parser: Parser) -> None:
     """Add the times, the integrator and what is written."""
+    add_system_options(parser, is_timed=True)
     add_shared_options(parser, "--stop", "--step", "--algorithm")
     text = "longest wall-clock time of an integration [s] (default: no limit)"
     parser.time("--timeout", text, math.inf)
@@ -87,10 +66,4 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--method", choices=METHODS, default=METHODS[0], help=text)
     add_shared_options(parser, "--record")
     parser.path("--out", ".csv or .parquet file for the rows of the reference solution")
-    parser.set_defaults(adaptive=None, output_step=None, plot=None, part=None, certify=True)
-
-
-COMMAND = Command(
-    "oracle", "compute the true errors of a run by model exchange", print_true_errors, add_options,
-    rank=5, is_timed=True,
-)  # fmt: skip
+    parser.set_defaults(adaptive=None, output_step=None, plot=None)

@@ -1,4 +1,4 @@
-"""cosim referee: whether a result that another master wrote is right, how far it is off, and why."""
+"""cosim referee: judge the result of another master."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from ...accuracy.referee import TIMEOUT, TOLERANCE, RefereeReport, referee
 from ...errors import SetupError
 from ...scoreboards import UNREADABLE, scoreboard
 from ...standings import Scoreboard
-from ..command import Command
 from ..options import Parser, assignment
 from ..output import require_writable
-from ..system_file import add_shared_options, open_system
+from ..system_file import add_shared_options, add_system_options, open_system
 
 
-def judge_result(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Print the report on a result; return 1 if it differs, 2 if that cannot be told."""
     if options.scoreboard is not None:
         return judge_masters(options)
@@ -59,6 +58,7 @@ def judge_masters(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add the result, what its columns are, and the files to write."""
+    add_system_options(parser, is_timed=True, needs_file=False)
     parser.path("--result", ".csv, .parquet, or .mat file of a Modelica tool")
     text = "judge the results of many masters, FOLDER/results/MASTER/SYSTEM_1ms.csv, on the reference systems in FOLDER"
     parser.path("--scoreboard", text, metavar="FOLDER")
@@ -72,9 +72,3 @@ def add_options(parser: Parser) -> None:
     parser.time("--timeout", "longest wall-clock time of an integration [s]", TIMEOUT)
     text = "report: .txt, .json, .xml (JUnit, of one result), .html, or a picture .png, .svg, .pdf"
     parser.several("--out", text, metavar="FILE", type=Path)
-
-
-COMMAND = Command(
-    "referee", "judge the result of another master", judge_result, add_options, rank=6,
-    is_timed=True, needs_file=False,
-)  # fmt: skip

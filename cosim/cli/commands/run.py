@@ -1,4 +1,4 @@
-"""cosim run: a run of a system, its rows, and on request its coupling errors."""
+"""cosim run: run a system and write its results."""
 
 from __future__ import annotations
 
@@ -12,34 +12,36 @@ from typing import Any
 
 from ...accuracy.certify import Certified, certify
 from ...engine.control import Adaptive
-from ...errors import pluralize
+from ...errors import SetupError, pluralize
 from ...fmu.messages import quiet
 from ...isolated import run_isolated
+from ...names import only
 from ...result import Interrupted, Result, SimulationError
 from ...result import partial as partial_file
 from ...scratch import scratch
 from ...system import System
-from ..command import Command
 from ..options import Parser
 from ..output import (
-    claimed,
+    locked_for_writing,
     new_folders,
     print_new_files,
     print_table,
     print_warnings,
-    require_files,
+    require_outputs,
     write_result,
 )
-from ..system_file import SystemFile, add_stepping_options, open_system
+from ..system_file import SystemFile, add_stepping_options, add_system_options, open_system
 
 
-def run_system(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Run a system, write its rows and print what the run did."""
     with open_system(options) as file, TemporaryDirectory(dir=scratch()) as folder:
-        settings = file.run_settings(options)
+        settings = file.settings(options)
         arguments = {k: value for k, value in vars(settings).items() if value is not None}
         folders = new_folders(options)
-        require_files(options, file.system)
+        require_outputs(options)
+        if options.part is not None and options.part not in (parts := file.system.parts):
+            raise SetupError(f"there is no part {options.part!r}, {only(options.part, parts)}")
         files = (Path(folder) / f"rows{k}.csv" for k in count())
 
         def runner(system: System, **settings: Any) -> Result:
@@ -72,7 +74,7 @@ def _run_and_write(
     if is_streamed:
         arguments["csv"] = options.out
     certified = None
-    with claimed(path_at_end):
+    with locked_for_writing(path_at_end):
         try:
             start, stop = arguments["start"], arguments["stop"]
             with quiet(), bar(file.title, start, stop) as progress:
@@ -131,6 +133,7 @@ def print_certified(certified: Certified) -> None:
 
 def add_options(parser: Parser) -> None:
     """Add how the system is stepped and what is written."""
+    add_system_options(parser, is_timed=True)
     add_stepping_options(parser)
     parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units and provenance")
     text = "longest wall-clock time of a step [s] (default: no limit)"
@@ -140,8 +143,3 @@ def add_options(parser: Parser) -> None:
     parser.path("--plot", "image file with a plot of all columns")
     text = "also run with twice and four times the step, and state the error of every figure"
     parser.add_argument("--certify", action="store_true", help=text)
-
-
-COMMAND = Command(
-    "run", "run a system and write its results", run_system, add_options, rank=3, is_timed=True
-)

@@ -1,4 +1,4 @@
-"""cosim sweep: many cases of one system, a table of figures, each with its error on request."""
+"""cosim sweep: run many cases of a system and make a table of figures."""
 
 from __future__ import annotations
 
@@ -25,15 +25,14 @@ from ...metrics import (
     TimeOfSmallest,
 )
 from ...result import partial as partial_file
-from ...result import require_names, write_table
+from ...result import write_table
 from ...system import Network, Value
 from ...system.start_values import checked_start, value_of_text
 from ...table_file import read_cells, split_heading
 from ...threads import available_cores
-from ..command import Command
-from ..options import Parser, assignment, require, seconds
-from ..output import new_folders, print_new_files, print_table, require_image, require_writable
-from ..system_file import add_stepping_options, open_system
+from ..options import Parser, assignment, parse_time
+from ..output import new_folders, print_new_files, print_table, require_outputs
+from ..system_file import add_stepping_options, add_system_options, open_system
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +50,7 @@ MOST_RUNS = 1_000_000
 MOST_PRINTED = 20
 
 
-def sweep_system(options: argparse.Namespace) -> int:
+def execute(options: argparse.Namespace) -> int:
     """Run all cases of a system, and write and print the table; 1 if every run failed."""
     from ...prepared import How
     from ...progress import bar_of_runs
@@ -66,7 +65,11 @@ def sweep_system(options: argparse.Namespace) -> int:
                 "name a figure for each run: --figure largest:motor.tau; "
                 f"there are {', '.join(METRICS)}"
             )
-        _require_files(options)
+        require_outputs(options)
+        if options.jobs < 1:
+            raise SetupError(f"--jobs {options.jobs} must be at least 1")
+        if not options.timeout > 0.0:
+            raise SetupError(f"--timeout {options.timeout:g} s must be above 0")
         settings = vars(file.settings(options)) | {"record": None}
         folders = new_folders(options)
         journal = None if options.out is None else partial_file(options.out).with_suffix(".journal")
@@ -113,14 +116,13 @@ def cases_of(options: argparse.Namespace, network: Network) -> Mapping[str, Sequ
     if options.sample:
         if options.sample < 1 or not options.within:
             raise SetupError("--sample needs a number of at least 1, and --within NAME=a..b")
-        _require_number(options.sample)
-        require("scipy", "--sample")
+        _require_few_runs(options.sample)
         bounds = _distinct([_bounds(text, network) for text in options.within])
         return sample(bounds, options.sample, options.seed)
     axes = _distinct([_axis(text, network) for text in options.vary])
     lengths = {name: len(values) for name, values in axes.items()}
     if not options.together:
-        _require_number(math.prod(lengths.values()))
+        _require_few_runs(math.prod(lengths.values()))
         return combinations(axes)
     if len(set(lengths.values())) != 1:
         text = ", ".join(f"{name} has {n}" for name, n in lengths.items())
@@ -137,7 +139,7 @@ def _require_effect(cases: Mapping[str, Any], network: Network) -> None:
             raise SetupError(f"{name} is driven {driven[name]}: its start value changes no run")
 
 
-def _require_number(runs: int) -> None:
+def _require_few_runs(runs: int) -> None:
     """Raise SetupError for more runs than a sweep may have."""
     if runs > MOST_RUNS:
         raise SetupError(f"{runs} runs are more than a sweep may have: at most {MOST_RUNS}")
@@ -157,7 +159,7 @@ def _axis(text: str, network: Network) -> tuple[str, list[Value]]:
     port = network.port(name)
     span = SPAN.fullmatch(content)
     if span is not None and int(span["n"]) > 1:
-        _require_number(int(span["n"]))
+        _require_few_runs(int(span["n"]))
         low, high = (_number(network, name, span[key]) for key in ("low", "high"))
         values: list[Value] = np.linspace(low, high, int(span["n"])).tolist()
     elif ":" in content and port.type not in ("String", "Enumeration"):
@@ -224,28 +226,10 @@ def figure_of(text: str, network: Network) -> tuple[str, Metric]:
     for key in times:
         if match[key]:
             try:
-                times[key] = seconds(match[key])
+                times[key] = parse_time(match[key])
             except argparse.ArgumentTypeError as error:
                 raise SetupError(f"figure {text!r}: {error}") from None
     return text, METRICS[match["kind"]](port.name, **times)
-
-
-def _require_files(options: argparse.Namespace) -> None:
-    """Raise SetupError, before the runs, for files that could not be written at their end."""
-    require_image(options.plot)
-    if options.jobs < 1:
-        raise SetupError(f"--jobs {options.jobs} must be at least 1")
-    if not options.timeout > 0.0:
-        raise SetupError(f"--timeout {options.timeout:g} s must be above 0")
-    if options.certify:
-        require("scipy", "--certify")
-    if options.out is not None:
-        if options.out.suffix not in (".csv", ".parquet"):
-            raise SetupError(f"{options.out} must end in .csv or .parquet")
-        require_writable(options.out)
-        require_names(options.out)
-        if options.out.suffix == ".parquet":
-            require("pyarrow", f"{options.out}: Parquet")
 
 
 def _units(
@@ -299,6 +283,7 @@ def _plot(
 
 def add_options(parser: Parser) -> None:
     """Add the cases, the figures, how the system is stepped, and what is written."""
+    add_system_options(parser, is_timed=True)
     text = "values from run to run, NAME=from:to:n or NAME=a,b,c, with units if needed; all combinations of several"
     parser.several("--vary", text, metavar="NAME=VALUES")
     text = "vary several names row by row, not in all combinations"
@@ -320,9 +305,3 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--jobs", type=int, metavar="N", default=available_cores(), help=text)
     text = "longest wall-clock time of a step [s] (default: no limit)"
     parser.time("--timeout", text, math.inf)
-
-
-COMMAND = Command(
-    "sweep", "run many cases of a system and make a table of figures", sweep_system, add_options,
-    rank=4, is_timed=True,
-)  # fmt: skip

@@ -128,7 +128,7 @@ def load(path: Path) -> Element:
     return tree.getroot()
 
 
-def parse(path: Path, tag: str) -> Element:
+def load_valid(path: Path, tag: str) -> Element:
     """The root element of a valid XML file, of which `tag` is the expected name (ssd:...).
 
     Raises SetupError with the line and the reason.
@@ -144,10 +144,10 @@ def require_root(element: Element, tag: str, where: str) -> None:
     actual = element.tag.rpartition("}")[0][1:] or "none"
     if element.tag == tag:
         return
-    if plain(element.tag) == name:
+    if local_name(element) == name:
         raise SetupError(f"{where}: {name} must be in the namespace {space}, not in {actual}")
     raise SetupError(
-        f"{where}: the element must be {name}, not {plain(element.tag)}; "
+        f"{where}: the element must be {name}, not {local_name(element)}; "
         f"its namespace must be {space}, not {actual}"
     )
 
@@ -175,7 +175,7 @@ def downgrade_and_validate(element: Element, tag: str, name: str) -> None:
     while not schema.validate(element):
         if not _remove_foreign(element, schema.error_log, name):
             first = schema.error_log[0]
-            raise SetupError(f"{name}, line {first.line}: {plain(first.message)}")
+            raise SetupError(f"{name}, line {first.line}: {without_namespaces(first.message)}")
     for value, text in wide:
         value.set("value", text)
 
@@ -192,7 +192,9 @@ def _remove_foreign(element: Element, errors: Iterable[Any], name: str) -> bool:
         attribute = error.message.split("'")[3]
         for owner in lines.get(error.line, ()):
             if owner.attrib.pop(attribute, None) is not None:
-                foreign.setdefault((plain(attribute), plain(owner.tag)), []).append(error.line)
+                foreign.setdefault((without_namespaces(attribute), local_name(owner)), []).append(
+                    error.line
+                )
     for (attribute, tag), where in foreign.items():
         more = f" and in {len(where) - 1} more places" if len(where) > 1 else ""
         log.warning(
@@ -214,7 +216,12 @@ def qualified(tag: str) -> str:
     return f"{{{NAMESPACES[prefix]}}}{name}"
 
 
-def plain(text: str) -> str:
+def local_name(element: Element) -> str:
+    """The tag of an element without its namespace."""
+    return str(etree.QName(element).localname)
+
+
+def without_namespaces(text: str) -> str:
     """A text without the namespaces of its tags."""
     return re.sub(r"\{[^}]*\}", "", text)
 

@@ -77,11 +77,8 @@ def geometry(plan: Plan) -> Geometry:
     outermost = plan.canvases[""]
     drawing = Geometry(
         canvas=_first(outermost, "ssd:SystemGeometry", BOX),
-        elements={},
-        connectors={},
-        connections={},
         notes=tuple(
-            _named(note, (*BOX, "text"))
+            _attributes(note, (*BOX, "text"))
             for note in children(outermost, "ssd:GraphicalElements", "ssd:Note")
         ),
     )
@@ -100,7 +97,7 @@ def _draw(plan: Plan, path: str, frame: Frame, drawing: Geometry) -> None:
             drawing.elements[inner] = corners | icon
         if inner in plan.canvases:
             canvas = _first(plan.canvases[inner], "ssd:SystemGeometry", BOX)
-            if _spans(canvas) and _spans(corners) and not float(icon.get("rotation", 0.0)):
+            if _has_area(canvas) and _has_area(corners) and not float(icon.get("rotation", 0.0)):
                 _draw(plan, inner, frame.inner(canvas, corners), drawing)
             continue
         for connector in children(element, "ssd:Connectors", "ssd:Connector"):
@@ -115,7 +112,10 @@ def _draw_connections(plan: Plan, path: str, frame: Frame, drawing: Geometry) ->
         points = frame.to_outermost(
             _first(connection, "ssd:ConnectionGeometry", ("pointsX", "pointsY"))
         )
-        ends = [_end(plan, path, connection, end) for end in ("start", "end")]
+        ends = []
+        for end in ("start", "end"):
+            element, name = connection.get(f"{end}Element"), connection.get(f"{end}Connector")
+            ends.append((plan.elements[path][element] if element else path, name))
         if not points or not all(end in plan.variables for end in ends):
             continue
         if plan.connectors[ends[0]].kind in DOWNWARD:
@@ -125,21 +125,15 @@ def _draw_connections(plan: Plan, path: str, frame: Frame, drawing: Geometry) ->
         drawing.connections[source, target] = points
 
 
-def _end(plan: Plan, path: str, connection: Element, end: str) -> tuple[str, str]:
-    """The connector at one end of a connection."""
-    element = connection.get(f"{end}Element")
-    return plan.elements[path][element] if element else path, connection.get(f"{end}Connector")
-
-
-def _spans(box: Attributes) -> bool:
+def _has_area(box: Attributes) -> bool:
     """Whether a box is given and not flat."""
     return bool(box) and all(float(box[f"{axis}1"]) != float(box[f"{axis}2"]) for axis in "xy")
 
 
 def _first(element: Element, tag: str, names: Sequence[str]) -> dict[str, str]:
     """These attributes of the first child of a name; none if there is no such child."""
-    return next((_named(child, names) for child in children(element, tag)), {})
+    return next((_attributes(child, names) for child in children(element, tag)), {})
 
 
-def _named(element: Element, names: Sequence[str]) -> dict[str, str]:
+def _attributes(element: Element, names: Sequence[str]) -> dict[str, str]:
     return {name: element.get(name) for name in names if element.get(name) is not None}

@@ -12,7 +12,7 @@ from ...numbers import truth
 from ...system import READ, Value, enumeration
 from ...system.base_units import Unit
 from ...system.description import Variable
-from .files import Element, children, downgrade_and_validate, parse, plain, qualified
+from .files import Element, children, downgrade_and_validate, load_valid, local_name, qualified
 from .units import Definitions, Step, definitions
 
 Locate = Callable[[str, str], Path]
@@ -96,7 +96,7 @@ def _content(
         if contents:
             raise SetupError(f"{where}: source and inline content exclude each other")
         path = locate(element.get("source"), element.get("sourceBase", "SSD"))
-        return path.name, parse(path, tag)
+        return path.name, load_valid(path, tag)
     if len(contents) != 1:
         raise SetupError(f"{where}: one {tag} or a source is needed")
     downgrade_and_validate(contents[0], tag, file)
@@ -107,7 +107,7 @@ def _parameter(element: Element, prefix: str, source: str, defined: Definitions)
     name = prefix + element.get("name")
     where = f"{source}, line {element.sourceline}: parameter {name}"
     content = next(element.iterchildren("*"))
-    kind = plain(content.tag)
+    kind = local_name(content)
     if kind not in READ:
         raise SetupError(f"{where}: type {kind} is not supported")
     try:
@@ -140,7 +140,7 @@ def _mapped(parameters: dict[str, Parameter], mapping: Element, source: str) -> 
 def _transformed(parameter: Parameter, entry: Element, where: str) -> Parameter:
     parameter = parameter._replace(step=linear(entry, where))
     for table in children(entry, "ssc:*"):
-        tag, kind = plain(table.tag), plain(table.tag).removesuffix(TABLE)
+        tag, kind = local_name(table), local_name(table).removesuffix(TABLE)
         if tag != f"{kind}{TABLE}":
             continue
         if parameter.type != kind:

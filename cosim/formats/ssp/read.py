@@ -25,9 +25,9 @@ from .files import (
     Budget,
     Element,
     children,
+    load_valid,
+    local_name,
     locate,
-    parse,
-    plain,
     unpack,
 )
 from .geometry import Geometry, geometry
@@ -81,7 +81,7 @@ class Document(NamedTuple):
         cls, path: Path, root: Path, scratch: Path, nesting: dict[tuple[str, str], str]
     ) -> Document:
         """An SSD file; raises SetupError if it is none."""
-        content = parse(path, "ssd:SystemStructureDescription")
+        content = load_valid(path, "ssd:SystemStructureDescription")
         return cls(path, root, scratch, content, definitions(content, path.name), nesting)
 
     def at(self, element: Element) -> str:
@@ -99,7 +99,7 @@ class Document(NamedTuple):
                 raise
             raise SetupError(f"{self.at(element)}: {error}") from None
 
-    def inside(self, key: tuple[str, str], name: str) -> Document:
+    def nested(self, key: tuple[str, str], name: str) -> Document:
         """The same document one level deeper; raises SetupError if it is nested in itself."""
         if key in self.nesting:
             chain = " -> ".join([*self.nesting.values(), name])
@@ -165,11 +165,11 @@ def _read(path: Path, folder: Path) -> Package:
     plan = Plan(Budget(path.stat().st_size if path.is_file() else 0))
     if ssd.suffix == ".ssd":
         document = Document.open(ssd.resolve(), Path(ssd.absolute().anchor), folder, {})
-        document = document.inside((str(document.path), ""), path.name)
+        document = document.nested((str(document.path), ""), path.name)
     else:
         unpack(path, folder, plan.budget)
         document = Document.open(folder / ROOT, folder, folder, {})
-        document = document.inside((_digest(path), ROOT), path.name)
+        document = document.nested((_digest(path), ROOT), path.name)
     (outermost,) = children(document.content, "ssd:System")
     _system(plan, document, outermost, "")
     system = System(plan.fmus, plan.wires(), plan.starts(), plan.bonds)
@@ -207,7 +207,7 @@ def _digest(path: Path) -> str:
 def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
     """Add a system and all that is in it to the plan, then apply its parameters."""
     if system.get("id"):
-        document = document.inside((str(document.path), system.get("id")), system.get("name"))
+        document = document.nested((str(document.path), system.get("id")), system.get("name"))
     plan.elements[path], plan.canvases[path] = {}, system
     for name, connector in _connectors(document, system).items():
         plan.budget.take(document.at(system), 1)
@@ -217,7 +217,7 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
     for element in children(system, "ssd:Elements", "*"):
         with document.placed(element):
             inner = plan.add_element(path, element.get("name"))
-            match plain(element.tag):
+            match local_name(element):
                 case "System":
                     _system(plan, document, element, inner)
                 case "Component":
@@ -251,7 +251,7 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
         if connector.kind in PARAMETERS and (path, name) not in plan.connectors:
             unknown.append(name)
         else:
-            _declare(plan, (path, name), connector)
+            _merge_declared(plan, (path, name), connector)
     if unknown:
         ignored = pluralize(len(unknown), "parameter connector")
         log.warning("%s: its FMU has no %s; %s ignored", path, " and no ".join(unknown), ignored)
@@ -280,19 +280,19 @@ def _nested(
     name = unquote(fragment)
     if not source:
         matches = document.content.xpath("//*[@id=$id]", id=name)
-        if len(matches) != 1 or plain(matches[0].tag) != "System":
+        if len(matches) != 1 or local_name(matches[0]) != "System":
             raise SetupError(f"there is no System with the id {name!r}")
         return document, matches[0]
     file = locate(source, document.path.parent, document.root)
     if kind == PACKAGE:
         key, scratch = (_digest(file), name or ROOT), Path(mkdtemp(dir=document.scratch))
-        nesting = document.inside(key, file.name).nesting
+        nesting = document.nested(key, file.name).nesting
         unpack(file, scratch, plan.budget)
         inner = Document.open(locate(name or ROOT, scratch, scratch), scratch, scratch, nesting)
     elif fragment:
         raise SetupError(f"an id in another file, {name!r}, is not supported")
     else:
-        nesting = document.inside((str(file), ""), file.name).nesting
+        nesting = document.nested((str(file), ""), file.name).nesting
         inner = Document.open(file, document.root, document.scratch, nesting)
     (system,) = children(inner.content, "ssd:System")
     return inner, system
@@ -309,7 +309,7 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
             raise SetupError(f"{where}: connector kind inout is not supported")
         kind, unit, items = None, None, None
         for content in children(declared, "ssc:*"):
-            kind = plain(content.tag)
+            kind = local_name(content)
             if kind not in TYPES:
                 raise SetupError(f"{where}: connector type {kind} is not supported")
             items = document.definitions.items.get(content.get("name"))
@@ -320,7 +320,7 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
     return connectors
 
 
-def _declare(plan: Plan, node: Node, declared: Connector) -> None:
+def _merge_declared(plan: Plan, node: Node, declared: Connector) -> None:
     """Compare the connector of a component with what it stands for."""
     actual, connector = plan.connectors.get(node), f"connector {node[1]}"
     if actual is None:
@@ -371,8 +371,8 @@ def _connection(plan: Plan, document: Document, connection: Element, path: str) 
             f"{source_connector.type} {dotted(source)} cannot drive {sink_connector.type}"
         )
     for content in children(connection, "ssc:*"):
-        if plain(content.tag) != "LinearTransformation":
-            raise SetupError(f"{plain(content.tag)} of a connection is not supported")
+        if local_name(content) != "LinearTransformation":
+            raise SetupError(f"{local_name(content)} of a connection is not supported")
     plan.add_arrow(Flow(source, sink, linear(connection, document.at(connection))))
 
 

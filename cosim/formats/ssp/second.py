@@ -9,6 +9,8 @@ from itertools import product
 from math import prod
 from typing import Any, NamedTuple
 
+from lxml.etree import QName
+
 from ...errors import SetupError
 from ...system.arrays import CLASSIC_TYPES
 from ...system.declarations import WIDTHS
@@ -63,9 +65,10 @@ def downgrade_to_1_0(root: Element, name: str) -> list[TooWide]:
         _expand_connection(connection, shapes, name)
     for parameter in list(root.iter("{*}Parameter")):
         _expand_parameter(parameter, name)
-    wide = list(_wide(root, name))
+    wide = list(_take_out_wide_numbers(root, name))
     for element in root.iter(*(f"{{*}}{kind}" for kind in CLASSIC_TYPES)):
-        element.tag = element.tag.replace(_plain(element.tag), CLASSIC_TYPES[_plain(element.tag)])
+        tag = QName(element)
+        element.tag = QName(tag.namespace, CLASSIC_TYPES[tag.localname])
     for parameters, parent in inline:
         parent.append(parameters)
     return wide
@@ -76,14 +79,17 @@ def _expand_connectors(root: Element, name: str) -> dict[tuple[Element, str], Sh
     shapes: dict[tuple[Element, str], Shape] = {}
     count = 0
     for connector in list(root.iter("{*}Connector")):
-        shape = _shape(connector, name)
+        shape = _take_shape(connector, name)
         if shape is None:
             continue
         count += prod(shape)
         if count > MOST_ELEMENTS:
             raise SetupError(f"{name}: its arrays have more than {MOST_ELEMENTS} elements")
         shapes[connector.getparent().getparent(), connector.get("name")] = shape
-        _replace(connector, [_named(connector, subscript) for subscript in _subscripts(shape)])
+        _replace(
+            connector,
+            [_copy_with_subscript(connector, subscript) for subscript in _subscripts(shape)],
+        )
     return shapes
 
 
@@ -130,7 +136,7 @@ def _owner(connection: Element, end: str) -> Element | None:
 
 def _expand_parameter(parameter: Element, name: str) -> None:
     """Put values of elements in place of one of an array."""
-    shape = _shape(parameter, name)
+    shape = _take_shape(parameter, name)
     content = next(parameter.iterchildren("*"), None)
     if content is None:
         return
@@ -148,15 +154,15 @@ def _expand_parameter(parameter: Element, name: str) -> None:
         )
     copies: list[Element] = []
     for subscript, text in zip(_subscripts(shape), texts):
-        copies.append(_named(parameter, subscript))
+        copies.append(_copy_with_subscript(parameter, subscript))
         inner = next(copies[-1].iterchildren("*"))
         inner[:] = []
         inner.set("value", text)
     _replace(parameter, copies)
 
 
-def _shape(element: Element, name: str) -> Shape | None:
-    """The sizes that Dimension elements give, which are removed; None if there are none."""
+def _take_shape(element: Element, name: str) -> Shape | None:
+    """The sizes that Dimension elements give, which are taken out; None if there are none."""
     dimensions = list(element.iterfind("{*}Dimension"))
     for dimension in dimensions:
         if not re.fullmatch(r"\s*\d+\s*", dimension.get("size", "")):
@@ -172,7 +178,7 @@ def _subscripts(shape: Shape) -> Iterator[str]:
         yield f"[{','.join(map(str, index))}]"
 
 
-def _named(element: Element, subscript: str) -> Element:
+def _copy_with_subscript(element: Element, subscript: str) -> Element:
     copy = deepcopy(element)
     copy.set("name", element.get("name") + subscript)
     return copy
@@ -184,21 +190,17 @@ def _replace(element: Element, copies: list[Element]) -> None:
     parent[where : where + 1] = copies
 
 
-def _wide(root: Element, name: str) -> Iterator[TooWide]:
-    """Values of whole numbers that are too large for SSP 1.0, with 0 in their place."""
+def _take_out_wide_numbers(root: Element, name: str) -> Iterator[TooWide]:
+    """Put 0 in place of whole numbers that are too large for SSP 1.0, which are returned."""
     for element in root.iter(*(f"{{*}}{kind}" for kind in WIDTHS)):
         text = element.get("value", "")
         if not re.fullmatch(r"\s*[+-]?[0-9]{1,20}\s*", text):
             continue
-        bits, signed = WIDTHS[_plain(element.tag)]
+        bits, signed = WIDTHS[QName(element).localname]
         lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
         if not lowest <= int(text) < highest:
             where = f"{name}, line {element.sourceline}: {element.getparent().get('name')}"
-            raise SetupError(f"{where} = {text} is outside the range of {_plain(element.tag)}")
+            raise SetupError(f"{where} = {text} is outside the range of {QName(element).localname}")
         if not -(2 ** (INT_BITS - 1)) <= int(text) < 2 ** (INT_BITS - 1):
             element.set("value", "0")
             yield TooWide(element, text)
-
-
-def _plain(tag: str) -> str:
-    return tag.rpartition("}")[2]

@@ -15,7 +15,16 @@ from urllib.parse import unquote, urlsplit
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from ...errors import SetupError
-from .files import SCHEMAS, Budget, Element, load, load_schema, plain, unpack
+from .files import (
+    SCHEMAS,
+    Budget,
+    Element,
+    load,
+    load_schema,
+    local_name,
+    unpack,
+    without_namespaces,
+)
 from .second import downgrade_to_1_0
 from .standard_report import ALLOWED_ROOTS, CheckedFile, Finding, Severity, StandardReport
 from .standard_structure import check_structure
@@ -135,7 +144,7 @@ def _check_file(file: Path) -> Iterator[Finding]:
             yield CheckedFile(path.name).finding("xml", 0, str(error))
             continue
         yield from _check_document(root, path)
-        if plain(root.tag) == "SystemStructureDescription":
+        if local_name(root) == "SystemStructureDescription":
             yield from check_structure(root, path)
             yield from check_tools(root, path)
         pending += _references(root, path)
@@ -162,7 +171,7 @@ def _check_document(root: Element, path: Path) -> Iterator[Finding]:
         yield place.finding("xml", 1, f"the encoding is {encoding}, not UTF-8")
     space, version = root.tag.rpartition("}")[0][1:] or "none", root.get("version")
     if root.tag not in SCHEMAS:
-        text = f"{plain(root.tag)} in the namespace {space} is not the root of an SSP file"
+        text = f"{local_name(root)} in the namespace {space} is not the root of an SSP file"
         yield place.finding("xml", root, text)
         return
     if version not in VERSIONS:
@@ -175,7 +184,7 @@ def _check_document(root: Element, path: Path) -> Iterator[Finding]:
         schema = load_schema(SCHEMAS[root.tag])
         if not schema.validate(candidate):
             for error in list(schema.error_log)[:MOST_SCHEMA_ERRORS]:
-                yield place.finding("xml", error.line, plain(error.message))
+                yield place.finding("xml", error.line, without_namespaces(error.message))
     except SetupError as error:
         text = f"the schema is not checked: {error}"
         yield place.finding("xml", 0, text, Severity.UNCHECKED)
@@ -191,7 +200,7 @@ def _check_definitions(place: CheckedFile, root: Element) -> Iterator[Finding]:
         "Enumeration": [
             (e, e.get("name"))
             for e in root.iter("{*}Enumeration")
-            if e.getparent() is not None and plain(e.getparent().tag) != "Enumerations"
+            if e.getparent() is not None and local_name(e.getparent()) != "Enumerations"
         ],
     }
     for kind, referring in references.items():

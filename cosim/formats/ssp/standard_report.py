@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from ...describe import table
-from ...report_files import junit
 from .files import Element
 
 #: Entries that the root of a package may have, beside .ssd files: a clause of the standard.
@@ -108,13 +107,3 @@ class StandardReport:
             for f in self.findings
         ]
         return "\n".join([*table(rows), self.summary()])
-
-    def junit(self) -> str:
-        """JUnit's XML: a test for each clause that has a finding, and one that passes if there is none."""
-        cases = [
-            (f"{f.clause}: {f.file}:{f.line}", "failure" if f.severity is Severity.ERROR else "skipped",
-             f"{f.severity}: {f.text}", "")
-            for f in self.findings
-        ]  # fmt: skip
-        name = f"SSP standard, {self.source}"
-        return junit(name, self.source, cases or [("all clauses", "", "", "")])

@@ -10,7 +10,7 @@ from urllib.parse import unquote, urlsplit
 
 from ...errors import SetupError
 from ...system import describe_fmu
-from .files import Element, children, plain
+from .files import Element, children, local_name
 from .standard_report import CheckedFile, Finding, Severity
 
 ELEMENTS = ("Component", "System", "SignalDictionaryReference")
@@ -54,7 +54,7 @@ class Structure(CheckedFile):
     folder: Path
     version: str
 
-    def missing(
+    def missing_file(
         self, clause: str, element: Element, owner: Element, source: str
     ) -> Iterator[Finding]:
         """A file that an element names and that is not there; only a file in the package can be told to be missing."""
@@ -83,7 +83,7 @@ def _check_system(
         entries = {e.get("name") for e in dictionary.iter("{*}DictionaryEntry")}
         is_known = dictionary.get("source") is None or entries
         dictionaries[dictionary.get("name")] = entries if is_known else {"*"}
-    elements = [e for e in children(system, "ssd:Elements", "*") if plain(e.tag) in ELEMENTS]
+    elements = [e for e in children(system, "ssd:Elements", "*") if local_name(e) in ELEMENTS]
     names = [element.get("name") for element in elements]
     text = "{count} elements of a system are named {name}"
     yield from structure.doubles("name", system, names, text)
@@ -91,9 +91,9 @@ def _check_system(
         if element.get("name") == "":
             yield structure.finding("name", element, "the name of an element must not be empty")
         yield from _check_element(structure, element)
-        if plain(element.tag) == "Component":
+        if local_name(element) == "Component":
             yield from _check_component(structure, element)
-        elif plain(element.tag) == "System":
+        elif local_name(element) == "System":
             yield from _check_system(structure, element, dictionaries)
         else:
             yield from _check_reference(structure, element, dictionaries)
@@ -113,7 +113,7 @@ def _check_element(structure: Structure, element: Element) -> Iterator[Finding]:
         inline = children(binding, "ssd:ParameterValues")
         yield from _check_source(structure, binding, "bindings", inline, element)
         for mapping in children(binding, "ssd:ParameterMapping"):
-            inline = [e for e in mapping.iterchildren("*") if plain(e.tag) not in NO_CONTENT]
+            inline = [e for e in mapping.iterchildren("*") if local_name(e) not in NO_CONTENT]
             yield from _check_source(structure, mapping, "mapping", inline, element)
             targets = [entry.get("target") for entry in mapping.iter("{*}MappingEntry")]
             text = "{count} parameters are mapped to {name}"
@@ -128,7 +128,7 @@ def _check_source(
     structure: Structure, element: Element, clause: str, inline: list[Element], owner: Element
 ) -> Iterator[Finding]:
     """A binding or mapping has either a source, which is there, or its content inline."""
-    source, what = element.get("source"), plain(element.tag)
+    source, what = element.get("source"), local_name(element)
     if source is None and not inline:
         text = f"{what} has neither a source nor its content inline"
         yield structure.finding(clause, element, text)
@@ -136,7 +136,7 @@ def _check_source(
         text = f"{what} has both a source and its content inline"
         yield structure.finding(clause, element, text)
     if source and element.get("sourceBase", "SSD") == "SSD" and _is_local(source):
-        yield from structure.missing(clause, element, owner, source)
+        yield from structure.missing_file(clause, element, owner, source)
 
 
 def _is_local(source: str) -> bool:
@@ -155,7 +155,7 @@ def _check_component(structure: Structure, component: Element) -> Iterator[Findi
             yield structure.finding("component", component, text)
     if source is None or not _is_local(source):
         return
-    yield from structure.missing("component", component, component, source)
+    yield from structure.missing_file("component", component, component, source)
     path = structure.folder / unquote(urlsplit(source).path)
     if component.get("type", FMU_TYPE) == FMU_TYPE and path.is_file() and path.suffix == ".fmu":
         yield from _check_fmu(structure, component, path)
@@ -206,7 +206,7 @@ def _check_connections(
 ) -> Iterator[Finding]:
     """Both ends of each connection are there, may be joined, and no connector is driven twice."""
     owners = {element.get("name"): element for element in elements}
-    dictionaries = {e.get("name") for e in elements if plain(e.tag) == ELEMENTS[2]}
+    dictionaries = {e.get("name") for e in elements if local_name(e) == ELEMENTS[2]}
     driven: Counter[tuple[str, str]] = Counter()
     for connection in children(system, "ssd:Connections", "ssd:Connection"):
         ends = []

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from .files import Element, children, plain
+from lxml.etree import QName
+
+from .files import NAMESPACES, Element, children
 from .standard_report import CheckedFile, Finding, Severity
 
-LITERAL_PREFIXES = {
-    "http://ssp-standard.org/SSP1/SystemStructureDescription": "ssd",
-    "http://ssp-standard.org/SSP1/SystemStructureCommon": "ssc",
-    "http://ssp-standard.org/SSP1/SystemStructureParameterValues": "ssv",
-}
+LITERAL_PREFIXES = {NAMESPACES[prefix]: prefix for prefix in ("ssd", "ssc", "ssv")}
 
 
 def check_tools(root: Element, path: Path) -> Iterator[Finding]:
@@ -29,7 +27,7 @@ def check_tools(root: Element, path: Path) -> Iterator[Finding]:
 
     if root.get("version") == "2.0":
         yield from notes("Ecos", root, "it reads version 1.0 only")
-    prefixes = {(e.prefix, namespace_of(e)) for e in root.iter("{*}*")}
+    prefixes = {(e.prefix, QName(e).namespace) for e in root.iter("{*}*")}
     for prefix, space in sorted(prefixes, key=str):
         expected = LITERAL_PREFIXES.get(space)
         if expected is not None and prefix != expected:
@@ -48,7 +46,7 @@ def check_tools(root: Element, path: Path) -> Iterator[Finding]:
                 yield from notes("libcosim Ecos", connection, text)
         path_of_connectors = ("ssd:Elements", "ssd:Component", "ssd:Connectors", "ssd:Connector")
         for connector in children(system, *path_of_connectors):
-            if not any(namespace_of(e).endswith("Common") for e in connector.iter("{*}*")):
+            if not any(str(QName(e).namespace).endswith("Common") for e in connector.iter("{*}*")):
                 text = f"it needs a type of the connector {connector.get('name')}"
                 yield from notes("libcosim", connector, text)
     for component in root.iter("{*}Component"):
@@ -56,8 +54,3 @@ def check_tools(root: Element, path: Path) -> Iterator[Finding]:
         if source and not source.endswith((".fmu", ".csv", ".mat", ".ssd", ".ssp")):
             text = f"it takes .fmu, .csv and .mat only, not {source}"
             yield from notes("OMSimulator", component, text)
-
-
-def namespace_of(element: Element) -> str:
-    """The namespace of an element."""
-    return str(element.tag).rpartition("}")[0][1:] if plain(element.tag) != element.tag else ""

@@ -50,16 +50,16 @@ def definitions(root: Element, file: str) -> Definitions:
         (base,) = children(unit, "ssc:BaseUnit")
         powers = {key: int(base.get(key, 0)) for key in BASES}
         factor, offset = (float(base.get(key, default)) for key, default in SCALE.items())
-        name = _new(unit, units, file)
+        name = _require_new_name(unit, units, file)
         units[name] = Unit(name, BaseUnit(**powers, factor=factor, offset=offset))
     for enumeration in children(root, "{*}Enumerations", "ssc:Enumeration"):
-        items[_new(enumeration, items, file)] = {
+        items[_require_new_name(enumeration, items, file)] = {
             item.get("name"): int(item.get("value")) for item in children(enumeration, "ssc:Item")
         }
     return Definitions(units, items)
 
 
-def _new(element: Element, defined_names: Iterable[str], file: str) -> str:
+def _require_new_name(element: Element, defined_names: Iterable[str], file: str) -> str:
     name = str(element.get("name"))
     if name in defined_names:
         raise SetupError(f"{file}, line {element.sourceline}: {name!r} is defined twice")
