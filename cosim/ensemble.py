@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .dense import MOST_POINTS, Curves
 from .engine.energy import balance
+from .engine.snapshot import SystemState
 from .errors import SetupError, pluralize
 from .metrics import Metric
 from .names import only
@@ -28,9 +29,10 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Case:
-    """Start values of one run, over those of the system."""
+    """Start values of one run, over those of the system, or the state of a paused run to `begin` with: not both."""
 
     start: Mapping[str, Value] = field(default_factory=dict)
+    begin: SystemState | None = None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,11 +18,12 @@ from .engine.members import StepAndStop
 from .engine.process_state import ProcessState
 from .engine.row_file import RowFile
 from .engine.settings import RunSettings
+from .engine.snapshot import LiveState, Stretch, SystemState
 from .ensemble import Case, Cases, Ensemble, Numbers, joined
-from .errors import SetupError, pluralize
+from .errors import FmuError, SetupError, pluralize
 from .fmu.messages import quiet
 from .pool import in_processes
-from .requirements import require_runnable, require_times
+from .requirements import require_begin, require_pause, require_runnable, require_times
 from .result import Interrupted, Result, SimulationError
 from .series import TIME, Column
 from .signals import collect_interrupts
@@ -74,6 +75,13 @@ class How:
 PLAIN = How()
 
 
+class Paused(NamedTuple):
+    """The rows of a run up to a communication point, and the state of the system there."""
+
+    result: Result
+    state: SystemState
+
+
 class Prepared:
     """A system that has been checked, with how it is run; instances of its FMUs are used again."""
 
@@ -111,24 +119,64 @@ class Prepared:
         progress: Callable[[float], None] | None = None,
         all_rows: Path | None = None,
     ) -> Result:
-        """Run once with new instances, with the start values of a case over those of the system.
+        """Run once with new instances, with the start values of a case over those of the system, or from its state on.
 
-        Parameters and exceptions are those of `cosim.run`.
+        With the same settings, a run that begins with a state has the rows, bit for bit, that the run which
+        handed it out would have had. Steps are counted from the `start` of the settings, of which
+        one must end where the state is. Parameters and exceptions are those of `cosim.run`.
         """
-        network = with_case(self.network, case)
+        return self._run(case, math.inf, csv, progress, all_rows)[0]
+
+    def run_until(
+        self,
+        time: float,
+        case: Case = NO_CASE,
+        *,
+        csv: Path | str | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Paused:
+        """Run to the first communication point from a time [s] on, and hand out the state there.
+
+        Raises what `run` does, and SetupError where no run can go on from there: all FMUs must be able to save their
+        state, and rows must be at communication points.
+        """
+        begin = self.settings.start if case.begin is None else case.begin.time
+        require_pause(self.network, self.settings, begin, time)
+        result, state = self._run(case, time, csv, progress, None)
+        if state is None:
+            raise SimulationError(f"{result.provenance['reason']}: there is no state", result)
+        return Paused(result, state)
+
+    def _run(
+        self,
+        case: Case,
+        until: float,
+        csv: Path | str | None,
+        progress: Callable[[float], None] | None,
+        all_rows: Path | None,
+    ) -> tuple[Result, SystemState | None]:
+        network, state = with_case(self.network, case), None
+        if case.begin is not None:
+            require_begin(network, self.settings, case.begin)
         began = clock.perf_counter()
-        with ExitStack() as stack:
-            interrupts, process = stack.enter_context(collect_interrupts()), ProcessState()
-            stack.callback(process.restore)
-            simulation = Simulation(network, self.settings, stack, process)
-            if all_rows is not None:
-                simulation.all_rows = RowFile(all_rows)
-                stack.callback(simulation.all_rows.close)
+        with ProcessState() as process, collect_interrupts() as interrupts, ExitStack() as stack:
+            file = None if all_rows is None else RowFile(all_rows)
+            if file is not None:
+                stack.callback(file.close)
+            stretch = Stretch(case.begin, until, file)
+            simulation = Simulation(network, self.settings, stack, process, stretch=stretch)
             path = None if csv is None else Path(csv).absolute()
             result = simulation.finish(interrupts, began, csv=path, progress=progress)
-        ran = result.provenance
+            ran = result.provenance
+            if ran["status"] == "complete" and simulation.driver.is_there:
+                try:
+                    state = simulation.state()
+                except FmuError as error:
+                    raise SimulationError(str(error), result) from error
+                if any(isinstance(part.fmu, LiveState) for part in state.parts.values()):
+                    self._stack.push(stack.pop_all())
         if ran["status"] == "complete":
-            return result
+            return result, state
         stopped = (
             f"{ran['reason']}; stopped at t = {ran['reached']!r} s, "
             f"{pluralize(ran['rows'], 'row')} kept"
@@ -137,9 +185,7 @@ class Prepared:
 
     def begin(self) -> None:
         """Bring new instances to the start, and end them there; raises SetupError."""
-        with ExitStack() as stack:
-            process = ProcessState()
-            stack.callback(process.restore)
+        with ProcessState() as process, ExitStack() as stack:
             Simulation(self.network, self.settings, stack, process)
 
     def map(

@@ -6,15 +6,24 @@ from collections.abc import Iterator
 from numbers import Integral, Real
 
 from .engine.algorithms import REGISTRY, find_algorithm
-from .engine.changes import continuous_profiles
+from .engine.changes import continuous_profiles, held_inputs
 from .engine.control import Adaptive
 from .engine.energy import find_bonds
 from .engine.initialise import monitored_outputs
 from .engine.settings import LEFT_OVER, RunSettings
+from .engine.snapshot import LiveState, SystemState
 from .errors import SetupError
 from .fmu.times import coincide
 from .names import only
-from .system import STATE, VARIABLE_STEP, Network, parts_without, require_cosimulation
+from .series import Kind
+from .system import (
+    STATE,
+    VARIABLE_STEP,
+    Network,
+    declared_start,
+    parts_without,
+    require_cosimulation,
+)
 from .system.graph import algebraic_loops, describe_loop
 from .system.inputs import parse_change
 from .units import QUANTITY, multiples
@@ -79,6 +88,57 @@ def require_times(network: Network, settings: RunSettings) -> None:
     settings.check()
     for problem in _wrong_times(network, settings):
         raise SetupError(problem)
+
+
+def require_pause(network: Network, settings: RunSettings, begin: float, until: float) -> None:
+    """Raise SetupError if there is no state at a time [s] with which another run can go on, after a begin [s]."""
+    if not begin < until <= settings.stop:
+        raise SetupError(
+            f"until = {until!r} s must be after the begin at {begin!r} s and at most stop = {settings.stop!r} s"
+        )
+    for name in parts_without(network.descriptions, STATE):
+        raise SetupError(f"{name} cannot save its state: its FMU does not have {STATE}")
+    columns = [port.column for port in settings.ports(network)]
+    has_events = any(column.kind is not Kind.CONTINUOUS for column in columns)
+    if settings.every() is None or (settings.output_step is not None and has_events):
+        raise SetupError(
+            f"output_step = {settings.output_step!r} s: rows between steps cannot be continued by another run: "
+            "write output_step=None"
+        )
+
+
+def require_begin(network: Network, settings: RunSettings, state: SystemState) -> None:
+    """Raise SetupError for a state with which a run of this system cannot begin."""
+    start, stop, time = settings.start, settings.stop, state.time
+    if not start <= time < stop:
+        raise SetupError(
+            f"the state is at t = {time!r} s, which must be from start = {start!r} s on and before stop = {stop!r} s"
+        )
+    if not isinstance(settings.step, Adaptive):
+        steps = round((time - start) / settings.step)
+        if not coincide(start + steps * settings.step, time):
+            raise SetupError(
+                f"the state is at t = {time!r} s, where no step of {settings.step!r} s from start = {start!r} s "
+                f"ends: write start={time!r}"
+            )
+    if stop > state.stop_told:
+        raise SetupError(
+            f"stop = {stop!r} s must be at most {state.stop_told!r} s, which FMUs were told before the state"
+        )
+    for name, part in state.parts.items():
+        if isinstance(part.fmu, LiveState) and part.fmu.is_gone:
+            raise SetupError(
+                f"{name}: its FMU does not have canSerializeFMUstate, so that its state can begin one run, while the "
+                "`Prepared` that handed it out is open: hand it out again by run_until"
+            )
+    ports = {port.name: port for port, _ in network.inputs}
+    for name, value in held_inputs(network, state.start, time).items():
+        before = state.start_values.get(name, declared_start(ports[name].variable))
+        before = state.held_inputs.get(name, before)
+        if value != before:
+            raise SetupError(
+                f"{name} is {before!r} in the state at t = {time!r} s, and {value!r} by its input over time"
+            )
 
 
 def _require_kinds(settings: RunSettings) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import math
 import platform
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
@@ -13,15 +14,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from .engine.changes import discrete_changes
+from .engine.changes import discrete_changes, held_inputs
 from .engine.driver import Driver, RowReader
 from .engine.energy import bond_warnings, energy_balance
 from .engine.initialise import initialise
 from .engine.part import Part
 from .engine.process_state import ProcessState
 from .engine.recorder import Recorder
-from .engine.row_file import RowFile
 from .engine.settings import RunSettings
+from .engine.snapshot import WHOLE, Stretch, SystemState, part_state
 from .errors import FmuError, SetupError, SimulationTerminated
 from .fmu.instance import CoSimulation
 from .result import Result
@@ -41,15 +42,18 @@ class Simulation:
         settings: RunSettings,
         stack: ExitStack,
         process: ProcessState,
+        *,
         used: Mapping[str, CoSimulation] = MappingProxyType({}),
+        stretch: Stretch = WHOLE,
     ) -> None:
         self.network, self.settings, self.process = network, settings, process
-        self.all_rows: RowFile | None = None
+        self._begin, self._stretch = stretch.begin, stretch
         self.ports = settings.ports(network)
         self.sequence = stepping_order(network, settings.order)
-        within = self.ports if settings.every() is None else ()
         try:
-            self.parts = initialise(network, settings, self.sequence, stack, within, used=used)
+            self.parts = initialise(
+                network, settings, self.sequence, stack, used=used, begin=stretch.begin
+            )
             self.setup = self._setup()
             process.restore()
         except FmuError as error:
@@ -64,7 +68,7 @@ class Simulation:
             "order": self.sequence,
             "input_order": settings.input_order,
             "substeps": settings.substeps,
-            "start": settings.start,
+            "start": settings.start if self._begin is None else self._begin.time,
             "stop": settings.stop,
             "tolerance": settings.tolerance,
             "stop_time_defined": settings.stop_time_defined,
@@ -89,13 +93,14 @@ class Simulation:
         csv: Path | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> Result:
-        """Take all steps; the result, complete or not, of a run that `began` at a reading of the clock [s]."""
+        """Take the steps; the result, complete or not, of a run that `began` at a reading of the clock [s]."""
         settings = self.settings
-        changes = discrete_changes(self.network, self.parts, settings.start, settings.stop)
+        since = settings.start if self._begin is None else self._begin.start
+        changes = discrete_changes(self.network, self.parts, since, settings.stop)
         row = RowReader(list(self.parts.values()), self.ports)
         recorder = Recorder(row.recorded, csv, self.setup)
         stepped = [self.parts[name] for name in self.sequence]
-        driver = Driver(stepped, settings, row, recorder, changes, all_rows=self.all_rows)
+        driver = Driver(stepped, settings, row, recorder, changes, stretch=self._stretch)
         self.driver = driver
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
@@ -113,6 +118,20 @@ class Simulation:
             provenance["wall_time"] = clock.perf_counter() - began
             result = recorder.finish(provenance, driver.breaks)
         return result
+
+    def state(self) -> SystemState:
+        """The state of the system where the driver has come to; raises FmuError."""
+        settings, driver = self.settings, self.driver
+        is_told = any(part.instance.session.is_told_stop for part in self.parts.values())
+        stop_told = settings.stop if settings.stop_time_defined or is_told else math.inf
+        start = settings.start
+        if self._begin is not None:
+            stop_told, start = min(stop_told, self._begin.stop_told), self._begin.start
+        return SystemState(
+            driver.t, start, stop_told, dict(self.network.system.start),
+            held_inputs(self.network, start, driver.t),
+            {name: part_state(part) for name, part in self.parts.items()}, driver.memory,
+        )  # fmt: skip
 
     def _drive(
         self,
@@ -136,7 +155,8 @@ class Simulation:
                 driver.end_at(end.reached)
             recorder.flush()
             return "complete", f"{end}; the last row is at t = {driver.t!r} s"
-        return "complete", ""
+        is_paused = driver.is_there and driver.t < self.settings.stop
+        return "complete", f"paused at t = {driver.t!r} s" if is_paused else ""
 
     def _balance(self) -> dict[str, Any]:
         """What the coupling made of the energy, and all warnings."""

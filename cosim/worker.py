@@ -121,7 +121,17 @@ def keeps_nothing(network: Network) -> bool:
 
 
 def with_case(network: Network, case: Case) -> Network:
-    """A checked system with other start values; raises SetupError for those that it cannot have."""
+    """A checked system with other start values, or those of a state; raises SetupError for those that it cannot have."""
+    if case.begin is not None:
+        if case.start:
+            names = ", ".join(case.start)
+            raise SetupError(
+                f"a case has start values or a begin, and this one has both: leave out start ({names}), "
+                "since the state brings all values"
+            )
+        if other := sorted(case.begin.parts.keys() ^ network.descriptions.keys()):
+            raise SetupError(f"the state is of a system with other parts: {', '.join(other)}")
+        return connect(replace(network.system, start=case.begin.start_values))
     if not case.start:
         return network
     return connect(replace(network.system, start={**network.system.start, **case.start}))
@@ -317,7 +327,7 @@ class Worker:
         try:
             network = with_case(self.network, cases.case(number))
             used = self._instances
-            simulation = Simulation(network, settings, self._stack, self._process, used)
+            simulation = Simulation(network, settings, self._stack, self._process, used=used)
         except SetupError as error:
             self._find_abandoned()
             return Member(self._no_rows, str(error)), None

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from ..engine.changes import discrete_changes
 from ..engine.control import Adaptive
 from ..engine.driver import Driver, RowReader
-from ..engine.hermite import SignalHistory
 from ..engine.initialise import initialise
 from ..engine.links import Link
 from ..engine.recorder import Recorder
@@ -166,7 +165,6 @@ class _Runner:
             self._settle(stack)
             self._snapshot = Snapshot(self.parts)
             self._snapshot.take()
-            self._nodes = [list(history.nodes) for history in self._histories()]
 
     def run(self, first: int, count: int, offsets: Mapping[int, float]) -> _Rows:
         """Run with offsets on the links of these indices, from step `first` for `count` steps."""
@@ -175,8 +173,6 @@ class _Runner:
                 self._settle(stack)
                 return self._run(first, count, offsets)
         self._snapshot.restore()
-        for history, nodes in zip(self._histories(), self._nodes):
-            history.nodes = list(nodes)
         return self._run(first, count, offsets)
 
     def sizes(self, unperturbed: _Rows) -> dict[int, float]:
@@ -263,9 +259,6 @@ class _Runner:
 
     def _links(self) -> list[Link]:
         return [link for part in self.parts for link in part.links]
-
-    def _histories(self) -> list[SignalHistory]:
-        return [s for part in self.parts if part.curves for s in part.curves.signals]
 
 
 @contextmanager

@@ -44,6 +44,16 @@ def discrete_changes(
     return sorted(changes, key=lambda change: change.time)
 
 
+def held_inputs(network: Network, start: float, t: float) -> dict[str, Value]:
+    """The values just before t [s] of the inputs and parameters that change between steps, by name."""
+    values = {}
+    for port, profile in network.inputs:
+        if not is_continuous_input(port):
+            changes = [time for time in profile.jumps(start, t) if not coincide(time, t)]
+            values[port.name] = profile.at(changes[-1] if changes else start)
+    return values
+
+
 class Jump(NamedTuple):
     """What happens at once at a time [s]: changes, and jumps of the inputs that follow `sources`."""
 

@@ -10,7 +10,7 @@ from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
 from ..fmu.times import coincide
 from .part import Part
 from .schedule import Advance
-from .snapshot import Snapshot, drop_nodes_after
+from .snapshot import Snapshot, StepMemory
 
 #: Share of the size that the error allows. A convention: Hairer, Norsett and Wanner, Solving Ordinary
 #: Differential Equations I, section II.4, use 0.8 to 0.9.
@@ -91,7 +91,9 @@ class ErrorScale:
         self.names = [name for block in self.blocks for name in block.names]
         self.tolerance = settings.tolerance
         self.absolute = [settings.absolute.get(name) for name in self.names]
-        self.largest = [size for block in self.blocks for size in block.nominals()]
+        self._control = control
+        if not control.largest:
+            control.largest = [size for block in self.blocks for size in block.nominals()]
         self.instant = [name in control.instant for name in self.names]
 
     def values(self) -> list[float]:
@@ -100,7 +102,8 @@ class ErrorScale:
 
     def accept(self) -> None:
         """Include the present outputs in the largest values."""
-        self.largest = [max(a, abs(b)) for a, b in zip(self.largest, self.values())]
+        pairs = zip(self._control.largest, self.values())
+        self._control.largest = [max(a, abs(b)) for a, b in pairs]
 
     def share(self, errors: Sequence[float], steps: float) -> float:
         """The worst error over what is allowed, if as many steps like this one make the run.
@@ -110,7 +113,7 @@ class ErrorScale:
         """
         allowed = (
             self.tolerance * size if absolute is None else absolute
-            for size, absolute in zip(self.largest, self.absolute)
+            for size, absolute in zip(self._control.largest, self.absolute)
         )
         times = (1.0 if instant else steps for instant in self.instant)
         return max((abs(e) / a * n for e, a, n in zip(errors, allowed, times)), default=0.0)
@@ -120,18 +123,35 @@ class Controller:
     """The steps between times [s], each of which is met; a PI controller chooses their sizes [s].
 
     The next size follows from how much of the tolerance this step and the last one used. `instant` are
-    the wired outputs with direct feedthrough.
+    the wired outputs with direct feedthrough; `largest` the largest values so far, of what the `control`,
+    "doubling" or "energy", compares.
     """
 
     def __init__(
-        self, order: int, settings: Adaptive, times: Sequence[float], instant: Collection[str]
+        self,
+        control: str,
+        order: int,
+        settings: Adaptive,
+        times: Sequence[float],
+        instant: Collection[str],
     ) -> None:
         self.order, self.settings, self.times, self.rejected = order, settings, times, 0
-        self.instant = instant
+        self.control, self.instant = control, instant
         self.t, self.span = times[0], times[-1] - times[0]
         first = FIRST * self.span if settings.first is None else settings.first
         self.h = min(first, settings.longest)
         self.before = 1.0
+        self.largest: list[float] = []
+
+    def resume(self, t: float, memory: StepMemory | None) -> None:
+        """Go on from a time [s], with what steps have taught so far if the same control has made them."""
+        self.t = t
+        if memory is not None and memory.control == self.control:
+            _, self.h, self.before, self.largest = memory
+
+    def memory(self) -> StepMemory:
+        """What another run goes on with."""
+        return StepMemory(self.control, self.h, self.before, self.largest)
 
     def steps(self) -> Iterator[tuple[float, float]]:
         """The time and the size of each step, the same time again until it is accepted.
@@ -177,7 +197,7 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
         try:
             advance(t, h)
             full = scale.values()
-            snapshot.restore()
+            snapshot.restore(keeps_nodes=True)
             advance(t, h / 2)
             advance(t + h / 2, h / 2)
         except (StepDiscarded, NonFiniteValueError) as failure:
@@ -196,7 +216,6 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
         if control.h < LEAST * control.span:
             raise FmuError(f"{reason}the tolerance requires steps below {control.h:.2g} s")
         snapshot.restore()
-        drop_nodes_after(parts, t)
 
 
 def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> Iterator[float]:
@@ -209,12 +228,12 @@ def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> I
     booked = [end for part in parts for end in part.bond_sides]
     bonds = dict.fromkeys(end.bond for end in booked)
     sides = [[end for end in booked if end.bond == bond] for bond in bonds]
-    largest = 0.0
     for t, h in control.steps():
         before = [[end.energy for end in pair] for pair in sides]
         advance(t, h)
         energies = [[end.energy - e for end, e in zip(p, b)] for p, b in zip(sides, before)]
-        largest = max([largest, *(abs(e) / h for pair in energies for e in pair)])
+        largest = max([*control.largest, *(abs(e) / h for pair in energies for e in pair)])
+        control.largest = [largest]
         created = max(abs(first - second) for first, second in energies) / h
         allowed = control.settings.tolerance * largest
         yield control.accept(created / allowed if largest else 0.0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.buffers import Slot
+from ..fmu.clocks import is_reached
 from ..fmu.times import coincide
 from ..series import Column, Kind
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
@@ -24,10 +25,9 @@ from .loop import Loop, lay_out
 from .part import I, Part, WiredPart
 from .recorder import IntermediateValues, OutputGrid, Recorder
 from .response import values_at_once, values_by_probe, wired_values
-from .row_file import RowFile
 from .schedule import Advance, coupling_context, explicit, schedule
 from .settings import RunSettings
-from .snapshot import Snapshot, drop_nodes_after
+from .snapshot import WHOLE, Snapshot, StepMemory, Stretch
 
 #: Steps between two saved states. A convention: taken again, they cost less than a saved state in each step.
 CHECKPOINT = 1000
@@ -78,7 +78,8 @@ class RowReader:
 class Driver:
     """The parts of a system on their way; `t` is the last communication point they reached [s].
 
-    `breaks` are the intervals, begin and end [s], in which columns may jump, see `Result`.
+    `breaks` are the intervals, begin and end [s], in which columns may jump, see `Result`. It goes on from the time of
+    `begin`, if that is given, and ends at the first communication point from `until` [s] on.
     """
 
     def __init__(
@@ -89,19 +90,26 @@ class Driver:
         recorder: Recorder,
         changes: Sequence[TimedChange],
         *,
-        all_rows: RowFile | None = None,
+        stretch: Stretch = WHOLE,
     ) -> None:
         self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
-        self._all_rows = all_rows
+        begin, self._until, self._all_rows = stretch
         algorithm = find_algorithm(plan.algorithm)
-        self.t = plan.start
+        self.t, self._begin = plan.start, begin
         self.accepted = self.discarded = 0
+        if begin is not None:
+            self.t = begin.time
+            if not isinstance(plan.step, Adaptive):
+                self.accepted = round((begin.time - plan.start) / plan.step)
+                self.t = plan.start + self.accepted * plan.step
+        self._first = self.accepted
         self.controller: Controller | None = None
         by_name = {part.name: part for part in parts}
         steps = None if algorithm.is_implicit else schedule(algorithm.stages([*by_name]), by_name)
         self._advance: Advance = Iteration(algorithm, parts) if steps is None else explicit(steps)
         sources = [feed for part in parts for feed in part.feeds]
-        self._jumps = known_jumps(changes, sources, plan.start, plan.stop)
+        since = plan.start if begin is None else begin.start
+        self._jumps = known_jumps(changes, sources, since, plan.stop)
         self._plain_advance = self._advance
         self._advance = with_jumps(self._advance, self._jumps, self._occur)
         self.breaks: list[tuple[float, float]] = []
@@ -131,10 +139,11 @@ class Driver:
         if isinstance(plan.step, Adaptive):
             self.control = plan.step.control or ("energy" if without_state else "doubling")
         elif not unable:
-            self._checkpoint = (0, Snapshot(parts))
+            self._checkpoint = (self.accepted - CHECKPOINT, Snapshot(parts))
+        forward = steps is not None and self.control != "doubling"
         back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
-            part.instance.go_forward_only(forward=steps is not None and self.control != "doubling")
+            part.instance.go_forward_only(forward=forward)
             part.instance.stop_at_events(stops=back and part.instance.shows_events(part.outputs))
         if isinstance(plan.step, Adaptive) or steps is None or every is None:
             return
@@ -142,7 +151,7 @@ class Driver:
         if program is None:
             return
         try:
-            self._loop = Loop(program, row.columns, every if all_rows is None else 1)
+            self._loop = Loop(program, row.columns, every if self._all_rows is None else 1)
             self.loop = "compiled"
         except OSError as error:
             self.loop = f"Python, since the compiled loop is missing: {error}"
@@ -166,6 +175,8 @@ class Driver:
                 yield from self._adaptive(self.plan.step)
             else:
                 yield from self._fixed(self.plan.step)
+            if self.is_there:
+                self._pause()
         finally:
             if grid is not None:
                 grid.flush()
@@ -261,7 +272,9 @@ class Driver:
     def _adaptive(self, settings: Adaptive) -> Iterator[float]:
         start, stop = self.plan.start, self.plan.stop
         times = [start, *(jump.time for jump in self._jumps), stop]
-        self.controller = Controller(self._order, settings, times, self._instant)
+        self.controller = Controller(self.control, self._order, settings, times, self._instant)
+        if self._begin is not None:
+            self.controller.resume(self.t, self._begin.memory)
         method = doubling if self.control == "doubling" else by_energy
         for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)
@@ -269,22 +282,25 @@ class Driver:
             self._arrive(t)
             self._show(row)
             yield (t - start) / (stop - start)
+            if self.is_there:
+                return
 
     def _fixed(self, step: float) -> Iterator[float]:
         start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
         every = self._every or 1
         chunk = 16
         split = [*self._split_steps(step), count]
-        while self.accepted < count:
+        goal = count if self._until >= stop else self._goal(step)
+        while self.accepted < goal:
             n = self.accepted
             if self._checkpoint is not None:
                 before, snapshot = self._checkpoint
-                if n == 0 or n >= before + CHECKPOINT:
+                if n >= before + CHECKPOINT:
                     snapshot.take()
                     self._checkpoint = (n, snapshot)
             last = n
             if self._loop is not None:
-                last = min(n + chunk, count - 1, split[bisect_left(split, n)])
+                last = min(n + chunk, count - 1, goal, split[bisect_left(split, n)])
             if self._loop is not None and n < last:
                 began = clock.perf_counter()
                 rows, self.accepted, failure = self._loop.run(start, step, n, last)
@@ -318,6 +334,17 @@ class Driver:
                     self._keep(row)
             yield self.accepted / count
 
+    def _goal(self, step: float) -> int:
+        """The number of steps from the start to where it is to end before the stop."""
+        n = self._step_at(self._until, step)
+        return n if coincide(self.plan.start + n * step, self._until) else n + 1
+
+    def _pause(self) -> None:
+        """Show where it has come to, if no row does, and break no column beyond."""
+        if not coincide(self.t, self._shown):
+            self._show(self.row(self.t))
+        self.breaks = [(begin, min(end, self.t)) for begin, end in self.breaks if begin < self.t]
+
     @property
     def compiled(self) -> Loop | None:
         """All its steps in C, if no jump is at the beginning of one and no change in any."""
@@ -343,8 +370,11 @@ class Driver:
             if jump.changes or coincide(begin, jump.time):
                 yield n
             else:
-                broken = (begin, stop if n + 2 >= count else start + (n + 2) * step)
-                if broken not in self.breaks[-1:]:
+                broken = (
+                    max(begin, self.t),
+                    stop if n + 2 >= count else start + (n + 2) * step,
+                )
+                if broken[1] > self.t and broken not in self.breaks[-1:]:
                     self.breaks.append(broken)
 
     def _step_at(self, time: float, step: float) -> int:
@@ -369,8 +399,6 @@ class Driver:
         met = isinstance(failure, EventReached)
         self.loop = f"Python, since {'steps end at events' if met else 'a part discards steps'}"
         snapshot.restore()
-        t = self.plan.start + before * step
-        drop_nodes_after(self.parts, t)
         self._advance = self._careful(self._advance, snapshot)
         for n in range(before, self.accepted):
             self._advance(self.plan.start + n * step, step)
@@ -387,7 +415,6 @@ class Driver:
                 except StepDiscarded as discarded:
                     self.discarded += 1
                     snapshot.restore()
-                    drop_nodes_after(self.parts, t)
                     reached = discarded.reached - t
                     most = 1.0 if isinstance(discarded, EventReached) else LONGEST_RETRY
                     size = reached if SHORTEST * h < reached < most * size else size / 2
@@ -403,6 +430,16 @@ class Driver:
 
         return go
 
+    @property
+    def is_there(self) -> bool:
+        """Whether it has come to where it is to end."""
+        return is_reached(self._until, self.t)
+
+    @property
+    def memory(self) -> StepMemory | None:
+        """What adaptive steps go on with in another run."""
+        return None if self.controller is None else self.controller.memory()
+
     def statistics(self) -> dict[str, Any]:
         """What the run took, and the orders with which its results converge.
 
@@ -412,7 +449,7 @@ class Driver:
             "control": self.control,
             "convergence_order": self._order,
             "first_order": self._first_order,
-            "steps": self.accepted,
+            "steps": self.accepted - self._first,
             "rejected": self.controller.rejected if self.controller else 0,
             "discarded": self.discarded,
             "do_steps": {part.name: part.do_steps for part in self.parts},

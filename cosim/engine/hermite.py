@@ -35,10 +35,6 @@ class SignalHistory:
         earlier = [n for n in self.nodes if n.time < node.time and not coincide(n.time, node.time)]
         self.nodes = [*earlier, node, *later][-self.degree - 4 :]
 
-    def drop_after(self, time: float) -> None:
-        """Drop the nodes after a time."""
-        self.nodes = [n for n in self.nodes if n.time < time or coincide(n.time, time)]
-
     def taylor(self, begin: float, _: float = 0.0) -> list[float]:
         """Coefficients about `begin` of the polynomial through the newest of its nodes.
 

@@ -28,6 +28,7 @@ from .links import CastLink, InputPolynomials, Link
 from .newton import solve_fixed_point
 from .part import I, Part, WiredPart
 from .settings import RunSettings
+from .snapshot import LiveState, SystemState, resume
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
@@ -49,26 +50,41 @@ def initialise(
     settings: RunSettings,
     sequence: Sequence[str],
     stack: ExitStack,
-    within: Sequence[Port] = (),
     *,
     used: Mapping[str, CoSimulation] = MappingProxyType({}),
+    begin: SystemState | None = None,
 ) -> dict[str, Part]:
-    """All parts at the start, their coupled start values consistent, ready for the first step.
+    """All parts at the start, their coupled start values consistent, or in the state to `begin` with; ready for a step.
 
-    The FMUs that can are to show the ports `within` their steps. Instances that have been `used`
+    Where rows lie between steps, FMUs that can are to show recorded columns within them. Instances that have been `used`
     and reset are taken, by part; others are made, and the stack closes them. Raises FmuError where an FMU refuses, SetupError where
-    the start values have no solution.
+    the start values have no solution, and for the state of another system.
     """
+    within = settings.ports(network) if settings.every() is None else ()
 
     def opener(name: str, description: ModelDescription, fmu: Library) -> CoSimulation:
         watched = [port.variable for port in within if port.part == name]
         return open_cosimulation(name, description, fmu, watched)
 
-    parts, slots = prepare(network, settings, sequence, stack, opener, used=used)
+    if begin is None:
+        parts, slots = prepare(network, settings, sequence, stack, opener, used=used)
+    else:
+        states = {name: part.fmu for name, part in begin.parts.items()}
+        instances = {
+            name: state.instance
+            if isinstance(state, LiveState)
+            else _opened(network, name, stack, opener)
+            for name, state in states.items()
+        }
+        parts = _with_buffers(network, instances, settings)
+        slots = _connect(network, parts, settings.start)
     if settings.input_order:
         _interpolate_inputs(parts, settings.input_order)
     _open_bonds(network, parts, slots)
-    for part in parts.values():
+    for name, part in parts.items():
+        if begin is not None:
+            resume(part, begin.parts[name])
+            continue
         for operation in part.read_operations():
             operation(settings.start, 0.0)
         for side in part.bond_sides:
@@ -92,16 +108,7 @@ def prepare(
     start = settings.start
     starts = start_values(network, start)
 
-    def instance(name: str) -> I:
-        """A new instance of the part."""
-        description = network.descriptions[name]
-        try:
-            fmu = borrow(network.fmus[name].path, description)
-        except FmuError as error:
-            raise FmuError(f"{name}: {error}") from error
-        opened = opener(name, description, fmu)
-        stack.callback(opened.session.close)
-        return opened
+    instance = partial(_opened, network, stack=stack, opener=opener)
 
     def with_starts(opened: I) -> I:
         """An instance with its start values."""
@@ -127,6 +134,23 @@ def prepare(
         opened.begin()
     _warn_of_other_starts(starts.values(), instances)
     return parts, slots
+
+
+def _opened(
+    network: Network,
+    name: str,
+    stack: ExitStack,
+    opener: Callable[[str, ModelDescription, Library], I],
+) -> I:
+    """A new instance of a part, which the stack closes."""
+    description = network.descriptions[name]
+    try:
+        fmu = borrow(network.fmus[name].path, description)
+    except FmuError as error:
+        raise FmuError(f"{name}: {error}") from error
+    instance = opener(name, description, fmu)
+    stack.callback(instance.session.close)
+    return instance
 
 
 def start_values(network: Network, start: float) -> dict[str, tuple[Port, Value]]:

@@ -8,6 +8,7 @@ import os
 import sys
 import time as clock
 from contextlib import suppress
+from typing import Self
 
 from ..errors import FmuError
 from ..signals import reinstall_handlers
@@ -22,7 +23,7 @@ C = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
 class ProcessState:
-    """Keeps them as they were when this was made; `warnings` reports what had to be restored."""
+    """Keeps them as they were when this was made, at the latest as a context ends; `warnings` reports what had to be restored."""
 
     def __init__(self) -> None:
         self.warnings: list[str] = []
@@ -34,6 +35,12 @@ class ProcessState:
         C.fegetenv(self._environment)
         self._folder = _folder()
         self._looked = clock.perf_counter()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.restore()
 
     def restore(self) -> None:
         """Bring back what an FMU has changed."""

@@ -10,7 +10,7 @@ from ..errors import NonFiniteValueError, StepDiscarded
 from .changes import Jump
 from .part import Part
 from .schedule import Advance
-from .snapshot import Snapshot, drop_nodes_after
+from .snapshot import Snapshot
 
 #: The values of columns by name.
 Values = dict[str, float]
@@ -83,7 +83,6 @@ def values_by_probe(
     t, h = step
     snapshot, sizes = Snapshot(parts), (PROBE * h, 0.5 * PROBE * h)
     snapshot.take()
-    feeds = [(feed.cell, feed.cell[0]) for part in parts for feed in part.feeds]
     counts = [(part, part.do_steps, part.instance.forward) for part in parts]
     noted = [(p.intermediate_values, len(p.intermediate_values)) for p in _watched(parts)]
     shown: list[Values] = []
@@ -95,17 +94,13 @@ def values_by_probe(
                 advance(t + k * size, size)
             shown.append(read())
             snapshot.restore()
-            drop_nodes_after(parts, t)
     except (NonFiniteValueError, StepDiscarded):
         snapshot.restore()
-        drop_nodes_after(parts, t)
         return None
     finally:
         for part, count, forward in counts:
             part.do_steps = count
             part.instance.go_forward_only(forward=forward)
-        for cell, value in feeds:
-            cell[0] = value
         for observations, count in noted:
             del observations[count:]
     whole, half = shown

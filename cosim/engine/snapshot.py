@@ -1,11 +1,40 @@
-"""The state of all parts and of what the master keeps of them, to come back to."""
+"""The state of a system at a communication point, to come back to in a run, or to begin another run with."""
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, MutableSequence, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
+from ..errors import SetupError
+from ..fmu.instance import CoSimulation
+from ..fmu.session import SavedState, SerializedState
+from ..system import Value
+from .hermite import Node, SignalHistory
 from .part import Part
+from .row_file import RowFile
+
+
+def _cells(part: Part) -> list[MutableSequence[object]]:
+    """The arrays of ctypes that the master keeps of a part from step to step.
+
+    Inputs are among them: an array is handed over whole, with elements that no wire brings anew.
+    """
+    blocks = [block.cells for block in (*part.inputs, *part.outputs)]
+    return blocks + [s.totals for s in part.bond_sides] + [feed.cell for feed in part.feeds]
+
+
+def _contents(part: Part) -> list[str]:
+    """What stands in each of these arrays."""
+    blocks = [", ".join(block.names) for block in (*part.inputs, *part.outputs)]
+    totals = [f"energy of {side.bond}" for side in part.bond_sides]
+    return blocks + totals + [f"mean of {feed.name}" for feed in part.feeds]
+
+
+def _signals(part: Part) -> list[SignalHistory]:
+    """The histories of the outputs that inputs follow within steps."""
+    return part.curves.signals if part.curves is not None else []
 
 
 class Snapshot:
@@ -13,35 +42,156 @@ class Snapshot:
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self._states = [(part.instance, part.instance.state()) for part in parts]
-        # inputs too: an array is handed over whole, with elements that no wire brings anew
-        self._blocks = [b for part in parts for b in (*part.inputs, *part.outputs)]
-        self._ends = [end for part in parts for end in part.bond_sides]
-        self._cells: list[list[object]] = []
-        self._booked: list[list[ctypes.c_double | float]] = []
+        self._cells = [cells for part in parts for cells in _cells(part)]
+        self._signals = [signal for part in parts for signal in _signals(part)]
+        self._values: list[list[object]] = []
+        self._nodes: list[list[Node]] = []
 
     def take(self) -> None:
         """Remember the parts as they are now; raises FmuError."""
         for instance, state in self._states:
             instance.save(state)
-        self._cells = [list(block.cells) for block in self._blocks]
-        self._booked = [list(end.totals) for end in self._ends]
+        self._values = [list(cells) for cells in self._cells]
+        self._nodes = [signal.nodes for signal in self._signals]
 
     def restore_fmus(self) -> None:
         """Bring the FMUs back, not what the master keeps; raises FmuError."""
         for instance, state in self._states:
             instance.restore(state)
 
-    def restore(self) -> None:
-        """Bring back everything but the nodes of moving inputs; raises FmuError."""
+    def restore(self, *, keeps_nodes: bool = False) -> None:
+        """Bring back everything, or all but the nodes of moving inputs, which then predict; raises FmuError."""
         self.restore_fmus()
-        for block, cells in zip(self._blocks, self._cells):
-            block.cells[:] = cells
-        for end, booked in zip(self._ends, self._booked):
-            end.totals[:] = booked
+        for cells, values in zip(self._cells, self._values):
+            cells[:] = values
+        if not keeps_nodes:
+            for signal, nodes in zip(self._signals, self._nodes):
+                signal.nodes = nodes
 
 
-def drop_nodes_after(parts: Sequence[Part], t: float) -> None:
-    """Drop what moving inputs know of their sources after the time t [s]."""
-    for part in parts:
-        for signal in part.curves.signals if part.curves else ():
-            signal.drop_after(t)
+class StepMemory(NamedTuple):
+    """What adaptive steps go on with: their control, the next step [s], the share that the last used, largest values."""
+
+    control: str
+    h: float
+    before: float
+    largest: list[float]
+
+
+class LiveState(NamedTuple):
+    """The state of an FMU that cannot serialise it, and the instance that alone may take it, once.
+
+    A run promises its FMUs that it will not go back, so that no other may begin where it has.
+    """
+
+    instance: CoSimulation
+    state: SavedState
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether a run has begun with it, or the instance may not be called any more."""
+        session = self.instance.session
+        return session.closed or session.fmu.abandoned or not self.state.pointer
+
+
+class PartState(NamedTuple):
+    """A part: the GUID of its FMU, the FMU's state, the values that the master keeps by what they are, and the nodes of its outputs."""
+
+    guid: str
+    fmu: SerializedState | LiveState
+    values: dict[str, list[object]]
+    nodes: list[list[Node]]
+
+
+@dataclass(frozen=True)
+class SystemState:
+    """A whole system at a communication point, with which runs may begin.
+
+    It can be pickled, and any number of runs may begin with it. Where an FMU cannot serialise its state, one run may, while
+    the `Prepared` that handed it out is open.
+
+    Attributes
+    ----------
+    time
+        When it was there [s].
+    start
+        The start [s] from which its communication steps are counted.
+    stop_told
+        The stop time [s] that FMUs know; infinite if none does.
+    start_values
+        The start values of its run, by name.
+    held_inputs
+        The values of inputs and parameters that change between steps, by name.
+    parts
+        What is known of each part, by name.
+    memory
+        What the control of adaptive steps goes on with.
+    """
+
+    time: float
+    start: float
+    stop_told: float
+    start_values: Mapping[str, Value]
+    held_inputs: Mapping[str, Value] = field(repr=False)
+    parts: Mapping[str, PartState] = field(repr=False)
+    memory: StepMemory | None = field(repr=False)
+
+
+class Stretch(NamedTuple):
+    """What of a run is done: from the state to `begin` with to the first communication point from `until` [s] on.
+
+    All its rows go to the file `all_rows`.
+    """
+
+    begin: SystemState | None = None
+    until: float = math.inf
+    all_rows: RowFile | None = None
+
+
+#: All of a run.
+WHOLE = Stretch()
+
+
+def part_state(part: Part) -> PartState:
+    """The state of a part at a communication point; raises FmuError."""
+    instance = part.instance
+    instance.save(state := instance.state())
+    values = dict(zip(_contents(part), map(list, _cells(part))))
+    nodes = [signal.nodes for signal in _signals(part)]
+    can_serialize = instance.session.interface.canSerializeFMUstate
+    fmu = instance.session.serialized(state) if can_serialize else LiveState(instance, state)
+    return PartState(part.description.guid, fmu, values, nodes)
+
+
+def resume(part: Part, state: PartState) -> None:
+    """Bring a part that has not been initialised to a state.
+
+    Raises
+    ------
+    SetupError
+        For the state of another FMU, or of one with other wires, inputs over time or moving inputs.
+    FmuError
+        If the FMU does not take it.
+    """
+    cells, signals = dict(zip(_contents(part), _cells(part))), _signals(part)
+    if part.description.guid != state.guid:
+        raise SetupError(f"{part.name}: the state is of another FMU, with the GUID {state.guid}")
+    if other := sorted(cells.keys() ^ state.values.keys()):
+        raise SetupError(
+            f"{part.name}: the state is of a system with other wires or inputs over time: {other[0]}"
+        )
+    if len(signals) != len(state.nodes):
+        raise SetupError(
+            f"{part.name}: the state is of a run whose input_order was {'' if state.nodes else 'not '}above 0"
+        )
+    session = part.instance.session
+    if isinstance(state.fmu, LiveState):
+        session.messages.clear()
+        part.instance.restore(state.fmu.state)
+        session.drop(state.fmu.state)
+    else:
+        part.instance.restore(session.deserialized(state.fmu))
+    for name, values in state.values.items():
+        cells[name][:] = values
+    for signal, nodes in zip(signals, state.nodes):
+        signal.nodes = nodes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 from fmpy.fmi1 import FMICallException
 
@@ -24,6 +24,13 @@ HINTS = {
     "Pending": "; a step that goes on after doStep has returned is not supported",
     "SetRealInputDerivatives": "; run without --input-order",
 }
+
+
+class SerializedState(NamedTuple):
+    """The state of an FMU as bytes, which any instance of it may take, and what the master keeps of its events."""
+
+    content: bytes
+    events: EventState | None
 
 
 class SavedState:
@@ -143,7 +150,7 @@ class Session:
 
     def save(self, state: SavedState) -> None:
         """Put the FMU's state into a place, instead of what was there."""
-        self._free(state)
+        self.drop(state)
         status = self.function(f"Get{self.state_name}")(self.component, ctypes.byref(state.pointer))
         if status != OK:
             self.answered("GetFMUstate", status)
@@ -153,16 +160,22 @@ class Session:
         status = self.function(f"Set{self.state_name}")(self.component, state.pointer)
         if status != OK:
             self.answered("SetFMUstate", status)
+        self._is_initialised = True
 
-    def transfer(self, state: SavedState, other: Session) -> tuple[SavedState, int]:
-        """A saved state as one of another session, by way of bytes; how many these are."""
-        copy = other.state()
+    def serialized(self, state: SavedState) -> SerializedState:
+        """A saved state as bytes."""
         content = self.call(f"serialize{self.state_name}", state.pointer)
-        other.call(self.deserialize, content, copy.pointer)
-        copy.events = state.events
-        return copy, len(content)
+        return SerializedState(content, state.events)
 
-    def _free(self, state: SavedState) -> None:
+    def deserialized(self, state: SerializedState) -> SavedState:
+        """A place with a state of another instance."""
+        place = self.state()
+        self.call(self.deserialize, state.content, place.pointer)
+        place.events = state.events
+        return place
+
+    def drop(self, state: SavedState) -> None:
+        """Free what is in a place."""
         if state.pointer:
             free = self.function(f"Free{self.state_name}")
             free(self.component, ctypes.byref(state.pointer))
@@ -181,7 +194,7 @@ class Session:
         if not self.fmu.abandoned:
             for state in self._states:
                 with suppress(Exception):
-                    self._free(state)
+                    self.drop(state)
             if self._is_initialised and self._worst < ERROR:
                 with suppress(Exception):
                     self.terminate()

@@ -8,8 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from cosim.engine import compiler, members
 from cosim.engine.compiler import MEMBERS, SOURCE
 from cosim.engine.structures import structures
@@ -24,15 +22,13 @@ def enumeration(text: str) -> list[str]:
     return [name.split("=")[0].strip() for name in match[1].split(",")]
 
 
-def differences(text: str) -> list[str]:
-    """What of the tables in Python is not as in this C."""
-    wrong = [] if enumeration(text) == [*(code.name for code in Code), "NOT_FINITE"] else ["enum"]
-    made, pairs = structures(text), {"operation": COperation, "answer": StepAnswer}
-    return wrong + [n for n, kind in pairs.items() if made[n]._fields_ != list(kind._fields_)]
-
-
 def test_the_tables_are_those_of_the_compiled_loop() -> None:
-    assert differences(SOURCE.read_text()) == []
+    text = SOURCE.read_text()
+    made, pairs = structures(text), {"operation": COperation, "answer": StepAnswer}
+    assert enumeration(text) == [*(code.name for code in Code), "NOT_FINITE"]
+    assert {n: made[n]._fields_ for n in pairs} == {
+        n: list(kind._fields_) for n, kind in pairs.items()
+    }
     assert [*Code] == list(range(len(Code))) and NOT_FINITE == -(2**31)
 
 
@@ -66,21 +62,6 @@ def test_a_structure_has_the_size_that_the_compiler_gives_it(tmp_path: Path) -> 
     loaded = ctypes.CDLL(str(tmp_path / "sizes.so"))
     array = (ctypes.c_int * len(names)).in_dll(loaded, "sizes")
     assert dict(zip(names, array)) == {name: ctypes.sizeof(made[name]) for name in names}
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "wrong"),
-    [
-        ("COPY, SCALE", "SCALE, COPY", ["enum"]),
-        ("STEP3, BOOK", "STEP3, WAIT, BOOK", ["enum"]),
-        ("double at, size,", "double size, at,", ["operation"]),
-        ("bool event, ended", "int event, ended", ["answer"]),
-    ],
-)
-def test_a_table_that_differs_is_noticed(old: str, new: str, wrong: list[str]) -> None:
-    text = SOURCE.read_text()
-    assert old in text
-    assert differences(text.replace(old, new, 1)) == wrong
 
 
 def test_the_loop_is_compiled_for_every_platform_of_a_release(tmp_path: Path) -> None:

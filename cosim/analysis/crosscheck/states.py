@@ -32,8 +32,8 @@ def serialized(s: Subject) -> str:
     with s.running(half) as part, nullcontext(part) if s.once else s.running() as receiver:
         state = part.state()
         part.save(state)
-        copy, size = part.session.transfer(state, receiver.session)
-        receiver.restore(copy)
+        serialized_state = part.session.serialized(state)
+        receiver.restore(receiver.session.deserialized(serialized_state))
         rows = s.go(receiver, half, s.steps)
     s.same(rows, s.reference[half:], "after the state was carried over as bytes", half)
-    return f"{s.steps - half} rows from {size} bytes, bit for bit"
+    return f"{s.steps - half} rows from {len(serialized_state.content)} bytes, bit for bit"

@@ -21,7 +21,7 @@ BASES = {
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="third" instantiationToken="third">
 <CoSimulation modelIdentifier="third" canHandleVariableCommunicationStepSize="true"
- canGetAndSetFMUState="true" hasEventMode="true" mightReturnEarlyFromDoStep="true"
+ canGetAndSetFMUState="true" canSerializeFMUState="true" hasEventMode="true" mightReturnEarlyFromDoStep="true"
  providesIntermediateUpdate="true"/>
 <TypeDefinitions><EnumerationType name="Gear"><Item name="low" value="1"/>
 <Item name="high" value="5"/></EnumerationType></TypeDefinitions>

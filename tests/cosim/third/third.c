@@ -276,6 +276,16 @@ fmi3Status fmi3GetFMUState(fmi3Instance p, fmi3FMUState *state) {
 fmi3Status fmi3SetFMUState(fmi3Instance p, fmi3FMUState state) {
     return memcpy(&((Instance *)p)->s, state, sizeof(State)), fmi3OK;
 }
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance p, fmi3FMUState state, size_t *size) {
+    return *size = sizeof(State), fmi3OK;
+}
+fmi3Status fmi3SerializeFMUState(fmi3Instance p, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
+    return memcpy(bytes, state, size), fmi3OK;
+}
+fmi3Status fmi3DeserializeFMUState(fmi3Instance p, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
+    if (!*state) *state = malloc(size);
+    return memcpy(*state, bytes, size), fmi3OK;
+}
 fmi3Status fmi3FreeFMUState(fmi3Instance p, fmi3FMUState *state) {
     return free(*state), *state = NULL, fmi3OK;
 }

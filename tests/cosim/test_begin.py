@@ -1,0 +1,190 @@
+"""A run that begins with the state of a paused one is the rest of the run in one go, bit for bit."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from cosim import Adaptive, Case, Prepared, RunSettings, SetupError, System
+from tests.cosim import foreign, third
+from tests.cosim.test_members import WIRES, H, drive, pairwise
+
+#: What is varied of the settings, and of what is run.
+FACTORS: dict[str, Sequence[Any]] = {
+    "system": ("pair", "motor alone", "table", "jump", "change", "kilo"),
+    "algorithm": ("strang", "jacobi", "gauss-seidel", "iterated"),
+    "input_order": (0, 1, 2),
+    "flavour": ("native", "fmi3", ""),
+    "step": (H, 4 * H, Adaptive(1e-2), Adaptive(1e-2, control="energy")),
+    "more": ({}, {"output_step": 4 * H}, {"substeps": {"motor": 3}}),
+    "until": (0.02, 0.0203, 0.035),
+}
+LIFE = ("steps", "restores", "live_states", "gets_after_set")
+CLOCK = 'intervalVariability="changing" intervalDecimal="0.1" shiftDecimal="0.05"'
+
+
+def require_rest(
+    prepared: Prepared, until: float, copy: Callable[[Any], Any], *, but: Sequence[str] = ()
+) -> None:
+    """A paused run and its rest have the rows and the energy of one run, but for these columns."""
+    whole, (first, state) = prepared.run(), prepared.run_until(until)
+    rest = prepared.run(Case(begin=copy(state)))
+    assert until <= state.time == first["time"][-1] == rest["time"][0]
+    compared = [name for name in whole.names if name.partition(".")[2] not in but]
+    rows = np.concatenate([first.frame[compared], rest.frame[compared][1:]])
+    own = rest.data[0] == first.data[-1]
+    assert own[[name in compared for name in whole.names]].all()
+    if prepared.settings.output_step is not None:
+        rows = rows[np.isin(rows[:, 0], whole["time"])]
+    assert_array_equal(rows, whole.frame[compared])
+    assert rest.energy == whole.energy
+    breaks = [*first.breaks.tolist(), *rest.breaks.tolist()]
+    joints = [k for k, pair in enumerate(breaks[1:]) if breaks[k][1] == pair[0] == state.time]
+    for k in reversed(joints):
+        breaks[k : k + 2] = [[breaks[k][0], breaks[k + 1][1]]]
+    assert breaks == whole.breaks.tolist()
+    steps = [result.provenance["steps"] for result in (first, rest, whole)]
+    assert steps[0] + steps[1] == steps[2] and min(steps) > 0
+
+
+def of_kind(folder: Path, kind: str) -> System:
+    """A system of `drive`, or the pair with a wire that has a factor and an offset."""
+    if kind != "kilo":
+        return drive(folder, kind)
+    pair = drive(folder, "pair")
+    return replace(pair, wires=["motor.tau * 0.5 + 2 -> conveyor.tau", WIRES[1]])
+
+
+def is_possible(choice: dict[str, Any]) -> bool:
+    """Rows lie at steps, and what follows energy has a bond."""
+    step = choice["step"]
+    if not isinstance(step, Adaptive):
+        return True
+    has_bond = choice["system"] == "pair"
+    return "output_step" not in choice["more"] and (step.control is None or has_bond)
+
+
+@pytest.mark.parametrize(
+    "choice",
+    pairwise(FACTORS, is_possible),
+    ids=lambda c: " ".join(map(str, c.values())),
+)
+def test_the_rest_of_a_run_has_its_bits(choice: dict[str, Any], fmus: Path) -> None:
+    """Each pair of choices once; the last step is cut, the start is not 0, and the state is read from bytes."""
+    settings = dict(choice)
+    system = of_kind(fmus / settings.pop("flavour"), settings.pop("system"))
+    until = settings.pop("until")
+    settings |= settings.pop("more")
+    with Prepared.open(system, RunSettings(start=0.01, stop=0.0405, **settings)) as prepared:
+        require_rest(prepared, until, lambda state: pickle.loads(pickle.dumps(state)))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"step": Adaptive(1e-3)}, {"input_order": 2}, {"algorithm": "iterated"}],
+    ids=str,
+)
+@pytest.mark.parametrize(
+    "flaw", [{}, {"pause_at": 0.734}, {"longest_step": 0.03}, {"commits": True}], ids=str
+)
+def test_other_fmus_go_on_in_their_instances(
+    settings: dict[str, Any], flaw: dict[str, Any], tmp_path: Path
+) -> None:
+    """They cannot serialise their state; steps that they discard, and changes before, at and after the state."""
+    if "commits" in flaw and settings.keys() & {"step", "algorithm"}:
+        pytest.skip("an FMU that never goes back")
+    parts = {name: foreign.pack(tmp_path / f"{name}.fmu", x0=100.0, **flaw) for name in "AB"}
+    kinds = ("integer", "boolean", "enumeration", "string")
+    wires = ["A.y -> B.u", "B.y -> A.u", *(f"A.{k}_out -> B.{k}_in" for k in kinds)]
+    changes = ["at 0.33 s A.a = -2", "at 0.5 s A.a = -3", "at 0.77 s A.boolean_in = true"]
+    start = foreign.idle("AB", *(wire.split("-> ")[1] for wire in wires))
+    plan = RunSettings(**{"stop": 1.0, "step": 0.1, "algorithm": "gauss-seidel", **settings})
+    with Prepared.open(System(parts, wires, start, changes=changes), plan) as prepared:
+        require_rest(prepared, 0.5, lambda state: state, but=LIFE)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.03, Adaptive(1e-3)], ids=str)
+@pytest.mark.parametrize("clock", ["", CLOCK], ids=["no clock", "clock"])
+@pytest.mark.parametrize("serializes", ["true", "false"])
+def test_events_and_clocks_go_on(step: Any, clock: str, serializes: str, tmp_path: Path) -> None:
+    """A ball bounces at 0.45 s and later, and a clock ticks; inputs that event mode takes are remembered."""
+    ball = third.pack(tmp_path / "ball.fmu", clock, canSerializeFMUState=serializes)
+    system = System({"A": ball, "B": ball}, ["A.h -> B.u", "A.bounces -> B.Int32_in"])
+    with Prepared.open(system, RunSettings(stop=1.3, step=step)) as prepared:
+        require_rest(prepared, 0.6, lambda state: state)
+
+
+def refused(call: Callable[[], object]) -> str:
+    """The reason why a call is refused."""
+    with pytest.raises(SetupError) as error:
+        call()
+    return str(error.value)
+
+
+def test_what_cannot_go_on_is_refused(fmus: Path, tmp_path: Path) -> None:
+    system, plan = drive(fmus / "native", "pair"), RunSettings(0.04, H)
+    with Prepared.open(system, plan) as prepared:
+        _, state = prepared.run_until(0.02)
+        both = Case({"motor.A": 8e3}, begin=state)
+        assert "leave out start (motor.A)" in refused(lambda: prepared.run(both))
+        assert "at most stop = 0.04 s" in refused(lambda: prepared.run_until(0.05))
+        assert "after the begin at 0.02 s" in refused(
+            lambda: prepared.run_until(0.02, Case(begin=state))
+        )
+
+    def reason(system: System, **settings: Any) -> str:
+        with Prepared.open(system, replace(plan, **settings)) as prepared:
+            return refused(lambda: prepared.run(Case(begin=state)))
+
+    assert "write start=0.02" in reason(system, step=0.003)
+    assert "before stop = 0.01 s" in reason(system, stop=0.01)
+    assert "motor: the state is of a run whose input_order was not above 0" in reason(
+        system, input_order=1
+    )
+    assert "motor: the state is of another FMU" in reason(drive(fmus / "fmi3", "pair"))
+    assert "other parts: conveyor" in reason(drive(fmus / "native", "motor alone"))
+    assert "motor: the state is of a system with other wires" in reason(
+        drive(fmus / "native", "table")
+    )
+    changed = replace(system, changes=["at 0.01 s motor.T = 0.04"])
+    assert "motor.T is 0.0625 in the state" in reason(changed)
+    with Prepared.open(system, replace(plan, stop_time_defined=True)) as prepared:
+        state = prepared.run_until(0.02).state
+    assert "at most 0.04 s" in reason(system, stop=0.05)
+    with Prepared.open(system, replace(plan, output_step=0.7 * H)) as prepared:
+        assert "write output_step=None" in refused(lambda: prepared.run_until(0.02))
+    one = foreign.single_fmu_system(foreign.pack(tmp_path / "A.fmu"))
+    with Prepared.open(one, RunSettings(1.0, 0.1)) as prepared:
+        live = Case(begin=prepared.run_until(0.5).state)
+        prepared.run(live)
+        assert "A: its FMU does not have canSerializeFMUstate" in refused(
+            lambda: prepared.run(live)
+        )
+        live = Case(begin=prepared.run_until(0.5).state)
+    with Prepared.open(one, RunSettings(1.0, 0.1)) as prepared:
+        assert "hand it out again" in refused(lambda: prepared.run(live))
+    stateless = foreign.pack(tmp_path / "B.fmu", canGetAndSetFMUstate=False)
+    with Prepared.open(foreign.single_fmu_system(stateless), RunSettings(1.0, 0.1)) as prepared:
+        assert "B cannot save its state" in refused(lambda: prepared.run_until(0.5))
+
+
+def test_steps_are_counted_from_where_the_state_is(fmus: Path) -> None:
+    """Other steps from the time of the state on; the conveyor has turned to where it was."""
+    with Prepared.open(drive(fmus / "native", "pair"), RunSettings(0.04, H)) as prepared:
+        first, state = prepared.run_until(0.02)
+        whole = prepared.run()
+    with Prepared.open(
+        drive(fmus / "native", "pair"), RunSettings(0.04, H / 3, start=0.02)
+    ) as prepared:
+        rest = prepared.run(Case(begin=state))
+    assert len(rest["time"]) == 61
+    assert rest["conveyor.w"][0] == first["conveyor.w"][-1]
+    assert rest["conveyor.w"][-1] == pytest.approx(whole["conveyor.w"][-1], rel=1e-4)
+    assert rest.provenance["start"] == 0.02
