@@ -113,7 +113,7 @@ def compare_threads(every: int) -> tuple[float, float]:
     tasks = [
         partial(run, paired_parts(2), stop=100.0, step=H, output_step=every * H) for _ in range(2)
     ]
-    advance, free = loop.library().take_steps, [0.0]
+    advance, free = loop.compiled_library().take_steps, [0.0]
 
     class Timed:
         """The compiled loop, which runs without the lock."""
@@ -134,9 +134,9 @@ def compare_threads(every: int) -> tuple[float, float]:
             middle = time.perf_counter()
             list(pool.map(lambda task: task(), tasks))
             rounds.append((middle - began, time.perf_counter() - middle))
-    original, loop.library = loop.library, lambda: Timed
+    original, loop.compiled_library = loop.compiled_library, lambda: Timed
     total = processor_time(tasks[0])
-    loop.library = original
+    loop.compiled_library = original
     sequential, parallel = map(min, zip(*rounds))
     return parallel / sequential, 1.0 - free[0] / total
 

@@ -63,8 +63,8 @@ class Child:
             undo.callback(self.pipe.close)
             told = (str(self._folder), work, its, *arguments)
             how = {"is_apart": is_apart}
-            self.process = _SPAWN.Process(target=_begin, args=told, kwargs=how, daemon=is_apart)
-            with its, _quietly(is_apart=is_apart):
+            self.process = _SPAWN.Process(target=_live, args=told, kwargs=how, daemon=is_apart)
+            with its, _without_ctrl_c(is_apart=is_apart):
                 self.process.start()
             undo.pop_all()
 
@@ -107,7 +107,7 @@ def death(process: BaseProcess) -> str:
 
 
 @contextmanager
-def _quietly(*, is_apart: bool) -> Iterator[None]:
+def _without_ctrl_c(*, is_apart: bool) -> Iterator[None]:
     """A child that starts hears no Ctrl-C, and if it is apart does not import the script that starts it."""
     with _STARTING, ExitStack() as after:
         if is_apart:
@@ -123,7 +123,7 @@ def _quietly(*, is_apart: bool) -> Iterator[None]:
         yield
 
 
-def _begin(
+def _live(
     folder: str, work: Callable[..., None], pipe: Connection, *arguments: Any, is_apart: bool
 ) -> None:
     """The life of a child."""
@@ -134,7 +134,7 @@ def _begin(
             os.dup2(output, stream)
     parent = multiprocessing.parent_process()
     assert parent is not None
-    threading.Thread(target=_leave, args=(parent.sentinel, folder), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(parent.sentinel, folder), daemon=True).start()
     if sys.platform == "linux":  # at once, also from code that gives Python no turn
         ctypes.CDLL(None).prctl(PARENT_DEATH_SIGNAL, int(signal.SIGKILL))
     if sys.platform != "win32":
@@ -148,7 +148,7 @@ def _begin(
     work(pipe, *arguments)
 
 
-def _leave(parent: int, folder: str) -> None:
+def _exit_with_parent(parent: int, folder: str) -> None:
     """Leave no trace when the parent is gone."""
     wait([parent])
     rmtree(folder, ignore_errors=True)

@@ -86,7 +86,7 @@ class Cases:
         for port, column in zip(self.ports, self.columns):
             some = column[members]
             values = some.tolist()
-            for k in _to_look_at(port, some).tolist():
+            for k in _positions_to_check(port, some).tolist():
                 value = values[k].item() if isinstance(values[k], np.generic) else values[k]
                 try:
                     values[k] = checked_start(network, port, value)[1]
@@ -97,7 +97,7 @@ class Cases:
         return [() if k in wrong else values for k, values in enumerate(checked)], wrong
 
 
-def _to_look_at(port: Port, values: NDArray[Any]) -> Numbers:
+def _positions_to_check(port: Port, values: NDArray[Any]) -> Numbers:
     """The positions of values that a port must be asked about one by one: the first, and what no limits allow."""
     is_sound = np.zeros(len(values), bool)
     if port.type == "Real" and port.native != "Float32" and values.dtype.kind == "f":
@@ -203,7 +203,7 @@ class Ensemble:
         """The numbers that metrics make of the members, shape (members,) each; nan for one that failed."""
         values = {name: np.full(len(self), np.nan) for name in metrics}
         columns = dict.fromkeys(column for metric in metrics.values() for column in metric.columns)
-        for members in self._batches():
+        for members in self._groups_with_same_times():
             t = self.rows[members[0], : self.counts[members[0]], 0]
             curves = {name: self._curves(t, members, name) for name in columns}
             for name, metric in metrics.items():
@@ -217,7 +217,7 @@ class Ensemble:
         is_held = self.columns[column].kind.is_held
         return Curves.of_rows(t, x, is_held=is_held, breaks=self.breaks)
 
-    def _batches(self) -> Iterator[Numbers]:
+    def _groups_with_same_times(self) -> Iterator[Numbers]:
         """The positions of members that came to their end, as many with the same times as may be looked at at once."""
         rest = np.flatnonzero([not reason for reason in self.reasons])
         most = max(1, MOST_POINTS // max(1, self.rows.shape[1]))

@@ -109,7 +109,7 @@ def begin_isolated(system: System, settings: RunSettings) -> None:
     SetupError
         For what `run` refuses before the first step, and if an FMU ends the process.
     """
-    with child(_start, system, settings, grace_seconds=GRACE) as (process, ours):
+    with child(_begin_in_child, system, settings, grace_seconds=GRACE) as (process, ours):
         try:
             error = ours.recv()
         except (EOFError, OSError):
@@ -122,12 +122,12 @@ def begin_isolated(system: System, settings: RunSettings) -> None:
         raise error
 
 
-def _start(pipe: Connection, system: System, settings: RunSettings) -> None:
+def _begin_in_child(pipe: Connection, system: System, settings: RunSettings) -> None:
     """Begin in the child and tell the parent what is refused, or None."""
     with suppress(BrokenPipeError), quiet():
         try:
             with Prepared.open(system, settings) as prepared:
-                prepared.begin()
+                prepared.try_begin()
         except SetupError as error:
             pipe.send(error)
         else:
@@ -195,7 +195,7 @@ def _messages(
             last_message_at = clock.monotonic()
         elif silent > timeout:
             yield "silent", timeout
-        elif silent > GRACE and _over(csv, before):
+        elif silent > GRACE and _is_run_over(csv, before):
             yield "silent", GRACE
         if pressed and pressed[0] != signal.SIGINT:
             stop_requested_at = min(stop_requested_at, clock.monotonic())
@@ -218,7 +218,7 @@ def _stamps(csv: Path) -> list[int]:
     return [path.stat().st_mtime_ns if path.exists() else 0 for path in facts]
 
 
-def _over(csv: Path, before: list[int]) -> bool:
+def _is_run_over(csv: Path, before: list[int]) -> bool:
     """Whether the run has come to an end and only closes its parts."""
     after = _stamps(csv)
     if after[1] != before[1]:

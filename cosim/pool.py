@@ -107,7 +107,7 @@ def _answers(job: Job, running: list[Job], batch: Batch) -> Iterator[Ensemble]:
         elif kind == "block":
             block, goes_on = content
             yield block
-            batch.give_back(job.chunk, block)
+            batch.return_undone(job.chunk, block)
             if batch.waiting and goes_on:
                 job.give(batch.waiting.pop(0))
                 continue
@@ -119,11 +119,11 @@ def _answers(job: Job, running: list[Job], batch: Batch) -> Iterator[Ensemble]:
             _end(job)
             if not job.is_ready:
                 raise SetupError(f"the process that was to run the members {content}")
-            yield _failed(job, batch.waiting, content)
+            yield _failed_member(job, batch.waiting, content)
             return
 
 
-def _failed(job: Job, waiting: list[Chunk], reason: str) -> Ensemble:
+def _failed_member(job: Job, waiting: list[Chunk], reason: str) -> Ensemble:
     """The member of which a process died; the others of its chunk wait again, those before it by themselves."""
     number = int(job.desk.numbers[max(job.desk.place.member, 0)])
     numbers = job.chunk.numbers

@@ -23,14 +23,14 @@ from .ensemble import Case, Cases, Ensemble, Numbers, joined
 from .errors import FmuError, SetupError, pluralize
 from .fmu.messages import quiet
 from .pool import in_processes
-from .requirements import require_begin, require_pause, require_runnable, require_times
+from .requirements import require_begin, require_pause, require_runnable, require_step_and_stop
 from .result import Interrupted, Result, SimulationError
 from .series import TIME, Column
 from .signals import collect_interrupts
 from .simulation import Simulation
 from .system import Network, System, connect
 from .threads import available_cores, in_order, in_threads
-from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, keeps_nothing, with_case
+from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, is_reset_trusted, with_case
 
 NO_CASE = Case()
 #: Memory for the rows of a chunk of members [bytes]. Chosen: what a chunk costs besides its members is a thousandth.
@@ -166,7 +166,7 @@ class Prepared:
             stretch = Stretch(case.begin, until, file)
             simulation = Simulation(network, self.settings, stack, process, stretch=stretch)
             path = None if csv is None else Path(csv).absolute()
-            result = simulation.finish(interrupts, began, csv=path, progress=progress)
+            result = simulation.run(interrupts, began, csv=path, progress=progress)
             ran = result.provenance
             if ran["status"] == "complete" and simulation.driver.is_there:
                 try:
@@ -183,7 +183,7 @@ class Prepared:
         )
         raise (SimulationError if ran["status"] == "failed" else Interrupted)(stopped, result)
 
-    def begin(self) -> None:
+    def try_begin(self) -> None:
         """Bring new instances to the start, and end them there; raises SetupError."""
         with ProcessState() as process, ExitStack() as stack:
             Simulation(self.network, self.settings, stack, process)
@@ -246,16 +246,16 @@ class Prepared:
                 how.progress or (lambda _: None), interrupts, how.timeout, how.evaluate,
             )  # fmt: skip
             if not how.isolated and jobs == 1:
-                yield from in_order(batch, self._of_workers(batch)[0])
+                yield from in_order(batch, self._workers_for(batch)[0])
             elif not how.isolated and self._is_threaded():
-                yield from in_threads(batch, self._of_workers(batch))
+                yield from in_threads(batch, self._workers_for(batch))
             if any(worker.abandoned for worker in self._workers):
                 self._workers.clear()
             if batch.waiting and not interrupts:
                 yield from in_processes(batch)
             batch.report(1.0)
 
-    def _of_workers(self, batch: Batch) -> list[Worker]:
+    def _workers_for(self, batch: Batch) -> list[Worker]:
         """A worker for each job, which lives until the context ends."""
         while len(self._workers) < batch.jobs:
             worker = Worker(self.network, self.settings)
@@ -267,7 +267,7 @@ class Prepared:
 
     def _is_threaded(self) -> bool:
         """Whether each thread may have instances of its own."""
-        return keeps_nothing(self.network) and not any(
+        return is_reset_trusted(self.network) and not any(
             d.interface("coSimulation").needsExecutionTool
             for d in self.network.descriptions.values()
         )
@@ -282,7 +282,7 @@ class Prepared:
                 raise SetupError(f"there are {len(values)} {name} for {n} cases")
         spans = [StepAndStop(*pair) for pair in zip(steps, stops)]
         keys = [repr(span) for span in spans]
-        rows = {key: self._rows(span) for key, span in dict(zip(keys, spans)).items()}
+        rows = {key: self._group_key(span) for key, span in dict(zip(keys, spans)).items()}
         groups: dict[tuple[int, str], list[int]] = {}
         for k in range(n) if how.numbers is None else how.numbers.tolist():
             groups.setdefault(rows[keys[k]], []).append(k)
@@ -297,11 +297,11 @@ class Prepared:
                 chunks.append(Chunk(np.array(some), [spans[k] for k in some], settings.output_step))
         return chunks
 
-    def _rows(self, span: StepAndStop) -> tuple[int, str]:
+    def _group_key(self, span: StepAndStop) -> tuple[int, str]:
         """About how many rows a member has, and its steps if they are adaptive; raises SetupError for what makes no run."""
         settings = replace(self.settings, step=span.step, stop=span.stop)
         if settings != self.settings:
-            require_times(self.network, settings)
+            require_step_and_stop(self.network, settings)
         if isinstance(span.step, Adaptive):
             return FEW_ROWS, repr(span.step)
         every = settings.every()

@@ -9,7 +9,7 @@ from .engine.algorithms import REGISTRY, find_algorithm
 from .engine.changes import continuous_profiles, held_inputs
 from .engine.control import Adaptive
 from .engine.energy import find_bonds
-from .engine.initialise import monitored_outputs
+from .engine.initialise import outputs_read_each_step
 from .engine.settings import LEFT_OVER, RunSettings
 from .engine.snapshot import LiveState, SystemState
 from .errors import SetupError
@@ -37,7 +37,7 @@ HIGHEST_INPUT_DEGREE = 8
 def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
     """The reasons why this system cannot be run with these settings, a sentence each."""
     try:
-        _require_kinds(settings)
+        _require_types(settings)
         require_cosimulation(network.descriptions, network.system.parts)
         settings.ports(network)
         settings.check()
@@ -62,7 +62,7 @@ def _wrong_times(network: Network, settings: RunSettings) -> Iterator[str]:
                 f"step = {settings.step!r} s must be at most the time from start to stop: "
                 f"write step={span!r}"
             )
-        yield from _times_between_steps(network, settings, settings.step)
+        yield from _times_where_no_step_ends(network, settings, settings.step)
     for text in network.system.changes:
         time, _, _ = parse_change(text)
         if not settings.start <= time <= settings.stop:
@@ -83,7 +83,7 @@ def require_runnable(network: Network, settings: RunSettings) -> None:
         raise SetupError(problem)
 
 
-def require_times(network: Network, settings: RunSettings) -> None:
+def require_step_and_stop(network: Network, settings: RunSettings) -> None:
     """Raise SetupError for a step or a stop with which a system that can be run otherwise cannot."""
     settings.check()
     for problem in _wrong_times(network, settings):
@@ -141,7 +141,7 @@ def require_begin(network: Network, settings: RunSettings, state: SystemState) -
             )
 
 
-def _require_kinds(settings: RunSettings) -> None:
+def _require_types(settings: RunSettings) -> None:
     """Refuse what is not of the kind that a setting is; raises SetupError with what to write."""
     times = {name: getattr(settings, name) for name in ("start", "stop", "step", "output_step")}
     times |= {"tolerance": settings.tolerance}
@@ -149,7 +149,7 @@ def _require_kinds(settings: RunSettings) -> None:
         if isinstance(value, Adaptive) or (value is None and name in ("output_step", "tolerance")):
             continue
         if isinstance(value, bool) or not isinstance(value, float | Real):
-            raise SetupError(f"{name} = {value!r} must be a number{_as_seconds(name, value)}")
+            raise SetupError(f"{name} = {value!r} must be a number{_how_to_write(name, value)}")
     for name in ("record", "order"):
         value = getattr(settings, name)
         if isinstance(value, str):
@@ -162,7 +162,7 @@ def _require_kinds(settings: RunSettings) -> None:
             raise SetupError(f"{name} = {value!r} must be a whole number")
 
 
-def _as_seconds(name: str, value: object) -> str:
+def _how_to_write(name: str, value: object) -> str:
     """How to write a text as a number of seconds, where it is one."""
     quantity = QUANTITY.fullmatch(value) if isinstance(value, str) else None
     scale = multiples("s").get(quantity[2] or "s") if quantity and name != "tolerance" else None
@@ -227,14 +227,16 @@ def _missing_for_control(network: Network, step: Adaptive) -> Iterator[str]:
             yield f"step doubling needs the FMU state, which {name} cannot save"
     elif (step.control == "energy" or without_state) and not find_bonds(network):
         yield "step control by energy needs a power bond, and the system has none"
-    outputs = monitored_outputs(network).values()
+    outputs = outputs_read_each_step(network).values()
     monitored = [port.name for ports in outputs for port in ports if port.type == "Real"]
     for name in step.absolute:
         if name not in monitored:
             yield f"absolute tolerance of {name}: only {', '.join(monitored)} can have one"
 
 
-def _times_between_steps(network: Network, settings: RunSettings, step: float) -> Iterator[str]:
+def _times_where_no_step_ends(
+    network: Network, settings: RunSettings, step: float
+) -> Iterator[str]:
     """Times at which a step must end, and cannot, since a part takes no other steps."""
     fixed = parts_without(network.descriptions, VARIABLE_STEP)
     if not fixed:

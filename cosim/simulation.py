@@ -77,7 +77,7 @@ class Simulation:
             "changes": list(system.changes),
             "start_values": dict(system.start),
             "open_inputs": {port.name: value for port, value in self.network.open},
-            "unrecorded": settings.unrecorded(self.network),
+            "unrecorded": settings.unrecorded_texts(self.network),
             "parts": {
                 name: _identity(part, self.network.fmus[name].path.name, settings.tolerance)
                 for name, part in self.parts.items()
@@ -85,7 +85,7 @@ class Simulation:
             "versions": versions(),
         }
 
-    def finish(
+    def run(
         self,
         interrupts: Sequence[int],
         began: float,
@@ -114,7 +114,12 @@ class Simulation:
                 "reached": driver.t,
                 "rows": recorder.count,
             }
-            provenance = {**self.setup, **driver.statistics(), **outcome, **self._balance()}
+            provenance = {
+                **self.setup,
+                **driver.statistics(),
+                **outcome,
+                **self._energy_and_warnings(),
+            }
             provenance["wall_time"] = clock.perf_counter() - began
             result = recorder.finish(provenance, driver.breaks)
         return result
@@ -143,22 +148,22 @@ class Simulation:
         """Take all steps; status and reason of the end. Raises FmuError."""
         try:
             for fraction in driver.steps():
-                self.process.require()
+                self.process.require_same_arithmetic_at_times()
                 if progress is not None:
                     progress(fraction)
                 if interrupts:
                     return "interrupted", "interrupted by the user"
-            self.process.require_now()
+            self.process.require_same_arithmetic()
             recorder.flush()
         except SimulationTerminated as end:
             with suppress(FmuError):
-                driver.end_at(end.reached)
+                driver.add_end_row(end.reached)
             recorder.flush()
             return "complete", f"{end}; the last row is at t = {driver.t!r} s"
         is_paused = driver.is_there and driver.t < self.settings.stop
         return "complete", f"paused at t = {driver.t!r} s" if is_paused else ""
 
-    def _balance(self) -> dict[str, Any]:
+    def _energy_and_warnings(self) -> dict[str, Any]:
         """What the coupling made of the energy, and all warnings."""
         parts = self.parts.values()
         bonds = energy_balance(side for part in parts for side in part.bond_sides)

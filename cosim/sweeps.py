@@ -256,7 +256,7 @@ def sweep(
                 values = [
                     block.figures.get(name, np.full(len(block), np.nan)) for name in wanted.names
                 ]
-                texts = [_text(block, k) for k in range(len(block))]
+                texts = [_reason_and_warnings(block, k) for k in range(len(block))]
                 kept.add(block.members.tolist(), np.array(values).T, texts)
             table = _table(read, wanted, kept.rows)
             table.attrs.update(identity)
@@ -267,7 +267,7 @@ def sweep(
     return table
 
 
-def _text(block: Ensemble, k: int) -> str:
+def _reason_and_warnings(block: Ensemble, k: int) -> str:
     """Why a member failed and what its FMUs warn of, as one text."""
     number = int(block.members[k])
     warnings = [text for text, members in block.warnings.items() if number in members]

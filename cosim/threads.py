@@ -32,7 +32,7 @@ def in_order(batch: Batch, worker: Worker) -> Iterator[Ensemble]:
     while batch.waiting and not batch.interrupts and not worker.abandoned:
         chunk = batch.waiting.pop(0)
         block = (batch.evaluate or Worker.run)(worker, batch.cases, chunk, progress)
-        batch.give_back(chunk, block)
+        batch.return_undone(chunk, block)
         yield block
         done += len(block)
 
@@ -60,7 +60,7 @@ def in_threads(batch: Batch, workers: list[Worker]) -> Iterator[Ensemble]:
                 raise
             finished += len(block)
             with lock:
-                batch.give_back(chunk, block)
+                batch.return_undone(chunk, block)
             blocks.put(block)
 
     with ThreadPoolExecutor(len(workers)) as pool:

@@ -79,7 +79,7 @@ class Batch:
     def __post_init__(self) -> None:
         self.members = sum(len(chunk.numbers) for chunk in self.waiting)
 
-    def give_back(self, chunk: Chunk, block: Ensemble) -> None:
+    def return_undone(self, chunk: Chunk, block: Ensemble) -> None:
         """Let the members wait that a worker has not done of a chunk."""
         rest = np.flatnonzero(~np.isin(chunk.numbers, block.members))
         if len(rest):
@@ -114,7 +114,7 @@ class Member:
     provenance: dict[str, Any] = field(default_factory=dict)
 
 
-def keeps_nothing(network: Network) -> bool:
+def is_reset_trusted(network: Network) -> bool:
     """Whether all FMUs are of tools whose instances keep nothing over a reset."""
     descriptions = network.descriptions.values()
     return all((d.generationTool or "").startswith(KNOWN_TOOLS) for d in descriptions)
@@ -164,7 +164,7 @@ class Worker:
         self._members: Members | None = None
         self._names: list[str] | None = None
         self._first: First | None = None
-        self._is_fresh = not keeps_nothing(network)
+        self._is_fresh = not is_reset_trusted(network)
         self._deadline = 0.0
         self._provenance: dict[str, Any] = {}
         self._breaks = NO_BREAKS
@@ -186,9 +186,9 @@ class Worker:
         values, wrong = cases.checked(self.network, chunk.numbers.tolist())
         driven = {k: Member(self._no_rows, reason) for k, reason in wrong.items()}
         if self._names != cases.names:
-            self._begin(cases, chunk, driven)
+            self._run_first(cases, chunk, driven)
         if self._first is not None and len(driven) < len(values) and not self.interrupts:
-            self._show(self._first)
+            self._find_out_about_reset(self._first)
         in_c, kept = None, np.zeros(len(values), bool)
         if self._members is not None and self._names == cases.names:
             inside = np.array(
@@ -217,7 +217,7 @@ class Worker:
     def _block(members: Members, chunk: Chunk, values: Sequence[tuple[Value, ...]]) -> Block:
         """Memory for the members of a chunk, whose steps are fixed, with these values."""
         numbers = np.array(values, float).reshape(len(values), -1)
-        return members.block(chunk.numbers, numbers, chunk.spans, chunk.output_step)
+        return members.allocate(chunk.numbers, numbers, chunk.spans, chunk.output_step)
 
     def is_late(self) -> bool:
         """Whether it has worked so long that it gives what is done."""
@@ -227,13 +227,13 @@ class Worker:
     def _no_rows(self) -> Array:
         return np.empty((0, len(self.columns)))
 
-    def _begin(self, cases: Cases, chunk: Chunk, driven: dict[int, Member]) -> None:
+    def _run_first(self, cases: Cases, chunk: Chunk, driven: dict[int, Member]) -> None:
         """Run the first member that comes to its end, with new instances."""
-        self._members, self._first, self._is_fresh = None, None, not keeps_nothing(self.network)
+        self._members, self._first, self._is_fresh = None, None, not is_reset_trusted(self.network)
         for k in range(len(chunk.numbers)):
             if k in driven or self.abandoned or self.interrupts:
                 continue
-            self._drop()
+            self._free_instances()
             driven[k], simulation = self._drive(cases, chunk, k)
             if simulation is not None and not driven[k].reason:
                 self._names, self._provenance = cases.names, driven[k].provenance
@@ -244,12 +244,12 @@ class Worker:
                     )
                 return
 
-    def _show(self, first: First) -> None:
+    def _find_out_about_reset(self, first: First) -> None:
         """Find out how the others may run: the first member again, with instances that are reset."""
         self._first, expected = None, first.rows.tobytes()
         values, _ = first.cases.checked(self.network, first.chunk.numbers.tolist())
         try:
-            members = _laid_out(first.simulation, first.cases.names, self._desk)
+            members = _lay_out_members(first.simulation, first.cases.names, self._desk)
             if _is_exact(values[0]) and not isinstance(first.chunk.spans[0].step, Adaptive):
                 block = self._block(members, first.chunk, values)
                 for _ in members.run(block):
@@ -263,7 +263,7 @@ class Worker:
         again, _ = self._drive(first.cases, first.chunk, 0)
         self._is_fresh = again.rows.tobytes() != expected and not self.interrupts
         if self._is_fresh:
-            self._drop()
+            self._free_instances()
 
     def _in_c(
         self,
@@ -281,20 +281,20 @@ class Worker:
         block.status[:] = LEFT
         for now in self._members.run(block):
             try:
-                self._process.require_now()
+                self._process.require_same_arithmetic()
             except FmuError:
                 block.status[done:now] = LEFT
             done = now
             progress(len(driven) + done)
             if done and block.status[done - 1] == LEFT + FATAL:
                 rows = block.rows[done - 1, : block.counts[done - 1]].copy()
-                driven[int(inside[done - 1])] = Member(rows, self._abandon())
+                driven[int(inside[done - 1])] = Member(rows, self._abandon_fmus())
             if self.interrupts or (done and self.is_late()):
                 break
         kept: NDArray[np.bool_] = (block.status < LEFT) & (np.arange(len(block.status)) < done)
         return kept
 
-    def _abandon(self) -> str:
+    def _abandon_fmus(self) -> str:
         """Call nothing of these FMUs any more, of which one has returned Fatal; its reason."""
         self.abandoned = True
         for instance in self._instances.values():
@@ -303,7 +303,7 @@ class Worker:
         said = [f"{log.name}: Fatal: {log.last()}" for log in logs if log.last()]
         return said[0] if said else "an FMU returned Fatal"
 
-    def _drop(self) -> None:
+    def _free_instances(self) -> None:
         """Free the instances; new ones will be made."""
         self._stack.close()
         self._instances = {}
@@ -317,30 +317,30 @@ class Worker:
             settings = replace(settings, tolerance=step.tolerance)
         began = clock.perf_counter()
         if self._is_fresh:
-            self._drop()
+            self._free_instances()
         try:
             for instance in self._instances.values():
                 instance.session.messages.on_warning = None
                 instance.reset()
         except FmuError:
-            self._drop()
+            self._free_instances()
         try:
             network = with_case(self.network, cases.case(number))
             used = self._instances
             simulation = Simulation(network, settings, self._stack, self._process, used=used)
         except SetupError as error:
-            self._find_abandoned()
+            self._note_abandoned_fmus()
             return Member(self._no_rows, str(error)), None
         self._instances = {name: part.instance for name, part in simulation.parts.items()}
-        result = simulation.finish(self.interrupts, began)
-        self._find_abandoned()
+        result = simulation.run(self.interrupts, began)
+        self._note_abandoned_fmus()
         ran, of_bonds = result.provenance, set(bond_warnings(result.energy))
         reason = "" if ran["status"] == "complete" else ran["reason"]
         warnings = [text for text in result.warnings if text not in of_bonds]
         energy = {b: (e["given"], e["taken"], e["exchanged"]) for b, e in result.energy.items()}
         return Member(result.data, reason, warnings, energy, ran), simulation
 
-    def _find_abandoned(self) -> None:
+    def _note_abandoned_fmus(self) -> None:
         """Note that an FMU may not be called any more."""
         instances = self._instances.values()
         self.abandoned = self.abandoned or any(i.session.fmu.abandoned for i in instances)
@@ -366,7 +366,7 @@ class Worker:
                 rows = np.full((n, max(most, block.rows.shape[1]), len(self.columns)), np.nan)
                 rows[inside, : block.rows.shape[1]] = block.rows
             assert self._members is not None
-            for bond, values in self._members.energy(block).items():
+            for bond, values in self._members.bond_energy(block).items():
                 energy[bond] = np.full((n, 3), np.nan)
                 energy[bond][inside] = values
             numbers = set(chunk.numbers[kept].tolist())
@@ -405,9 +405,9 @@ def _is_tolerance_of_steps(settings: RunSettings) -> bool:
     return isinstance(settings.step, Adaptive) and settings.tolerance == settings.step.tolerance
 
 
-def _laid_out(simulation: Simulation, names: Sequence[str], desk: Desk) -> Members:
+def _lay_out_members(simulation: Simulation, names: Sequence[str], desk: Desk) -> Members:
     """The members of what has been simulated; raises NeedsPythonError, and OSError without a compiled loop."""
-    loop = simulation.driver.compiled
+    loop = simulation.driver.loop_for_all_steps
     if loop is None:
         raise NeedsPythonError("its steps are made in Python")
     parts = {name: simulation.parts[name] for name in simulation.sequence}

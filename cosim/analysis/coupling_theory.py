@@ -349,7 +349,9 @@ class Ideal:
         """
         times = np.empty(len(self.outputs))
         for part in self.parts:
-            ends = [turn.end for stage in stages for turn in stage if turn.part == str(part)]
+            ends = [
+                turn.end_fraction for stage in stages for turn in stage if turn.part == str(part)
+            ]
             times[self.y_of[part]] = (ends[-2] - 1.0 if len(ends) > 1 else -1.0) * h
         return times
 

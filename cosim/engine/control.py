@@ -170,22 +170,23 @@ class Controller:
             self.end = end if coincide(self.t + self.h, end) else self.t + self.h
             yield self.t, self.h
 
-    def accept(self, used: float) -> float:
-        """Go on from a step that used this share of what it may; its end [s]."""
-        used = max(used, LEAST_USED)
+    def accept(self, share: float) -> None:
+        """Go on from the end of a step that used this share of what it may."""
+        used = max(share, LEAST_USED)
         factor = SAFETY * used ** (-THIS_ERROR / self.order)
         factor *= self.before ** (PREVIOUS_ERROR / self.order)
         self.before = used
         self.t = self.end
         self.h = min(self.settings.longest, self.h * float(min(GROW, max(SHRINK, factor))))
-        return self.t
 
-    def shrink(self, used: float) -> None:
-        """Take a smaller step in place of one that used too much."""
-        self.h *= float(max(SHRINK, SAFETY * used ** (-1.0 / self.order)))
+    def shrink(self, share: float) -> None:
+        """Take a smaller step in place of one that used this share of what it may."""
+        self.h *= float(max(SHRINK, SAFETY * share ** (-1.0 / self.order)))
 
 
-def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> Iterator[float]:
+def step_ends_by_doubling(
+    parts: Sequence[Part], advance: Advance, control: Controller
+) -> Iterator[float]:
     """The times [s] at which accepted steps end, among them all of the controller's `times`.
 
     The whole step's end serves the halves as a prediction where inputs move within a step.
@@ -209,7 +210,8 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
             used = scale.share(errors, control.span / h)
             if used <= ACCEPT:
                 scale.accept()
-                yield control.accept(used)
+                control.accept(used)
+                yield control.t
                 continue
             control.shrink(used)
         control.rejected += 1
@@ -218,7 +220,9 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
         snapshot.restore()
 
 
-def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> Iterator[float]:
+def step_ends_by_energy(
+    parts: Sequence[Part], advance: Advance, control: Controller
+) -> Iterator[float]:
     """The times at which steps end, all of the controller's among them.
 
     The size of the next step follows from the energy that each bond made in the last.
@@ -236,4 +240,5 @@ def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> I
         control.largest = [largest]
         created = max(abs(first - second) for first, second in energies) / h
         allowed = control.settings.tolerance * largest
-        yield control.accept(created / allowed if largest else 0.0)
+        control.accept(created / allowed if largest else 0.0)
+        yield control.t

@@ -19,12 +19,12 @@ from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
 from .algorithms import find_algorithm
 from .changes import Jump, TimedChange, known_jumps, with_jumps
-from .control import Adaptive, Controller, by_energy, doubling
+from .control import Adaptive, Controller, step_ends_by_doubling, step_ends_by_energy
 from .iteration import Iteration
 from .loop import Loop, lay_out
 from .part import I, Part, WiredPart
 from .recorder import IntermediateValues, OutputGrid, Recorder
-from .response import values_at_once, values_by_probe, wired_values
+from .response import values_after_jump, values_after_probing_steps, values_of_wired_outputs
 from .schedule import Advance, coupling_context, explicit, schedule
 from .settings import RunSettings
 from .snapshot import WHOLE, Snapshot, StepMemory, Stretch
@@ -42,6 +42,8 @@ LONGEST_RETRY = 0.9
 PATIENCE = 0.05
 #: Rows that the compiled loop gives at once. A convention: a page or two of memory for each column.
 MOST_ROWS = 1 << 12
+#: The share of a run that is done.
+ShareDone = float
 
 
 class RowReader:
@@ -156,7 +158,7 @@ class Driver:
         except OSError as error:
             self.loop = f"Python, since the compiled loop is missing: {error}"
 
-    def steps(self) -> Iterator[float]:
+    def steps(self) -> Iterator[ShareDone]:
         """Take the steps; the share of the run that is done after each or a few of them."""
         grid = None
         if self._every is None:
@@ -170,7 +172,7 @@ class Driver:
             )
             self._add = grid.take
         try:
-            self._show(self.row(self.t))
+            self._add_row(self.row(self.t))
             if isinstance(self.plan.step, Adaptive):
                 yield from self._adaptive(self.plan.step)
             else:
@@ -181,7 +183,7 @@ class Driver:
             if grid is not None:
                 grid.flush()
 
-    def end_at(self, time: float) -> None:
+    def add_end_row(self, time: float) -> None:
         """Add the row of the time [s] at which a part has ended the simulation.
 
         Of coupled parts, not all have come to that time: the last row stays that of the last
@@ -190,15 +192,15 @@ class Driver:
         if self.t < time and len(self.parts) == 1:
             for block in self.parts[0].outputs:
                 block.move()
-            self._show(self.row(time))
+            self._add_row(self.row(time))
             self.t = time
 
-    def _show(self, row: Sequence[float]) -> None:
+    def _add_row(self, row: Sequence[float]) -> None:
         """Take a row, for the result and for the file of all rows."""
-        self._keep(row)
-        self._take(row)
+        self._add_to_all_rows(row)
+        self._add_to_result(row)
 
-    def _take(self, row: Sequence[float]) -> None:
+    def _add_to_result(self, row: Sequence[float]) -> None:
         """Take a row for the result."""
         self._shown = row[0]
         self._add(row)
@@ -215,10 +217,10 @@ class Driver:
         self._jumped = t
         row = self.row(t)
         if not coincide(t, self._kept):
-            self._keep(row)
+            self._add_to_all_rows(row)
         if not coincide(t, self._shown):
-            self._take(row)
-        before = wired_values(self.parts) | dict(zip(self.row.names, row[1:]))
+            self._add_to_result(row)
+        before = values_of_wired_outputs(self.parts) | dict(zip(self.row.names, row[1:]))
         for change in jump.changes:
             change.instance.set(change.variable, change.value)
 
@@ -226,37 +228,39 @@ class Driver:
             return dict(zip(self.row.names, self.row(t)[1:]))
 
         held = self.row.held
-        after, answered = values_at_once(self.parts, read, t, jump, before)
+        after, answered = values_after_jump(self.parts, read, t, jump, before)
         if not answered and self._can_probe:
-            probed = values_by_probe(self.parts, self._plain_advance, read, (t, h), held=held)
+            probed = values_after_probing_steps(
+                self.parts, self._plain_advance, read, (t, h), held=held
+            )
             after, answered = (after, False) if probed is None else (probed, True)
         if after is not None:
             changed = {c.instance.session.name for c in jump.changes}
             # Other parts see an event at their next turn.
             kept = {name: before[name] for name, part in held.items() if part not in changed}
-            self._show([self._shown, *(after | kept).values()])
+            self._add_row([self._shown, *(after | kept).values()])
             insort(self.breaks, (self._shown, self._shown))
         if not answered:
             self._unanswered = self._shown
 
-    def _arrive(self, t: float) -> None:
+    def _end_break(self, t: float) -> None:
         """Let a break that has begun end at a communication point [s]."""
         if self._unanswered is not None:
             insort(self.breaks, (self._unanswered, t))
             self._unanswered = None
 
-    def _keep(self, rows: Sequence[float]) -> None:
+    def _add_to_all_rows(self, rows: Sequence[float]) -> None:
         """Write rows to the file that takes all of them, if there is one."""
         if self._all_rows is not None and len(rows):
             self._kept = rows[-len(self.recorder.names)]
             self._all_rows.add(rows)
 
-    def _due(self, rows: Sequence[float], first: int, every: int) -> Sequence[float]:
-        """Of rows after steps number `first`, `first` + 1, ..., those that the result has."""
+    def _thinned(self, rows: Sequence[float], first_step: int, every: int) -> Sequence[float]:
+        """Of rows after steps number `first_step`, `first_step` + 1, ..., those that the result has."""
         if self._all_rows is None:
             return rows
         width = len(self.recorder.names)
-        skipped = -first % every
+        skipped = -first_step % every
         due: list[float] = np.reshape(rows, (-1, width))[skipped::every].ravel().tolist()
         return due
 
@@ -269,27 +273,27 @@ class Driver:
             if p.watched
         ]
 
-    def _adaptive(self, settings: Adaptive) -> Iterator[float]:
+    def _adaptive(self, settings: Adaptive) -> Iterator[ShareDone]:
         start, stop = self.plan.start, self.plan.stop
         times = [start, *(jump.time for jump in self._jumps), stop]
         self.controller = Controller(self.control, self._order, settings, times, self._instant)
         if self._begin is not None:
             self.controller.resume(self.t, self._begin.memory)
-        method = doubling if self.control == "doubling" else by_energy
+        method = step_ends_by_doubling if self.control == "doubling" else step_ends_by_energy
         for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)
             self.accepted, self.t = self.accepted + 1, t
-            self._arrive(t)
-            self._show(row)
+            self._end_break(t)
+            self._add_row(row)
             yield (t - start) / (stop - start)
             if self.is_there:
                 return
 
-    def _fixed(self, step: float) -> Iterator[float]:
+    def _fixed(self, step: float) -> Iterator[ShareDone]:
         start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
         every = self._every or 1
         chunk = 16
-        split = [*self._split_steps(step), count]
+        split = [*self._steps_to_interrupt(step), count]
         goal = count if self._until >= stop else self._goal(step)
         while self.accepted < goal:
             n = self.accepted
@@ -304,13 +308,13 @@ class Driver:
             if self._loop is not None and n < last:
                 began = clock.perf_counter()
                 rows, self.accepted, failure = self._loop.run(start, step, n, last)
-                self._keep(rows)
-                due = self._due(rows, n + 1, every)
+                self._add_to_all_rows(rows)
+                due = self._thinned(rows, n + 1, every)
                 self.recorder.add(due)
                 self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
                 self.t = start + self.accepted * step
                 if failure is not None:
-                    self._redo(failure, step)
+                    self._redo_from_checkpoint(failure, step)
                 elif clock.perf_counter() - began < PATIENCE:
                     chunk = min(2 * chunk, MOST_ROWS * every)
                 else:
@@ -321,43 +325,43 @@ class Driver:
                 try:
                     self._advance(self.t, h)
                 except StepDiscarded as failure:
-                    self._redo(failure, step)
+                    self._redo_from_checkpoint(failure, step)
                     self._advance(self.t, h)
                 end = stop if is_last else start + (n + 1) * step
                 is_due = is_last or (n + 1) % every == 0
                 row = self.row(end) if is_due or self._all_rows is not None else None
                 self.accepted, self.t = n + 1, end
-                self._arrive(end)
+                self._end_break(end)
                 if row is not None and is_due:
-                    self._show(row)
+                    self._add_row(row)
                 elif row is not None:
-                    self._keep(row)
+                    self._add_to_all_rows(row)
             yield self.accepted / count
 
     def _goal(self, step: float) -> int:
         """The number of steps from the start to where it is to end before the stop."""
-        n = self._step_at(self._until, step)
+        n = self._step_number(self._until, step)
         return n if coincide(self.plan.start + n * step, self._until) else n + 1
 
     def _pause(self) -> None:
         """Show where it has come to, if no row does, and break no column beyond."""
         if not coincide(self.t, self._shown):
-            self._show(self.row(self.t))
+            self._add_row(self.row(self.t))
         self.breaks = [(begin, min(end, self.t)) for begin, end in self.breaks if begin < self.t]
 
     @property
-    def compiled(self) -> Loop | None:
+    def loop_for_all_steps(self) -> Loop | None:
         """All its steps in C, if no jump is at the beginning of one and no change in any."""
         start, step = self.plan.start, self.plan.step
         if isinstance(step, Adaptive):
             return None
         for jump in self._jumps:
-            n = self._step_at(jump.time, step)
+            n = self._step_number(jump.time, step)
             if jump.changes or coincide(start + n * step, jump.time):
                 return None
         return self._loop
 
-    def _split_steps(self, step: float) -> Iterator[int]:
+    def _steps_to_interrupt(self, step: float) -> Iterator[int]:
         """The numbers of the fixed steps at whose beginning a jump occurs, or inside which a change does.
 
         An input that jumps inside a step makes a break of it and of the next one: the step gets the mean, and what
@@ -365,7 +369,7 @@ class Driver:
         """
         start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
         for jump in self._jumps:
-            n = min(self._step_at(jump.time, step), count - 1)
+            n = min(self._step_number(jump.time, step), count - 1)
             begin = start + n * step
             if jump.changes or coincide(begin, jump.time):
                 yield n
@@ -377,13 +381,13 @@ class Driver:
                 if broken[1] > self.t and broken not in self.breaks[-1:]:
                     self.breaks.append(broken)
 
-    def _step_at(self, time: float, step: float) -> int:
+    def _step_number(self, time: float, step: float) -> int:
         """The number of the step that a time lies in, or that begins there."""
         start = self.plan.start
         n = int((time - start) / step)
         return n + 1 if coincide(start + (n + 1) * step, time) else n
 
-    def _redo(self, failure: FmuError, step: float) -> None:
+    def _redo_from_checkpoint(self, failure: FmuError, step: float) -> None:
         """After a discarded step, come back to before it, from now on ready to step less."""
         if not isinstance(failure, StepDiscarded):
             raise failure
@@ -399,11 +403,11 @@ class Driver:
         met = isinstance(failure, EventReached)
         self.loop = f"Python, since {'steps end at events' if met else 'a part discards steps'}"
         snapshot.restore()
-        self._advance = self._careful(self._advance, snapshot)
+        self._advance = self._in_pieces(self._advance, snapshot)
         for n in range(before, self.accepted):
             self._advance(self.plan.start + n * step, step)
 
-    def _careful(self, advance: Advance, snapshot: Snapshot) -> Advance:
+    def _in_pieces(self, advance: Advance, snapshot: Snapshot) -> Advance:
         """The same step in as many pieces as the parts ask for."""
 
         def go(t: float, h: float) -> None:

@@ -60,8 +60,8 @@ class BondSide(Operation):
         """What went over the side so far [J]."""
         return self.totals[ENERGY]
 
-    def open(self) -> None:
-        """Begin with the present output."""
+    def begin_with_present_output(self) -> None:
+        """Let the first step begin with it."""
         self.totals[BEFORE] = self.output.value
 
     def __call__(self, t: float, h: float) -> None:
@@ -93,12 +93,12 @@ def find_bonds(network: Network) -> list[Bond]:
     taken = {wire.target.name for bond in named for wire in bond}
     taken |= network.sums().keys()
     free = [w for w in network.wires if w.target.name not in taken and w.source.type == "Real"]
-    pairs = [bond for bond in _pairs(free) if _is_power(network, *bond)]
+    pairs = [bond for bond in _wires_there_and_back(free) if _is_power(network, *bond)]
     shared = Counter(wire.target.name for bond in pairs for wire in bond)
     return named + [b for b in pairs if all(shared[wire.target.name] == 1 for wire in b)]
 
 
-def _pairs(wires: Sequence[Connection]) -> Iterator[Bond]:
+def _wires_there_and_back(wires: Sequence[Connection]) -> Iterator[Bond]:
     """Every two wires there and back between two parts, in their order."""
     by_direction = defaultdict(list)
     for n, wire in enumerate(wires):
@@ -115,7 +115,9 @@ def declared_bond(network: Network, text: str) -> Bond:
     if text.count("*") != 1:
         raise SetupError(f"bond {text!r} must read 'part.output * part.output'")
     wires = [wire for wire in network.wires if wire.source in factors]
-    matches = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]
+    matches = [
+        bond for bond in _wires_there_and_back(wires) if {w.source for w in bond} == {*factors}
+    ]
     if len(matches) != 1 or any(wire.source.type != "Real" for wire in matches[0]):
         raise SetupError(f"bond {text!r} must name two Real outputs, wired there and back once")
     if summed := network.sums().keys() & {wire.target.name for wire in matches[0]}:

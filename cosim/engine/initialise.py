@@ -80,7 +80,7 @@ def initialise(
         slots = _connect(network, parts, settings.start)
     if settings.input_order:
         _interpolate_inputs(parts, settings.input_order)
-    _open_bonds(network, parts, slots)
+    _add_bond_sides(network, parts, slots)
     for name, part in parts.items():
         if begin is not None:
             resume(part, begin.parts[name])
@@ -88,7 +88,7 @@ def initialise(
         for operation in part.read_operations():
             operation(settings.start, 0.0)
         for side in part.bond_sides:
-            side.open()
+            side.begin_with_present_output()
     return parts
 
 
@@ -125,7 +125,7 @@ def prepare(
         again = partial(lambda name: with_starts(instance(name)), name)
         instances[name] = _set_up(opened, settings, again)
     for port, value in starts.values():
-        if is_set_again(port):
+        if is_set_while_initialising(port):
             instances[port.part].set(port.variable, value)
     parts = _with_buffers(network, instances, settings)
     slots = _connect(network, parts, start)
@@ -159,9 +159,9 @@ def start_values(network: Network, start: float) -> dict[str, tuple[Port, Value]
     return starts | {port.name: (port, profile.at(start)) for port, profile in network.inputs}
 
 
-def is_set_again(port: Port) -> bool:
+def is_set_while_initialising(port: Port) -> bool:
     """Whether it is set in initialisation mode too."""
-    return port.variable.causality == "input" or keeps(port)
+    return port.variable.causality == "input" or must_keep_start(port)
 
 
 def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
@@ -192,7 +192,7 @@ def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
     return instance
 
 
-def keeps(port: Port) -> bool:
+def must_keep_start(port: Port) -> bool:
     """Whether the variable is to keep its start value; some FMUs lose it in SetupExperiment."""
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
@@ -203,7 +203,7 @@ def _warn_of_other_starts(
     """Let the parts warn of what was given a start value and is to keep it, but has another."""
     by_part: dict[str, list[tuple[Port, Value]]] = {}
     for port, value in starts:
-        if port.variable.causality != "input" and keeps(port):
+        if port.variable.causality != "input" and must_keep_start(port):
             by_part.setdefault(port.part, []).append((port, value))
     for name, fixed in by_part.items():
         instance = instances[name]
@@ -224,7 +224,7 @@ def _with_buffers(
 
     Inputs begin at their declared start, those of an array at what they are given.
     """
-    sources = monitored_outputs(network)
+    sources = outputs_read_each_step(network)
     starts = {port.name: value for port, value in network.start}
     targets: dict[str, list[Port]] = {name: [] for name in instances}
     for entry in dict.fromkeys(wire.target for wire in network.wires):
@@ -263,7 +263,7 @@ def _connect(network: Network, parts: Mapping[str, WiredPart[I]], start: float) 
     return slots
 
 
-def monitored_outputs(network: Network) -> dict[str, list[Port]]:
+def outputs_read_each_step(network: Network) -> dict[str, list[Port]]:
     """By part the outputs that are read at every communication point.
 
     These are the wired ones. A part that only follows inputs over time shows its Real outputs, for
@@ -305,14 +305,14 @@ def _interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
         names = set(inputs.names) if inputs else set[str]()
         links = [link for link in part.links if link.target.name in names]
         part.curves = InputPolynomials(part.instance, degree, inputs, links, outputs)
-        signals |= part.curves.signals_by_name()
+        signals |= part.curves.histories_by_output()
         signals |= {source.name: source for source in part.feeds}
     for part in parts.values():
         for link in part.curves.links if part.curves else ():
             link.follow(signals[link.source.name])
 
 
-def _open_bonds(network: Network, parts: Mapping[str, Part], slots: Mapping[str, Slot]) -> None:
+def _add_bond_sides(network: Network, parts: Mapping[str, Part], slots: Mapping[str, Slot]) -> None:
     """Give every part its sides of the power bonds; where inputs follow polynomials, their links know it."""
     links = {link.target.name: link for part in parts.values() for link in part.links}
     for bond in find_bonds(network):
@@ -340,7 +340,7 @@ def settle(parts: Sequence[WiredPart[I]], t: float) -> None:
             for block in real:
                 block.cells[:] = [next(values) for _ in block.cells]
             for part in parts:
-                part.exchange()
+                part.set_inputs_and_get_outputs()
             for part in parts:
                 part.apply_links()
         return np.array([x for block in real for x in block.cells])
@@ -348,8 +348,8 @@ def settle(parts: Sequence[WiredPart[I]], t: float) -> None:
     for _ in range(2 + sum(len(block.cells) for part in parts for block in part.inputs)):
         changed = False
         for part in parts:
-            changed = _listen(part) or changed
-            part.exchange()
+            changed = _apply_finite_links(part) or changed
+            part.set_inputs_and_get_outputs()
         if not changed:
             break
     else:
@@ -363,7 +363,7 @@ def settle(parts: Sequence[WiredPart[I]], t: float) -> None:
         block(t)
 
 
-def _listen(part: WiredPart[I]) -> bool:
+def _apply_finite_links(part: WiredPart[I]) -> bool:
     """Bring the values of the wires as far as they are finite; whether any has changed."""
     before = [list(block.cells) for block in part.inputs]
     part.apply_links()

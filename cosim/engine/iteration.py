@@ -69,7 +69,7 @@ class Iteration:
         for sweep in range(MOST_SWEEPS):
             if sweep:
                 self._snapshot.restore_fmus()
-            self._suppose(begin, z, t + h)
+            self._assume_end(begin, z, t + h)
             supposed = [list(block.cells) for block in self._discrete]
             self._sweep(t, h)
             image = _values(self._real)
@@ -94,12 +94,12 @@ class Iteration:
         signals = (s for part in self._parts if part.curves for s in part.curves.signals)
         return np.array([polynomial_value(signal.taylor(t), h) for signal in signals])
 
-    def _suppose(self, begin: Array, z: Array, end: float) -> None:
+    def _assume_end(self, begin: Array, z: Array, end: float) -> None:
         """Let the outputs at the step's end be z."""
         _put(self._real, z)
         for part in self._parts:
             if part.curves is not None:
-                part.curves.suppose(end)
+                part.curves.remember_outputs(end)
         if self._weight != 1.0:
             _put(self._real, (1.0 - self._weight) * begin + self._weight * z)
 

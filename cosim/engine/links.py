@@ -121,7 +121,7 @@ class InputPolynomials(Operation):
                 "Get", outputs.variables, [1] * len(outputs.variables)
             )
 
-    def signals_by_name(self) -> dict[str, SignalHistory]:
+    def histories_by_output(self) -> dict[str, SignalHistory]:
         """The history of each output by its name."""
         return dict(zip(self._outputs.names if self._outputs else (), self.signals))
 
@@ -129,9 +129,9 @@ class InputPolynomials(Operation):
         """Remember the present outputs and their rates as nodes at time t [s]."""
         if self._rates is not None:
             self._rates.move()
-        self.suppose(t, self._rates)
+        self.remember_outputs(t, self._rates)
 
-    def suppose(self, t: float, rates: VariableBlock | None = None) -> None:
+    def remember_outputs(self, t: float, rates: VariableBlock | None = None) -> None:
         """Take the present outputs as those of time t [s]."""
         for k, signal in enumerate(self.signals):
             assert self._outputs is not None

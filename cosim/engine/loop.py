@@ -28,19 +28,19 @@ MEMBER_ARGUMENTS: Any = [*[PLACE] * 3, LONG, LONG, PLACE, PLACE, LONG, *[PLACE] 
 Column = structures(SOURCE.read_text())["column"]
 
 
-def library() -> Any:
+def compiled_library() -> ctypes.CDLL:
     """The compiled loop: the one that came with the package, or one made here of its source.
 
     Raises OSError with the reason if there is none.
     """
-    loop = _library()
+    loop = _library_or_reason()
     if isinstance(loop, OSError):
         raise loop
     return loop
 
 
 @cache
-def _library() -> Any:
+def _library_or_reason() -> ctypes.CDLL | OSError:
     """The same, or the reason: what cannot be made is tried once."""
     name = file_name(sys.platform, platform.machine())
     path = SOURCE.parent / "compiled" / name
@@ -86,7 +86,7 @@ class Loop:
     """
 
     def __init__(self, program: Program, columns: Sequence[Slot], every: int) -> None:
-        self._take_steps = library().take_steps
+        self._take_steps = compiled_library().take_steps
         self.operations = program.operations
         self.c_operations = (COperation * len(program.c_operations))(*program.c_operations)
         self._warned = (ctypes.c_longlong * len(self.operations))()

@@ -13,7 +13,7 @@ from ..system import Network, Port, Value
 from ..system.description import Variable
 from .changes import continuous_profiles
 from .compiler import MEMBERS
-from .initialise import START_ROUNDING, is_set_again, keeps, start_values
+from .initialise import START_ROUNDING, is_set_while_initialising, must_keep_start, start_values
 from .loop import Column, Loop
 from .part import Part
 from .settings import RunSettings
@@ -72,10 +72,10 @@ class SystemLayout:
         self._array("feeds", INT, self._feeds, counted=True)
         self.warned = (LONG * max(1, len(loop.c_operations)))()
         self.ensemble.warned = ctypes.addressof(self.warned)
-        self._lay_out_instances(network)
+        self._lay_out_resets(network)
         self._lay_out_starts(network)
-        self._lay_out_promises(network)
-        self._lay_out_coupling(network)
+        self._lay_out_kept_starts(network)
+        self._lay_out_inputs_and_bonds(network)
         self._array("shared", DOUBLE, self._shared)
 
     def span(self, h: float, stop: float, output_step: float | None) -> Any:
@@ -86,11 +86,11 @@ class SystemLayout:
             every, count = settings.every(), settings.number()
             if every is None:
                 raise NeedsPythonError("rows lie between steps")
-            means = self._means(count, h, stop) if self._feeds else None
+            means = self._address_of_means(count, h, stop) if self._feeds else None
             self._known[key] = SpanLayout(h, stop, count, every, means)
         return self._known[key]
 
-    def _means(self, count: int, h: float, stop: float) -> int:
+    def _address_of_means(self, count: int, h: float, stop: float) -> int:
         """Where the means of the inputs over time in each of the steps stand."""
         start, last = self._settings.start, count - 1
         feeds = [self._loop.operations[k] for k in self._feeds]
@@ -104,21 +104,21 @@ class SystemLayout:
             times = [start + n * h + at * h for n in range(last)]
             means = [feed.profile.mean(t, size * h) for t in times]
             means.append(feed.profile.mean(t_last + at * h_last, size * h_last))
-            addresses.append(self._kept((DOUBLE * count)(*means)))
-        return self._kept((PLACE * len(addresses))(*addresses))
+            addresses.append(self._address_of((DOUBLE * count)(*means)))
+        return self._address_of((PLACE * len(addresses))(*addresses))
 
-    def _kept(self, array: Any) -> int:
+    def _address_of(self, array: Any) -> int:
         """Where an array stands, which lives as long as this."""
         self._keep.append(array)
         return ctypes.addressof(array)
 
     def _array(self, field: str, kind: Any, items: Sequence[Any], *, counted: bool = False) -> None:
         """Set a field of the layout to an array, and if it is `counted` another one to its length."""
-        setattr(self.ensemble, field, self._kept((kind * max(1, len(items)))(*items)))
+        setattr(self.ensemble, field, self._address_of((kind * max(1, len(items)))(*items)))
         if counted:
             setattr(self.ensemble, f"n_{field}", len(items))
 
-    def _number(self, port: Port, value: Value) -> int:
+    def _index_of_value(self, port: Port, value: Value) -> int:
         """The number of a start value."""
         if isinstance(value, str):
             raise NeedsPythonError(f"{port} is a {port.type}")
@@ -129,7 +129,7 @@ class SystemLayout:
         self._shared.append(float(value))
         return len(self._index) + len(self._shared) - 1
 
-    def _lay_out_instances(self, network: Network) -> None:
+    def _lay_out_resets(self, network: Network) -> None:
         """How instances are reset and initialised, in the order of the system."""
         layouts = []
         for name in network.system.parts:
@@ -166,7 +166,7 @@ class SystemLayout:
         """The start values that are set before an instance is initialised, and again while it is."""
         starts = start_values(network, self._settings.start).values()
         by_part = [s for name in network.system.parts for s in starts if s[0].part == name]
-        again = [(port, value) for port, value in starts if is_set_again(port)]
+        again = [(port, value) for port, value in starts if is_set_while_initialising(port)]
         for field, settings, some in (
             ("starts", "settings", by_part),
             ("again", "settings_again", again),
@@ -194,14 +194,14 @@ class SystemLayout:
         cell = address(block.cells, index)
         yield (
             c_operation,
-            Setting(cell=cell, type=ord(kind._type_), number=self._number(port, value)),
+            Setting(cell=cell, type=ord(kind._type_), number=self._index_of_value(port, value)),
         )
 
-    def _lay_out_promises(self, network: Network) -> None:
+    def _lay_out_kept_starts(self, network: Network) -> None:
         """The start values that instances are to keep."""
         by_part: dict[str, dict[str, tuple[Port, Value]]] = {}
         for port, value in start_values(network, self._settings.start).values():
-            if port.variable.causality != "input" and keeps(port):
+            if port.variable.causality != "input" and must_keep_start(port):
                 by_part.setdefault(port.part, {})[port.variable.name] = (port, value)
         reads, promises = [], []
         for name, ports in by_part.items():
@@ -212,7 +212,7 @@ class SystemLayout:
                     if variable.name in ports:
                         port, value = ports[variable.name]
                         column = Column(slot.address, ord(slot.kind._type_))
-                        number = self._number(port, value)
+                        number = self._index_of_value(port, value)
                         promises.append(Promise(column, number, port.type == "Real"))
         self._array("kept", COperation, reads, counted=True)
         self._array("promises", Promise, promises, counted=True)
@@ -226,7 +226,7 @@ class SystemLayout:
         self._keep.append(operation)
         return c_operation
 
-    def _lay_out_coupling(self, network: Network) -> None:
+    def _lay_out_inputs_and_bonds(self, network: Network) -> None:
         """How the inputs begin and settle, and the sides of bonds."""
         moving = [port for port, _ in continuous_profiles(network)]
         for port, _ in network.inputs:
@@ -237,7 +237,7 @@ class SystemLayout:
         for part in self._parts.values():
             inputs = []
             for block, begin in zip(part.inputs, part.initial_inputs):
-                copy = self._kept(ctypes.create_string_buffer(begin, max(1, len(begin))))
+                copy = self._address_of(ctypes.create_string_buffer(begin, max(1, len(begin))))
                 where = ctypes.addressof(block.cells)
                 inputs.append(Memory(where, copy, len(begin), block.real))
                 if block.entered is not None:
@@ -248,7 +248,7 @@ class SystemLayout:
             initial += inputs
             for feed in part.feeds:
                 value = DOUBLE(float(feed.profile.at(self._settings.start)))
-                initial.append(Memory(ctypes.addressof(feed.cell), self._kept(value), 8, 1))
+                initial.append(Memory(ctypes.addressof(feed.cell), self._address_of(value), 8, 1))
             most = max(most, sum(memory.size for memory in inputs))
             reads = [self._c_operation(block) for block in part.outputs]
             outputs += reads
@@ -256,9 +256,9 @@ class SystemLayout:
             exchanges = [*map(self._c_operation, part.inputs), *reads]
             listeners.append(
                 Listener(
-                    self._kept((COperation * max(1, len(links)))(*links)),
-                    self._kept((COperation * max(1, len(exchanges)))(*exchanges)),
-                    self._kept((Memory * max(1, len(inputs)))(*inputs)),
+                    self._address_of((COperation * max(1, len(links)))(*links)),
+                    self._address_of((COperation * max(1, len(exchanges)))(*exchanges)),
+                    self._address_of((Memory * max(1, len(inputs)))(*inputs)),
                     len(links),
                     len(exchanges),
                     len(inputs),
@@ -268,7 +268,7 @@ class SystemLayout:
         self._array("entered", Memory, entered, counted=True)
         self._array("listeners", Listener, listeners, counted=True)
         self._array("outputs", COperation, outputs, counted=True)
-        self.ensemble.scratch = self._kept(ctypes.create_string_buffer(most))
+        self.ensemble.scratch = self._address_of(ctypes.create_string_buffer(most))
         self.ensemble.most_exchanges = 2 + cells
         self.bond_sides = [side for part in self._parts.values() for side in part.bond_sides]
         sides = [Side(address(side.totals), side.output.address) for side in self.bond_sides]

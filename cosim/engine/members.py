@@ -15,7 +15,7 @@ from ..fmu.messages import FATAL, WARNING
 from ..system import Network
 from .control import Adaptive
 from .energy import by_bond
-from .loop import Loop, library
+from .loop import Loop, compiled_library
 from .member_layout import SpanLayout, SystemLayout
 from .part import Part
 from .settings import RunSettings
@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 DONE, WARNED, LEFT = range(3)
 #: Longest time in C [s], after which signals and progress are looked at.
 PATIENCE = 0.05
+#: How many members of a block are done.
+MembersDone = int
 
 
 class Place(ctypes.Structure):
@@ -96,7 +98,7 @@ class Members:
         self.numbers: Any = [0]
         self.warnings: dict[str, list[int]] = {}
 
-    def energy(self, block: Block) -> dict[str, Array]:
+    def bond_energy(self, block: Block) -> dict[str, Array]:
         """Energy given, taken and exchanged [J] over each power bond, shape (n, 3)."""
         sides, energy = self._layout.bond_sides, {}
         for bond, pair in by_bond(sides).items():
@@ -107,7 +109,7 @@ class Members:
             )
         return energy
 
-    def block(
+    def allocate(
         self,
         numbers: NDArray[np.int64],
         values: Array,
@@ -127,15 +129,15 @@ class Members:
             np.zeros(n, np.int32),
         )
 
-    def run(self, block: Block) -> Iterator[int]:
+    def run(self, block: Block) -> Iterator[MembersDone]:
         """Run the members; how many are done, every PATIENCE or so. It ends early after the status Fatal."""
         place, n, most = self.place, len(block.values), 1 << 10
         self.numbers[:n] = block.numbers.tolist()
         place.member, place.steps = 0, -1
-        self._resume()
+        self._take_over_instances()
         while place.member < n:
             began = clock.perf_counter()
-            library().run_members(
+            compiled_library().run_members(
                 ctypes.byref(self._layout.ensemble), ctypes.byref(place), block.spans, n, most, block.values.ctypes,
                 block.rows.ctypes, block.rows.shape[1], block.counts.ctypes, block.work.ctypes,
                 block.status.ctypes,
@@ -143,12 +145,12 @@ class Members:
             most = most * 2 if clock.perf_counter() - began < PATIENCE else max(most // 2, 1)
             last = int(block.status[place.member - 1]) if place.steps < 0 else DONE
             if last == WARNED:
-                self._warn(block.spans[place.member - 1].h)
+                self._collect_warnings(block.spans[place.member - 1].h)
             yield place.member
             if last == LEFT + FATAL:
                 return
 
-    def _warn(self, h: float) -> None:
+    def _collect_warnings(self, h: float) -> None:
         """Let the parts warn of what calls of the last member, whose steps are h [s], have returned."""
         self.place.member -= 1
         for k, n in enumerate(self._layout.warned):
@@ -158,7 +160,7 @@ class Members:
                 operation.answered(t + at * h, size * h, WARNING)
         self.place.member += 1
 
-    def _resume(self) -> None:
+    def _take_over_instances(self) -> None:
         """Let the instances be those of these members again, after others have used them."""
         for part in self._parts.values():
             part.instance.connect_inputs(part.inputs)

@@ -84,7 +84,7 @@ class WiredPart(Generic[I]):
         for link in self.links:
             link(0.0, 0.0)
 
-    def exchange(self) -> None:
+    def set_inputs_and_get_outputs(self) -> None:
         """Set the inputs and get the outputs."""
         for block in (*self.inputs, *self.outputs):
             block.move()
@@ -150,11 +150,11 @@ class StepOperation(Operation):
             if part.curves is not None:
                 part.curves.hand_over(begin, size, first=k == 0)
             if begin + size >= self._nearly:
-                size = self._rest(begin, size)
+                size = self._size_to_stop(begin, size)
             part.do_steps += 1
             part.instance.advance(begin, size)
 
-    def _rest(self, t: float, h: float) -> float:
+    def _size_to_stop(self, t: float, h: float) -> float:
         """The step h from t [s], or what is left to the stop time where it differs by rounding."""
         stop = self.part.stop
         if t + h != stop:

@@ -60,12 +60,12 @@ class ProcessState:
             C.fesetenv(self._environment)
             self._warn("the treatment of subnormal floating-point numbers (FTZ, DAZ)")
 
-    def require(self) -> None:
+    def require_same_arithmetic_at_times(self) -> None:
         """Look now and then during a run; raises FmuError if its numbers are computed otherwise."""
         if clock.perf_counter() > self._looked + BETWEEN:
-            self.require_now()
+            self.require_same_arithmetic()
 
-    def require_now(self) -> None:
+    def require_same_arithmetic(self) -> None:
         """Look now; raises FmuError."""
         arithmetic = C.fegetround(), _flushes()
         self.restore()

@@ -99,7 +99,7 @@ class Recorder:
         `breaks` are the intervals, begin and end [s], in which columns may jump.
         """
         width, rows = len(self.columns), self.rows
-        columns = [_with_order(column, provenance) for column in self.columns]
+        columns = [_with_convergence_order(column, provenance) for column in self.columns]
         intervals = np.array(breaks, dtype=float).reshape(-1, 2)
         if self._stream is None or self._path is None:
             load = np.asarray(rows).reshape(-1, width).T.__getitem__
@@ -110,7 +110,7 @@ class Recorder:
         content = provenance | table_facts(columns, intervals)
         if provenance["status"] == "complete":
             try:
-                target = self._take_names(target, content)
+                target = self._move_to_final_names(target, content)
             finally:
                 self._stream.close()
         else:
@@ -119,7 +119,7 @@ class Recorder:
             self._stream.close()
         return Result(columns, provenance, file_columns(target), breaks=intervals)
 
-    def _take_names(self, rows: Path, content: Provenance) -> Path:
+    def _move_to_final_names(self, rows: Path, content: Provenance) -> Path:
         """Give the complete file and its JSON their names, so that old facts never stand beside new rows.
 
         Raises OSError if the JSON cannot have its name; the rows are then left where they are.
@@ -137,7 +137,7 @@ class Recorder:
         return self._path
 
 
-def _with_order(column: Column, statistics: Provenance) -> Column:
+def _with_convergence_order(column: Column, statistics: Provenance) -> Column:
     """A column with its convergence order; adaptive steps keep the error per time, of order 1."""
     if column is TIME or column.kind is not Kind.CONTINUOUS:
         return column
@@ -207,7 +207,7 @@ def lock_file(file: int) -> bool:
 IntermediateValues = tuple[list[tuple[float, list[float]]], list[int]]
 
 
-def _cubic(t: float, rows: Sequence[Rows] | Rows) -> Rows:
+def _cubic_through(t: float, rows: Sequence[Rows] | Rows) -> Rows:
     """The values at time t [s] on the polynomial through all rows, whose times stand first."""
     times = [row[0] for row in rows]
     weights = [math.prod((t - b) / (a - b) for b in times if b != a) for a in times]
@@ -287,7 +287,11 @@ class OutputGrid:
     def _fill(self, before: Rows, after: Rows) -> None:
         """The rows after one time, up to the next."""
         while (due := self._due()) <= after[0] or coincide(due, after[0]):
-            self._emit(after if coincide(due, after[0]) else self._interpolated(due, before, after))
+            self._emit(
+                after
+                if coincide(due, after[0])
+                else self._interpolated_by_cubic(due, before, after)
+            )
 
     def _emit(self, row: Rows) -> None:
         """Write a row, unless its time has one."""
@@ -300,8 +304,8 @@ class OutputGrid:
     def _due(self) -> float:
         return self._start + self._next * self._spacing
 
-    def _interpolated(self, t: float, before: Rows, after: Rows) -> Rows:
-        row = _cubic(t, self._window)
+    def _interpolated_by_cubic(self, t: float, before: Rows, after: Rows) -> Rows:
+        row = _cubic_through(t, self._window)
         for observations, columns in self._observations:
             del observations[: sum(time < self._window[0][0] for time, _ in observations)]
             within = [
@@ -314,7 +318,7 @@ class OutputGrid:
                 piece = next(p for p in np.split(nodes, cuts) if p[-1, 0] >= t)
                 latest = max(len(piece) - CUBIC_ROWS, 0)
                 k = min(max(int(np.searchsorted(piece[:, 0], t)) - 2, 0), latest)
-                row[columns] = _cubic(t, piece[k : k + CUBIC_ROWS])[1:]
+                row[columns] = _cubic_through(t, piece[k : k + CUBIC_ROWS])[1:]
         row[self._discrete] = before[self._discrete]
         row[0] = t
         return row

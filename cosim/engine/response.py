@@ -19,13 +19,13 @@ Values = dict[str, float]
 PROBE = 2.0**-24
 
 
-def wired_values(parts: Sequence[Part]) -> dict[str, Any]:
+def values_of_wired_outputs(parts: Sequence[Part]) -> dict[str, Any]:
     """The present values of the wired outputs by name."""
     blocks = [block for part in parts for block in part.outputs]
     return {name: value for block in blocks for name, value in zip(block.names, block.cells)}
 
 
-def values_at_once(
+def values_after_jump(
     parts: Sequence[Part],
     read: Callable[[], Values],
     t: float,
@@ -46,14 +46,14 @@ def values_at_once(
     feeds = [feed for part in parts for feed in part.feeds]
     cells = [block.cells for block in blocks] + [feed.cell for feed in feeds]
     kept = [list(each) for each in cells]
-    entered = {part.name: _entered(part) for part in parts}
+    entered = {part.name: _input_values(part) for part in parts}
     try:
         for feed in feeds:
             feed.cell[0] = float(feed.profile.at(max(t, jump.time)))
-        if not _settles(parts):
+        if not _settle_reals(parts):
             return None, False
         after = read()
-        shown = {**wired_values(parts), **after}
+        shown = {**values_of_wired_outputs(parts), **after}
         if not all(isfinite(x) for x in shown.values() if isinstance(x, float)):
             return None, False
         return after, all(
@@ -66,7 +66,7 @@ def values_at_once(
             each[:] = values
 
 
-def values_by_probe(
+def values_after_probing_steps(
     parts: Sequence[Part],
     advance: Advance,
     read: Callable[[], Values],
@@ -84,7 +84,11 @@ def values_by_probe(
     snapshot, sizes = Snapshot(parts), (PROBE * h, 0.5 * PROBE * h)
     snapshot.take()
     counts = [(part, part.do_steps, part.instance.forward) for part in parts]
-    noted = [(p.intermediate_values, len(p.intermediate_values)) for p in _watched(parts)]
+    noted = [
+        (p.instance.intermediate_values, len(p.instance.intermediate_values))
+        for p in parts
+        if p.instance.watched
+    ]
     shown: list[Values] = []
     try:
         for part in parts:
@@ -107,17 +111,12 @@ def values_by_probe(
     return {n: x if n in held else 2.0 * x - whole[n] for n, x in half.items()}
 
 
-def _watched(parts: Sequence[Part]) -> list[Any]:
-    """The instances that show values within their steps."""
-    return [part.instance for part in parts if part.instance.watched]
-
-
-def _entered(part: Part) -> dict[str, Any]:
+def _input_values(part: Part) -> dict[str, Any]:
     """The values in the buffers of a part's inputs by name."""
     return {n: x for block in part.inputs for n, x in zip(block.names, block.cells)}
 
 
-def _settles(parts: Sequence[Part]) -> bool:
+def _settle_reals(parts: Sequence[Part]) -> bool:
     """Bring Reals over the wires until no input changes; False if that takes more sweeps than there are parts.
 
     Other values are events, which parts see at their next turn.
@@ -155,7 +154,11 @@ def _has_answered(
     `entered` are the values of its inputs before.
     """
     now = {name for block in part.inputs if block.real for name in block.names}
-    new = {name for name, value in _entered(part).items() if name in now and value != entered[name]}
+    new = {
+        name
+        for name, value in _input_values(part).items()
+        if name in now and value != entered[name]
+    }
     changes = [c.variable for c in jump.changes if c.instance is part.instance]
     new |= {f"{part.name}.{v.name}" for v in changes}
     if not new:

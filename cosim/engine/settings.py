@@ -55,7 +55,7 @@ class RunSettings:
                 raise SetupError(f"{port} is a {port.type} and cannot be recorded")
         return ports
 
-    def unrecorded(self, network: Network) -> list[str]:
+    def unrecorded_texts(self, network: Network) -> list[str]:
         """The outputs that a run which names no columns leaves out, since their values are texts."""
         if self.record is not None:
             return []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,10 +62,25 @@ class InputSource(Operation):
         return [self.cell[0] - 0.5 * slope * h, slope]
 
 
+class HiddenChange(NamedTuple):
+    """By how much an input changes within two steps, unseen by their means, and when they begin [s]."""
+
+    size: float
+    time: float
+
+
+class StepRanges(NamedTuple):
+    """Of an input the mean that a part gets, the least and the largest value in each step, shape (steps,) each."""
+
+    means: Array
+    lows: Array
+    highs: Array
+
+
 def largest_change_within_steps(
     profile: TableInput | FunctionInput, times: Array, exact: Array = NOWHERE
-) -> tuple[float, float]:
-    """By how much an input changes within steps, unseen by their means, and when [s].
+) -> HiddenChange:
+    """The largest change of an input within steps that their means do not show, of size 0 if there is none.
 
     A part gets the mean of its input over a step. Where the input moves within two steps by far more than the means
     move before, after and across them, it has a period or a pulse that no run with these steps shows, or that runs with
@@ -80,11 +96,6 @@ def largest_change_within_steps(
         When the steps begin, and the end [s].
     exact : array
         Times [s] of jumps at which steps of all runs begin, so that none of them is wrong about it.
-
-    Returns
-    -------
-    tuple of two floats
-        The largest such difference, 0 if there is none, and the beginning of its step.
     """
     if isinstance(profile, TableInput):
         means, lows, highs = _table_ranges(profile, times)
@@ -103,13 +114,13 @@ def largest_change_within_steps(
     beside = np.maximum(across, np.maximum(moves[first + 1], moves[first + BESIDE + 4]))
     unseen = (within > UNRESOLVED * beside) & (within > LEAST_CHANGE * size)
     if not unseen.any():
-        return 0.0, math.nan
+        return HiddenChange(0.0, math.nan)
     k = int(np.argmax(np.where(unseen, within, 0.0)))
-    return float(within[k]), float(times[k])
+    return HiddenChange(float(within[k]), float(times[k]))
 
 
-def _table_ranges(table: TableInput, times: Array) -> tuple[Array, Array, Array]:
-    """The mean, the least and the largest value in each step."""
+def _table_ranges(table: TableInput, times: Array) -> StepRanges:
+    """Those of a table."""
     knots, values = np.array(table.times), np.array(table.values, dtype=np.float64)
     inside = (knots > times[0]) & (knots < times[-1])
     points = np.unique(np.concatenate([times, knots[inside]]))
@@ -127,15 +138,15 @@ def _table_ranges(table: TableInput, times: Array) -> tuple[Array, Array, Array]
     integral = np.add.reduceat(0.5 * (begin + end) * np.diff(points), first)
     lows = np.minimum.reduceat(np.minimum(begin, end), first)
     highs = np.maximum.reduceat(np.maximum(begin, end), first)
-    return integral / np.diff(times), lows, highs
+    return StepRanges(integral / np.diff(times), lows, highs)
 
 
-def _function_ranges(profile: FunctionInput, times: Array) -> tuple[Array, Array, Array]:
-    """The mean that a part gets, the least and the largest value in each step."""
+def _function_ranges(profile: FunctionInput, times: Array) -> StepRanges:
+    """Those of a function, as far as its points show them."""
     steps = np.diff(times)
     count = max(2, min(POINTS, MOST_POINTS // len(steps)))
     shares = np.modf(GOLDEN * np.arange(1, len(steps) * count + 1))[0].reshape(-1, count)
     points = times[:-1, None] + steps[:, None] * shares
     values = np.array([float(profile.at(t)) for t in points.ravel().tolist()]).reshape(points.shape)
     means = np.array([profile.mean(t, h) for t, h in zip(times[:-1].tolist(), steps.tolist())])
-    return means, values.min(axis=1), values.max(axis=1)
+    return StepRanges(means, values.min(axis=1), values.max(axis=1))

@@ -19,7 +19,7 @@ class Turn(NamedTuple):
     fraction: float = 1.0
 
     @property
-    def end(self) -> float:
+    def end_fraction(self) -> float:
         """Where it ends, as a fraction of the communication step."""
         return self.begin + self.fraction
 
@@ -132,7 +132,7 @@ class Algorithm(Protocol):
         last, at_end = dict[str, int](), dict[str, int]()
         for n, stage in enumerate(self.stages(context.parts)):
             last |= {turn.part: n for turn in stage}
-            at_end |= {turn.part: n for turn in stage if turn.end == 1.0}
+            at_end |= {turn.part: n for turn in stage if turn.end_fraction == 1.0}
 
         def is_current(source: str, part: str) -> bool:
             """Whether a source has come to the end of the step before the last turn of the part."""
