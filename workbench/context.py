@@ -14,8 +14,10 @@ from typing import Any, TypeVar
 
 import cosim
 from cosim import Estimate, Result, SetupError, System
+from cosim.errors import pluralize
 from cosim.metrics import Metric
 from cosim.progress import bar
+from cosim.result import partial as partial_file
 
 from .answer import Table
 from .figure import Figure
@@ -212,14 +214,24 @@ class Context:
         rows : iterable of sequences
             The values, row by row.
         """
+        path, done = self.out and self.out / csv, 0
 
         def written() -> Iterator[Sequence[Any]]:
+            nonlocal done
             for row in rows:
                 append([row])
+                done += 1
                 yield row
 
-        with stream(self.out and self.out / csv, list(units)) as append:
-            return Table.of_rows(written(), units)
+        with stream(path, list(units)) as append:
+            try:
+                return Table.of_rows(written(), units)
+            except KeyboardInterrupt as interrupt:
+                if path and not interrupt.args:
+                    raise KeyboardInterrupt(
+                        f"{pluralize(done, 'row')} in {partial_file(path)}"
+                    ) from None
+                raise
 
 
 def of_estimate(x: Estimate, figure: Figure) -> Figure:

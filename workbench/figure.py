@@ -164,6 +164,25 @@ def figure_of_columns(
     return Figure(value, unit, max(error, ROUNDING * abs(value)), meaning)
 
 
+def figure_of_figures(
+    function: Callable[..., float], *figures: Figure, unit: str, meaning: str = ""
+) -> Figure:
+    """Return the number that a function makes of figures; its error adds the larger change that each error up and down makes."""
+    refused = next((x for x in figures if x.error is None), None)
+    if refused:
+        return Figure.undetermined(unit, refused.reason, meaning)
+    values = [x.value for x in figures]
+    value, error = float(function(*values)), 0.0
+    for k, x in enumerate(figures):
+        ends = (x.value - (x.error or 0.0), x.value + (x.error or 0.0))
+        changed = [float(function(*values[:k], end, *values[k + 1 :])) for end in ends]
+        if not all(map(math.isfinite, (value, *changed))):
+            reason = "it has no value within the errors of what it follows from"
+            return Figure.undetermined(unit, reason, meaning)
+        error += max(abs(y - value) for y in changed)
+    return Figure(value, unit, error, meaning)
+
+
 def scaled(figure: Figure, factor: float, unit: str, meaning: str) -> Figure:
     """Return a multiple of a figure, in this unit; one that is not determined stays so."""
     error = None if figure.error is None else abs(factor) * figure.error

@@ -6,7 +6,6 @@ An instance is the question as it is asked, with a value for each option.
 from __future__ import annotations
 
 import logging
-import math
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +25,15 @@ from . import catalog
 from .answer import Findings, Show, Table, parameters
 from .charts.style import hex_color
 from .dimensions import check_unit, known_units
-from .figure import ERROR_SCOPE, Figure, NamedFigures, checked_figures, conversion, scaled
+from .figure import (
+    ERROR_SCOPE,
+    Figure,
+    NamedFigures,
+    checked_figures,
+    conversion,
+    figure_of_figures,
+    scaled,
+)
 from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
 from .live import Formulas, Live, LiveMotion, Number, Reader, RunChart, Slider, drawn, moved
@@ -370,19 +377,13 @@ def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, 
     """Return the figure of a formula, `figures.speed / 2`; its error adds the larger effect of each figure's error up and down."""
     known = {f"figures.{name}": x for name, x in figures.items()}
     formula = Formula.read(number.value)
-    used = {name: known[name] for name in sorted(formula.names & known.keys())}
-    for x in used.values():
-        if x.error is None:
-            return Figure.undetermined(number.unit or "1", x.reason)
+    used = sorted(formula.names & known.keys())
     at = {**values, **{name: x.value for name, x in known.items()}}
-    value, error = formula(at), 0.0
-    for n, x in used.items():
-        ends = [formula({**at, n: x.value + e}) for e in (x.error or 0.0, -(x.error or 0.0))]
-        if not all(map(math.isfinite, (value, *ends))):
-            reason = f"{number.value} has no value within the error of {n}"
-            return Figure.undetermined(number.unit or "1", reason)
-        error += max(abs(end - value) for end in ends)
-    return Figure(value, number.unit or "1", error)
+    return figure_of_figures(
+        lambda *x: formula({**at, **dict(zip(used, x))}),
+        *(known[name] for name in used),
+        unit=number.unit or "1",
+    )
 
 
 def certified_results(results: Any) -> list[Result]:

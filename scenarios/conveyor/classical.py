@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from workbench import Chart, Curve, Figure, Judgement, Mark, Panel, Table
 from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
+from workbench.figure import figure_of_figures
 from workbench.roots import secant
 
 from .first_order import Machine, Samples, classical, rod_force
@@ -129,19 +130,15 @@ def compare(machine: Machine, sweep: SpeedSweep, tolerance: float) -> ClassicalC
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
         errors = percent_above_simulated(case, machine, sweep.columns)
         figures[f"worst_{case.key}"] = worst(*errors, f"largest error, {what}")
-    figures["share"] = inertia_share(machine, limits[Calculation("spring", "torque")])
+    figures["share"] = figure_of_figures(
+        lambda nu: 100.0 * machine.m * nu**2 / machine.c,
+        limits[Calculation("spring", "torque")],
+        unit="%",
+        meaning="inertia force over spring force at the first limit",
+    )
     return ClassicalComparison(
         figures, table_of(machine, sweep), machine, tolerance, sweep.speeds[0]
     )
-
-
-def inertia_share(machine: Machine, end: Figure) -> Figure:
-    """Return the inertia force of the trough over the force of its spring at a speed."""
-    meaning = "inertia force over spring force at the first limit"
-    if end.error is None:
-        return Figure.undetermined("%", end.reason, meaning)
-    value = 100 * machine.m * end.value**2 / machine.c
-    return Figure(value, "%", 2 * value * end.error / end.value, meaning)
 
 
 class Excess(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from workbench.answer import parameters
 from workbench.charts import model as colors
 from workbench.live import (
     REVOLUTION,
+    Formulas,
     Live,
     LiveSweep,
     Number,
@@ -43,19 +45,29 @@ PHASE = Number(
 LIVE_LAG = "mod(atan2(load_im, load_re) * 180 / pi - figures.tau2_phase, 360)"
 
 
-#: Quantity, unit, what runs give and formula of first-order theory, color.
+class RipplePanel(NamedTuple):
+    """A panel over the speed: the column of a sweep that the picture has, and for the live page formulas of run and theory."""
+
+    quantity: str
+    unit: str
+    column: str
+    run: str
+    theory: str
+    color: str
+
+
 PANELS = (
-    ("torque ripple", "N.m", "figures.tau2", "torque_ripple", colors.TORQUE),
-    ("speed ripple", "rad/s", "figures.w2", "speed_ripple", colors.SPEED),
-    ("lag behind the load", "deg", LIVE_LAG, "torque_lag", colors.LIFT),
+    RipplePanel("torque ripple", "N.m", "tau2", "figures.tau2", "torque_ripple", colors.TORQUE),
+    RipplePanel("speed ripple", "rad/s", "w2", "figures.w2", "speed_ripple", colors.SPEED),
+    RipplePanel("lag behind the load", "deg", "lag", LIVE_LAG, "torque_lag", colors.LIFT),
 )
 
 
 def live_part(
-    sweep: SpeedSweep, machine: Machine, speed: float, levels: Mapping[str, float]
+    sweep: SpeedSweep, machine: Machine, speed: float, levels: Mapping[str, Formulas]
 ) -> Live:
-    """Return the live part of a sweep, from the machine at its resonance, the operating speed [rad/s], and levels of
-    the torque ripple by their names [N.m].
+    """Return the live part of a sweep, from the machine at its resonance, the operating speed [rad/s], and levels by
+    column and name.
     """
     is_linear = not has_kloss_characteristic(machine)
     values = parameters(conveyor_drive(sweep.drive.context.fmus, start_values(machine, speed)))
@@ -96,25 +108,24 @@ def live_part(
 
 
 def live_sweep(
-    speeds: Sequence[float], levels: Mapping[str, float], *, is_linear: bool
+    speeds: Sequence[float], levels: Mapping[str, Formulas], *, is_linear: bool
 ) -> LiveSweep:
     """Return the sweep over speeds [rad/s]; the formula for the resonance is that of a linear motor."""
     marks = {"operating speed": ("speed", "rad/s")}
     if is_linear:
         marks["formula"] = ("nu_res", "rad/s")
-    across = {"torque ripple": levels, "lag behind the load": {"90 deg": 90.0}}
     panels = [
         RunPanel(
-            quantity,
+            x.quantity,
             {
-                theory: ("first-order theory", colors.THEORY, "theory"),
-                run: ("co-simulation", color, "linked"),
+                x.theory: ("first-order theory", colors.THEORY, "theory"),
+                x.run: ("co-simulation", x.color, "linked"),
             },
-            unit,
-            across.get(quantity, {}),
+            x.unit,
+            levels.get(x.column, {}),
             (0.0,),
         )
-        for quantity, unit, run, theory, color in PANELS
+        for x in PANELS
     ]
     return LiveSweep(
         over="speed",

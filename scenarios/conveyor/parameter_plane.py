@@ -8,8 +8,9 @@ built machines; co-simulation judges some of them again.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,11 +19,11 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
 from cosim import SetupError
-from workbench.answer import GivenValue, parameters
+from workbench.answer import GivenValue, Table, parameters
 from workbench.charts.model import GridAxis
 from workbench.options import at_least
 
-from .drive_orbits import Drive, Orbits, at_zero_step, picked
+from .drive_orbits import AT_ONCE, Drive, Orbits, at_zero_step, picked
 from .first_order import FIELDS, Machine
 from .machine import conveyor_drive
 from .response import MachineLines
@@ -154,6 +155,48 @@ class BuiltMachines(NamedTuple):
 def torque_ripple(orbits: Orbits) -> Real:
     """The torque ripple of orbits, order 2 [N.m]."""
     return np.abs(orbits.torque)
+
+
+def run_plane(
+    plane: Plane,
+    drive: Drive,
+    csv: str,
+    units: Mapping[str, str],
+    columns: Callable[[Machine, Real, Orbits], Sequence[Real]],
+) -> tuple[Table, Orbits]:
+    """Run a drive at all points of a plane.
+
+    Parameters
+    ----------
+    plane, drive
+        Its machines, and how they are run.
+    csv
+        The file of the table, whose rows are kept on the way.
+    units
+        Those of the columns, the first two of which are x and y.
+    columns
+        Returns the others, from machines, mean speeds and orbits of some of the points, shape (n,).
+
+    Raises
+    ------
+    SetupError
+        If no orbit is steady.
+    """
+    machine, nu = plane.points()
+    nodes, parts = np.array(plane.nodes()), list[Orbits]()
+
+    def rows() -> Iterator[Sequence[float]]:
+        for some in np.array_split(np.arange(len(nu)), math.ceil(len(nu) / AT_ONCE)):
+            machines, speeds = picked(machine, nu.shape, some), nu[some]
+            parts.append(drive.orbits(machines, speeds[None], "map"))
+            told = columns(machines, speeds, parts[-1][0])
+            yield from np.transpose([*nodes[some].T, *told]).tolist()
+
+    table = drive.context.record_rows(csv, units, rows())
+    orbits = reduce(Orbits.beside, parts)[0]
+    if np.isnan(orbits.mean).all():
+        raise SetupError("no orbit of the map is steady")
+    return table, orbits
 
 
 def coupling_error(

@@ -12,7 +12,7 @@ from cosim import Result, SetupError, System
 from cosim.metrics import largest, time_of_largest
 from workbench import Figure
 from workbench.charts.model import Span
-from workbench.figure import figure_of_columns
+from workbench.figure import figure_of_columns, figure_of_figures
 from workbench.options import Start
 
 #: Inertia of a rotor that imposes a constant speed [kg.m2]; the acceleration left is below 1e-11 rad/s2.
@@ -90,8 +90,9 @@ def limits(system: System) -> dict[str, Figure]:
                 raise SetupError(
                     "iron.cam.h = 0 m: a cam without a rise unloads neither follower nor chain"
                 )
-            w = top.value**-0.5
-            limit = limit._replace(value=w, error=w * (top.error or 0.0) / (2 * top.value))
+            limit = figure_of_figures(
+                lambda x: x**-0.5, top, unit=limit.unit, meaning=limit.meaning
+            )
             angle_of = figure_of_columns(time_of_largest, angle, ratio, unit="deg", meaning=at)
             all_figures[f"{name}_limit_angle"] = angle_of
         all_figures[f"{name}_limit"] = limit

@@ -19,7 +19,7 @@ from workbench import Chart, Context, Curve, Figure, Judgement, Mark, Panel, Tab
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.charts.motion import Motion
-from workbench.figure import ROUNDING, scaled
+from workbench.figure import ROUNDING, figure_of_figures, scaled
 
 from . import motion
 from .limit_formula import OrientatorParameters, rpm_of_squared
@@ -204,8 +204,6 @@ def figures(times: Mapping[str, Figure]) -> dict[str, Figure]:
         base, more = times["hook" if name == "corner" else PLAIN], times[name]
         meaning = f"change of the orientation time due to {label}"
         for key, unit, scale in ((name, "ms", 1e3), (f"{name}_share", "%", 100 / plain.value)):
-            cost = Figure.undetermined("s", JAMS)
-            if base.error is not None and more.error is not None:
-                cost = Figure(more.value - base.value, "s", more.error + base.error)
+            cost = figure_of_figures(lambda x, less: x - less, more, base, unit="s")
             result[key] = scaled(cost, scale, unit, meaning)
     return result

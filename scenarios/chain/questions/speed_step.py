@@ -24,6 +24,7 @@ from cosim.metrics import (
 )
 from workbench import Figure, Judgement, Question, RunOptions, option
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
+from workbench.figure import figure_of_figures
 from workbench.live import LiveMotion, Number, Reader, RunChart, RunPanel, Slider
 
 from ..motion import live_motion
@@ -155,7 +156,7 @@ class SpeedStep(Question, RunOptions):
             changed["mean_max_time"] = Figure.undetermined("s", why, at.meaning)
         mean, ripple, order = (f[name] for name in ("mean", "ripple", "ripple_order"))
         ripple = ripple._replace(value=ripple.value / 2, error=ripple.error and ripple.error / 2)
-        scale, rests = order.value / TURN, changes_left(r)
+        rests = changes_left(r)
         meaning = "frequency of this order"
         if not rests or max(rests) > STEADY * self.speed:
             why = f"the motion is not steady at {self.stop:g} s"
@@ -175,11 +176,8 @@ class SpeedStep(Question, RunOptions):
         )
         if ripple.error is not None and ripple.value < LEAST_RIPPLE * mean.value:
             order = Figure.undetermined(order.unit, "there is no ripple", order.meaning)
-        why = order.reason or mean.reason
-        frequency = (
-            Figure.undetermined("Hz", why, meaning)
-            if order.error is None or mean.error is None
-            else Figure(scale * mean.value, "Hz", scale * mean.error, meaning)
+        frequency = figure_of_figures(
+            lambda order, mean: order * mean / TURN, order, mean, unit="Hz", meaning=meaning
         )
         return changed | {
             "mean": mean,

@@ -32,6 +32,7 @@ from workbench import (
     option,
 )
 from workbench.charts.model import LIFT, THEORY
+from workbench.figure import figure_of_figures
 
 from .. import motion
 from ..drive_orbits import ORBIT_ALGORITHMS, STEP_MULTIPLES, Drive
@@ -147,7 +148,7 @@ class InductionMotor(Question, NameplateOptions):
         }
         return [
             Judgement(f"{name} with the full characteristic", f["nu_kloss"]),
-            Judgement("resonance formula (22) above it", above(f["nu_res"], f["nu_kloss"])),
+            Judgement("resonance formula (22) above it", percent_above(f["nu_res"], f["nu_kloss"])),
             *(
                 Judgement(f"{name} {text}", f[key])
                 for key, text in cases.items()
@@ -291,13 +292,6 @@ def ripple_and_lag_over_speed(drive: Drive, motor: Motor) -> Table:
 def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
     """The figures of the motor of the data sheet."""
     nu, machine = motor.nu_res, motor.tangent
-    shift = Figure.undetermined(
-        "%", kloss.reason or line.reason, "shift due to the curvature of the characteristic"
-    )
-    if kloss.error is not None and line.error is not None:
-        ratio = kloss.value / line.value
-        error = 100 * ratio * (kloss.error / kloss.value + line.error / line.value)
-        shift = Figure(100 * (ratio - 1), "%", error, shift.meaning)
     return {
         "motor_lag": Figure(machine.T, "s", 0.0, "lag T of (2)"),
         "slope": Figure(machine.B, "N.m.s/rad", 0.0, "slope B at the slip of the resonance"),
@@ -309,7 +303,9 @@ def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure
         "nu_flux": flux_lag_figure(motor, "first order"),
         "nu_linear": line._replace(meaning="speed of 90 deg lag, linear motor of this slope"),
         "nu_kloss": kloss._replace(meaning="speed of 90 deg lag, full characteristic"),
-        "shift": shift,
+        "shift": percent_above(kloss, line)._replace(
+            meaning="shift due to the curvature of the characteristic"
+        ),
     }
 
 
@@ -340,12 +336,9 @@ def flux_lag_figure(motor: Motor, where: str) -> Figure:
     return Figure(nu, "rad/s", 0.0, meaning)
 
 
-def above(theory: Figure, truth: Figure) -> Figure:
-    """Return how far a value is above another [%]."""
-    if truth.error is None:
-        return Figure.undetermined("%", truth.reason)
-    ratio = theory.value / truth.value
-    return Figure(100.0 * (ratio - 1.0), "%", 100.0 * ratio * truth.error / truth.value)
+def percent_above(x: Figure, base: Figure) -> Figure:
+    """Return how far a figure is above another [%]."""
+    return figure_of_figures(lambda x, base: 100.0 * (x / base - 1.0), x, base, unit="%")
 
 
 def dependence(column: str, name: str, x: str, rows: Any) -> Chart:

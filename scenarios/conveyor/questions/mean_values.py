@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from operator import sub
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from workbench import (
     option,
 )
 from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
+from workbench.figure import figure_of_figures
 from workbench.steady import TURN
 
 from .. import motion
@@ -208,32 +210,25 @@ def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict
     torque = figures["torque"]
     above = "mean torque above that"
     all_figures["more"] = (
-        excess(torque, plain.torque, above, 100 / plain.torque, "%")
+        figure_of_figures(
+            lambda x: 100.0 * (x / plain.torque - 1.0), torque, unit="%", meaning=above
+        )
         if plain.torque
         else Figure.undetermined("%", "without resistance that torque is 0", above)
     )
     for name in ("supply", "motor", "trough"):
         what = f"{MEANT[name][1]}, above that without ripple"
-        all_figures[f"{name}_more"] = excess(figures[name], plain._asdict()[name], what)
+        all_figures[f"{name}_more"] = figure_of_figures(
+            sub, figures[name], Figure(plain._asdict()[name], "W", 0.0), unit="W", meaning=what
+        )
     parts = [figures[name] for name in ("supply", "motor", "trough")]
-    errors = [figure.error for figure in parts if figure.error is not None]
-    gap = "power not accounted for"
-    all_figures["missing"] = (
-        Figure(parts[0].value - parts[1].value - parts[2].value, "W", sum(errors), gap)
-        if len(errors) == len(parts)
-        else Figure.undetermined("W", torque.reason, gap)
+    all_figures["missing"] = figure_of_figures(
+        lambda supply, motor, trough: supply - motor - trough,
+        *parts,
+        unit="W",
+        meaning="power not accounted for",
     )
     return all_figures
-
-
-def excess(
-    figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: str = ""
-) -> Figure:
-    """How far a figure is above a value, perhaps in another unit."""
-    unit = unit or figure.unit
-    if figure.error is None:
-        return Figure.undetermined(unit, figure.reason, meaning)
-    return Figure(scale * (figure.value - plain), unit, scale * figure.error, meaning)
 
 
 def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,14 +40,14 @@ from workbench import (
 )
 from workbench.charts import model as colors
 from workbench.charts.model import Span
-from workbench.figure import listed
+from workbench.figure import figure_of_figures, listed, scaled
 from workbench.live import Live
 from workbench.options import check_fixed_starts
 
 from .. import classical, motion
 from ..drive_orbits import Drive
 from ..first_order import FIELDS, SETS, Machine
-from ..live_ripple import live_part
+from ..live_ripple import PANELS, RipplePanel, live_part
 from ..machine import PARTS as DRIVE
 from ..machine import (
     conveyor_drive,
@@ -64,7 +64,6 @@ from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
 from ..papers import cited
 from ..response import (
     PHASE_UNDEFINED,
-    RIPPLES,
     SPEED,
     TORQUE,
     VANISHING,
@@ -232,7 +231,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
 
     def live(self, f: Mapping[str, Figure], r: ResonanceData) -> Live:
         """The orbit at the speed of the slider, and the ripple over the speeds of the sweep."""
-        return live_part(r.sweep, r.machine, r.speed, torque_levels(self))
+        return live_part(r.sweep, r.machine, r.speed, levels(self))
 
 
 class SweepPlan(NamedTuple):
@@ -333,7 +332,9 @@ def findings(
     figures = {
         **formula_figures(r.machine),
         "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": omega, "w2_peak": w2,
-        **operating_figures(r), "nu_90_away": distance(lag, speed),
+        **operating_figures(r), "nu_90_away": figure_of_figures(
+            lambda x: x - speed, lag, unit="rad/s", meaning="distance of the 90 deg lag from the operating speed"
+        ),
         "f_rod_peak": sweep.force_figure(), **limit.figures(),
         **(r.classical.figures if r.classical else {}),
     }  # fmt: skip
@@ -417,14 +418,6 @@ def operating_figures(r: ResonanceData) -> dict[str, Figure]:
     return {"tau2_operating": ripple, "lag_operating": lag, "w_operating": mean}
 
 
-def distance(lag: Figure, speed: float) -> Figure:
-    """Return how far the speed of the 90 degree lag is above the operating speed."""
-    meaning = "distance of the 90 deg lag from the operating speed"
-    if lag.error is None:
-        return Figure.undetermined("rad/s", lag.reason, meaning)
-    return Figure(lag.value - speed, "rad/s", lag.error, meaning)
-
-
 def operating_amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure:
     """Return the torque ripple at the operating speed over that of its load, there or of a slow turn.
 
@@ -433,9 +426,9 @@ def operating_amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure
     """
     ripple, machine, nu = f["tau2_operating"], r.at(r.speed), r.speed
     load = max(abs(machine.load_ripple(nu)), abs(machine.load_ripple(0.0)))
-    if ripple.error is None or not load:
-        return Figure.undetermined("1", ripple.reason or "the load has no ripple")
-    return Figure(ripple.value / load, "1", ripple.error / load)
+    if not load:
+        return Figure.undetermined("1", "the load has no ripple")
+    return scaled(ripple, 1.0 / load, "1", "")
 
 
 def resonance_side_and_distance(gap: Figure) -> str:
@@ -494,44 +487,39 @@ def ripple(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
     """Ripple of torque and speed and the lag over the speed, theory as lines."""
     nu = np.linspace(r.sweep.speeds[0], r.sweep.speeds[-1], CURVE_POINTS)
     machine = r.at(f["nu_res"].value)
-    torque, omega = machine.torque_ripple(nu), machine.speed_ripple(nu)
-    lag = np.angle(machine.load_ripple(nu) / torque, deg=True) % 360.0
+    torque = machine.torque_ripple(nu)
+    theory = {
+        "tau2": abs(torque),
+        "w2": abs(machine.speed_ripple(nu)),
+        "lag": np.angle(machine.load_ripple(nu) / torque, deg=True) % 360.0,
+    }
+    across = levels(o)
 
-    def panel(quantity: str, unit: str, name: str, theory: Any, color: str, *levels: Mark) -> Panel:
-        at, y, errors = (r.sweep.columns[column] for column in ("nu", name, f"{name}_error"))
+    def panel(x: RipplePanel) -> Panel:
+        at, y, errors = (r.sweep.columns[name] for name in ("nu", x.column, f"{x.column}_error"))
         unsure = np.isfinite(y) & ~np.isfinite(errors)
-        drawn = {"co-simulation": (~unsure, color)}
-        drawn |= {"co-simulation, error not known": (unsure, colors.THEORY)}
         points = [
             Curve(
-                name, at[rows], y[rows], shade, "points", None if rows is unsure else errors[rows]
+                name, at[rows], y[rows], color, "points", None if rows is unsure else errors[rows]
             )
-            for name, (rows, shade) in drawn.items()
+            for name, rows, color in (
+                ("co-simulation", ~unsure, x.color),
+                ("co-simulation, error not known", unsure, colors.THEORY),
+            )
             if rows.any()
         ]
-        line = Curve("first-order theory", nu, theory, colors.THEORY, "theory")
-        load = CLASSICAL_LOADS.get(name, "")
+        line = Curve("first-order theory", nu, theory[x.column], colors.THEORY, "theory")
+        load = CLASSICAL_LOADS.get(x.column, "")
         more = classical.curves(machine, load, nu) if r.classical and load else []
-        return Panel(
-            quantity,
-            unit,
-            [line, *more, *points],
-            levels,
-            includes=(0.0, *(180.0,) * (unit == "deg")),
-        )
+        marks = [Mark(float(level), text) for text, level in across.get(x.column, {}).items()]
+        includes = (0.0, *(180.0,) * (x.unit == "deg"))
+        return Panel(x.quantity, x.unit, [line, *more, *points], marks, includes=includes)
 
-    (_, tau2), (_, w2) = RIPPLES
     located = {MARKS[name]: x for name, x in f.items() if name in MARKS and math.isfinite(x.value)}
-    ends = [Mark(x, f"{x:g} deg, half power") for x in BAND]
     return Chart(
         "Ripple and lag over the speed",
         "operating speed [rad/s]",
-        [
-            panel("torque ripple", tau2, "tau2", abs(torque), colors.TORQUE,
-                  *(Mark(level, text) for text, level in torque_levels(o).items())),
-            panel("speed ripple", w2, "w2", abs(omega), colors.SPEED),
-            panel("lag behind the load", "deg", "lag", lag, colors.LIFT, Mark(90.0, "90 deg"), *ends),
-        ],
+        [*map(panel, PANELS)],
         [Mark(machine.nu_res, f"formula {machine.nu_res:.2f} rad/s"),
          *(Mark.of(text, figure) for text, figure in located.items()),
          Mark(r.speed, f"operating speed {r.speed:g} rad/s")],
@@ -540,10 +528,11 @@ def ripple(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
     )  # fmt: skip
 
 
-def torque_levels(o: Resonance) -> dict[str, float]:
-    """Return the levels of the torque ripple by their names [N.m]."""
-    rated, limit = (
-        f"rated torque {o.rated_torque_or_default:g} N.m",
-        f"limit {o.torque_ripple_limit:g} N.m",
-    )
-    return {rated: o.rated_torque_or_default, limit: o.torque_ripple_limit}
+def levels(o: Resonance) -> dict[str, dict[str, float]]:
+    """Return what is drawn across the panels of ripple and lag, by column and text."""
+    rated, limit = o.rated_torque_or_default, o.torque_ripple_limit
+    ends = {f"{x:g} deg, half power": x for x in BAND}
+    return {
+        "tau2": {f"rated torque {rated:g} N.m": rated, f"limit {limit:g} N.m": limit},
+        "lag": {"90 deg": 90.0, **ends},
+    }

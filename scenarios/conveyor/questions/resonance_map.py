@@ -12,22 +12,18 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from functools import reduce
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import SetupError
-from cosim.result import partial
 from workbench import Context, Figure, Findings, Judgement, Question, Show, Table, option
-from workbench.files import stream
 from workbench.options import check_fixed_starts
 
 from .. import motion
-from ..drive_orbits import AT_ONCE, STEP_MULTIPLES, Drive, Orbits, picked
-from ..first_order import FIELDS, SETS
+from ..drive_orbits import STEP_MULTIPLES, Drive, Orbits, picked
+from ..first_order import FIELDS, SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions
@@ -41,6 +37,7 @@ from ..parameter_plane import (
     coupling_error,
     interval,
     on_edge,
+    run_plane,
     shares,
     span,
 )
@@ -123,7 +120,7 @@ class ResonanceMap(Question, RippleOptions):
             picked(machine, nu.shape, worst), float(nu[worst]), STEP_MULTIPLES[-1]
         )
 
-        points, orbits = sweep(plane, drive, context.out and context.out / TABLE)
+        points, orbits = sweep(plane, drive)
         rows, error = ridges(plane, drive, orbits), coupling_error(plane, drive)
         map_ = Map(plane, drive, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
         ratio = map_.field("ripple") / map_.field("ripple_theory")
@@ -227,51 +224,23 @@ def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, floa
     return plane, span("range", o.range or RANGE, across.along)
 
 
-def sweep(plane: Plane, drive: Drive, streamed_to: Path | None) -> tuple[DataFrame, Orbits]:
-    """The rows of the table of all points, and their orbits, shape (points,).
+def sweep(plane: Plane, drive: Drive) -> tuple[DataFrame, Orbits]:
+    """The rows of the table of all points, and their orbits, shape (points,); points without one are warned of."""
 
-    The rows are written to the file `streamed_to` on the way; it is never read.
+    def columns(machines: Machine, speeds: Real, orbits: Orbits) -> Sequence[Real]:
+        load, ripple = machines.load_ripple(speeds), np.abs(orbits.torque)
+        lag = (np.angle(load, deg=True) - np.angle(orbits.torque, deg=True)) % 360.0
+        theory = np.abs(machines.torque_ripple(speeds))
+        return ripple, ripple / np.abs(load), lag, orbits.torque_error / ripple, theory
 
-    Raises SetupError where no orbit is steady.
-    """
-    machine, nu = plane.points()
-    nodes, units = np.array(plane.nodes()), plane.units | VALUES
-    rows: list[list[float]] = []
-    parts: list[Orbits] = []
-    try:
-        with stream(streamed_to, list(units)) as keep:
-            for some in np.array_split(np.arange(len(nu)), math.ceil(len(nu) / AT_ONCE)):
-                machines, speeds = picked(machine, nu.shape, some), nu[some]
-                parts.append(drive.orbits(machines, speeds[None], "map"))
-                torque, left = parts[-1].torque[0], parts[-1].torque_error[0]
-                load, ripple = machines.load_ripple(speeds), np.abs(torque)
-                lag = (np.angle(load, deg=True) - np.angle(torque, deg=True)) % 360.0
-                theory = np.abs(machines.torque_ripple(speeds))
-                columns = (
-                    *nodes[some].T,
-                    ripple,
-                    ripple / np.abs(load),
-                    lag,
-                    left / ripple,
-                    theory,
-                )
-                keep(np.transpose(columns).tolist())
-                rows += np.transpose(columns).tolist()
-    except KeyboardInterrupt:
-        if not streamed_to:
-            raise KeyboardInterrupt(f"{len(rows)} of {len(nu)} points") from None
-        done = len(partial(streamed_to).read_text(encoding="utf-8").splitlines()) - 1
-        raise KeyboardInterrupt(f"{done} of {len(nu)} points in {partial(streamed_to)}") from None
-    points = Table.of_rows(rows, units).frame
-    if points["ripple"].isna().all():
-        raise SetupError("no orbit of the map is steady")
-    for y, row in points.groupby(plane.y.name):
+    table, orbits = run_plane(plane, drive, TABLE, plane.units | VALUES, columns)
+    for y, row in table.frame.groupby(plane.y.name):
         if (unsteady := row["ripple"].isna().to_numpy()).any():
             ridge_name = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
             logging.getLogger("cosim").warning(
                 f"No steady orbit at {ridge_name} of {stretches(plane.x.along, unsteady)}"
             )
-    return points, reduce(Orbits.beside, parts)[0]
+    return table.frame, orbits
 
 
 def ridges(plane: Plane, drive: Drive, orbits: Orbits) -> DataFrame:

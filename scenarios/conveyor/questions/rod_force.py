@@ -9,10 +9,8 @@ force is located, with its effect on the torque ripple and on the resonance.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +23,6 @@ from workbench.judgement import Holds
 
 from .. import motion
 from ..drive_orbits import (
-    AT_ONCE,
     FORCE_ORDER,
     STEP_MULTIPLES,
     Drive,
@@ -34,12 +31,19 @@ from ..drive_orbits import (
     orbit_figure,
     picked,
 )
-from ..first_order import SETS, rod_force
+from ..first_order import SETS, Machine, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
 from ..papers import cited
-from ..parameter_plane import SPEED_NAME, ParameterAxis, Plane, coupling_error, torque_ripple
+from ..parameter_plane import (
+    SPEED_NAME,
+    ParameterAxis,
+    Plane,
+    coupling_error,
+    run_plane,
+    torque_ripple,
+)
 from ..response import LAG, TORQUE, MachineLines, Response, locate
 from ..rod_force_map import SPRINGS, RodForceData, maps, over_angle, over_speed
 from ..rod_waveform import (
@@ -104,16 +108,25 @@ class RodForce(Question, RippleOptions):
         up = GridAxis("stiffness of the spring", "N/m", np.array(self.springs))
         plane = Plane(ParameterAxis(SPEED_NAME, across), ParameterAxis(SPRING, up), present, nu)
 
-        parts: list[Orbits] = []
-        table = context.record_rows(TABLE, UNITS, rows(drive, length, plane, parts))
-        if table.frame["f_rod"].isna().all():
-            raise SetupError("no orbit of the map is steady")
+        def columns(machines: Machine, speeds: Real, orbits: Orbits) -> Sequence[Real]:
+            ripple = torque_ripple(orbits)
+            settling = np.where(ripple > 0.0, orbits.torque_error / ripple, np.nan)
+            theory = [
+                peak(waveform(picked(machines, speeds.shape, k), length, float(nu)))
+                for k, nu in enumerate(speeds)
+            ]
+            return (
+                largest_forces(orbits), np.abs(rod_force(machines, speeds)), np.array(theory), ripple,
+                np.abs(machines.torque_ripple(speeds)), settling,
+            )  # fmt: skip
+
+        table, orbits = run_plane(plane, drive, TABLE, UNITS, columns)
         spring, machines = unloading_spring(drive, present, nu), {"": present}
         if spring.error is not None:
             machines["_unloaded"] = replace(present, c=spring.value)
         swept, turned = np.array([self.speeds]), drive.for_each_step(nu)
         data = RodForceData(
-            drive, length, plane, table.frame, reduce(Orbits.beside, parts)[0], machines,
+            drive, length, plane, table.frame, orbits, machines,
             {name: drive.orbits(x, swept, "speeds")[0] for name, x in machines.items()},
             {name: drive.orbits(x, turned, "operating speed") for name, x in machines.items()},
         )  # fmt: skip
@@ -179,29 +192,6 @@ class RodForce(Question, RippleOptions):
         pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, self.torque_ripple_limit)]
         turn = motion.revolution(r.drive, best, nu)
         return Show(pictures, *turn)
-
-
-def rows(
-    drive: Drive, length: float, plane: Plane, parts: list[Orbits]
-) -> Iterator[Sequence[float]]:
-    """Those of the table, one by one; their orbits go to `parts`."""
-    machine, nu = plane.points()
-    for some in np.array_split(np.arange(len(nu)), math.ceil(len(nu) / AT_ONCE)):
-        machines, speeds = picked(machine, nu.shape, some), nu[some]
-        parts.append(drive.orbits(machines, speeds[None], "map"))
-        orbits = parts[-1][0]
-        ripple = torque_ripple(orbits)
-        settling = np.where(ripple > 0.0, orbits.torque_error / ripple, np.nan)
-        theory = [
-            peak(waveform(picked(machines, speeds.shape, k), length, float(speeds[k])))
-            for k in range(len(some))
-        ]
-        columns: tuple[Any, ...] = (
-            speeds, np.broadcast_to(machines.c, speeds.shape), largest_forces(orbits),
-            np.abs(rod_force(machines, speeds)), theory, ripple,
-            np.abs(machines.torque_ripple(speeds)), settling,
-        )  # fmt: skip
-        yield from np.transpose(columns).tolist()
 
 
 def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:

@@ -33,7 +33,7 @@ from workbench import (
 )
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
-from workbench.figure import ROUNDING, scaled
+from workbench.figure import ROUNDING, figure_of_figures, scaled
 from workbench.judgement import Holds
 from workbench.live import (
     REVOLUTION,
@@ -173,7 +173,15 @@ class IronBounce(Question):
                 if reason
                 else Figure(x, UNITS[name], error, meaning)
             )
-        figures["force"] = force(figures, e, self.stiffness)
+        figures["force"] = (
+            figure_of_figures(  # on a spring, sqrt(c m) v, with the mass that has this impulse
+                lambda v, S: math.sqrt(max(0.0, self.stiffness * v * S / (1.0 + e))),
+                figures["speed"],
+                figures["impulse"],
+                unit="N",
+                meaning="force of the hardest landing on a contact of that stiffness",
+            )
+        )
         figures["cycles"] = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
         turn = result.select(slice((TURNS - 1) * self.samples, None))
         step, data = f"{self.samples} steps in a turn", (turn, system, table)
@@ -265,17 +273,3 @@ def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:
     flight_time, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
     widest = largest(r["time"][rows], gap)
     return Flight(speed, flight_time, landings, widest, hardest, impulse, loss, are_distinct)
-
-
-def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
-    """Of the hardest landing on a spring, sqrt(c m) v, with the mass m that has its impulse."""
-    v, S, meaning = (
-        f["speed"],
-        f["impulse"],
-        "force of the hardest landing on a contact of that stiffness",
-    )
-    if v.error is None or S.error is None:
-        return Figure.undetermined("N", v.reason, meaning)
-    peak = math.sqrt(stiffness * v.value * S.value / (1 + e))
-    share = (v.error / v.value + S.error / S.value) / 2 if peak else 0.0
-    return Figure(peak, "N", peak * share, meaning)

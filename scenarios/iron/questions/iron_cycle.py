@@ -18,7 +18,7 @@ from cosim import Result, System
 from cosim.metrics import Integral, TimeOfLargest, TimeOfSmallest
 from workbench import Context, Figure, Judgement, Question, RunOptions, Show, Table, option
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE
-from workbench.figure import scaled
+from workbench.figure import figure_of_figures, scaled
 from workbench.judgement import Holds
 from workbench.live import (
     Live,
@@ -124,8 +124,9 @@ class IronCycle(Question):
         (limit, _), meaning = iron.first_limit(r[1].limits), "speed as a share of the first limit"
         share = Figure.undetermined("%", "the first limit is 0", meaning)
         if limit.value:
-            value = 100 * self.speed / limit.value
-            share = Figure(value, "%", value * (limit.error or 0.0) / limit.value, meaning)
+            share = figure_of_figures(
+                lambda x: 100.0 * self.speed / x, limit, unit="%", meaning=meaning
+            )
         of_dimensions = r[1].transfer.figures() if r[1].transfer else {}
         known = {**angles, "work": work, "cycles": cycles, **r[1].limits, "share": share}
         return known | of_dimensions

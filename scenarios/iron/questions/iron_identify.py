@@ -36,6 +36,7 @@ from workbench import (
 )
 from workbench.charts.model import SPEED as BLUE
 from workbench.charts.model import TORQUE as RED
+from workbench.figure import figure_of_figures
 from workbench.fitting import RecordOptions, figure_of
 from workbench.live import moved
 
@@ -212,12 +213,10 @@ def figures(iron_data: IdentifiedIron) -> dict[str, Figure]:
         for name, (unit, text) in DERIVED.items()
     }
     fixed = iron.limits(iron_data.machine)["follower_limit"].error or 0.0
-    limit = all_figures["follower_limit"]
-    all_figures["follower_limit"] = limit._replace(error=(limit.error or 0.0) + fixed)
-    mean = mean_cam_speed(fit)
-    limit = all_figures["follower_limit"]
-    all_figures["away"] = Figure(
-        100 * (limit.value / mean - 1), margin[0], 100 * (limit.error or 0.0) / mean, margin[1]
+    limit, mean = all_figures["follower_limit"], mean_cam_speed(fit)
+    limit = all_figures["follower_limit"] = limit._replace(error=(limit.error or 0.0) + fixed)
+    all_figures["away"] = figure_of_figures(
+        lambda x: 100.0 * (x / mean - 1.0), limit, unit=margin[0], meaning=margin[1]
     )
     return all_figures | fitting.fitted_figures(fit)
 

@@ -39,7 +39,7 @@ from workbench import (
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.context import captured_log_warnings
-from workbench.figure import figure_of_columns, listed
+from workbench.figure import figure_of_columns, figure_of_figures, listed
 from workbench.judgement import Holds
 from workbench.live import moved
 from workbench.steady import LastTwoTurns, steady_turns
@@ -254,7 +254,6 @@ def figures(machine: MeasuredDrive, orders: Frame, runs: Frame) -> dict[str, Fig
     the errors are those of the coupling, of the excitation's rows, and what settling leaves.
     """
     theta, B = machine.theta, machine.i_g**2 * machine.slope
-    spread = (theta.error or 0.0) / (2 * theta.value)
     result = {
         "theta": theta,
         "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
@@ -263,10 +262,19 @@ def figures(machine: MeasuredDrive, orders: Frame, runs: Frame) -> dict[str, Fig
     share = "most that the lag adds to an order, over the largest torque"
     for lag in LAGS:
         T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
-        w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
         of_lag = {
-            "w_n": Figure(w_n, "rad/s", w_n * spread, "frequency of a lag of 90 deg, by formula"),
-            "zeta": Figure(zeta, "1", zeta * spread, "damping ratio of the ripple"),
+            "w_n": figure_of_figures(
+                lambda x, T=T: math.sqrt(B / (x * T)),
+                theta,
+                unit="rad/s",
+                meaning="frequency of a lag of 90 deg, by formula",
+            ),
+            "zeta": figure_of_figures(
+                lambda x, T=T: math.sqrt(x / (B * T)) / 2,
+                theta,
+                unit="1",
+                meaning="damping ratio of the ripple",
+            ),
         }
         if mine["added"].head(2).isna().any():  # an error of the coupling needs two step sizes
             why = "there is no steady motion with half the steps where the lag adds most"

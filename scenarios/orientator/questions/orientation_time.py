@@ -34,7 +34,7 @@ from workbench import (
 )
 from workbench.charts.model import SERIES
 from workbench.charts.motion import Motion
-from workbench.figure import ROUNDING, percent
+from workbench.figure import ROUNDING, figure_of_figures, percent
 from workbench.options import check_fixed_starts
 
 from .. import formula_comparison, motion, neglected
@@ -197,15 +197,6 @@ def compared(
     return None
 
 
-def products_per_minute(orientation_time: Figure) -> Figure:
-    """Return how many products a catcher orients in a minute, each of which takes this time [s]."""
-    meaning = "products per minute there, with one catcher"
-    time = orientation_time
-    if time.error is None:
-        return Figure.undetermined("1/min", time.reason, meaning)
-    return Figure(60 / time.value, "1/min", 60 / time.value**2 * time.error, meaning)
-
-
 def figures(
     machine: System, products: Frame, series: Mapping[float, ProductsUntilJam]
 ) -> dict[str, Figure]:
@@ -234,7 +225,12 @@ def figures(
         if products_of.jam is not None:
             time = takes(products_of.oriented[-1], products_of.gap_to_jam, "orientation time there")
             of_friction["orientation_time"] = time
-            of_friction["products"] = products_per_minute(time)
+            of_friction["products"] = figure_of_figures(
+                lambda x: 60.0 / x,
+                time,
+                unit="1/min",
+                meaning="products per minute there, with one catcher",
+            )
         for name, x in of_friction.items():
             all_figures[key(name, mu)] = x._replace(meaning=f"friction {mu:g}: {x.meaning}")
     times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"]).query("count > 1")

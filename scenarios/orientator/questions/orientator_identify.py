@@ -31,6 +31,7 @@ from workbench import (
     fitting,
 )
 from workbench.charts.model import SERIES
+from workbench.figure import figure_of_figures
 from workbench.fitting import RecordOptions
 
 from .. import machine as orientator
@@ -220,10 +221,7 @@ def figures(product_data: IdentifiedOrientator, limit: Figure) -> dict[str, Figu
     meaning = "largest rotor speed that works"
     fast = max(product_data.speeds)
     room = "margin of that speed over the fastest product of the record"
-    if limit.error is None:
-        reserve = Figure.undetermined("%", limit.reason, room)
-    else:
-        reserve = Figure(100 * (limit.value / fast - 1), "%", 100 * limit.error / fast, room)
+    reserve = figure_of_figures(lambda x: 100.0 * (x / fast - 1.0), limit, unit="%", meaning=room)
     of_limit = {"limit": limit._replace(meaning=meaning), "away": reserve}
     if product_data.fit.misfit:
         refused = Figure.undetermined("1", "no friction fits the record", f"{FRICTION}, fitted")
