@@ -214,13 +214,11 @@ class Context:
         rows : iterable of sequences
             The values, row by row.
         """
-        path, done = self.out and self.out / csv, 0
+        path = self.out and self.out / csv
 
         def written() -> Iterator[Sequence[Any]]:
-            nonlocal done
             for row in rows:
                 append([row])
-                done += 1
                 yield row
 
         with stream(path, list(units)) as append:
@@ -228,9 +226,9 @@ class Context:
                 return Table.of_rows(written(), units)
             except KeyboardInterrupt as interrupt:
                 if path and not interrupt.args:
-                    raise KeyboardInterrupt(
-                        f"{pluralize(done, 'row')} in {partial_file(path)}"
-                    ) from None
+                    kept = partial_file(path)
+                    done = pluralize(len(kept.read_text(encoding="utf-8").splitlines()) - 1, "row")
+                    raise KeyboardInterrupt(f"{done} in {kept}") from None
                 raise
 
 

@@ -212,27 +212,32 @@ def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> di
     }
 
 
-def planned_experiments(
-    starts: Mapping[str, Mapping[str, Value]],
+def further_records(
+    fit: Identified,
+    states: Sequence[str],
+    *,
+    rest: Mapping[str, Value],
     supply: str,
-    stop: float,
-    noise: Mapping[str, float],
+    steps: Mapping[str, float],
     torque: Mapping[str, float],
 ) -> dict[str, Experiment]:
-    """Return further records from these starts over `stop` [s], in columns with this `noise`.
+    """Return further records as long and as noisy as that of a fit: the same again, from `rest`, and after `steps` of its supply.
 
-    They have the noise of `torque`, too, where the record is without it; a start that names the `supply`
-    sets it.
+    The others begin at the `states` at the end of the record. A step is told by words and gives the factor of the start value
+    `supply`. Each is there with the noise of `torque`, too, where the record is without it.
     """
-    experiments = {}
-    for word, start in starts.items():
-        supplied = (supply,) if supply in start else ()
-        experiments[word] = Experiment(start, noise, stop, supplied)
-        if not torque.keys() <= noise.keys():
-            experiments[f"{word}, with the torque"] = Experiment(
-                start, {**noise, **torque}, stop, supplied
-            )
-    return experiments
+    times = fit.problem.columns[0].times
+    stop, noise = float(times[-1] - times[0]), {x.name: x.noise.sigma for x in fit.problem.columns}
+    last: dict[str, Value] = {name: float(fit.result[name][-1]) for name in states}
+    stepped = {x: {**last, supply: share * fit.start_values[supply]} for x, share in steps.items()}
+    starts = {"the same again": last, "a run-up from rest": rest, **stepped}
+    columns = {"": noise, ", with the torque": {**noise, **torque}}
+    return {
+        f"{word}{more}": Experiment(start, of_columns, stop, (supply,) * (word in stepped))
+        for word, start in starts.items()
+        for more, of_columns in columns.items()
+        if not more or not torque.keys() <= noise.keys()
+    }
 
 
 def misfit(what: str, reasons: Sequence[str]) -> list[Judgement]:

@@ -54,32 +54,24 @@ def figures(o: RippleOptions, context: Context, drive_data: IdentifiedDrive) -> 
     speed to avoid, what would change it, and all values that were free.
     """
     fit, machine, nu = drive_data.fit, drive_data.machine, drive_data.operating
-    units = {
-        "nu_res": "rad/s",
-        "away": "%",
-        "tau2": "N.m",
-        "avoid_from": "rad/s",
-        "avoid_to": "rad/s",
-    }
-    meanings = {
-        "nu_res": "resonance by formula (22) of the fitted machine",
-        "away": "operating speed above the resonance",
-        "tau2": "torque ripple at the operating speed",
-        "avoid_from": "speed above which the torque ripple exceeds its limit",
-        "avoid_to": "speed below which the torque ripple exceeds its limit",
+    told = {
+        "nu_res": ("rad/s", "resonance by formula (22) of the fitted machine"),
+        "away": ("%", "operating speed above the resonance"),
+        "tau2": ("N.m", "torque ripple at the operating speed"),
+        "avoid_from": ("rad/s", "speed above which the torque ripple exceeds its limit"),
+        "avoid_to": ("rad/s", "speed below which the torque ripple exceeds its limit"),
     }
     for name, key in CHANGED.items():
-        meanings[f"clear_{key}"] = f"{name} at which that torque ripple is at its limit"
-        meanings[f"change_{key}"] = CHANGE.format(name)
-        units[f"clear_{key}"] = fit.problem.parameters[fit.names.index(name)].unit
-        units[f"change_{key}"] = "%"
+        unit = fit.problem.parameters[fit.names.index(name)].unit
+        told[f"clear_{key}"] = unit, f"{name} at which that torque ripple is at its limit"
+        told[f"change_{key}"] = "%", CHANGE.format(name)
     if fit.misfit:
         why = "no machine of this kind fits the record"
-        return {name: Figure.undetermined(units[name], why, meanings[name]) for name in units}
-    all_figures = {"nu_res": figure_of(fit.derived["nu_res"], meanings["nu_res"])}
+        return {name: Figure.undetermined(unit, why, text) for name, (unit, text) in told.items()}
+    all_figures = {"nu_res": figure_of(fit.derived["nu_res"], told["nu_res"][1])}
     gap = fit.interval(lambda v: 100.0 * (nu / machine(v).nu_res - 1.0), "%")
-    all_figures["away"] = figure_of(gap, meanings["away"])
-    all_figures["tau2"] = ripple(o, context, drive_data, meanings["tau2"])
+    all_figures["away"] = figure_of(gap, told["away"][1])
+    all_figures["tau2"] = ripple(o, context, drive_data, told["tau2"][1])
     best = machine(fit.start_values)
 
     def changed(name: str, x: float) -> tuple[Machine, float]:
@@ -89,14 +81,14 @@ def figures(o: RippleOptions, context: Context, drive_data: IdentifiedDrive) -> 
     near = min(drive_data.edges, key=partial(distance, nu), default=None)
     for name, k in (("avoid_from", 0), ("avoid_to", 1)):
         nowhere = Figure.undetermined("rad/s", "the torque ripple is below its limit everywhere")
-        edge = (near[k] if near else nowhere)._replace(meaning=meanings[name])
+        edge = (near[k] if near else nowhere)._replace(meaning=told[name][1])
         all_figures[name] = with_error_of_theory(o, context, edge, lambda x: (best, x))
     for name, key in CHANGED.items():
-        clear = value_at_limit(o, drive_data, name, units[f"clear_{key}"])
+        clear = value_at_limit(o, drive_data, name, told[f"clear_{key}"][0])
         all_figures[f"clear_{key}"] = with_error_of_theory(
             o,
             context,
-            clear._replace(meaning=meanings[f"clear_{key}"]),
+            clear._replace(meaning=told[f"clear_{key}"][1]),
             partial(changed, name),
         )
         all_figures[f"change_{key}"] = change_to_limit(

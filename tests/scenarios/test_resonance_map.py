@@ -15,6 +15,7 @@ import pytest
 from scipy.optimize import brentq
 
 import cosim
+from cosim.errors import pluralize
 from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.parameter_plane import (
@@ -379,6 +380,6 @@ def test_ctrl_c_keeps_the_rows(tmp_path: Path) -> None:
     assert "Traceback" not in errors.decode()
     rows = pd.read_csv(partial)
     assert 1 <= len(rows) < 2400 and rows.notna().all(axis=None)
-    assert f"{len(rows)} rows in {partial}" in errors.decode()
+    assert f"{pluralize(len(rows), 'row')} in {partial}" in errors.decode()
     assert rows.iloc[0, :2].to_list() == [15.0, 0.015]
     assert not (tmp_path / "resonance_map.csv").exists()

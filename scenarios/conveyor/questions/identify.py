@@ -186,24 +186,18 @@ def advice(o: Identify, fit: Identified) -> list[Advice]:
     """What further records would leave of the interval of the resonance, the best first."""
     if fit.misfit:
         return []
-    values = fit.start_values
-    base = SETS[o.set].follow(o.start)
-    times = fit.problem.columns[0].times
-    stop, last = float(times[-1] - times[0]), {name: float(fit.result[name][-1]) for name in STATES}
-    noise = {column.name: column.noise.sigma for column in fit.problem.columns}
-    torque = {TORQUE: NOISE * o.rated_torque_or_default}
-    supply = KLOSS[0] if has_kloss_characteristic(base) else LINEAR[0]
-    rest = {"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0}
-    kinds: dict[str, Mapping[str, Value]] = {
-        "the same again": last,
-        "a run-up from rest": rest,
-        "a step of the supply to 120 %": {**last, supply: 1.2 * values[supply]},
-    }
-    if not has_kloss_characteristic(base):
-        kinds["a run-down with the supply off"] = {**last, supply: 0.0}
-    nu = float(np.mean(fit.result[SPEED]))
-    experiments = fitting.planned_experiments(kinds, supply, stop, noise, torque)
-    return cosim.advise(fit, experiments, lambda v: fitted_machine(base, nu, v).nu_res)
+    base, nu = SETS[o.set].follow(o.start), float(np.mean(fit.result[SPEED]))
+    is_induction = has_kloss_characteristic(base)
+    records = fitting.further_records(
+        fit,
+        STATES,
+        rest={"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0},
+        supply=(KLOSS if is_induction else LINEAR)[0],
+        steps={"a step of the supply to 120 %": 1.2}
+        | ({} if is_induction else {"a run-down with the supply off": 0.0}),
+        torque={TORQUE: NOISE * o.rated_torque_or_default},
+    )
+    return cosim.advise(fit, records, lambda v: fitted_machine(base, nu, v).nu_res)
 
 
 def facts(o: Identify, drive_data: IdentifiedDrive) -> dict[str, Any]:

@@ -229,20 +229,15 @@ def mean_cam_speed(fit: Identified) -> float:
 
 def advice(o: IronIdentify, fit: Identified) -> list[Advice]:
     """What further records would leave of the interval of the friction, the best first."""
-    values, times = fit.start_values, fit.problem.columns[0].times
-    stop = float(times[-1] - times[0])
-    last = {name: float(fit.result[name][-1]) for name in STATES}
-    noise = {column.name: column.noise.sigma for column in fit.problem.columns}
-    torque = {TORQUE: FORESEEN * o.rated_torque}
-    rest = {"iron.phi": -math.pi / 3, "iron.w_cam": 0.0, TORQUE: 0.0}
-    kinds: dict[str, Mapping[str, Value]] = {
-        "the same again": last,
-        "a run-up from rest": rest,
-        "a step of the supply to 120 %": {**last, SUPPLY: 1.2 * values[SUPPLY]},
-        "a step of the supply to half": {**last, SUPPLY: 0.5 * values[SUPPLY]},
-    }
-    experiments = fitting.planned_experiments(kinds, SUPPLY, stop, noise, torque)
-    return cosim.advise(fit, experiments, derived_quantities(fit)["mu"])
+    records = fitting.further_records(
+        fit,
+        STATES,
+        rest={"iron.phi": -math.pi / 3, "iron.w_cam": 0.0, TORQUE: 0.0},
+        supply=SUPPLY,
+        steps={"a step of the supply to 120 %": 1.2, "a step of the supply to half": 0.5},
+        torque={TORQUE: FORESEEN * o.rated_torque},
+    )
+    return cosim.advise(fit, records, derived_quantities(fit)["mu"])
 
 
 def slow_torque_chart(r: IdentifiedIron) -> Chart:
