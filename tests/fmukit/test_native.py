@@ -460,9 +460,32 @@ def test_numbers_in_messages_are_written_as_python_writes_them(tmp_path: Path) -
         assert write("integer", float(n)) == str(n)
 
 
+HOST_TARGET = "x86_64-linux-gnu"
+#: A function of a library for any platform, which returns this text.
+ANSWER = """\
+#ifdef _WIN32
+#define OPEN __declspec(dllexport)
+#else
+#define OPEN __attribute__((visibility("default")))
+#endif
+OPEN const char *answer(void) {{ return "{}"; }}
+"""
+
+
+@pytest.mark.parametrize("target", ["x86_64-windows-gnu", HOST_TARGET])
+def test_a_library_is_made_of_the_sources_in_its_own_folder(target: str, tmp_path: Path) -> None:
+    """Also where sources of the same name that were compiled before are still there, as those of the FMU of
+    FMI 2.0 are while that of FMI 3.0 is built.
+    """
+    for text in ("made first", "made last!"):
+        folder = tmp_path / text.replace(" ", "_")
+        folder.mkdir()
+        (folder / "Same.c").write_text(ANSWER.format(text))
+        assert text.encode() in package.compile_for(target, "Same.library", "Same", folder)
+
+
 WINE = next(filter(None, map(shutil.which, ("wine64", "wine", "/usr/lib/wine/wine64"))), None)
 ARM = Path("/usr/aarch64-linux-gnu")
-HOST_TARGET = "x86_64-linux-gnu"
 EMULATORS: dict[str, list[Any]] = {
     HOST_TARGET: [],
     "x86_64-windows-gnu": [WINE],

@@ -221,10 +221,11 @@ def binaries(build: NativeBuild, sources: dict[str, bytes]) -> Iterator[tuple[st
 def compile_for(target: str, library: str, name: str, folder: Path) -> bytes:
     """The shared library for one target of Zig, which may contain its own name."""
     if "windows" in target:
-        object_file = f"{name}.obj"
-        run_compiler(
-            target, str(WINDOWS_LAYER), object_file, folder, ["-c", "-I.", f'-DMODEL="{name}.c"']
-        )
+        # beside what it includes: of a source elsewhere the compiler takes the object that it has made
+        # before, while the files are unchanged that were included then, which may be those of another build
+        (folder / WINDOWS_LAYER.name).write_bytes(WINDOWS_LAYER.read_bytes())
+        object_file, options = f"{name}.obj", ["-c", f'-DMODEL="{name}.c"']
+        run_compiler(target, WINDOWS_LAYER.name, object_file, folder, options)
         return run_compiler(
             target, object_file, library, folder, ["-shared", "-nostdlib", "-Wl,--no-entry", *UCRT]
         )
