@@ -72,18 +72,18 @@ def main() -> int:
     if failed := make.run(models, options.into, options, record):
         return failed
     if options.docs:
-        write_pages([load(file) for file in models], options.into)
-        write_papers()
+        write_machine_pages([load(file) for file in models], options.into)
+        write_formulas_page()
     return 0
 
 
 def buildable(flavour: str) -> list[str]:
     """The components that can be built in the flavour, and those that cannot be read, which the build reports."""
     compiled = flavour in ("native", "wasm", "fmi3")
-    return [name for name, file in MACHINES.items() if not (compiled and _python_only(file))]
+    return [name for name, file in MACHINES.items() if not (compiled and _why_python_only(file))]
 
 
-def _python_only(file: Path) -> str:
+def _why_python_only(file: Path) -> str:
     """Why a model has no native flavour; "" if it has one, or cannot be read."""
     try:
         return str(load(file).PYTHON_ONLY)
@@ -91,7 +91,7 @@ def _python_only(file: Path) -> str:
         return ""
 
 
-def write_pages(models: list[ModuleType], fmus: Path) -> None:
+def write_machine_pages(models: list[ModuleType], fmus: Path) -> None:
     """Write the pages of components, with the default experiment contained in their FMUs."""
     folder = ROOT / "docs" / "machines"
     folder.mkdir(parents=True, exist_ok=True)
@@ -100,11 +100,11 @@ def write_pages(models: list[ModuleType], fmus: Path) -> None:
         rows = reference.carried_rows(next(fmus.rglob(f"{class_name(model)}.fmu")))
         picture = folder / f"{component_name(model)}.svg"
         picture.write_text(plot.svg(interface, rows), encoding="utf-8")
-        text = page.github(interface, picture.name, folder)
+        text = page.github_markdown(interface, picture.name, folder)
         picture.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
-def write_papers() -> None:
+def write_formulas_page() -> None:
     """Write one page of all that the machine pages say about the formulas of their papers."""
     parts = [PAPERS]
     for name, file in MACHINES.items():
@@ -117,7 +117,7 @@ def write_papers() -> None:
             section = re.sub(ERRATUM, linked, section, flags=re.MULTILINE)
             section = re.sub(HOME, r"[`\1\2`](../\1)", section)
             parts.append(f"## [{class_name(load(file))}]({machine})\n\n{section}")
-    text = page.for_github("\n\n".join(parts) + "\n")
+    text = page.with_github_formulas("\n\n".join(parts) + "\n")
     (ROOT / "docs" / "papers.md").write_text(text, encoding="utf-8")
 
 

@@ -169,14 +169,14 @@ def resonance_sweep(_: int, fmus: Path) -> Callable[[], object]:
 def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     """The steps of the slaves in the Python FMUs without any FMI."""
     from fmukit.fmu.load import load
-    from fmukit.fmu.python.package import collect
+    from fmukit.fmu.python.package import hashed_build
 
     slaves = []
     for name in ("drive_motor", "crank_conveyor"):
-        build = collect(load(ROOT / "components" / name / "model.py"))
+        build = hashed_build(load(ROOT / "components" / name / "model.py"))
         with tempfile.TemporaryDirectory() as folder:
             source = Path(folder) / f"{build.module}.py"
-            source.write_bytes(build.files[source.name])
+            source.write_bytes(build.resources[source.name])
             sys.path.insert(0, folder)
             slave = importlib.import_module(build.module).slave_class(instance_name=name)
             sys.path.remove(folder)

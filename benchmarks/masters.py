@@ -26,7 +26,7 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import Result, SimulationError, run, scoreboard, write_ssp
 from reference_systems.make import write_all, write_rows
-from reference_systems.systems import SYSTEMS, ReferenceSystem, build
+from reference_systems.systems import SYSTEMS, ReferenceSystem, build_fmus
 
 CLIENTS = Path(__file__).with_name("masters_clients.py")
 #: what uv installs for each master; FMPy is needed in the version that CoFMuPy asks for
@@ -229,7 +229,7 @@ def main() -> None:
     folder = options.folder.absolute()
     keys = options.systems.split(",")
     if missing := [key for key in keys if not (folder / key).is_dir()]:
-        build()
+        build_fmus()
         write_all(folder, missing)
     names = options.masters.split(",") + ["omsimulator"] * bool(options.omsimulator)
     for name in names:

@@ -55,7 +55,7 @@ MUTANTS = (
     Mutant("CrankConveyor: theta' w^2 / 2 is taken twice",
            "components/crank_conveyor/model.py", "M_c + m * dx * ddx", "M_c + 2 * m * dx * ddx", PHYSICS),
     Mutant("CrankConveyor: the finite rod's second derivative lacks its last term",
-           "components/crank_conveyor/model.py", " - (s * c) ** 2 / R**3, l / R", ", l / R", PHYSICS),
+           "components/crank_conveyor/model.py", " - (s * c) ** 2 / R**3\n", "\n", PHYSICS),
     Mutant("DCMotor: the induced voltage has the sign of a generator",
            "components/DC_motor/model.py", "(u.v - p.k * u.w - p.R * x.i) / p.L",
            "(u.v + p.k * u.w - p.R * x.i) / p.L", PARTS),

@@ -105,7 +105,7 @@ MagneticFlux = Annotated[float, coherent("MagneticFlux", "Wb")]
 Ratio = Annotated[float, coherent("DimensionlessRatio", "1")]
 
 
-def require_exponents(quantity: Quantity) -> None:
+def require_matching_exponents(quantity: Quantity) -> None:
     """Raise ValueError if a unit that is made of those of the SI has other exponents than are declared."""
     exponents = exponents_of(quantity.unit)
     wanted, declared = (

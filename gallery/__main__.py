@@ -23,7 +23,7 @@ from workbench.runs.folder import reservation
 
 from . import pages
 from .answers import Answered, answered
-from .child import done
+from .child import run_in_project
 from .drawings import drawings
 
 #: A file of Sphinx by which a folder is known as a site.
@@ -66,12 +66,12 @@ def main() -> int:
         for path, drawing in drawings().items() if options.pictures else ():
             with replacement(path) as fresh:
                 fresh.write_text(drawing, encoding="utf-8")
-        site = build(answers, out)
+        site = build_site(answers, out)
     print(f"{len([*site.rglob('*.html')])} pages in {site}: open index.html")
     return 0
 
 
-def build(answers: Sequence[Answered], out: Path) -> Path:
+def build_site(answers: Sequence[Answered], out: Path) -> Path:
     """Build the site with these answers, which takes the place of out/site when it is complete.
 
     Raises
@@ -87,7 +87,7 @@ def build(answers: Sequence[Answered], out: Path) -> Path:
     remove(work)
     work.mkdir(parents=True)
     try:
-        _build(answers, work / "pages", work / "site")
+        _write_site(answers, work / "pages", work / "site")
         if site.exists():
             site.rename(work / "earlier")
         (work / "site").rename(site)
@@ -96,9 +96,9 @@ def build(answers: Sequence[Answered], out: Path) -> Path:
     return site
 
 
-def _build(answers: Sequence[Answered], source: Path, target: Path) -> None:
+def _write_site(answers: Sequence[Answered], source: Path, target: Path) -> None:
     """Write the pages that Sphinx reads, and what it makes of them."""
-    pages.write(answers, source)
+    pages.write_pages(answers, source)
     # A process of its own: Sphinx replaces default values of the functions that it documents by their text.
     command = [
         sys.executable, "-m", "sphinx", "--builder", "html", "--quiet", "--fail-on-warning", "--fresh-env",
@@ -106,13 +106,13 @@ def _build(answers: Sequence[Answered], source: Path, target: Path) -> None:
         "--doctree-dir", str(target.with_name("doctrees")),
         "--define", f"html_extra_path={source / pages.EXTRA}", str(source), str(target),
     ]  # fmt: skip
-    done(command, check=True)
+    run_in_project(command, check=True)
     for page in target.rglob("*.html"):
         if page.name != PAGE:
-            page.write_text(mended(page.read_text(encoding="utf-8")), encoding="utf-8")
+            page.write_text(made_accessible(page.read_text(encoding="utf-8")), encoding="utf-8")
 
 
-def mended(text: str) -> str:
+def made_accessible(text: str) -> str:
     """A page of the theme, made accessible without sight or mouse."""
     for less, more in MENDED.items():
         text = text.replace(less, more)

@@ -17,7 +17,7 @@ from scenarios.fmu_files import CLONE as ROOT
 from scenarios.project import PROJECT
 from workbench.question import Question
 
-from .child import done
+from .child import run_in_project
 
 KEY = "made_of.txt"
 
@@ -42,7 +42,7 @@ class Answered(NamedTuple):
         return self.folder / f"{self.name}.png"
 
     @property
-    def lives(self) -> bool:
+    def is_live(self) -> bool:
         """Whether its page has a live part."""
         return self.question.is_live()
 
@@ -53,10 +53,10 @@ def answered(name: str, folder: Path) -> Answered:
     Raises SetupError where the question has no answer.
     """
     question = PROJECT.load(name)
-    arguments = ["run", name, *record_options(name)]
+    arguments = ["run", name, *data_options(name)]
     answer = Answered(name, question, f"scenarios {' '.join(arguments)}", folder)
     fmus = PROJECT.fmus(question, "native")
-    key = hashlib.sha256(repr((arguments, code(), versions())).encode())
+    key = hashlib.sha256(repr((arguments, code_hash(), versions())).encode())
     for part in question.parts:
         key.update(fmus[part].read_bytes())
     key_file = folder / KEY
@@ -66,14 +66,14 @@ def answered(name: str, folder: Path) -> Answered:
             rmtree(folder)
         jobs = [] if question.is_sequential else ["--jobs", str(os.cpu_count())]
         command = [sys.executable, "-m", "scenarios", *arguments, *jobs, "--out", str(folder)]
-        process = done(command, check=False, capture_output=True, text=True)
+        process = run_in_project(command, check=False, capture_output=True, text=True)
         if process.returncode:
             raise SetupError(f"{answer.command}: {process.stderr.strip()}")
         key_file.write_text(key.hexdigest())
     return answer
 
 
-def record_options(name: str) -> list[str]:
+def data_options(name: str) -> list[str]:
     """The record that a question needs, and the other options that its guide gives with it."""
     for guide in sorted((ROOT / "docs").glob("*.md")):
         text = guide.read_text(encoding="utf-8")
@@ -83,7 +83,7 @@ def record_options(name: str) -> list[str]:
 
 
 @cache
-def code() -> str:
+def code_hash() -> str:
     """A hash of everything that turns a question and its FMUs into an answer."""
     digest = hashlib.sha256()
     for package in ("cosim", "workbench", "scenarios", "examples"):

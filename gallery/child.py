@@ -14,7 +14,7 @@ from scenarios.fmu_files import CLONE as ROOT
 PARENT_DEATH_SIGNAL = 1
 
 
-def done(
+def run_in_project(
     command: Sequence[str], *, check: bool, **settings: Any
 ) -> subprocess.CompletedProcess[str]:
     """Run a command in the folder of the project; settings are those of `subprocess.run`."""

@@ -40,7 +40,7 @@ include_patterns = [
 ]
 
 
-def formula(writer: Any, node: nodes.math | nodes.math_block) -> None:
+def write_formula(writer: Any, node: nodes.math | nodes.math_block) -> None:
     """Write a formula as MathML, which browsers draw and readers read aloud."""
     block = isinstance(node, nodes.math_block)
     markup = convert(node.astext(), display="block" if block else "inline")
@@ -48,18 +48,20 @@ def formula(writer: Any, node: nodes.math | nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
-def plain_formulas(_app: Sphinx, _name: str, text: list[str]) -> None:
+def formulas_for_myst(_app: Sphinx, _name: str, text: list[str]) -> None:
     """Turn the formulas that GitHub protects, $`x`$, into those of MyST, $x$."""
     text[0] = re.sub(r"\$`(.+?)`\$", r"$\1$", text[0], flags=re.DOTALL)
 
 
-def no_aliases(_app: Sphinx, _what: str, _name: str, member: object, skip: bool, _: object) -> Any:
+def skip_field_aliases(
+    _app: Sphinx, _what: str, _name: str, member: object, skip: bool, _: object
+) -> Any:
     """Leave out Python's own text on the fields of a named tuple; its docstring describes them."""
     return skip or (getattr(member, "__doc__", None) or "").startswith("Alias for field") or None
 
 
 def setup(app: Sphinx) -> None:
     """Register what Sphinx leaves to this site: formulas as MathML, members without aliases."""
-    app.add_html_math_renderer("mathml", (formula, None), (formula, None))
-    app.connect("source-read", plain_formulas)
-    app.connect("autodoc-skip-member", no_aliases)
+    app.add_html_math_renderer("mathml", (write_formula, None), (write_formula, None))
+    app.connect("source-read", formulas_for_myst)
+    app.connect("autodoc-skip-member", skip_field_aliases)

@@ -64,28 +64,32 @@ ORIENTATOR = (
 def drawings() -> dict[Path, str]:
     """The drawings made from mechanisms, by the file in which each is kept."""
     texts = {
-        "crank_conveyor": drawing(still("CrankConveyor", crank_conveyor, phi=2.3), CONVEYOR),
-        "unbalance_exciter": drawing(still("UnbalanceExciter", exciter, phi=0.7), EXCITER),
-        "iron_drive": drawing(lifting(), IRON),
-        "gravity_orientator": drawing(turning(), ORIENTATOR),
+        "crank_conveyor": drawing(
+            crank_at_angle("CrankConveyor", crank_conveyor, phi=2.3), CONVEYOR
+        ),
+        "unbalance_exciter": drawing(crank_at_angle("UnbalanceExciter", exciter, phi=0.7), EXCITER),
+        "iron_drive": drawing(iron_lifting(), IRON),
+        "gravity_orientator": drawing(cup_turning(), ORIENTATOR),
     }
     return {ROOT / "components" / name / "drawing.svg": text for name, text in texts.items()}
 
 
-def still(fmu: str, shapes: Callable[[Any, motion.Columns], list[Shape]], phi: float) -> Motion:
+def crank_at_angle(
+    fmu: str, shapes: Callable[[Any, motion.Columns], list[Shape]], phi: float
+) -> Motion:
     """A machine with a crank at an angle [rad]."""
     _, r = started("part", fmu, {"part.phi": phi})
     positions = motion.columns(r, "part", ("phi", "x"), np.array([0]))
-    return posed(shapes(r.provenance["parts"]["part"]["parameters"], positions))
+    return motion_of_pose(shapes(r.provenance["parts"]["part"]["parameters"], positions))
 
 
-def lifting() -> Motion:
+def iron_lifting() -> Motion:
     """The iron drive while the iron goes up."""
     system, r = started("iron", "IronDrive", {"iron.phi": 1.0})
-    return posed(shapes_at(iron.live_motion("", r, system, 1.0), r, np.array([0])))
+    return motion_of_pose(shapes_at(iron.live_motion("", r, system, 1.0), r, np.array([0])))
 
 
-def turning() -> Motion:
+def cup_turning() -> Motion:
     """The cup while it turns over, with the places where it lands and where it is oriented."""
     system = machine.system(
         {"orientator": FMUS / "native" / "GravityOrientator.fmu"}, 4.0, 0.35, {}
@@ -95,7 +99,7 @@ def turning() -> Motion:
     now = (spans["turning"].first + spans["turning"].last) / 2
     picked = np.searchsorted(r["time"], [now, spans["joint"].first, r["time"][-1]])
     shapes = shapes_at(orientator.live_motion("", r, 1.0), r, picked)
-    return posed(shapes, {1: "landing", 2: "oriented"})
+    return motion_of_pose(shapes, {1: "landing", 2: "oriented"})
 
 
 def shapes_at(moving: LiveMotion, r: Result, picked: NDArray[np.intp]) -> Sequence[Shape]:
@@ -109,6 +113,8 @@ def started(part: str, fmu: str, start: Mapping[str, float]) -> tuple[System, Re
     return system, cosim.run(system, stop=1e-3, step=1e-3)
 
 
-def posed(shapes: Sequence[Shape], ghosts: Mapping[int, str] = MappingProxyType({})) -> Motion:
+def motion_of_pose(
+    shapes: Sequence[Shape], ghosts: Mapping[int, str] = MappingProxyType({})
+) -> Motion:
     """Shapes as a motion that stands still."""
     return Motion("", np.zeros(1), 1.0, [""], shapes, ghosts=ghosts)

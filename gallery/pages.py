@@ -42,7 +42,7 @@ MOVE = (
 )
 
 
-def write(answers: Sequence[Answered], folder: Path) -> None:
+def write_pages(answers: Sequence[Answered], folder: Path) -> None:
     """Write all pages into a folder in which links resolve as they do in the project."""
     folder.mkdir(parents=True)
     for path in ROOT.iterdir():
@@ -59,24 +59,24 @@ def write(answers: Sequence[Answered], folder: Path) -> None:
     for answer in answers:
         extra = folder / EXTRA / "questions" / answer.name
         copytree(answer.folder, extra, ignore=ignore_patterns("*.txt"))
-        with_links(extra / PAGE, answer.question.sources)
+        link_sources(extra / PAGE, answer.question.sources)
         (folder / "questions").mkdir(exist_ok=True)
-        write_text(folder / "questions" / f"{answer.name}.md", question(answer))
+        write_text(folder / "questions" / f"{answer.name}.md", question_page(answer))
     machines = sorted((folder / "docs" / "machines").glob("*.md"))
     for page in machines:
-        write_text(page, machine(page, answers))
+        write_text(page, machine_page(page, answers))
     write_text(folder / "machines.md", machine_list(machines, folder))
     write_text(folder / "questions.md", question_list(answers, folder))
-    write_text(folder / "index.md", landing(answers, machines, folder))
+    write_text(folder / "index.md", landing_page(answers, machines, folder))
     hosts = "\n".join(f"hosts/{page.stem}" for page in sorted((folder / "docs/hosts").glob("*.md")))
     with (folder / "docs" / "hosts.md").open("a", encoding="utf-8") as text:
-        text.write(f"\n{tree('', hosts)}\n")
-    write_text(folder / "commands.md", reference.commands())
+        text.write(f"\n{toctree('', hosts)}\n")
+    write_text(folder / "commands.md", reference.commands_page())
     for package in reference.API:
-        write_text(folder / "reference" / f"{package}.md", reference.api(package))
+        write_text(folder / "reference" / f"{package}.md", reference.package_page(package))
 
 
-def with_links(page: Path, sources: Sequence[tuple[str, str]]) -> None:
+def link_sources(page: Path, sources: Sequence[tuple[str, str]]) -> None:
     """Make the sources of a page links to the pages of the site."""
     text = page.read_text(encoding="utf-8")
     for link in {link for _, link in sources}:
@@ -91,13 +91,13 @@ def write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def tree(caption: str, pages: str) -> str:
+def toctree(caption: str, pages: str) -> str:
     """A section of the list of pages."""
     head = f":caption: {caption}\n" if caption else ""
     return f":::{{toctree}}\n:hidden:\n{head}\n{pages}\n:::"
 
 
-def live(answer: Answered, root: str, slider: str = "") -> str:
+def live_frame(answer: Answered, root: str, slider: str = "") -> str:
     """The live part of a question's page, with one slider or all, and a link to the whole page."""
     page = f"{root}questions/{answer.name}/report.html"
     label = escape(f"Live model: {answer.question.title}")
@@ -109,7 +109,7 @@ def live(answer: Answered, root: str, slider: str = "") -> str:
     )
 
 
-def landing(answers: Sequence[Answered], machines: Sequence[Path], folder: Path) -> str:
+def landing_page(answers: Sequence[Answered], machines: Sequence[Path], folder: Path) -> str:
     """The first page: a machine that runs, the ways into the project, and all machines."""
     first = next((answer for answer in answers if answer.name == LANDING), answers[0])
     guides = re.findall(r"\]\(([\w/]+)\.md\)", (ROOT / "docs" / "README.md").read_text("utf-8"))
@@ -120,7 +120,7 @@ def landing(answers: Sequence[Answered], machines: Sequence[Path], folder: Path)
         "Reference": ["commands", *(f"reference/{name}" for name in reference.API), "CONTRIBUTING",
                       "SECURITY", "CHANGELOG"],
     }  # fmt: skip
-    contents = "\n\n".join(tree(caption, "\n".join(names)) for caption, names in trees.items())
+    contents = "\n\n".join(toctree(caption, "\n".join(names)) for caption, names in trees.items())
     return f"""\
 # Drive FMUs
 
@@ -129,7 +129,7 @@ equations, and answers about electromechanical drives.
 
 **{first.question.title}** The FMUs run in your browser, offline. Move the slider.
 
-{live(first, "", SLIDER if first.name == LANDING else "")}
+{live_frame(first, "", SLIDER if first.name == LANDING else "")}
 
 <nav class="doors" aria-label="Ways into the project">
 <a href="docs/referee.html"><b>Judge a co-simulation</b><span>Right or not, by how much, and why</span></a>
@@ -148,45 +148,45 @@ Read on: [the project on one page](README.md) · [all guides](docs/README.md) ·
 """
 
 
-def question(answer: Answered) -> str:
+def question_page(answer: Answered) -> str:
     """The page of a question: its answer, live where it can be, its figures and options."""
     content, text = answer.content, (answer.question.module.__doc__ or "").strip()
     head, _, rest = text.partition("\n")
     used = ", ".join(
-        f"[{fmu}](../docs/machines/{page_of(fmu)}.md)"
+        f"[{fmu}](../docs/machines/{machine_page_name(fmu)}.md)"
         for fmu in dict.fromkeys(answer.question.parts.values())
     )
     verdict = "\n".join(f"> {line}\n>" for line in content["verdict"])
     blocks = [f'<p class="way"><a class="button" href="{answer.name}/report.html">Open the full '
              "answer</a> with curves, motion, data and how it was made.</p>"]  # fmt: skip
-    if answer.lives:
-        blocks = [live(answer, "../")]
-    alt = escape("; ".join(charts(answer)))
+    if answer.is_live:
+        blocks = [live_frame(answer, "../")]
+    alt = escape("; ".join(chart_titles(answer)))
     blocks.append(f'<img src="{answer.name}/{answer.picture.name}" alt="{alt}" loading="lazy">')
     figures = "\n".join(
-        f"| {cell(f['meaning'] or key)} | {cell(value(f))} |"
+        f"| {escaped_cell(f['meaning'] or key)} | {escaped_cell(figure_text(f))} |"
         for key, f in content["figures"].items()
     )
     return "\n\n".join([
         f"# {head}", rest.strip(), f"Machines: {used}.", verdict, *blocks,
         f"## Figures\n\n| figure | value |\n| --- | --- |\n{figures}\n\n{ERROR_SCOPE}",
-        f"## Run it\n\n```sh\n{answer.command}\n```\n\n```text\n{reference.question(answer.name)}\n```",
+        f"## Run it\n\n```sh\n{answer.command}\n```\n\n```text\n{reference.question_options(answer.name)}\n```",
     ]) + "\n"  # fmt: skip
 
 
-def cell(text: str) -> str:
+def escaped_cell(text: str) -> str:
     """Text in a table."""
     return text.replace("|", "\\|").replace("*", "\\*").replace("$", "\\$")
 
 
-def value(figure: dict[str, Any]) -> str:
+def figure_text(figure: dict[str, Any]) -> str:
     """A figure of the JSON in words."""
     return Figure(
         **figure | {"value": math.nan if figure["value"] is None else figure["value"]}
     ).text()
 
 
-def charts(answer: Answered) -> list[str]:
+def chart_titles(answer: Answered) -> list[str]:
     """The titles of the charts of an answer."""
     page = html.parse(str(answer.folder / "report.html"))
     return [
@@ -194,17 +194,19 @@ def charts(answer: Answered) -> list[str]:
     ]
 
 
-def page_of(fmu: str) -> str:
+def machine_page_name(fmu: str) -> str:
     """The name of a machine's page, such as "drive_motor", from that of its FMU."""
     pages = (ROOT / "docs" / "machines").glob("*.md")
     return next(page.stem for page in pages if page.stem.replace("_", "").lower() == fmu.lower())
 
 
-def machine(page: Path, answers: Sequence[Answered]) -> str:
+def machine_page(page: Path, answers: Sequence[Answered]) -> str:
     """The page of a machine, with its live model and the questions about it."""
     text = page.read_text(encoding="utf-8")
     about = [
-        answer for answer in answers if page.stem in map(page_of, answer.question.parts.values())
+        answer
+        for answer in answers
+        if page.stem in map(machine_page_name, answer.question.parts.values())
     ]
     if not about:
         return text
@@ -212,15 +214,15 @@ def machine(page: Path, answers: Sequence[Answered]) -> str:
         f"* [{answer.question.title}](../../questions/{answer.name}.md)" for answer in about
     )
     section = f"## Questions about this machine\n\n{links}\n"
-    for answer in [answer for answer in about if answer.lives][:1]:
-        section = f"## Live model\n\n{MOVE}\n\n{live(answer, '../../')}\n\n{section}"
+    for answer in [answer for answer in about if answer.is_live][:1]:
+        section = f"## Live model\n\n{MOVE}\n\n{live_frame(answer, '../../')}\n\n{section}"
     before, heading, after = text.partition("\n## ")
     return f"{before}\n{section}{heading}{after}"
 
 
 def machine_list(machines: Sequence[Path], folder: Path) -> str:
     """The page that shows all machines by their drawings."""
-    pages = tree("", "\n".join(f"docs/machines/{page.stem}" for page in machines))
+    pages = toctree("", "\n".join(f"docs/machines/{page.stem}" for page in machines))
     cards = deck(machine_cards(machines, folder))
     return f"# Machines\n\nEach is one FMU, made from a page of equations.\n\n{cards}\n\n{pages}\n"
 
@@ -252,9 +254,9 @@ def question_list(answers: Sequence[Answered], folder: Path) -> str:
         (folder / target).parent.mkdir(parents=True, exist_ok=True)
         with Image.open(answer.picture) as picture:
             thumbnail(picture).save(folder / target, optimize=True)
-        caption = answer.question.title + (" Live." if answer.lives else "")
+        caption = answer.question.title + (" Live." if answer.is_live else "")
         cards.append(card(f"questions/{answer.name}.html", target, answer.name, caption))
-    pages = tree(
+    pages = toctree(
         "", "\n".join(f"{answer.name} <questions/{answer.name}>" for answer in by_interest(answers))
     )
     return f"# Questions\n\nEach is a short Python file; the [answers](docs/scenarios.md) state their errors.\n\n{deck(cards)}\n\n{pages}\n"

@@ -32,7 +32,7 @@ SCRIPTS = {
 }
 
 
-def commands() -> str:
+def commands_page() -> str:
     """The page of the commands; the options of a question are on its own page."""
     parts = [
         "# Commands\n\nThe help of every command. The options of a question are on its own page."
@@ -58,7 +58,7 @@ def section(title: str, help_text: str) -> str:
     return f"## `{title}`\n\n```text\n{help_text.strip()}\n```"
 
 
-def question(name: str) -> str:
+def question_options(name: str) -> str:
     """The options of a question, as its command lists them."""
     help_text = help_of(partial(main, ["run", name, "--help"], PROJECT, PROGRAM))
     return help_text[help_text.index("options:") :].strip()
@@ -72,7 +72,7 @@ def help_of(call: Callable[[], object]) -> str:
     return help_text.getvalue()
 
 
-def api(package: str) -> str:
+def package_page(package: str) -> str:
     """The page of a package: its public names, in a table and in detail."""
     title, modules = API[package]
     module = import_module(package)
@@ -81,7 +81,8 @@ def api(package: str) -> str:
         f"# {title}: `{package}`\n\n{inspect.getdoc(module)}\n\n| name | what it is |\n| --- | --- |"
     ]
     rows[0] += "".join(
-        f"\n| [`{name}`](#{package}.{name}) | {first(getattr(module, name))} |" for name in public
+        f"\n| [`{name}`](#{package}.{name}) | {first_sentence(getattr(module, name))} |"
+        for name in public
     )
     blocks = "\n".join(line for name in public for line in directive(package, name))
     rows.append(f"## Details\n\n```{{eval-rst}}\n{blocks}\n```")
@@ -94,7 +95,7 @@ def api(package: str) -> str:
     return "\n\n".join(rows) + "\n"
 
 
-def first(member: object) -> str:
+def first_sentence(member: object) -> str:
     """What a thing is: the first sentence of its docstring, or its value."""
     if not callable(member):
         return f"`{member!r}`"

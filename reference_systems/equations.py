@@ -99,7 +99,7 @@ def _watched(switch: Callable[[float, Array], float], direction: float) -> Any:
     return watched
 
 
-def crank(p: Values, phi: float, w: float) -> tuple[float, float]:
+def crank_inertia_and_load(p: Values, phi: float, w: float) -> tuple[float, float]:
     """Inertia of a conveyor at its crank, and its load torque."""
     r, m = p["conveyor.crank.r"], p["conveyor.trough.m"]
     x, x1, x2 = r * math.sin(phi), r * math.cos(phi), -r * math.sin(phi)
@@ -112,7 +112,7 @@ def conveyor_drive(p: Values) -> Equations:
 
     def slopes(_: float, y: Array) -> Sequence[float]:
         tau, phi, w = y
-        theta, load = crank(p, phi, w)
+        theta, load = crank_inertia_and_load(p, phi, w)
         return (p["motor.A"] - p["motor.B"] * w - tau) / p["motor.T"], w, (tau - load) / theta
 
     start = p["motor.tau"], p["conveyor.phi"], p["conveyor.w"]
@@ -153,7 +153,7 @@ def controlled_drive(p: Values) -> Equations:
         e, tau = p["controller.w_ref"] - w_a, -T / ratio
         share = 1.0 / eta - 1.0 if tau * w_a < 0.0 else 1.0 - eta
         lost = share * abs(tau) * min(max(w_a / w_0, -1.0), 1.0)
-        theta, load = crank(p, y[4], y[5])
+        theta, load = crank_inertia_and_load(p, y[4], y[5])
         return (
             p["controller.K"] / p["controller.T_i"] * e + (voltage - wanted) / p["controller.T_t"],
             (voltage - p["motor.k"] * w_a - p["motor.R"] * y[1]) / p["motor.L"],

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cosim import System, oracle, write_ssp
 from reference_systems.equations import EQUATIONS, Solution, solve
-from reference_systems.systems import ROOT, SYSTEMS, ReferenceSystem, build
+from reference_systems.systems import ROOT, SYSTEMS, ReferenceSystem, build_fmus
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
@@ -40,7 +40,7 @@ class ReferenceAnswer(NamedTuple):
     agreement: float
 
 
-def answer(equations: Solution, time: Array, system: System) -> ReferenceAnswer:
+def judged_answer(equations: Solution, time: Array, system: System) -> ReferenceAnswer:
     """What the equations give, judged by the model-exchange sides of all FMUs, integrated as one system.
 
     The error of a value is that of its own integration and that of the judge, each from two tolerances. The two
@@ -80,21 +80,23 @@ def answer(equations: Solution, time: Array, system: System) -> ReferenceAnswer:
     )
 
 
-def exact(key: str, system: System | None = None, stop: float | None = None) -> ReferenceAnswer:
+def exact_answer(
+    key: str, system: System | None = None, stop: float | None = None
+) -> ReferenceAnswer:
     """The answer of a reference system to its stop time or another [s], or what is judged of it by another `system`."""
     reference = SYSTEMS[key]
     rows = round((stop or reference.stop) / SPACING) + 1
     time: Array = np.arange(rows, dtype=np.float64) * SPACING
     solution = solve(EQUATIONS[key](reference.start), time)
-    return answer(solution, time, system or reference.system())
+    return judged_answer(solution, time, system or reference.system())
 
 
-def write(key: str, reference: ReferenceSystem, folder: Path) -> str:
+def write_system(key: str, reference: ReferenceSystem, folder: Path) -> str:
     """Write the files of a system; a line that says how closely the two solutions agree.
 
     Raises ValueError if they do not.
     """
-    found = exact(key)
+    found = exact_answer(key)
     if not found.agreement <= 1.0:
         raise ValueError(
             f"{key}: the two solutions differ by {found.agreement:.3g} times their error"
@@ -126,7 +128,7 @@ def write_rows(path: Path, time: Array, columns: Mapping[str, Array]) -> None:
 def write_all(folder: Path, keys: list[str]) -> None:
     """Write these systems, with the licence and the page on how to enter the scoreboard."""
     for key in keys:
-        print(write(key, SYSTEMS[key], folder / key), flush=True)
+        print(write_system(key, SYSTEMS[key], folder / key), flush=True)
     shutil.copy(HERE / "README.md", folder / "README.md")
     shutil.copy(ROOT / "LICENSE", folder / "LICENSE")
 
@@ -142,7 +144,7 @@ def main() -> int:
     options = parser.parse_args()
     if unknown := [name for name in options.systems if name not in SYSTEMS]:
         parser.error(f"unknown system {unknown[0]!r}; there are {', '.join(SYSTEMS)}")
-    if build(options.platforms):
+    if build_fmus(options.platforms):
         return 1
     write_all(options.folder, options.systems or list(SYSTEMS))
     return 0

@@ -77,20 +77,19 @@ def fmu_file(model: str, flavour: str, fmus: Path) -> Path:
     return folder / flavour / f"{name}.fmu"
 
 
-def build(platforms: str = "host", fmus: Path = ROOT / "fmus") -> int:
-    """Build the FMUs of all systems that are not up to date, for "host" or "all"; returns how many files could not be made."""
+def build_fmus(platforms: str = "host", fmus: Path = ROOT / "fmus") -> list[str]:
+    """Build the FMUs of all systems that are not up to date, for "host" or "all"; the errors of those that failed."""
     names = {model for system in SYSTEMS.values() for model in system.models.values()}
-    own = [MODELS / f"{name}.py" for name in sorted(names) if (MODELS / f"{name}.py").is_file()]
-    rest = [
-        ROOT / "components" / name / "model.py"
-        for name in sorted(names) if not (MODELS / f"{name}.py").is_file()
-    ]  # fmt: skip
+    files = [MODELS / f"{name}.py" for name in sorted(names)]
+    own = [file for file in files if file.is_file()]
+    rest = [ROOT / "components" / file.stem / "model.py" for file in files if file not in own]
     fmus = fmus.absolute()  # validation needs a URI
-    return sum(
-        make_all(models, flavour, folder, platforms=platforms)
+    return [
+        error
         for flavour in ("native", "fmi3")
         for models, folder in ((own, fmus / "reference"), (rest, fmus))
-    )
+        for error in make_all(models, flavour, folder, platforms=platforms)
+    ]
 
 
 CONVEYOR = {

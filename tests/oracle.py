@@ -41,7 +41,7 @@ def random_parameters(model: ModuleType, draw: random.Random, spread: float, **f
         values = {
             name: d.start * draw.uniform(1 - spread, 1 + spread)
             for name, d in declarations(model.Parameters)
-            if d.kind == "Real"
+            if d.fmi_type == "Real"
         }
         p = start(model.Parameters, **values | fixed)
         with contextlib.suppress(ValueError):

@@ -75,7 +75,7 @@ class Outputs:
     E_mag: Energy = real(0.0, "Magnetic energy of the armature")
 
 
-def settled(p: Parameters, u: Inputs) -> float:
+def settled_current(p: Parameters, u: Inputs) -> float:
     """The current that settles at a constant voltage and speed."""
     return (u.v - p.k * u.w) / p.R
 
@@ -87,7 +87,7 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State:
     """Exact update for a voltage and a speed that change linearly."""
     z = h * p.R / p.L
-    start, end = settled(p, u0), settled(p, u1)
+    start, end = settled_current(p, u0), settled_current(p, u1)
     decay = expm1(-z)
     return State(i=end + (x.i - start) * (1.0 + decay) + (end - start) * decay / z)
 

@@ -39,6 +39,7 @@ from math import cos, sin, sqrt
 
 from fmukit import Experiment, discrete, real, record
 from fmukit.runtime import direction
+from fmukit.runtime.jet import Jet
 from fmukit.si import (
     Angle,
     AngularAcceleration,
@@ -136,25 +137,28 @@ def check(p: Parameters) -> Iterator[str]:
         yield f"crank.r = {r!r} m is not small compared with rod.l = {l!r} m: set rod.finite = true"
 
 
-def prepare(p: Parameters, x: State) -> direction.Direction:
+def step_constants(p: Parameters, x: State) -> direction.Direction:
     """The direction of the crank, from which it turns only a little within a step."""
     return direction.Direction(x.phi, sin(x.phi), cos(x.phi))
 
 
-def trough(p: Parameters, crank: direction.Direction) -> tuple[float, float, float, float]:
-    """Trough position x, its derivatives x', x'' by the crank angle, and l/R of the rod."""
+def trough_and_rod(p: Parameters, crank: direction.Direction) -> tuple[Jet, float]:
+    """Position of the trough along the crank angle, and l/R of the rod."""
     r, l = p.crank.r, p.rod.l
     s, c = r * crank.sin, r * crank.cos
     if not p.rod.finite:
-        return s, c, -s, 1.0
+        return Jet(s, c, -s), 1.0
     R = sqrt(l * l - c * c)
-    return s + R - l, c * (1 + s / R), -s + (c * c - s * s) / R - (s * c) ** 2 / R**3, l / R
+    bend = -s + (c * c - s * s) / R - (s * c) ** 2 / R**3
+    return Jet(s + R - l, c * (1 + s / R), bend), l / R
 
 
-def load(p: Parameters, x: State, crank: direction.Direction) -> tuple[float, float]:
+def inertia_and_load_torque(
+    p: Parameters, x: State, crank: direction.Direction
+) -> tuple[float, float]:
     """Reduced inertia theta, and load torque M_c + theta' w^2 / 2."""
     m, c, d = p.trough.m, p.spring.c, p.trough.d
-    position, dx, ddx, _ = trough(p, crank)
+    (position, dx, ddx), _ = trough_and_rod(p, crank)
     theta = p.rotor.J + m * dx * dx
     M_c = c * position * dx + d * dx * dx * x.w
     return theta, M_c + m * dx * ddx * x.w * x.w
@@ -163,15 +167,17 @@ def load(p: Parameters, x: State, crank: direction.Direction) -> tuple[float, fl
 def derivatives(
     p: Parameters, t: float, x: State, u: Inputs, crank: direction.Direction | None = None
 ) -> State:
-    theta, tau_load = load(p, x, direction.rotated(crank, x.phi) if crank else prepare(p, x))
+    theta, tau_load = inertia_and_load_torque(
+        p, x, direction.at_angle(x.phi, crank) if crank else step_constants(p, x)
+    )
     return State(phi=x.w, w=(u.tau - tau_load) / theta)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
     m, c, d = p.trough.m, p.spring.c, p.trough.d
-    crank = prepare(p, x)
-    position, dx, ddx, axial = trough(p, crank)
-    theta, tau_load = load(p, x, crank)
+    crank = step_constants(p, x)
+    (position, dx, ddx), axial = trough_and_rod(p, crank)
+    theta, tau_load = inertia_and_load_torque(p, x, crank)
     a = (u.tau - tau_load) / theta
     v = dx * x.w
     return Outputs(

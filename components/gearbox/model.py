@@ -89,7 +89,7 @@ def check(p: Parameters) -> Iterator[str]:
         yield f"eta = {p.eta!r}: most gears below 0.5 lock if the load drives; this one does not"
 
 
-def friction(p: Parameters, x: State, u: Inputs) -> float:
+def friction_torque(p: Parameters, x: State, u: Inputs) -> float:
     """The torque lost in the teeth, at shaft a; positive if it slows down a positive w_a."""
     tau = u.tau_b / p.i
     share = 1.0 / p.eta - 1.0 if tau * x.w_a < 0.0 else 1.0 - p.eta
@@ -97,7 +97,7 @@ def friction(p: Parameters, x: State, u: Inputs) -> float:
 
 
 def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
-    return State(phi_a=x.w_a, w_a=(u.tau_a + u.tau_b / p.i - friction(p, x, u)) / p.J)
+    return State(phi_a=x.w_a, w_a=(u.tau_a + u.tau_b / p.i - friction_torque(p, x, u)) / p.J)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
@@ -106,5 +106,5 @@ def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
         w_b=x.w_a / p.i,
         a_a=derivatives(p, t, x, u).w_a,
         E_kin=p.J * x.w_a * x.w_a / 2,
-        P_loss=friction(p, x, u) * x.w_a,
+        P_loss=friction_torque(p, x, u) * x.w_a,
     )

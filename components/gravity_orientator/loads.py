@@ -11,7 +11,7 @@ from fmukit.runtime.jet import cos, sin, sqrt
 from .declarations import Parameters, State
 
 
-def bottom(p: Parameters) -> float:
+def distance_of_bottom(p: Parameters) -> float:
     """Distance L - r of the bottom's centre from the pivot while it slides on the wall: see *Equations*."""
     return p.catcher.l * cos(p.catcher.phi) + p.cup.d / 2
 
@@ -25,11 +25,11 @@ def loads(p: Parameters, phi1: float, w: float) -> tuple[float, float, float]:
     F_1 = p.catcher.m * w * w * (R - d - half * cos(phi10))
     F_2 = p.cup.m * w * w * (R - d / 2)
     spring = p.spring.c * half * (phi1 - phi10)
-    pull = anchored(p, phi1)[0] if p.neglected.anchored else spring * cos(phi1)
+    pull = anchored_spring(p, phi1)[0] if p.neglected.anchored else spring * cos(phi1)
     return -half * (F_1 * sin(phi1) + pull), F_2, p.chute.mu * F_2
 
 
-def anchored(p: Parameters, phi1: float) -> tuple[float, float]:
+def anchored_spring(p: Parameters, phi1: float) -> tuple[float, float]:
     """Pull of the spring across the arm, less the weight balanced at the stop, and their energy.
 
     The upper end of the spring is fixed above the middle of the arm at the stop: see the last sentence of *What
@@ -46,7 +46,7 @@ def anchored(p: Parameters, phi1: float) -> tuple[float, float]:
     return across, p.spring.c / 2 * stretch * stretch + weight * (stretch - down)
 
 
-def over_speed(p: Parameters, vx: float, vy: float) -> float:
+def inverse_speed(p: Parameters, vx: float, vy: float) -> float:
     """Coulomb friction over normal force and the velocity that it opposes; a stuck contact creeps.
 
     The square root regularises friction at rest, far below the speed `neglected.creep`.
@@ -54,7 +54,7 @@ def over_speed(p: Parameters, vx: float, vy: float) -> float:
     return 1 / sqrt(vx * vx + vy * vy + p.neglected.creep * p.neglected.creep)
 
 
-def sides(p: Parameters, x: State, w: float) -> tuple[float, float, float]:
+def side_friction(p: Parameters, x: State, w: float) -> tuple[float, float, float]:
     """Force and moment on the product from friction at the side walls.
 
     Coriolis forces press the rim and the end of the cylinder against them, with N_rim and N_end of *What the paper
@@ -65,13 +65,13 @@ def sides(p: Parameters, x: State, w: float) -> tuple[float, float, float]:
     F, S = 2 * m * w * x.vxc, -2 * w * x.w2 * s2 * (p.cup.J - p.neglected.J_a / 2)
     ux, uy = x.vxc - x.w2 * e * s2, x.vyc + x.w2 * e * c2
     vx, vy = x.vxc + x.w2 * l2 * s2, x.vyc - x.w2 * l2 * c2
-    end = mu / h * abs(S + l2 * F) * over_speed(p, ux, uy)
-    rim = mu / h * abs(e * F - S) * over_speed(p, vx, vy)
+    end = mu / h * abs(S + l2 * F) * inverse_speed(p, ux, uy)
+    rim = mu / h * abs(e * F - S) * inverse_speed(p, vx, vy)
     turn = l2 * rim * (c2 * vy - s2 * vx) - e * end * (c2 * uy - s2 * ux)
     return -(end * ux + rim * vx), -(end * uy + rim * vy), turn
 
 
-def share(k: float, tried: float, push: float, pushed: float) -> float:
+def friction_share(k: float, tried: float, push: float, pushed: float) -> float:
     """Friction k N over the friction tried; the normal force N is `push` without it, `pushed` with it.
 
     N is linear in the friction, so this share of the one that was tried solves for both.

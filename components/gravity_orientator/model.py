@@ -19,9 +19,16 @@ from fmukit import Experiment, replace, start
 from fmukit.runtime.jet import cos, sin, sqrt
 
 from .declarations import Inputs, Outputs, Parameters, Reason, Stage, State
-from .loads import anchored, bottom
-from .stages import MECHANICS, flush, landing, sliding, surplus, transfer
-from .transitions import EVENTS, land, settle
+from .loads import anchored_spring, distance_of_bottom
+from .stages import (
+    MECHANICS,
+    flush_angle,
+    friction_less_weight,
+    landing_height,
+    sliding_speed,
+    transfer_functions,
+)
+from .transitions import EVENTS, complete_state, land
 
 EXPERIMENT = Experiment(stop=0.3, step=1e-3)
 #: Longest sub-step in s: the shortest stage of the default machine, turning, lasts 69 of them (t_turning = 0.0344 s).
@@ -45,15 +52,15 @@ def check(p: Parameters) -> Iterator[str]:
         if value >= most:
             raise ValueError(f"{name} = {value!r} m must be below {limit} = {most!r} m")
     for name, value, limit, least in (
-        ("chute.R", p.chute.R, "catcher.l cos(catcher.phi) + cup.d", bottom(p) + r),
+        ("chute.R", p.chute.R, "catcher.l cos(catcher.phi) + cup.d", distance_of_bottom(p) + r),
         ("cup.h", cup.h, "cup.d/2 tan(catcher.phi/2)", r * tan(phi / 2)),
     ):
         if value <= least:
             raise ValueError(f"{name} = {value!r} m must be above {limit} = {least!r} m")
-    if flush(p) >= atan2(cup.h, r):
+    if flush_angle(p) >= atan2(cup.h, r):
         raise ValueError(
             f"catcher.l = {catcher.l!r} m must be longer, or cup.h = {cup.h!r} m greater: the cup "
-            f"would lie on the hook at phi1 = {flush(p)!r} rad, which must be below its dead centre "
+            f"would lie on the hook at phi1 = {flush_angle(p)!r} rad, which must be below its dead centre "
             f"at {atan2(cup.h, r)!r} rad"
         )
     if p.neglected.mu_side > 0.0 and p.neglected.J_a >= 2 * cup.J:
@@ -89,21 +96,14 @@ def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
     J_1, J_2, m, square = p.catcher.J, p.cup.J, p.cup.m, x.vxc * x.vxc + x.vyc * x.vyc
     spring = (x.phi1 - phi10) * sin(x.phi1) + cos(x.phi1) - cos(phi10)
     plain = p.spring.c * half * half * spring
-    stored = anchored(p, x.phi1)[1] if p.neglected.anchored else plain
-    u_phi2, u_xc1, u_xc2, u_yc1, u_yc2, u_yK1, u_yK2 = transfer(p, x)
+    stored = anchored_spring(p, x.phi1)[1] if p.neglected.anchored else plain
     return Outputs(
-        v_s=sliding(p, x),
+        v_s=sliding_speed(p, x),
         N_K=N_K,
         N_B=N_B,
         E_kin=(J_1 * x.w1 * x.w1 + J_2 * x.w2 * x.w2 + m * square) / 2,
-        E_pot=m * p.g * (landing(p) - x.yc) + stored,
-        u_phi2=u_phi2,
-        u_xc1=u_xc1,
-        u_xc2=u_xc2,
-        u_yc1=u_yc1,
-        u_yc2=u_yc2,
-        u_yK1=u_yK1,
-        u_yK2=u_yK2,
+        E_pot=m * p.g * (landing_height(p) - x.yc) + stored,
+        **transfer_functions(p, x)._asdict(),
     )
 
 
@@ -132,7 +132,7 @@ def event_indicators(p: Parameters, t: float, x: State, u: Inputs) -> tuple[floa
 
 def event_update(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
     """The consequence of the guard that fell below zero: the next stage, an impact or a jam."""
-    x = settle(p, x)
+    x = complete_state(p, x)
     *events, (_, last) = EVENTS[x.stage]
     for index, (_, consequence) in enumerate(events):
         if which == index:
@@ -146,8 +146,8 @@ def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs
         return x
     if x.stage in MECHANICS:
         return replace(x, missed=x.missed + 1)
-    x = settle(p, replace(x, stage=Stage.waiting, contact=True, since=t, **AFRESH))
-    held = surplus(p, now.w) >= 0.0
+    x = complete_state(p, replace(x, stage=Stage.waiting, contact=True, since=t, **AFRESH))
+    held = friction_less_weight(p, now.w) >= 0.0
     return replace(x, stage=Stage.falling, reason=Reason.held_in_chute if held else Reason.none)
 
 

@@ -11,39 +11,41 @@ from collections import namedtuple
 from fmukit.runtime.jet import sin, sqrt
 
 from .declarations import Parameters
-from .geometry import Position, slip
+from .geometry import Position, slip_per_cam_speed
 
 #: Acceleration along the position, friction K, second derivative of H by time, load W of the guide.
 Dynamics = namedtuple("Dynamics", "eps K H_tt W")
+#: Torque that is left to start forwards, and to start backwards: g_+ and g_- of *Motion*.
+StartTorques = namedtuple("StartTorques", "forwards backwards")
+#: What acceleration and squared speed multiply in the equation of motion: A_1 and B_1.
+ReducedInertia = namedtuple("ReducedInertia", "A_1 B_1")
 #: Pulls of the chain, torque of the cam on the rocker, and force between cam and follower.
 Forces = namedtuple("Forces", "T_iron T_hang T_span M_rocker N")
 
 
-def friction(p: Parameters, at: Position, direction: float) -> float:
+def friction_coefficient(p: Parameters, at: Position, direction: float) -> float:
     """Coefficient K with the cam turning in this direction: paper (48)."""
     up = at.slope * direction
     return p.friction.K_up if up > 0 else p.friction.K_down if up < 0 else 0.0
 
 
-def thresholds(p: Parameters, at: Position, M: float) -> tuple[float, float]:
-    """g_+ and g_- of *Motion*: the torque left to start forwards, and to start backwards.
-
-    The generalised force of paper (40) at rest, where the paper leaves friction open.
-    """
+def torques_to_start(p: Parameters, at: Position, M: float) -> StartTorques:
+    """The generalised force of paper (40) at rest, where the paper leaves friction open."""
     rest, weight = M - at.Pi_1, at.W_0 * at.H.first
-    return rest + friction(p, at, 1) * weight, rest + friction(p, at, -1) * weight
+    forth, back = friction_coefficient(p, at, 1), friction_coefficient(p, at, -1)
+    return StartTorques(rest + forth * weight, rest + back * weight)
 
 
-def sense(p: Parameters, at: Position, w: float, M: float) -> int:
+def direction_of_motion(p: Parameters, at: Position, w: float, M: float) -> int:
     """Direction in which the cam moves or starts from rest, by the rule of g_+ and g_-; 0 where it sticks."""
-    forwards, backwards = (w, w) if w else thresholds(p, at, M)
+    forwards, backwards = (w, w) if w else torques_to_start(p, at, M)
     return 1 if forwards > 0.0 else -1 if backwards < 0.0 else 0
 
 
-def inertia(p: Parameters, at: Position, K: float) -> tuple[float, float]:
-    """A_1 and B_1 with the friction K, paper (48b) and (48c): what acceleration and squared speed multiply."""
+def reduced_inertia(p: Parameters, at: Position, K: float) -> ReducedInertia:
+    """The inertia with the coefficient of friction K: paper (48b) and (48c)."""
     m, H = p.iron.m, at.H
-    return at.J + K * m * H.first * H.first, at.J_1 / 2 + K * m * H.first * H.second
+    return ReducedInertia(at.J + K * m * H.first * H.first, at.J_1 / 2 + K * m * H.first * H.second)
 
 
 def dynamics(p: Parameters, at: Position, w: float, direction: float, M: float) -> Dynamics:
@@ -53,8 +55,8 @@ def dynamics(p: Parameters, at: Position, w: float, direction: float, M: float) 
     """
     m, H = p.iron.m, at.H
     if direction:
-        K = friction(p, at, direction)
-        A, B = inertia(p, at, K)
+        K = friction_coefficient(p, at, direction)
+        A, B = reduced_inertia(p, at, K)
         eps = (M - at.Pi_1 + K * at.W_0 * H.first - B * w * w - at.D * w) / A
     else:
         K = (at.Pi_1 - M) / (at.W_0 * H.first) if H.first else 0.0
@@ -77,6 +79,6 @@ def forces(p: Parameters, at: Position, w: float, d: Dynamics) -> Forces:
     alpha_t, alpha_tt = alpha.first * w, alpha.first * d.eps + alpha.second * w * w
     M_rocker = at.J_a * alpha_tt + at.J_aa * alpha_t * alpha_t / 2 + at.Pi_a
     M_rocker = (M_rocker - d.K * d.W * at.H_a + at.D_a * alpha_t) * at.touch
-    across, along = slip(p, alpha)
+    across, along = slip_per_cam_speed(p, alpha)
     N = -M_rocker * sqrt(across * across + along * along) / (p.rocker.l * across)
     return Forces(T_iron, T_hang, T_span, M_rocker, N)

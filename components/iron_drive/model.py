@@ -15,6 +15,7 @@ With `follower.lifts` the follower leaves a cam that turns too fast, flies, and 
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Iterator
 from functools import lru_cache
 from math import atan, pi, radians
@@ -23,14 +24,32 @@ from fmukit import Experiment, repeat, replace
 from fmukit.runtime.jet import cos, sin, sqrt
 
 from .declarations import Inputs, Motion, OnInvalid, Outputs, Parameters, State, Wrap
-from .dynamics import Dynamics, Forces, dynamics, forces, friction, inertia, sense, thresholds
-from .flight import acceleration, along_iron, landed, shaft
-from .geometry import Position, cam, lowest, placed, position, rocker, slip
+from .dynamics import (
+    Forces,
+    direction_of_motion,
+    dynamics,
+    forces,
+    friction_coefficient,
+    reduced_inertia,
+    torques_to_start,
+)
+from .flight import after_landing, along_followed_angle, cam_acceleration, shaft_inertia
+from .geometry import (
+    Position,
+    cam_at,
+    lowered_length,
+    position,
+    position_with_gap,
+    rocker_angle,
+    slip_per_cam_speed,
+)
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 FLANGES = {"flange": ("tau", "w")}
 #: Longest sub-step in s: at 10 rad/s the cam turns by 1/175 of its rise (100 degrees) in it.
 LONGEST_STEP = 1e-3
+#: Position along the cam; position, speed, torque and dynamics along the angle that the iron follows.
+Mechanics = namedtuple("Mechanics", "at iron_position w M d")
 
 
 def check(p: Parameters) -> Iterator[str]:
@@ -51,25 +70,25 @@ def check(p: Parameters) -> Iterator[str]:
             "friction: -1 < K_down <= 0 <= K_up violated: "
             f"friction.K_down = {K.K_down!r}, friction.K_up = {K.K_up!r}"
         )
-    turns(p)
+    require_full_turn(p)
     slope = pi - min(position(p, phi).beta.value for phi in (0.0, c.rise))
     if p.wrap == Wrap.top and slope > 0.25:
         yield f"the run to the sprocket rises by {slope!r} rad: wrap = top (0) is a poor assumption"
 
 
 @lru_cache(maxsize=16)
-def turns(p: Parameters) -> bool:
+def require_full_turn(p: Parameters) -> bool:
     """True; raises ValueError at the first obstacle in a turn in steps of half a degree."""
 
     def passed(step: int) -> tuple[bool, int]:
-        passes(p, radians(step / 2))
+        require_free(p, radians(step / 2))
         return step >= 719, step + 1
 
     repeat(passed, 0)
     return True
 
 
-def passes(p: Parameters, phi: float) -> bool:
+def require_free(p: Parameters, phi: float) -> bool:
     """True; raises ValueError if something is in the way at this cam angle."""
     for free, otherwise in conditions(p, phi):
         if not free:
@@ -82,7 +101,7 @@ def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
 
     The geometry of *Run* must exist, and the chain must pull at standstill: *Assumptions*.
     """
-    alpha, R = rocker(p, cam(p, phi)[2].value), p.sprocket.R
+    alpha, R = rocker_angle(p, cam_at(p, phi).R.value), p.sprocket.R
     X, Y = p.sprocket.C + p.rocker.l_K * cos(alpha), p.sprocket.A - p.rocker.l_K * sin(alpha)
     yield (
         X > 0.0,
@@ -109,18 +128,16 @@ def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
     yield taut, f"chain slack at standstill: T_iron = {pull!r} N"
 
 
-def prepare(p: Parameters, x: State) -> float:
+def step_constants(p: Parameters, x: State) -> float:
     """What all evaluations within a step have in common."""
-    return lowest(p)
+    return lowered_length(p)
 
 
-def instant(
-    p: Parameters, x: State, u: Inputs, H_b: float
-) -> tuple[Position, Position, float, float, Dynamics]:
-    """Position along the cam; position, speed and torque as the iron sees them, and its dynamics."""
-    at = placed(p, x.phi, x.gap, H_b)
-    iron_position, w, M = along_iron(p, x, at, p.reducer.i_g * u.tau)
-    return at, iron_position, w, M, dynamics(p, iron_position, w, x.direction, M)
+def mechanics(p: Parameters, x: State, u: Inputs, H_b: float) -> Mechanics:
+    """The motion of a state, whose hanging length with the iron down is H_b."""
+    at = position_with_gap(p, x.phi, x.gap, H_b)
+    iron_position, w, M = along_followed_angle(p, x, at, p.reducer.i_g * u.tau)
+    return Mechanics(at, iron_position, w, M, dynamics(p, iron_position, w, x.direction, M))
 
 
 def derivatives(p: Parameters, t: float, x: State, u: Inputs, H_b: float | None = None) -> State:
@@ -128,8 +145,8 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs, H_b: float | None 
 
     Paper (48a) with the follower on the cam; else *Flight*. Friction is that of paper (48) and of D in *Motion*.
     """
-    at, iron_position, w, _, d = instant(p, x, u, lowest(p) if H_b is None else H_b)
-    eps = acceleration(p, x, d, p.reducer.i_g * u.tau)
+    at, iron_position, w, _, d = mechanics(p, x, u, lowered_length(p) if H_b is None else H_b)
+    eps = cam_acceleration(p, x, d, p.reducer.i_g * u.tau)
     rocker_acceleration = iron_position.alpha.first * d.eps + iron_position.alpha.second * w * w
     gap_acceleration = (
         at.alpha.first * eps + at.alpha.second * x.w_cam * x.w_cam - rocker_acceleration
@@ -148,18 +165,18 @@ def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
 
     E_kin is paper (28) to (38), E_pot (41) to (46), C_1 (48d).
     """
-    i_g, tau, H_b = p.reducer.i_g, p.reducer.i_g * u.tau, lowest(p)
-    on, at = placed(p, x.phi, 0 * x.gap, H_b), placed(p, x.phi, x.gap, H_b)
-    iron_position, w, M = along_iron(p, x, at, tau)
+    i_g, tau, H_b = p.reducer.i_g, p.reducer.i_g * u.tau, lowered_length(p)
+    on, at = position_with_gap(p, x.phi, 0 * x.gap, H_b), position_with_gap(p, x.phi, x.gap, H_b)
+    iron_position, w, M = along_followed_angle(p, x, at, tau)
     forward = x.direction if w == 0 else 1 if w > 0 else -1
     d = dynamics(p, iron_position, w, forward, M)
     up = iron_position.slope * forward
     moving = Motion.up if up > 0 else Motion.down if up < 0 else Motion.stuck
-    eps = acceleration(p, x, d, tau)
-    across, along = slip(p, on.alpha)
-    K = friction(p, on, x.direction if x.w_cam == 0 else 1 if x.w_cam > 0 else -1)
-    H, (A_1, B_1) = on.H, inertia(p, on, K)
-    shaft_energy = shaft(p) * x.w_cam * x.w_cam / 2 if x.flying else 0 * on.J * w * w
+    eps = cam_acceleration(p, x, d, tau)
+    across, along = slip_per_cam_speed(p, on.alpha)
+    K = friction_coefficient(p, on, x.direction if x.w_cam == 0 else 1 if x.w_cam > 0 else -1)
+    H, (A_1, B_1) = on.H, reduced_inertia(p, on, K)
+    shaft_energy = shaft_inertia(p) * x.w_cam * x.w_cam / 2 if x.flying else 0 * on.J * w * w
     return Outputs(
         w=i_g * x.w_cam,
         alpha=at.alpha.value,
@@ -194,9 +211,9 @@ def event_indicators(p: Parameters, t: float, x: State, u: Inputs) -> tuple[floa
     of the model, which loses or regains validity; the third that of the follower, which leaves or
     meets the cam.
     """
-    _, iron_position, w, M, d = instant(p, x, u, lowest(p))
+    _, iron_position, w, M, d = mechanics(p, x, u, lowered_length(p))
     f = forces(p, iron_position, w, d)
-    forwards, backwards = thresholds(p, iron_position, M)
+    forwards, backwards = torques_to_start(p, iron_position, M)
     held = x.direction * w if x.direction else min(-forwards, backwards)
     margin = min(f.T_span, f.T_iron, d.W)
     separation, margin = (
@@ -212,21 +229,25 @@ def event_update(p: Parameters, t: float, x: State, u: Inputs, which: int) -> St
     if which == 1:
         return with_validity(p, x, u)
     if which == 2:
-        return directed(p, landed(p, x) if x.flying else replace(x, flying=True), u)
-    return directed(p, stopped(p, x), u)
+        return with_direction(p, after_landing(p, x) if x.flying else replace(x, flying=True), u)
+    return with_direction(p, at_rest(p, x), u)
 
 
-def directed(p: Parameters, x: State, u: Inputs) -> State:
+def with_direction(p: Parameters, x: State, u: Inputs) -> State:
     """The state with the direction in which the cam, in flight the rocker, moves or starts: see *Motion*."""
-    at = placed(p, x.phi, x.gap, lowest(p))
-    return replace(x, direction=sense(p, *along_iron(p, x, at, p.reducer.i_g * u.tau)))
+    at = position_with_gap(p, x.phi, x.gap, lowered_length(p))
+    return replace(
+        x, direction=direction_of_motion(p, *along_followed_angle(p, x, at, p.reducer.i_g * u.tau))
+    )
 
 
-def stopped(p: Parameters, x: State) -> State:
+def at_rest(p: Parameters, x: State) -> State:
     """The state with the cam, in flight the rocker, at rest."""
     if not x.flying:
         return replace(x, w_cam=0.0)
-    return replace(x, w_gap=placed(p, x.phi, x.gap, lowest(p)).alpha.first * x.w_cam)
+    return replace(
+        x, w_gap=position_with_gap(p, x.phi, x.gap, lowered_length(p)).alpha.first * x.w_cam
+    )
 
 
 def with_validity(p: Parameters, x: State, u: Inputs) -> State:
@@ -239,7 +260,7 @@ def with_validity(p: Parameters, x: State, u: Inputs) -> State:
 
 def invalidity(p: Parameters, x: State, u: Inputs) -> str:
     """A message on what makes this state invalid; empty if nothing does: see *Assumptions*."""
-    _, iron_position, w, _, d = instant(p, x, u, lowest(p))
+    _, iron_position, w, _, d = mechanics(p, x, u, lowered_length(p))
     return invalid_reason(p, x, iron_position, d.W, forces(p, iron_position, w, d))
 
 
@@ -269,8 +290,8 @@ def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs
                 "only with follower.lifts, and cannot move into the cam"
             )
         x = replace(x, flying=flying)
-        return with_validity(p, directed(p, x, now), now)
-    return directed(p, x, now) if x.w_cam == 0.0 else x
+        return with_validity(p, with_direction(p, x, now), now)
+    return with_direction(p, x, now) if x.w_cam == 0.0 else x
 
 
 def notes(p: Parameters, t: float, old: State, new: State, u: Inputs) -> Iterator[str]:

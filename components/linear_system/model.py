@@ -51,7 +51,7 @@ PYTHON_ONLY = "its matrix exponential needs decimal arithmetic, which C does not
 
 Vector = tuple[Ratio, ...]
 Matrix = tuple[Vector, ...]
-Digits = list[list[Decimal]]
+DecimalMatrix = list[list[Decimal]]
 
 INPUTS = ("u[1]", "u[2]", "u[3]", "u[4]")
 HALF = Decimal("0.5")
@@ -121,7 +121,9 @@ def propagator(A: Matrix, B: Matrix, h: float) -> Matrix:
         raise OverflowError(f"A h or exp(A h) is beyond 1e300 with h = {h!r} s") from None
 
 
-def exponentials(M: Digits, doublings: int) -> tuple[Digits, Digits, Digits]:
+def exponentials(
+    M: DecimalMatrix, doublings: int
+) -> tuple[DecimalMatrix, DecimalMatrix, DecimalMatrix]:
     """exp(M), phi_1(M) and phi_2(M): the series at M / 2^doublings, then doubled that often."""
     M = scaled(M, HALF**doublings)
     identity = [[Decimal(i == j) for j in range(len(M))] for i in range(len(M))]
@@ -140,14 +142,14 @@ def exponentials(M: Digits, doublings: int) -> tuple[Digits, Digits, Digits]:
     return E, phi_1, phi_2
 
 
-def product(a: Digits, b: Digits) -> Digits:
+def product(a: DecimalMatrix, b: DecimalMatrix) -> DecimalMatrix:
     columns = list(zip(*b))
     return [[sum(map(mul, row, column), Decimal(0)) for column in columns] for row in a]
 
 
-def added(a: Digits, b: Digits) -> Digits:
+def added(a: DecimalMatrix, b: DecimalMatrix) -> DecimalMatrix:
     return [list(map(add, *rows)) for rows in zip(a, b)]
 
 
-def scaled(a: Iterable[Iterable[float | Decimal]], factor: int | Decimal) -> Digits:
+def scaled(a: Iterable[Iterable[float | Decimal]], factor: int | Decimal) -> DecimalMatrix:
     return [[Decimal(item) * factor for item in row] for row in a]

@@ -75,7 +75,7 @@ class Outputs:
     P_loss: Power = real(0.0, "Power lost in the damping", feedthrough=("w_a", "w_b"))
 
 
-def torques(p: Parameters, x: State, u: Inputs) -> tuple[float, float]:
+def spring_and_damping_torque(p: Parameters, x: State, u: Inputs) -> tuple[float, float]:
     """Torques of spring and damping, positive if they oppose a growing twist."""
     damping = p.d * (u.w_a - u.w_b)
     if p.b == 0.0:
@@ -89,7 +89,7 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
-    spring, damping = torques(p, x, u)
+    spring, damping = spring_and_damping_torque(p, x, u)
     return Outputs(
         tau_a=-(spring + damping),
         tau_b=spring + damping,

@@ -150,7 +150,7 @@ def check(p: Parameters) -> Iterator[str]:
     yield from ()
 
 
-def prepare(p: Parameters, x: State) -> direction.Direction:
+def step_constants(p: Parameters, x: State) -> direction.Direction:
     """The direction of the crank, from which it turns only a little within a step."""
     return direction.Direction(x.phi, sin(x.phi), cos(x.phi))
 
@@ -162,7 +162,7 @@ def position(p: Parameters, crank: direction.Direction) -> Jet:
     return x / (Jet(up, -across, -up) / p.link.l + 1.0) if p.link.swings else x
 
 
-def resistance(p: Parameters, x: Jet, w: float, a: float) -> float:
+def resisting_force(p: Parameters, x: Jet, w: float, a: float) -> float:
     """Force of spring, viscous resistance and load against +x."""
     return (
         p.spring.c * x.value
@@ -171,27 +171,27 @@ def resistance(p: Parameters, x: Jet, w: float, a: float) -> float:
     )
 
 
-def reduced(p: Parameters, x: Jet, w: float) -> tuple[float, float]:
+def inertia_and_load_torque(p: Parameters, x: Jet, w: float) -> tuple[float, float]:
     """Reduced inertia including the load, and M_c + theta' w^2 / 2 at constant speed."""
     theta = p.rotor.J + (p.trough.m + p.load.m) * x.first * x.first
-    return theta, x.first * (resistance(p, x, w, 0.0 * w * w) + p.trough.m * x.second * w * w)
+    return theta, x.first * (resisting_force(p, x, w, 0.0 * w * w) + p.trough.m * x.second * w * w)
 
 
 def derivatives(
     p: Parameters, t: float, x: State, u: Inputs, crank: direction.Direction | None = None
 ) -> State:
-    at = position(p, direction.rotated(crank, x.phi) if crank else prepare(p, x))
-    theta, tau_load = reduced(p, at, x.w)
+    at = position(p, direction.at_angle(x.phi, crank) if crank else step_constants(p, x))
+    theta, tau_load = inertia_and_load_torque(p, at, x.w)
     return State(phi=x.w, w=(u.tau - tau_load) / theta)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
-    crank = prepare(p, x)
+    crank = step_constants(p, x)
     at = position(p, crank)
-    theta, tau_load = reduced(p, at, x.w)
+    theta, tau_load = inertia_and_load_torque(p, at, x.w)
     a = (u.tau - tau_load) / theta
     v = at.first * x.w
-    f_load = resistance(p, at, x.w, a)
+    f_load = resisting_force(p, at, x.w, a)
     f_pin = f_load + p.trough.m * (at.first * a + at.second * x.w * x.w)
     if p.link.swings:
         l, across, up = p.link.l, p.crank.r * crank.sin, p.link.l + p.crank.r * crank.cos

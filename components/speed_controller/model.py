@@ -71,18 +71,18 @@ class Outputs:
     )
 
 
-def torques(p: Parameters, x: State, u: Inputs) -> tuple[float, float]:
+def limited_and_free_torque(p: Parameters, x: State, u: Inputs) -> tuple[float, float]:
     """The torque with its limit, and without it."""
     free = p.K * (u.w_ref - u.w) + x.tau_i
     return min(max(free, -p.tau_max), p.tau_max), free
 
 
 def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
-    tau, free = torques(p, x, u)
+    tau, free = limited_and_free_torque(p, x, u)
     rise = p.K / p.T_i * (u.w_ref - u.w)
     return State(tau_i=rise + (tau - free) / p.T_t if p.antiwindup else rise)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
-    tau, free = torques(p, x, u)
+    tau, free = limited_and_free_torque(p, x, u)
     return Outputs(tau=tau, tau_free=free, e=u.w_ref - u.w)

@@ -27,8 +27,7 @@ from ..trace.graph import (
     size,
 )
 from ..trace.ops import OPS
-from .names import printed_name
-from .printer import Printer, contiguous_start, has_array, is_number
+from .printer import Printer, contiguous_start, printed_name, returns_array, returns_number
 
 #: Largest number of lines of a C function that is always inlined; a convention of this kit.
 MOST_INLINED_LINES = 60
@@ -48,22 +47,17 @@ def declaration(function: Function) -> str:
             parameters.append(f"double {printed_name(name)}")
         elif size(shape) or function.entry:
             parameters.append(f"const double *{printed_name(name)}")
-    if has_array(function) or (function.entry and not is_static(function.shape)):
+    if returns_array(function) or (function.entry and function.shape[0] != "static"):
         parameters.append("double *result")
-    returned = "double" if is_number(function) else "void"
+    returned = "double" if returns_number(function) else "void"
     return f"{returned} {function.name}({', '.join(parameters)})"
-
-
-def is_static(shape: Any) -> bool:
-    """Whether this is the shape of None or of another single thing."""
-    return bool(shape != "number" and shape[0] == "static")
 
 
 def definition(function: Function) -> str:
     """The C function."""
-    lines = list(CPrinter(function).lines())
+    lines = list(CPrinter(function).body_lines())
     kind = "INLINE" if len(lines) <= MOST_INLINED_LINES else "static inline"
-    return "\n".join([f"{kind} {declaration(function)} {{", *packed(lines), "}\n"])
+    return "\n".join([f"{kind} {declaration(function)} {{", *with_fuller_lines(lines), "}\n"])
 
 
 def statement_prefix(line: str) -> str | None:
@@ -72,7 +66,7 @@ def statement_prefix(line: str) -> str | None:
     return match[0] if match else None
 
 
-def packed(lines: Iterable[str]) -> Iterator[str]:
+def with_fuller_lines(lines: Iterable[str]) -> Iterator[str]:
     """Definitions that follow each other as one statement: each stays an expression of its own."""
     for start, group in groupby(lines, statement_prefix):
         if start is None:
@@ -132,17 +126,17 @@ class CPrinter(Printer):
 
     def failure(self, error: Text, indent: str) -> Iterator[str]:
         yield f"{indent}fail({self.text(error)});"
-        yield f"{indent}{self.leave()}"
+        yield f"{indent}{self.return_without_results()}"
 
-    def leave(self) -> str:
-        """The end of the function without results."""
-        if is_number(self.function):
+    def return_without_results(self) -> str:
+        """The end of a function that has failed."""
+        if returns_number(self.function):
             return "return NAN;"
         count = size(self.function.shape)
         return f"fill_nan(result, {count}); return;" if count else "return;"
 
     def returned(self, leaf: Leaf, indent: str) -> Iterator[str]:
-        if is_number(self.function):
+        if returns_number(self.function):
             yield f"{indent}return {self.value(leaf.values[0])};"
             return
         for index, value in enumerate(leaf.values):
@@ -155,7 +149,7 @@ class CPrinter(Printer):
         for index, value in enumerate(node.start):
             yield f"{indent}double v{node.loop}_{index} = {self.value(value)};"
         yield f"{indent}for (;;) {{"
-        yield f"{indent}    if (c->failed) {{ {self.leave()} }}"
+        yield f"{indent}    if (c->failed) {{ {self.return_without_results()} }}"
         yield from self.tree(node.body, depth + 1, node)
         yield f"{indent}}}"
 
@@ -186,7 +180,7 @@ class CPrinter(Printer):
         yield f"{indent}note({self.text(node.text)});"
 
     def attempt_start(self, indent: str) -> Iterator[str]:
-        yield f"{indent}if (c->failed) {{ {self.leave()} }}"
+        yield f"{indent}if (c->failed) {{ {self.return_without_results()} }}"
 
     def attempt_end(self, node: AttemptEnd, indent: str) -> Iterator[str]:
         target = f"const int {self.name(node)} = " if node.number in self.used else ""
@@ -195,7 +189,7 @@ class CPrinter(Printer):
     def call(self, node: Call, indent: str) -> Iterator[str]:
         arguments = ["c", *self.arguments(node)]
         target = ""
-        if has_array(node.function):
+        if returns_array(node.function):
             yield f"{indent}double {self.name(node)}[{size(node.function.shape)}];"
             arguments.append(self.name(node))
         elif node.number in self.used:
@@ -215,11 +209,11 @@ class CPrinter(Printer):
     def constant(self, value: float) -> str:
         return real(float(value))
 
-    def result(self, value: Result) -> str:
+    def call_result(self, value: Result) -> str:
         name = self.names[value.call.number]
-        return f"{name}[{value.index}]" if has_array(value.call.function) else name
+        return f"{name}[{value.index}]" if returns_array(value.call.function) else name
 
-    def array(self, group: Sequence[Any]) -> str:
+    def side_by_side(self, group: Sequence[Any]) -> str:
         first = contiguous_start(group)
         if first is None:
             return f"(const double[]){{{', '.join(map(self.value, group))}}}"
@@ -232,7 +226,7 @@ class CPrinter(Printer):
 
     def text(self, text: Text) -> str:
         """A text as the arguments of the functions that print it."""
-        conversions = [CONVERSIONS.get(node.kind, "%d") for node in text.nodes]
+        conversions = [CONVERSIONS.get(node.type.kind, "%d") for node in text.nodes]
         pieces = [piece.replace("%", "%%") for piece in text.pieces]
         form = "".join(a + b for a, b in zip(pieces, [*conversions, ""]))
         return ", ".join(["c", json.dumps(form, ensure_ascii=False), *map(self.value, text.nodes)])

@@ -13,24 +13,24 @@ from ..declare.interface import Interface, Variable, class_name, co_simulation_o
 from ..declare.record import Value, start
 from ..runtime import direction, hybrid, jet, ode
 from ..trace import feedthrough, purity, tangents
-from ..trace.graph import Function, argument, size
+from ..trace.graph import Function, NumberType, argument, size
 from ..trace.ops import libm_functions
-from ..trace.tracer import Tracer, note
+from ..trace.tracer import Tracer, record_note
 from . import c, python
 
 BOUNDARIES = {
     hybrid: (
         "input_trajectory",
         "inputs_at",
-        "triggered_indicator",
+        "first_negative_indicator",
         "slope",
         "smaller",
-        "announce_change",
+        "note_change",
         "integrate_through_events",
     ),
     ode: ("clip_to_stop", "next_size"),
     bounds: ("require_bounds",),
-    direction: ("rotated",),
+    direction: ("at_angle",),
     jet: (),
 }
 
@@ -58,21 +58,25 @@ class GeneratedSources(NamedTuple):
 def generate(model: ModuleType) -> GeneratedSources:
     """Trace and print a model, once in a process; raises TypeError for undeclared feedthrough."""
     interface = Interface(model)
-    functions = traced(interface)
+    functions = trace_all(interface)
     outputs = next(f for f in functions if f.name == "model_outputs")
     feedthrough.require(interface, outputs)
     warnings = tuple(feedthrough.superfluous_declarations(interface, outputs))
     indicators = next(size(f.shape) for f in functions if f.name == "model_event_indicators")
     last = next(n for n, f in enumerate(functions, 1) if f.name == "model_tangents")
-    code = source(interface, functions[:last], indicators)
+    code = c_source(interface, functions[:last], indicators)
     more = "\n".join(map(c.definition, functions[last:]))
     return GeneratedSources(code, python.module(functions, SLAVE), indicators, more, warnings)
 
 
-def source(interface: Interface, functions: list[Function], indicators: int) -> str:
+def c_source(interface: Interface, functions: list[Function], indicators: int) -> str:
     """The C file to compile; it includes `fmi2.c`."""
     names = ("inputs", "states", "outputs", "derivatives")
     width = {name: getattr(interface, name) for name in names}
+    nominals = [  # C wants at least one
+        f"{{{v.reference - interface.states.start}, {c.real(v.declaration.nominal or 1.0)}}}"
+        for v in interface.continuous
+    ]
     defined = {
         "IDENTIFIER": json.dumps(class_name(interface.model)),
         "GUID": '""',
@@ -93,35 +97,22 @@ def source(interface: Interface, functions: list[Function], indicators: int) -> 
             f"#define LIBM_FUNCTIONS_2(F) {' '.join(f'F({name})' for name, n in libm_functions().items() if n == 2)}",
             '#include "fmi2.c"\n',
             *map(c.definition, functions),
-            f"static const Variable variables[VARIABLES] = {{\n{table(interface)}\n}};\n",
-            f"static const Continuous continuous[] = {{{nominals(interface)}}};\n",
+            "static const Variable variables[VARIABLES] = {",
+            ",\n".join(map(c_variable, interface.variables + interface.rates)),
+            "};\n",
+            f"static const Continuous continuous[] = {{{', '.join(nominals) or '{0, 1.0}'}}};\n",
         ]
     )
 
 
-def table(interface: Interface) -> str:
-    """The variables as the runtime reads them."""
-    variables = interface.variables + interface.rates
-    return ",\n".join(f"    {{{', '.join(row(variable))}}}" for variable in variables)
-
-
-def nominals(interface: Interface) -> str:
-    """Place and nominal of each continuous state; C wants at least one."""
-    rows = [
-        f"{{{v.reference - interface.states.start}, {c.real(v.declaration.nominal or 1.0)}}}"
-        for v in interface.continuous
-    ]
-    return ", ".join(rows) or "{0, 1.0}"
-
-
-def row(v: Variable) -> list[str]:
+def c_variable(v: Variable) -> str:
     """The initialiser of one variable in the C table of variables."""
-    texts = (v.name, v.unit, v.declaration.kind, v.causality, v.variability)
+    texts = (v.name, v.unit, v.declaration.fmi_type, v.causality, v.variability)
     settable = str(int(v.settable_before_start))
     items = v.declaration.items
-    limits = (min(items), max(items)) if items else LIMITS[v.declaration.kind]
-    numbers = (v.declaration.start, *limits)
-    return [*map(json.dumps, texts), settable, *(c.real(float(x)) for x in numbers)]
+    limits = (min(items), max(items)) if items else LIMITS[v.declaration.fmi_type]
+    numbers = (c.real(float(x)) for x in (v.declaration.start, *limits))
+    return f"    {{{', '.join([*map(json.dumps, texts), settable, *numbers])}}}"
 
 
 LIMITS: dict[str, tuple[float, float]] = {
@@ -131,8 +122,8 @@ LIMITS: dict[str, tuple[float, float]] = {
 }
 
 
-def traced(interface: Interface) -> list[Function]:
-    """The functions in the order in which C needs them."""
+def trace_all(interface: Interface) -> list[Function]:
+    """The functions of a model that the runtime calls, and those that they call, in the order in which C needs them."""
     model = interface.model
     module = cast(ModuleType, model)
     purity.require(model, Tracer(module, BOUNDARIES))
@@ -141,29 +132,29 @@ def traced(interface: Interface) -> list[Function]:
     inputs = hybrid.InputTrajectory(u, u, 0.0, 1, (u,) * (hybrid.HIGHEST_DEGREE - 1))
 
     def symbols_of_values() -> list[Value]:
-        return [argument("p", v.reference, v.kind) for v in interface.variables]  # type: ignore[misc]
+        return [argument("p", v.reference, NumberType(v.access_type)) for v in interface.variables]  # type: ignore[misc]
 
     def check(p: Any) -> None:
         for sentence in bounds.check_parameters(interface, p, symbols_of_values()):
-            note(sentence)
+            record_note(sentence)
 
     def check_start(p: Any) -> None:
         bounds.check_start(interface, symbols_of_values())
 
     def begin(p: Any, t: Any, x: Any, now: Any) -> Any:
-        return hybrid.sample(model, p, t, x, None, now, note)
+        return hybrid.sample(model, p, t, x, None, now, record_note)
 
     def input_trajectory(hold: Any, before: Any, now: Any, past: Any, h: Any) -> Any:
         return hybrid.input_trajectory(hold, before, now, past, h)
 
     def step(p: Any, t: Any, x: Any, before: Any, now: Any, inputs: Any) -> Any:
-        return hybrid.step(model, p, t, x, before, now, inputs, note)
+        return hybrid.step(model, p, t, x, before, now, inputs, record_note)
 
     def outputs(p: Any, t: Any, x: Any, u: Any) -> Any:
         return model.outputs(p, t, x, u)
 
     def initial(p: Any, t: Any, x: Any, u: Any) -> Any:
-        settled = model.settle(p, x)
+        settled = model.complete_state(p, x)
         return settled, model.outputs(p, t, settled, u)
 
     def derivatives(p: Any, t: Any, x: Any, u: Any) -> Any:
@@ -186,13 +177,13 @@ def traced(interface: Interface) -> list[Function]:
 
     def event(p: Any, t: Any, x: Any, before: Any, now: Any, which: Any) -> Any:
         if not model.event_update or which < 0.0:
-            return hybrid.sample(model, p, t, x, before, now, note)
+            return hybrid.sample(model, p, t, x, before, now, record_note)
         new = model.event_update(p, t, x, now, which)
-        hybrid.announce_change(model, p, t, x, new, now, note)
+        hybrid.note_change(model, p, t, x, new, now, record_note)
         return new
 
     def initial_values(p: Any, t: Any, x: Any, u: Any) -> Any:
-        settled = model.settle(p, x)
+        settled = model.complete_state(p, x)
         return settled, model.outputs(p, t, settled, u), derivatives(p, t, settled, u)
 
     def present_values(p: Any, t: Any, x: Any, u: Any) -> Any:
@@ -200,19 +191,19 @@ def traced(interface: Interface) -> list[Function]:
 
     counts: list[int] = []
 
-    tracer.entry("model_check", check, p=p)
-    tracer.entry("model_check_start", check_start, p=p)
-    tracer.entry("model_begin", begin, p=p, t=0.0, x=x, now=u)
-    tracer.entry(
+    tracer.trace_entry("model_check", check, p=p)
+    tracer.trace_entry("model_check_start", check_start, p=p)
+    tracer.trace_entry("model_begin", begin, p=p, t=0.0, x=x, now=u)
+    tracer.trace_entry(
         "model_input_trajectory", input_trajectory, hold=0, before=u, now=u, past=0.0, h=0.0
     )
-    tracer.entry("model_step", step, p=p, t=0.0, x=x, before=u, now=u, inputs=inputs)
-    tracer.entry("model_outputs", outputs, p=p, t=0.0, x=x, u=u)
-    tracer.entry("model_initial", initial, p=p, t=0.0, x=x, u=u)
-    tracer.entry("model_derivatives", derivatives, p=p, t=0.0, x=x, u=u)
+    tracer.trace_entry("model_step", step, p=p, t=0.0, x=x, before=u, now=u, inputs=inputs)
+    tracer.trace_entry("model_outputs", outputs, p=p, t=0.0, x=x, u=u)
+    tracer.trace_entry("model_initial", initial, p=p, t=0.0, x=x, u=u)
+    tracer.trace_entry("model_derivatives", derivatives, p=p, t=0.0, x=x, u=u)
     tracer.trace("count", count, p=p, t=0.0, x=x, u=u)
-    tracer.entry("model_event_indicators", event_indicators, p=p, t=0.0, x=x, u=u)
-    tracer.entry("model_event", event, p=p, t=0.0, x=x, before=u, now=u, which=0.0)
+    tracer.trace_entry("model_event_indicators", event_indicators, p=p, t=0.0, x=x, u=u)
+    tracer.trace_entry("model_event", event, p=p, t=0.0, x=x, before=u, now=u, which=0.0)
     for name, run in (("model_directional", initial_values), ("model_tangents", present_values)):
         with tracer.tracing():
             primal = tracer.trace(name, run, p=p, t=0.0, x=x, u=u)
@@ -220,5 +211,5 @@ def traced(interface: Interface) -> list[Function]:
         tracer.functions = {k: v for k, v in tracer.functions.items() if v is not derivative}
         tracer.functions[name] = derivative._replace(name=name, entry=True)
     if model.event_indicators:
-        tracer.entry("model_run_to_event", run_to_event, p=p, t=0.0, x=x, inputs=inputs)
+        tracer.trace_entry("model_run_to_event", run_to_event, p=p, t=0.0, x=x, inputs=inputs)
     return [function for function in tracer.functions.values() if function]

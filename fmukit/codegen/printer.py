@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
@@ -16,6 +17,7 @@ from ..trace.graph import (
     Join,
     Leaf,
     Loop,
+    LoopVariable,
     Node,
     Note,
     Operation,
@@ -24,22 +26,27 @@ from ..trace.graph import (
     Text,
     Tree,
     ancestors,
+    directly_needed,
     has_effect,
-    joins_of,
-    needed,
+    joins_by_phi,
     size,
 )
-from .names import parameter_name
 
 
-def is_number(function: Function) -> bool:
+def printed_name(name: str) -> str:
+    """The printed name of a parameter or of its tangents, which never meets the printer's own names."""
+    plain = re.sub(r"\W", lambda letter: f"_{ord(letter[0]):x}_", name.rstrip("'"), flags=re.ASCII)
+    return f"{'d' if name.endswith(chr(39)) else 'p'}_{plain}"
+
+
+def returns_number(function: Function) -> bool:
     """Whether the function returns its one result."""
     return size(function.shape) == 1 and not function.entry
 
 
-def has_array(function: Function) -> bool:
+def returns_array(function: Function) -> bool:
     """Whether the results of the function stand side by side."""
-    return size(function.shape) > 0 and not is_number(function)
+    return size(function.shape) > 0 and not returns_number(function)
 
 
 def contiguous_start(group: Sequence[Any]) -> Argument | Result | None:
@@ -52,7 +59,7 @@ def contiguous_start(group: Sequence[Any]) -> Argument | Result | None:
             for offset, v in enumerate(group)
         )
         return first if in_order else None
-    if isinstance(first, Result) and has_array(first.call.function):
+    if isinstance(first, Result) and returns_array(first.call.function):
         in_order = all(
             isinstance(v, Result) and v.call is first.call and v.index == first.index + offset
             for offset, v in enumerate(group)
@@ -73,9 +80,9 @@ class Printer(ABC):
         self.function = function
         self.names: dict[int, str] = {}
         self.block = 0
-        self.used = ancestors(needed(function.tree), joins_of(function.tree))
+        self.used = ancestors(directly_needed(function.tree), joins_by_phi(function.tree))
 
-    def lines(self) -> Iterator[str]:
+    def body_lines(self) -> Iterator[str]:
         """The body of the function."""
         yield from self.tree(self.function.tree, 1, None)
 
@@ -90,7 +97,7 @@ class Printer(ABC):
                 condition, short, long = self.negated(condition), long, short
             yield indent + self.IF.format(condition)
             yield from self.tree(short, depth + 1, loop)
-            yield from self.ended(indent)
+            yield from self.block_end(indent)
             yield from self.tree(long, depth, loop)
         elif tree.error is not None:
             yield from self.failure(tree.error, indent)
@@ -103,7 +110,7 @@ class Printer(ABC):
         """The nodes of a block that are read, or have an effect."""
         for node in nodes:
             self.block = block
-            if not self.is_nested(node) and self.is_needed(node):
+            if not self.try_to_nest(node) and self.is_needed(node):
                 yield from self.statement(node, depth)
         self.block = block
 
@@ -156,7 +163,7 @@ class Printer(ABC):
         if arms[1]:
             yield indent + self.ELSE
             yield from arms[1]
-        yield from self.ended(indent)
+        yield from self.block_end(indent)
 
     def arm(
         self, arm: Leaf, names: Sequence[str], phis: Sequence[tuple[Phi, int]], depth: int
@@ -169,7 +176,7 @@ class Printer(ABC):
         elif names:
             yield from self.assigned(names, [arm.values[index] for _, index in phis], indent)
 
-    def ended(self, indent: str) -> Iterator[str]:
+    def block_end(self, indent: str) -> Iterator[str]:
         """The end of a condition, where the language writes one."""
         if self.END:
             yield indent + self.END
@@ -182,11 +189,13 @@ class Printer(ABC):
         """A number where it is read."""
         if not isinstance(value, Node):
             return self.constant(value)
-        name = parameter_name(value)
-        if name is not None:
-            return name
+        if isinstance(value, Argument):
+            name = printed_name(value.name)
+            return name if value.index is None else f"{name}[{value.index}]"
+        if isinstance(value, LoopVariable):
+            return f"v{value.loop}_{value.index}"
         if isinstance(value, Result):
-            return self.result(value)
+            return self.call_result(value)
         if isinstance(value, Operation) and value.is_comparison:
             return f"({self.expression(value)})"
         return self.names[value.number]
@@ -195,10 +204,10 @@ class Printer(ABC):
         """The arguments of a call: a number, or numbers side by side."""
         shapes = [shape for shape in node.function.parameters.values() if size(shape)]
         for shape, group in zip(shapes, node.groups, strict=True):
-            yield self.value(group[0]) if shape == "number" else self.array(group)
+            yield self.value(group[0]) if shape == "number" else self.side_by_side(group)
 
-    def is_nested(self, node: Node) -> bool:
-        """Whether a node is written where it is read, and not as a statement."""
+    def try_to_nest(self, node: Node) -> bool:
+        """Have a node written where it is read, if that can be; whether it is, so that it needs no statement."""
         return False
 
     def depth_of_statement(self, depth: int) -> int:
@@ -274,9 +283,9 @@ class Printer(ABC):
         """A constant."""
 
     @abstractmethod
-    def result(self, value: Result) -> str:
+    def call_result(self, value: Result) -> str:
         """A number that a call has returned."""
 
     @abstractmethod
-    def array(self, group: Sequence[Any]) -> str:
+    def side_by_side(self, group: Sequence[Any]) -> str:
         """Numbers side by side: where they already are, or copied."""

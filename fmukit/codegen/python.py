@@ -24,14 +24,13 @@ from ..trace.graph import (
     size,
 )
 from ..trace.ops import OPS
-from .names import printed_name
-from .printer import Printer, contiguous_start, has_array
+from .printer import Printer, contiguous_start, printed_name, returns_array
 
 #: Functions in the `python` column of the table that need no import.
 BUILT_IN = {"abs", "float"}
 
 
-def head() -> str:
+def imports() -> str:
     """The import of all functions of `math` that the table names, and of what constants are written with."""
     called = {name for op in OPS.values() for name in re.findall(r"(\w+)\(", op.python)}
     names = ", ".join(sorted(called - BUILT_IN | {"inf", "nan"}))
@@ -53,7 +52,7 @@ def module(functions: list[Function], entries: tuple[str, ...]) -> str:
         if function.name in wanted:
             wanted |= {n.function.name for n in nodes_in(function.tree) if isinstance(n, Call)}
     needed_functions = [function for function in functions if function.name in wanted]
-    return head() + "\n\n".join(definition(function) for function in needed_functions)
+    return imports() + "\n\n".join(definition(function) for function in needed_functions)
 
 
 def definition(function: Function) -> str:
@@ -62,8 +61,8 @@ def definition(function: Function) -> str:
     parameters = map(printed_name, names)
     head = f"def {function.name}({', '.join(['note', *parameters])}):"
     draft = PythonPrinter(function, frozenset())
-    deque(draft.lines(), maxlen=0)
-    return "\n".join([head, *PythonPrinter(function, draft.read_once()).lines(), ""])
+    deque(draft.body_lines(), maxlen=0)
+    return "\n".join([head, *PythonPrinter(function, draft.read_once()).body_lines(), ""])
 
 
 def real(value: float) -> str:
@@ -88,7 +87,7 @@ class PythonPrinter(Printer):
         self.nestable: set[int] = set()
         self.readers: dict[int, list[int]] = {}
 
-    def is_nested(self, node: Node) -> bool:
+    def try_to_nest(self, node: Node) -> bool:
         self.block_of_node[node.number] = self.block
         if not isinstance(node, Operation):
             return False
@@ -131,8 +130,8 @@ class PythonPrinter(Printer):
         yield f"{indent}raise ValueError({self.text(error)})"
 
     def returned(self, leaf: Leaf, indent: str) -> Iterator[str]:
-        is_tuple = has_array(self.function) or not leaf.values
-        value = self.array(leaf.values) if is_tuple else self.value(leaf.values[0])
+        is_tuple = returns_array(self.function) or not leaf.values
+        value = self.side_by_side(leaf.values) if is_tuple else self.value(leaf.values[0])
         yield f"{indent}return {value}"
 
     def loop(self, node: Loop, depth: int) -> Iterator[str]:
@@ -174,7 +173,7 @@ class PythonPrinter(Printer):
         arguments = ", ".join(["note", *self.arguments(node)])
         name, count = self.name(node), size(node.function.shape)
         parts = [f"{name}_{index}" for index in range(count)]
-        has_locals = has_array(node.function) and count <= MOST_LOCAL_RESULTS
+        has_locals = returns_array(node.function) and count <= MOST_LOCAL_RESULTS
         target = f"{', '.join(parts)}, = {name}" if has_locals else name
         yield f"{indent}{target} = {node.function.name}({arguments})"
 
@@ -193,14 +192,14 @@ class PythonPrinter(Printer):
     def constant(self, value: float) -> str:
         return real(value)
 
-    def result(self, value: Result) -> str:
+    def call_result(self, value: Result) -> str:
         traced, name = value.call.function, self.names[value.call.number]
-        if not has_array(traced):
+        if not returns_array(traced):
             return name
         has_locals = size(traced.shape) <= MOST_LOCAL_RESULTS
         return f"{name}_{value.index}" if has_locals else f"{name}[{value.index}]"
 
-    def array(self, group: Sequence[Any]) -> str:
+    def side_by_side(self, group: Sequence[Any]) -> str:
         first = contiguous_start(group)
         if first is None:
             return f"({''.join(f'{self.value(value)}, ' for value in group)})"
@@ -216,7 +215,7 @@ class PythonPrinter(Printer):
         """A text with its values, as an f-string."""
         types = {"Real": "", "Boolean": "bool"}
         pieces = [piece.replace("{", "{{").replace("}", "}}") for piece in text.pieces]
-        values = [f"{types.get(node.kind, 'int')}({self.value(node)})" for node in text.nodes]
+        values = [f"{types.get(node.type.kind, 'int')}({self.value(node)})" for node in text.nodes]
         # the quotes of the f-string are those that repr chooses for all pieces together
         form = repr("\x01".join(pieces)).split("\\x01")
         return "f" + "".join(a + b for a, b in zip(form, [*(f"{{{v}!r}}" for v in values), ""]))

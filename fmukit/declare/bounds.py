@@ -19,7 +19,7 @@ def format_value(value: Value, unit: str) -> str:
 
 def require_finite(variable: Variable, value: Value) -> None:
     """Raise ValueError for NaN and infinity."""
-    if variable.kind == "Real" and not isfinite(value):  # type: ignore[arg-type]
+    if variable.access_type == "Real" and not isfinite(value):  # type: ignore[arg-type]
         raise ValueError(
             f"{variable.name} = {format_value(value, variable.unit)} must be a finite number"
         )

@@ -42,10 +42,10 @@ class Variable(NamedTuple):
         return self.initial == "exact" or self.causality == "input"
 
     @property
-    def kind(self) -> str:
+    def access_type(self) -> str:
         """The FMI type that gets and sets it: an Enumeration is an Integer there."""
-        kind = self.declaration.kind
-        return "Integer" if kind == "Enumeration" else kind
+        fmi_type = self.declaration.fmi_type
+        return "Integer" if fmi_type == "Enumeration" else fmi_type
 
     @property
     def unit(self) -> str:
@@ -86,7 +86,7 @@ class Interface:
         variability = "discrete"
         if causality == "parameter":
             variability = "tunable" if declaration.tunable else "fixed"
-        if causality != "parameter" and declaration.kind == "Real" and not declaration.held:
+        if causality != "parameter" and declaration.fmi_type == "Real" and not declaration.held:
             variability = "continuous"
         self.variables.append(
             Variable(name, len(self.variables), causality, variability, initial, declaration)
@@ -123,7 +123,7 @@ def rate_quantity(declaration: Declaration) -> Quantity | None:
 def co_simulation_only_reason(model: Model) -> str:
     """Why a model can only be stepped, not integrated by others; empty if it can be integrated."""
     declared = [d for _, d in declarations(model.State)]
-    discrete = all(d.kind != "Real" or d.held for d in declared)
+    discrete = all(d.fmi_type != "Real" or d.held for d in declared)
     if discrete and (model.sample or model.exact):
         return "it has no continuous state and changes only at communication points"
     return model.CO_SIMULATION_ONLY

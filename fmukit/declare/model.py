@@ -35,8 +35,8 @@ class Model(Protocol):
     outputs: Callable[..., Any]
     #: check(p): a sentence for each unusual parameter; raises ValueError for an impossible one
     check: Callable[[Any], Iterable[str]] = lambda p: ()
-    #: prepare(p, x): a fifth argument for `derivatives` throughout a step that begins with the state x
-    prepare: Callable[[Any, Any], Any] | None = None
+    #: step_constants(p, x): a fifth argument for `derivatives` throughout a step that begins with the state x
+    step_constants: Callable[[Any, Any], Any] | None = None
     #: exact(p, x, u0, u1, h): the state after h seconds with inputs on a line; None where it has no closed form
     exact: Callable[[Any, Any, Any, Any, float], Any] | None = None
     #: event_indicators(p, t, x, u): positive values; an event occurs where one becomes negative
@@ -46,9 +46,9 @@ class Model(Protocol):
     #: sample(p, t, x, before, now): the state just after a communication point that brings the inputs `now`;
     #: before = None when initialisation ends
     sample: Callable[[Any, float, Any, Any, Any], Any] | None = None
-    #: settle(p, x): the state x with all that follows from the rest of it, at the start and at the end of every
+    #: complete_state(p, x): the state x with all that follows from the rest of it, at the start and at the end of every
     #: communication step; what cannot be chosen at the start is declared with `follows=True`
-    settle: Callable[[Any, Any], Any] = lambda p, x: x
+    complete_state: Callable[[Any, Any], Any] = lambda p, x: x
     #: notes(p, t, old, new, u): sentences for the log on the change from old to new
     notes: Callable[[Any, float, Any, Any, Any], Iterable[str]] = lambda p, t, old, new, u: ()
     #: sub-step [s] within which no indicator changes sign twice

@@ -50,7 +50,7 @@ class Declaration(NamedTuple):
     tunable: bool = False
 
     @property
-    def kind(self) -> str:
+    def fmi_type(self) -> str:
         """Real, Integer, Boolean, String or Enumeration."""
         if isinstance(self.start, IntEnum):
             return "Enumeration"
@@ -79,7 +79,7 @@ def real(
     """Declare a Real; `positive` is min = 0 without the 0 itself.
 
     `feedthrough` names the inputs that act on an output without delay. A `held` variable is part of the
-    State and changes only at events. One that `follows` is computed by `settle` and cannot be set. A
+    State and changes only at events. One that `follows` is computed by `complete_state` and cannot be set. A
     `tunable` parameter may be set between communication steps and in event mode.
 
     Parameters
@@ -101,7 +101,7 @@ def real(
     positive : bool
         Whether the value must be above 0.
     follows : bool
-        Whether `settle` computes the variable, which therefore cannot be set.
+        Whether `complete_state` computes the variable, which therefore cannot be set.
     tunable : bool
         Whether a parameter may be set between communication steps and in event mode.
 
@@ -160,7 +160,7 @@ def discrete(
 
     Examples
     --------
-    >>> discrete(True, "Whether the rod has a finite length").kind
+    >>> discrete(True, "Whether the rod has a finite length").fmi_type
     'Boolean'
     """
     return Declaration(start, meaning, feedthrough=feedthrough, tunable=tunable)
@@ -219,7 +219,7 @@ def record(cls: type[R]) -> type[R]:
             continue
         declared, quantity = _declared(cls, name), _quantity(annotation)
         if quantity is not None:
-            _require_exponents(f"{cls.__name__}.{name}", quantity)
+            _require_matching_exponents(f"{cls.__name__}.{name}", quantity)
         if isinstance(declared, list):
             body[name] = _array_view(len(fields), declared)
         for index, element in _elements(declared):
@@ -258,10 +258,10 @@ def _raise_missing_field(self: Any, name: str) -> Any:
     raise AttributeError(f"{type(self).__name__} has no {name}: it has {', '.join(self._fields)}")
 
 
-def _require_exponents(variable: str, quantity: Quantity) -> None:
+def _require_matching_exponents(variable: str, quantity: Quantity) -> None:
     """Raise ValueError, which names the variable, for wrong exponents of a known unit."""
     try:
-        si.require_exponents(quantity)
+        si.require_matching_exponents(quantity)
     except ValueError as error:
         raise ValueError(f"{variable}: {error}") from None
 

@@ -14,8 +14,10 @@ from . import page, terminals
 from .load import project_metadata
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
-KIT = Path(__file__).resolve().parents[1]
-LICENSE = next(path for path in (KIT / "LICENSE", KIT.parent / "LICENSE") if path.is_file())
+KIT_FOLDER = Path(__file__).resolve().parents[1]
+LICENSE = next(
+    path for path in (KIT_FOLDER / "LICENSE", KIT_FOLDER.parent / "LICENSE") if path.is_file()
+)
 
 
 def digest_of(interface: Interface, flavour: str, makers: Iterable[Path]) -> str:
@@ -25,8 +27,8 @@ def digest_of(interface: Interface, flavour: str, makers: Iterable[Path]) -> str
     traced for it.
     """
     sources = source_files(Path(interface.model.__file__ or ""))
-    kit = (file for pattern in ("*.py", "*.c", "*.zig") for file in KIT.rglob(pattern))
-    hash_parts = (flavour, page.html(interface), repr(terminals.entries(interface)),
+    kit = (file for pattern in ("*.py", "*.c", "*.zig") for file in KIT_FOLDER.rglob(pattern))
+    hash_parts = (flavour, page.html(interface), repr(terminals.files_of_terminals(interface)),
             repr(project_metadata(interface.model)), os.environ.get("SOURCE_DATE_EPOCH", ""))  # fmt: skip
     digest = hashlib.sha256("\0".join(hash_parts).encode())
     for file in (*sources, LICENSE, *sorted(kit), *makers):
@@ -74,15 +76,16 @@ def _hash_of(contents: dict[str, bytes]) -> bytes:
 MODULE_HASH = b"\0\x27\x06sha256"
 
 
-def with_hash(module: bytes) -> bytes:
+def with_hash_section(module: bytes) -> bytes:
     """A module for WebAssembly with the hash of all that is before it in a last section."""
     return module + MODULE_HASH + hashlib.sha256(module).digest()
 
 
-def is_current_module(guid: str, file: Path) -> bool:
-    """Whether a file is the module of this guid, undamaged."""
+def is_current_wasm(guid: str, file: Path) -> bool:
+    """Whether a file is the module for WebAssembly of this guid, undamaged."""
     try:
         content = file.read_bytes()
     except OSError:
         return False
-    return guid.encode() in content and content == with_hash(content.rpartition(MODULE_HASH)[0])
+    original = content.rpartition(MODULE_HASH)[0]
+    return guid.encode() in content and content == with_hash_section(original)

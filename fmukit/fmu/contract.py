@@ -13,9 +13,9 @@ from ..trace.modules import imported_files
 
 #: The arguments of a model's functions.
 FUNCTIONS = {
-    "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "check": "p", "prepare": "p, x",
+    "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "check": "p", "step_constants": "p, x",
     "exact": "p, x, u0, u1, h", "event_indicators": "p, t, x, u", "event_update": "p, t, x, u, which",
-    "sample": "p, t, x, before, now", "settle": "p, x", "notes": "p, t, old, new, u",
+    "sample": "p, t, x, before, now", "complete_state": "p, x", "notes": "p, t, old, new, u",
 }  # fmt: skip
 #: Least similarity of a misspelt name, as `difflib` measures it: two letters exchanged in the shortest names give 0.8.
 SIMILARITY = 0.8
@@ -79,11 +79,11 @@ def require_spelling(path: Path, module: ModuleType) -> None:
         for name in names:
             for close in get_close_matches(name.lower(), missing, 1, SIMILARITY):
                 if name not in used:
-                    reason = f"nothing uses {name}: write {definition(missing[close])}"
+                    reason = f"nothing uses {name}: write {definition_to_write(missing[close])}"
                     raise SyntaxError(reason, (str(path), node.lineno, None, None))
 
 
-def definition(name: str) -> str:
+def definition_to_write(name: str) -> str:
     """How a model begins the definition of a name that the kit reads."""
     if name in RECORDS:
         return f"class {name}"

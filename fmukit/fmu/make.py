@@ -3,7 +3,7 @@
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from importlib.util import find_spec
@@ -11,13 +11,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from ..declare.interface import co_simulation_only_reason, component_name
+from ..codegen.entries import generate
+from ..declare.interface import class_name, co_simulation_only_reason, component_name
 from . import validate
-from .archive import is_current, is_current_module
+from .archive import is_current, is_current_wasm
 from .load import ModelError, as_model_error, load
 from .native import package as native
 from .python import package as python
-from .workplace import interruptible, keep, results, workplace
+from .workplace import interruptible, put_in_place, results, workplace
 
 FLAVOURS = ("python", "native", "wasm", "both", "fmi3", "all")
 COMPILED = ("native", "wasm", "both", "fmi3", "all")
@@ -73,7 +74,7 @@ def make_all(
     force: bool = False,
     platforms: str = "host",
     report: Callable[[Outcome], Any] = print_outcome,
-) -> int:
+) -> list[str]:
     """Make NAME.fmu of every model, compiled ones in separate folders, and NAME.wasm; each core takes a model.
 
     Parameters
@@ -90,12 +91,12 @@ def make_all(
         "host": native FMUs run on this machine, "all": on every platform of FMI. What was made for all is up to
         date for this machine, and not the other way round.
     report : callable
-        What to do with the outcome of each model, in their order.
+        What to do with the outcome of each model as soon as it and those before it are there.
 
     Returns
     -------
-    int
-        How many files could not be made.
+    list of str
+        An error for each file that could not be made.
 
     Raises
     ------
@@ -104,19 +105,19 @@ def make_all(
     OSError
         If the folder cannot be written.
     """
-    paths, failed = list(models), 0
+    errors: list[str] = []
     names = native.ALL if platforms == "all" else native.HOST
     make_one = partial(make, flavour=flavour, out=out, force=force, platforms=names)
     with interruptible(), workplace(out) as folder:
         try:
-            for outcome in results(make_one, paths, folder):
+            for outcome in results(make_one, list(models), folder):
+                errors += outcome.errors
                 report(outcome)
-                failed += len(outcome.errors)
         except BrokenProcessPool:
             message = "a process of the build was killed, perhaps for want of memory; what was built stays"
-            report(Outcome([], [], [], [f"error: {message}: enter the command again"]))
-            failed += 1
-    return failed
+            errors.append(f"error: {message}: enter the command again")
+            report(Outcome([], [], [], errors[-1:]))
+    return errors
 
 
 def make(path: Path, flavour: str, out: Path, force: bool, platforms: tuple[str, ...]) -> Outcome:
@@ -126,14 +127,16 @@ def make(path: Path, flavour: str, out: Path, force: bool, platforms: tuple[str,
         model = load(path)
         with as_model_error(path):
             outcome.remarks.extend(_remarks(model, flavour))
-            for file, build, pack in _files(model, flavour, platforms):
+            for product in _products(model, flavour, platforms):
                 try:
-                    made, warnings = make_file(out / file, build, pack, force)
+                    made = make_file(out, product, force)
                 except _NotMadeError as reason:
                     outcome.errors.append(str(reason))
-                else:
-                    outcome.made.append(made)
-                    outcome.warnings.extend(warnings)
+                    continue
+                outcome.made.append(made)
+                if made.is_new and made.path.suffix == ".fmu" and not model.PYTHON_ONLY:
+                    warnings = generate(model).warnings
+                    outcome.warnings.extend(f"{made.label}: warning: {text}" for text in warnings)
     except ModelError as refusal:
         outcome.errors.append(str(refusal))
     return outcome
@@ -152,59 +155,65 @@ def _remarks(model: ModuleType, flavour: str) -> Iterator[str]:
         yield f"{component_name(model)} has no model exchange: {why}"
 
 
-Build = python.Build | native.NativeBuild
-Pack = Callable[[Any, Path], None]
+class Product(NamedTuple):
+    """A file to make: its place, its GUID, what an FMU must contain to be up to date, the function that writes it."""
+
+    place: str
+    guid: str
+    libraries: Collection[str]
+    write: Callable[[Path], None]
 
 
-def _files(
-    model: ModuleType, flavour: str, platforms: tuple[str, ...]
-) -> Iterator[tuple[str, Build, Pack]]:
-    """The files of a flavour, with what each is made from and the function that writes it."""
+def _products(model: ModuleType, flavour: str, platforms: tuple[str, ...]) -> Iterator[Product]:
+    """The files of a flavour."""
+    name = class_name(model)
     if flavour in ("python", "both", "all"):
-        build = python.collect(model)
-        yield f"{build.name}.fmu", build, python.pack
+        build = python.hashed_build(model)
+        yield Product(f"{name}.fmu", build.guid, (), partial(python.write_fmu, build))
     if flavour == "python" or model.PYTHON_ONLY:
         return
-    if flavour != "fmi3":
-        second = native.collect(model, 2, platforms)
+    versions = {"fmi3": (3,), "all": (2, 3)}.get(flavour, (2,))
+    for second_or_third in (native.hashed_build(model, fmi, platforms) for fmi in versions):
+        guid, libraries = second_or_third.guid, second_or_third.targets_by_library
+        write = partial(native.write_fmu, second_or_third)
+        if second_or_third.fmi == 3:
+            yield Product(f"fmi3/{name}.fmu", guid, libraries, write)
+            continue
         if flavour != "wasm":
-            yield f"native/{second.name}.fmu", second, native.pack
-        yield f"wasm/{second.name}.wasm", second, native.write_module
-    if flavour in ("fmi3", "all"):
-        third = native.collect(model, 3, platforms)
-        yield f"fmi3/{third.name}.fmu", third, native.pack
+            yield Product(f"native/{name}.fmu", guid, libraries, write)
+        yield Product(f"wasm/{name}.wasm", guid, (), partial(native.write_wasm, second_or_third))
 
 
 class _NotMadeError(Exception):
     """Why a file is not there, in words that name it."""
 
 
-def make_file(path: Path, build: Build, pack: Pack, force: bool) -> tuple[Made, Sequence[str]]:
-    """Make one FMU or module unless it is up to date; what there is to warn of, if it was made now.
+def make_file(out: Path, product: Product, force: bool) -> Made:
+    """Make one FMU or module in this folder unless it is up to date.
 
     Raises _NotMadeError, and then nothing is kept but what was there before.
     """
-    made = Made(path, build.guid, is_new=True)
-    module = path.suffix == ".wasm"
-    current = (
-        is_current_module(build.guid, path)
-        if module
-        else is_current(build.guid, build.members, path)
+    path = out / product.place
+    made, is_wasm = Made(path, product.guid, is_new=True), path.suffix == ".wasm"
+    is_there = (
+        is_current_wasm(product.guid, path)
+        if is_wasm
+        else is_current(product.guid, product.libraries, path)
     )
-    if current and not force:
-        return made._replace(is_new=False), ()
+    if is_there and not force:
+        return made._replace(is_new=False)
     try:
         with tempfile.TemporaryDirectory() as folder:
             candidate = Path(folder) / path.name
-            pack(build, candidate)
-            if not module:
+            product.write(candidate)
+            if not is_wasm:
                 _require_valid(candidate, made.label)
-            keep(candidate, path)
+            put_in_place(candidate, path)
     except RuntimeError as error:
         raise _NotMadeError(f"{made.label} cannot be built: {error}") from None
     except OSError as error:
         raise _NotMadeError(f"{path} cannot be written: {reason_of(error)}") from None
-    return made, [] if module else [f"{made.label}: warning: {text}" for text in build.warnings]
+    return made
 
 
 def reason_of(error: OSError) -> str:
@@ -213,7 +222,7 @@ def reason_of(error: OSError) -> str:
 
 
 def _require_valid(fmu: Path, label: str) -> None:
-    if problems := validate.problems(fmu) or list(validate.differences(fmu)):
+    if problems := validate.problems(fmu) or list(validate.differences_from_reference(fmu)):
         lines = "\n  ".join([f"{label} is not valid and was not kept:", *problems])
         raise _NotMadeError(lines)
 
@@ -264,13 +273,13 @@ def run(
         report(outcome)
 
     try:
-        failed = make_all(models, options.flavour, out, options.force, options.platforms, show)
+        errors = make_all(models, options.flavour, out, options.force, options.platforms, show)
     except KeyboardInterrupt:
         print("interrupted; what was built stays, and the same command continues", file=sys.stderr)
         return 130
     except OSError as error:
         return _refuse(f"{out} cannot be written: {reason_of(error)}", 1)
-    return min(1, failed)
+    return int(bool(errors))
 
 
 def _refuse(sentence: str, status: int = 2) -> int:

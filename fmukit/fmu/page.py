@@ -63,17 +63,17 @@ def rows(interface: Interface) -> Iterator[tuple[str, ...]]:
     for v in interface.variables:
         yield (
             v.name,
-            v.declaration.kind,
+            v.declaration.fmi_type,
             v.unit,
             v.causality,
             v.variability,
             v.initial,
             start_text(v.declaration) if v.settable_before_start else "",
-            meaning(v),
+            meaning_with_bounds(v),
         )
 
 
-def meaning(variable: Variable) -> str:
+def meaning_with_bounds(variable: Variable) -> str:
     """The description with the bounds, or with the values of an enumeration."""
     d = variable.declaration
     if d.items:
@@ -84,14 +84,14 @@ def meaning(variable: Variable) -> str:
     return f"{d.meaning} [{', '.join(limits)}]" if limits else d.meaning
 
 
-def table(interface: Interface) -> str:
+def markdown_table(interface: Interface) -> str:
     """The variable table in Markdown."""
     lines = [" | ".join(HEADER), " | ".join("---" for _ in HEADER)]
     lines += [" | ".join(row) for row in rows(interface)]
     return "\n".join(f"| {line} |" for line in lines)
 
 
-def text(interface: Interface, drawing: str, plot: str) -> str:
+def markdown_page(interface: Interface, drawing: str, plot: str) -> str:
     """The page in Markdown with $ formulas and these pictures."""
     model, notes = interface.model, neighbour_file(interface.model, "page.md")
     stop, step = model.EXPERIMENT
@@ -105,22 +105,22 @@ def text(interface: Interface, drawing: str, plot: str) -> str:
         f"## Default experiment\n\nInputs and parameters keep their start values for {stop:g} s, in steps "
         f"of {step:g} s. The FMU contains these results as CSV.",
         plot,
-        f"## Variables\n\n{table(interface)}",
+        f"## Variables\n\n{markdown_table(interface)}",
     ]
     return "\n\n".join(section for section in sections if section) + "\n"
 
 
-def github(interface: Interface, plot: str, folder: Path) -> str:
+def github_markdown(interface: Interface, plot: str, seen_from: Path) -> str:
     """The page as GitHub shows it from this folder."""
     picture = neighbour_file(interface.model, "drawing.svg")
-    path = os.path.relpath(picture, folder) if picture else ""
+    path = os.path.relpath(picture, seen_from) if picture else ""
     drawing = f"![Drawing: {title(interface.model)}]({Path(path).as_posix()})" if picture else ""
-    return for_github(
-        text(interface, drawing, f"![Outputs over time in the default experiment]({plot})")
+    return with_github_formulas(
+        markdown_page(interface, drawing, f"![Outputs over time in the default experiment]({plot})")
     )
 
 
-def for_github(page: str) -> str:
+def with_github_formulas(page: str) -> str:
     """The page for the documentation, with its formulas protected from Markdown."""
 
     def protect(match: re.Match[str]) -> str:
@@ -133,7 +133,7 @@ def html(interface: Interface, plot: str = "") -> str:
     """The page as one file that needs no network, with formulas as MathML and pictures as SVG."""
     picture = neighbour_file(interface.model, "drawing.svg")
     drawing = picture.read_text(encoding="utf-8") if picture else ""
-    body = prose(text(interface, "DRAWING", "PLOT"))
+    body = html_of_markdown(markdown_page(interface, "DRAWING", "PLOT"))
     for marker, svg in (("DRAWING", drawing), ("PLOT", plot)):
         body = body.replace(f"<p>{marker}</p>", svg)
     return (
@@ -144,7 +144,7 @@ def html(interface: Interface, plot: str = "") -> str:
     )
 
 
-def prose(text: str) -> str:
+def html_of_markdown(text: str) -> str:
     """Convert Markdown with $$ equations $$ and $ symbols $ to HTML with MathML."""
     formulas: list[str] = []
 

@@ -12,7 +12,7 @@ from .reference import Rows, outputs
 #: Panels in a row; like all sizes below, in SVG units, a convention of this kit.
 COLUMNS = 3
 #: Width of a panel.
-WIDTH = 190
+PICTURE_WIDTH = 190
 #: Height of a panel.
 HEIGHT = 60
 #: Space to the left of a panel, for its scale.
@@ -24,7 +24,7 @@ DOWN = 36
 def svg(interface: Interface, rows: Rows) -> str:
     """Small multiples of the rows of the experiment."""
     time, *columns = zip(*rows)
-    width = COLUMNS * (WIDTH + ACROSS) + 10
+    width = COLUMNS * (PICTURE_WIDTH + ACROSS) + 10
     height = math.ceil(len(columns) / COLUMNS) * (HEIGHT + DOWN) + DOWN
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" '
@@ -33,7 +33,7 @@ def svg(interface: Interface, rows: Rows) -> str:
     ]
     for n, (output, values) in enumerate(zip(outputs(interface), columns)):
         row, column = divmod(n, COLUMNS)
-        x, y = ACROSS + column * (WIDTH + ACROSS), DOWN + row * (HEIGHT + DOWN)
+        x, y = ACROSS + column * (PICTURE_WIDTH + ACROSS), DOWN + row * (HEIGHT + DOWN)
         label = f"{output.name} [{output.unit}]" if output.unit else output.name
         parts += panel(x, y, label, values)
     last = f'<text x="{ACROSS}" y="{height - 14}" fill="#555">time from 0 to {time[-1]:g} s</text>'
@@ -45,11 +45,11 @@ def panel(x: int, y: int, label: str, values: Sequence[float]) -> Iterable[str]:
     low, high = min(values), max(values)
     scale = HEIGHT / (high - low) if high > low else 0.0
     top = HEIGHT / 2 if low == high else HEIGHT
-    step = WIDTH / (len(values) - 1)
+    step = PICTURE_WIDTH / (len(values) - 1)
     dots = [(round(step * n), round(top - scale * (v - low))) for n, v in enumerate(values)]
     path = " ".join(f"{x + across},{y + down}" for across, down in thinned(dots))
     yield f'<text x="{x}" y="{y - 8}" font-weight="bold">{escape(label)}</text>'
-    yield f'<rect x="{x}" y="{y}" width="{WIDTH}" height="{HEIGHT}" fill="none" stroke="#ddd"/>'
+    yield f'<rect x="{x}" y="{y}" width="{PICTURE_WIDTH}" height="{HEIGHT}" fill="none" stroke="#ddd"/>'
     yield f'<polyline points="{path}" fill="none" stroke="#1f5fa8" stroke-width="1.3"/>'
     for value, down in {high: HEIGHT - top, low: top}.items():
         at = f'x="{x - 3}" y="{y + down + 4:g}"'

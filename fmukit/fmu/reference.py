@@ -30,11 +30,11 @@ Column = Sequence[float]
 NAME = "org.fmi-standard.fmi-ls-ref"
 
 #: A convention of FMI-LS-REF 1.0.0-beta.1 (July 2026): its text still asks for the version of its draft.
-VERSION = "1.0.0-alpha.1"
+LAYERED_VERSION = "1.0.0-alpha.1"
 
 #: A convention of FMI-LS-REF, which fixes its description.
 DESCRIPTION = "Layered Standard providing information on related files included in an FMU."
-FOLDER = f"extra/{NAME}"
+RESULTS_FOLDER = f"extra/{NAME}"
 #: Name of the file of results after that of the component: a convention of this kit.
 RESULT = "_ref.csv"
 #: Name of the file of their errors, which has the same heading and times: a convention of this kit.
@@ -68,17 +68,17 @@ MANIFEST = """\
 """
 
 
-def entries(interface: Interface) -> dict[str, bytes]:
+def files_of_reference(interface: Interface) -> dict[str, bytes]:
     """The files by their path in the FMU: a manifest, and as CSV the outputs at every step and their errors."""
     model = interface.model
     result, errors = (f"{class_name(model)}{end}" for end in (RESULT, ERRORS))
     manifest = MANIFEST.format(
-        name=NAME, version=VERSION, description=DESCRIPTION, file=result, errors=errors
+        name=NAME, version=LAYERED_VERSION, description=DESCRIPTION, file=result, errors=errors
     )
     return {
-        f"{FOLDER}/fmi-ls-manifest.xml": manifest.encode(),
-        f"{FOLDER}/{result}": _csv(interface, experiment(model)),
-        f"{FOLDER}/{errors}": _csv(interface, experiment_errors(model)),
+        f"{RESULTS_FOLDER}/fmi-ls-manifest.xml": manifest.encode(),
+        f"{RESULTS_FOLDER}/{result}": _csv(interface, default_experiment(model)),
+        f"{RESULTS_FOLDER}/{errors}": _csv(interface, default_experiment_errors(model)),
     }
 
 
@@ -104,17 +104,17 @@ def outputs(interface: Interface) -> list[Variable]:
     return [v for v in interface.variables if v.causality == "output"]
 
 
-def table(interface: Interface) -> dict[str, Any]:
+def slave_table(interface: Interface) -> dict[str, Any]:
     """What a slave in Python knows of the variables of a model."""
     rows = []
     for v in interface.variables:
         unit = "" if v.unit in ("", "1") else f" {v.unit}"
-        start = v.declaration.start if v.kind != "Integer" else int(v.declaration.start)
+        start = v.declaration.start if v.access_type != "Integer" else int(v.declaration.start)
         settable, calculated = v.settable_before_start, v.initial == "calculated"
         fields = (
             v.name,
             unit,
-            v.declaration.kind,
+            v.declaration.fmi_type,
             v.causality,
             v.variability,
             settable,
@@ -141,36 +141,36 @@ def by_printed(model: ModuleType) -> type[instance.Slave]:
 
 
 def _slave(interface: Interface, functions: Any, guid: str) -> type[instance.Slave]:
-    body = table(interface) | {"guid": guid, "functions": functions}
+    body = slave_table(interface) | {"guid": guid, "functions": functions}
     return type(class_name(interface.model), (instance.Slave,), body)
 
 
 @cache
-def experiment(model: ModuleType, refinement: int = 1) -> Rows:
+def default_experiment(model: ModuleType, steps_per_row: int = 1) -> Rows:
     """Time and outputs at every communication point; Booleans as 0 and 1.
 
     Parameters
     ----------
     model : module
         The component.
-    refinement : int
+    steps_per_row : int
         How many steps are taken from one communication point to the next. Rows with one step are those of the
         equations as they stand.
     """
     stop, step = model.EXPERIMENT
-    as_they_stand = refinement == 1 or model.PYTHON_ONLY
+    as_they_stand = steps_per_row == 1 or model.PYTHON_ONLY
     slave = (by_equations if as_they_stand else by_printed)(model)(instance_name=class_name(model))
     references = {
-        kind: [v.reference for v in outputs(Interface(model)) if v.kind == kind]
+        kind: [v.reference for v in outputs(Interface(model)) if v.access_type == kind]
         for kind in ("Real", "Integer", "Boolean")
     }
     slave.setup_experiment(0.0, stop, None)
     slave.enter_initialization_mode()
     slave.exit_initialization_mode()
     rows = []
-    size = step / refinement
+    size = step / steps_per_row
     for n in range(round(stop / step) + 1):
-        for k in range(refinement if n else 0):
+        for k in range(steps_per_row if n else 0):
             slave.do_step((n - 1) * step + k * size, size)
         values: dict[int, float | int] = {}
         for kind, vrs in references.items():
@@ -181,24 +181,26 @@ def experiment(model: ModuleType, refinement: int = 1) -> Rows:
 
 
 @cache
-def experiment_errors(model: ModuleType) -> Rows:
+def default_experiment_errors(model: ModuleType) -> Rows:
     """Time and, for each output at every communication point, how far it may be from the exact solution.
 
     error = SAFETY * max |x(h) - x(h / k)| nearby + rounding, over the REFINEMENTS k, for Real outputs. Other outputs
     are right or wrong, so that their error is the largest difference itself.
     """
-    time, *columns = zip(*experiment(model))
-    finer = [list(zip(*experiment(model, k)))[1:] for k in REFINEMENTS]
+    time, *columns = zip(*default_experiment(model))
+    finer = [list(zip(*default_experiment(model, k)))[1:] for k in REFINEMENTS]
     errors = [
-        _real_errors(x, differences) if v.kind == "Real" else differences
+        _real_errors(x, differences) if v.access_type == "Real" else differences
         for v, x, differences in zip(
-            outputs(Interface(model)), columns, map(_largest_differences, columns, zip(*finer))
+            outputs(Interface(model)),
+            columns,
+            map(_largest_difference_of_each_row, columns, zip(*finer)),
         )
     ]
     return [list(row) for row in zip(time, *errors)]
 
 
-def _largest_differences(column: Column, finer: Iterable[Column]) -> list[float]:
+def _largest_difference_of_each_row(column: Column, finer: Iterable[Column]) -> list[float]:
     """For each value of a column its largest distance from those of finer runs."""
     return [max(abs(value - x) for x in row) for value, row in zip(column, zip(*finer))]
 

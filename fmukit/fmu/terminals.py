@@ -12,15 +12,15 @@ from xml.etree.ElementTree import Element, SubElement
 from ..declare.interface import Interface
 from .load import neighbour_file
 
-FOLDER = "terminalsAndIcons"
+TERMINALS_FOLDER = "terminalsAndIcons"
 #: Width of the icon in pixels; a convention of this kit.
-WIDTH = 256
+ICON_WIDTH = 256
 MEMBERS = {"tau": "N.m", "w": "rad/s", "phi": "rad"}
 
 
-def entries(interface: Interface) -> dict[str, bytes]:
+def files_of_terminals(interface: Interface) -> dict[str, bytes]:
     """The files of the folder by their path in the FMU; none for a model without any."""
-    icon, ends = drawing(interface), flanges(interface)
+    icon, ends = drawing_without_text(interface), flanges(interface)
     if not icon and not ends:
         return {}
     root = Element("fmiTerminalsAndIcons", fmiVersion="3.0")
@@ -44,8 +44,8 @@ def entries(interface: Interface) -> dict[str, bytes]:
     ElementTree.indent(root)
     files = {"terminalsAndIcons.xml": ElementTree.tostring(root, "UTF-8", xml_declaration=True)}
     if icon:
-        files |= {"icon.svg": icon[0].encode(), "icon.png": png(icon[0])}
-    return {f"{FOLDER}/{name}": content for name, content in files.items()}
+        files |= {"icon.svg": icon[0].encode(), "icon.png": icon_png(icon[0])}
+    return {f"{TERMINALS_FOLDER}/{name}": content for name, content in files.items()}
 
 
 def flanges(interface: Interface) -> dict[str, dict[str, str]]:
@@ -68,7 +68,7 @@ def flanges(interface: Interface) -> dict[str, dict[str, str]]:
     return terminals
 
 
-def drawing(interface: Interface) -> tuple[str, float, float] | None:
+def drawing_without_text(interface: Interface) -> tuple[str, float, float] | None:
     """The drawing beside a model without its letters, and its width and height."""
     path = neighbour_file(interface.model, "drawing.svg")
     if path is None:
@@ -78,8 +78,8 @@ def drawing(interface: Interface) -> tuple[str, float, float] | None:
     return text, float(width), float(height)
 
 
-def png(svg: str) -> bytes:
+def icon_png(svg: str) -> bytes:
     """A picture as PNG, some pixels wide; the same bytes on every machine, for it has no letters."""
     import resvg_py
 
-    return bytes(resvg_py.svg_to_bytes(svg_string=svg, width=WIDTH, skip_system_fonts=True))
+    return bytes(resvg_py.svg_to_bytes(svg_string=svg, width=ICON_WIDTH, skip_system_fonts=True))

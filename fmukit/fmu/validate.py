@@ -34,7 +34,7 @@ def problems(fmu: Path) -> list[str]:
     return [*_files(fmu, description), *_description(description)]
 
 
-def differences(fmu: Path) -> Iterator[str]:
+def differences_from_reference(fmu: Path) -> Iterator[str]:
     """Where the default experiment of an FMU, played, leaves the reference that it carries.
 
     Raises RuntimeError if a call fails. An FMU without a binary for this platform is not played.

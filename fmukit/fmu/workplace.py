@@ -38,8 +38,8 @@ def workplace(out: Path) -> Iterator[Path]:
     out.mkdir(parents=True, exist_ok=True)
     for left in [*out.glob(f"{PREFIX}*"), *out.glob(f"*/{PREFIX}*")]:
         with suppress(OSError):
-            _remove_left(left)
-    folder, lock = _new(out)
+            _remove_if_abandoned(left)
+    folder, lock = _new_locked_folder(out)
     try:
         yield folder
     finally:
@@ -50,7 +50,7 @@ def workplace(out: Path) -> Iterator[Path]:
             os.close(lock)
 
 
-def _new(out: Path) -> tuple[Path, int]:
+def _new_locked_folder(out: Path) -> tuple[Path, int]:
     """A folder that nobody else removes, and its lock."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=out.absolute()))
@@ -59,13 +59,13 @@ def _new(out: Path) -> tuple[Path, int]:
         except FileNotFoundError:  # another build took the folder for one that was left
             continue
         with suppress(OSError):  # a file system without locks, where nobody removes what is left
-            _lock(lock)
+            _lock_or_raise(lock)
         if (folder / OWNER).exists():
             return folder, lock
         os.close(lock)
 
 
-def _lock(file: int) -> None:
+def _lock_or_raise(file: int) -> None:
     """Lock an open file until it is closed; raises OSError if another process has locked it."""
     if sys.platform == "win32":
         import msvcrt
@@ -77,14 +77,14 @@ def _lock(file: int) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _remove_left(folder: Path) -> None:
+def _remove_if_abandoned(folder: Path) -> None:
     """Remove the folder of a build that has ended; raises OSError if it has not."""
     if folder.is_symlink() or not folder.is_dir():
         return
     if (folder / OWNER).is_file():
         lock = os.open(folder / OWNER, os.O_RDWR)
         try:
-            _lock(lock)
+            _lock_or_raise(lock)
             if sys.platform != "win32":
                 rmtree(folder)
         finally:
@@ -98,7 +98,7 @@ def _remove_left(folder: Path) -> None:
         rmtree(folder)
 
 
-def keep(candidate: Path, target: Path) -> None:
+def put_in_place(candidate: Path, target: Path) -> None:
     """Put a finished file in its place; a loss of power leaves the old one or the new one there."""
     with candidate.open("r+b") as file:
         os.fsync(file.fileno())
@@ -121,7 +121,7 @@ def results(
     """
     others = {*multiprocessing.active_children()}
     count = max(1, min(len(tasks), os.cpu_count() or 1))
-    with ProcessPoolExecutor(count, initializer=_begin, initargs=(folder,)) as pool:
+    with ProcessPoolExecutor(count, initializer=_begin_worker, initargs=(folder,)) as pool:
         futures = [pool.submit(function, task) for task in tasks]
         try:
             for future in futures:
@@ -133,7 +133,7 @@ def results(
             raise
 
 
-def _begin(folder: Path) -> None:
+def _begin_worker(folder: Path) -> None:
     """Make this process one that works for a build: the build hears Ctrl-C, and this ends with it."""
     for number in STOPS:
         signal.signal(number, signal.SIG_IGN)

@@ -21,15 +21,13 @@ class Direction(NamedTuple):
     cos: float
 
 
-def rotated(reference: Direction, angle: float) -> Direction:
-    """The direction of an angle, to 3e-15: a series about a reference less than SERIES_LIMIT from it."""
-    d = angle - reference.angle
+def at_angle(angle: float, near: Direction) -> Direction:
+    """The direction of an angle, to 3e-15: a series about another that is less than SERIES_LIMIT from it."""
+    d = angle - near.angle
     square = d * d
     if square > SERIES_LIMIT * SERIES_LIMIT:
         return Direction(angle, sin(angle), cos(angle))
     fourth = square * square
     s = d * ((1.0 - square * (1 / 6)) + fourth * (1 / 120 - square * (1 / 5040)))
     c = (1.0 - square * 0.5) + fourth * ((1 / 24 - square * (1 / 720)) + fourth * (1 / 40320))
-    return Direction(
-        angle, reference.sin * c + reference.cos * s, reference.cos * c - reference.sin * s
-    )
+    return Direction(angle, near.sin * c + near.cos * s, near.cos * c - near.sin * s)

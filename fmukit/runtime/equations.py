@@ -34,7 +34,7 @@ def functions(interface: Interface) -> SimpleNamespace:
         bounds.check_start(interface, v)
 
     def model_initial(note: Note, v: Numbers, t: float, x: Numbers, u: Numbers) -> Numbers:
-        settled = model.settle(parameters(v), state(x))
+        settled = model.complete_state(parameters(v), state(x))
         return *settled, *model.outputs(parameters(v), t, settled, inputs(u))
 
     def model_begin(note: Note, v: Numbers, t: float, x: Numbers, now: Numbers) -> Any:

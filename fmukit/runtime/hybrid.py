@@ -7,6 +7,7 @@ functions, and which of them may be missing.
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import Enum
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -105,7 +106,7 @@ def advance(
         if end is not None:
             return end
 
-    return model.settle(p, integrate_through_events(model, p, t, x, inputs, note))
+    return model.complete_state(p, integrate_through_events(model, p, t, x, inputs, note))
 
 
 def sample(
@@ -121,11 +122,11 @@ def sample(
     if not model.sample:
         return x
     new = model.sample(p, t, x, before, now)
-    announce_change(model, p, t, x, new, now, note)
+    note_change(model, p, t, x, new, now, note)
     return new
 
 
-def announce_change(model: Model, p: Any, t: float, old: Any, new: Any, u: Any, note: Note) -> None:
+def note_change(model: Model, p: Any, t: float, old: Any, new: Any, u: Any, note: Note) -> None:
     """Pass the sentences of the component about a change of state to `note`."""
     if note is ignore_sentence:
         return
@@ -133,34 +134,46 @@ def announce_change(model: Model, p: Any, t: float, old: Any, new: Any, u: Any, 
         note(sentence)
 
 
-def events(
-    model: Model, p: Any, t: float, x: Any, inputs: InputTrajectory
-) -> list[tuple[float, Any, Any]]:
-    """The events of a step: time since its beginning, state before and after; last the step's end.
+class Event(NamedTuple):
+    """An event of a step: time since the beginning of the step, state before and after."""
 
-    Raises what `integrate_through_events` raises.
-    """
-    recorded: list[tuple[float, Any, Any]] = []
+    s: float
+    before: Any
+    after: Any
+
+
+def events_and_end(model: Model, p: Any, t: float, x: Any, inputs: InputTrajectory) -> list[Event]:
+    """The events of a step, and last its end, where nothing changes; raises what `integrate_through_events` raises."""
+    recorded: list[Event] = []
     end = integrate_through_events(
-        model, p, t, x, inputs, ignore_sentence, lambda *event: recorded.append(event)
+        model, p, t, x, inputs, ignore_sentence, lambda *event: recorded.append(Event(*event))
     )
-    return [*recorded, (inputs.h, end, end)]
+    return [*recorded, Event(inputs.h, end, end)]
 
 
-def stop_at_event(s: float, before: Any, after: Any) -> None:
-    """What `integrate_through_events` takes to end at the first event."""
+class Until(Enum):
+    """Where an integration ends."""
+
+    FIRST_EVENT = "first event"
 
 
-def run_to_event(
-    model: Model, p: Any, t: float, x: Any, inputs: InputTrajectory
-) -> tuple[float, float, Any]:
-    """Run to the first event of a step, or to its end: time since its beginning, indicator or -1, state."""
+class EndOfRun(NamedTuple):
+    """Time since the beginning of a step, the indicator of the event there, -1 at the step's end, and the state."""
+
+    s: float
+    which: float
+    x: Any
+
+
+def run_to_event(model: Model, p: Any, t: float, x: Any, inputs: InputTrajectory) -> EndOfRun:
+    """Run to the first event of a step, before its update, or to the end of the step."""
     if model.exact and inputs.degree == 1:
         end = model.exact(p, x, inputs.start, inputs.end, inputs.h)
         if end is not None:
-            return inputs.h, -1.0, end
-    at = integrate_through_events(model, p, t, x, inputs, ignore_sentence, stop_at_event)
-    return at.progress.s, at.which, model.settle(p, at.x) if at.which < 0 else at.x
+            return EndOfRun(inputs.h, -1.0, end)
+    at = integrate_through_events(model, p, t, x, inputs, ignore_sentence, Until.FIRST_EVENT)
+    x = model.complete_state(p, at.x) if at.which < 0 else at.x
+    return EndOfRun(at.progress.s, at.which, x)
 
 
 class HybridState(NamedTuple):
@@ -179,16 +192,16 @@ def integrate_through_events(
     x: Any,
     inputs: InputTrajectory,
     note: Note,
-    on_event: Callable[[float, Any, Any], None] | None = None,
+    on_event: Callable[[float, Any, Any], None] | Until | None = None,
 ) -> Any:
     """The state at the end of a step, through its events, which `on_event` may record.
 
-    With `on_event` = `stop_at_event` it is the HybridState at the first event, or of the end. Raises ArithmeticError for
+    With Until.FIRST_EVENT it is the HybridState at the first event, or of the end. Raises ArithmeticError for
     a system that chatters, and what `ode.substep` raises.
     """
-    indices, tolerance = continuous_indices(model.State), tolerances(model.State)
+    indices, tolerance = continuous_indices(model.State), substep_tolerances(model.State)
     h, longest = inputs.h, model.LONGEST_STEP
-    prepared = (model.prepare(p, x),) if model.prepare else ()
+    constants = (model.step_constants(p, x),) if model.step_constants else ()
 
     def begin(s: float, x: Any) -> ode.IntegratorState:
         y = continuous_values(x, indices)
@@ -199,44 +212,44 @@ def integrate_through_events(
     def body(at: HybridState) -> tuple[bool, HybridState]:
         which, x, progress, events = at
         if model.event_update and which >= 0:
-            if on_event is stop_at_event:
+            if on_event is Until.FIRST_EVENT:
                 return True, at
             if events >= MOST_EVENTS:
                 raise ArithmeticError(
                     f"more than {MOST_EVENTS} events, the last at {t + progress.s!r} s"
                 )
             new = model.event_update(p, t + progress.s, x, inputs.at(progress.s), which)
-            announce_change(model, p, t + progress.s, x, new, inputs.at(progress.s), note)
-            if on_event:
+            note_change(model, p, t + progress.s, x, new, inputs.at(progress.s), note)
+            if callable(on_event):
                 on_event(progress.s, x, new)
-            which = triggered_indicator(model, p, t, progress.s, new, inputs)
+            which = first_negative_indicator(model, p, t, progress.s, new, inputs)
             progress = begin(progress.s, new) if which < 0 else progress
             return which < 0 and progress.s >= h, HybridState(which, new, progress, events + 1)
 
         def flow(s: float, y: ode.Vector) -> ode.Vector:
-            return slope(model, p, t, x, inputs, s, y, prepared)
+            return slope(model, p, t, x, inputs, s, y, constants)
 
-        good, size, further = ode.substep(flow, progress, h, tolerance, longest)
-        if not good:
+        succeeded, size, further = ode.substep(flow, progress, h, tolerance, longest)
+        if not succeeded:
             return False, HybridState(-1, x, further, events)
         after = with_continuous(x, indices, further.x)
-        if triggered_indicator(model, p, t, further.s, after, inputs) < 0:
+        if first_negative_indicator(model, p, t, further.s, after, inputs) < 0:
             return further.s >= h, HybridState(-1, after, further, events)
-        s, x = locate_event(model, p, t, x, inputs, progress, size, after, prepared)
+        s, x = locate_event(model, p, t, x, inputs, progress, size, after, constants)
         return False, HybridState(
-            triggered_indicator(model, p, t, s, x, inputs), x, further._replace(s=s), events
+            first_negative_indicator(model, p, t, s, x, inputs), x, further._replace(s=s), events
         )
 
-    which = triggered_indicator(model, p, t, 0.0, x, inputs)
+    which = first_negative_indicator(model, p, t, 0.0, x, inputs)
     end = repeat(body, HybridState(which, x, begin(0.0, x), 0))
-    return end if on_event is stop_at_event else end.x
+    return end if on_event is Until.FIRST_EVENT else end.x
 
 
 def smaller(a: float, b: float) -> float:
     return min(a, b)
 
 
-def triggered_indicator(
+def first_negative_indicator(
     model: Model, p: Any, t: float, s: float, x: Any, inputs: InputTrajectory
 ) -> int:
     """The index of the first negative event indicator, -1 if none is negative."""
@@ -256,13 +269,13 @@ def locate_event(
     progress: ode.IntegratorState,
     size: float,
     end: Any,
-    prepared: tuple[Any, ...],
+    constants: tuple[Any, ...],
 ) -> tuple[float, Any]:
     """Bisect for the first instant with a negative event indicator, to the last bit of the time."""
-    indices, tolerance = continuous_indices(model.State), tolerances(model.State)
+    indices, tolerance = continuous_indices(model.State), substep_tolerances(model.State)
 
     def flow(s: float, y: ode.Vector) -> ode.Vector:
-        return slope(model, p, t, x, inputs, s, y, prepared)
+        return slope(model, p, t, x, inputs, s, y, constants)
 
     def body(at: tuple[float, float, Any]) -> tuple[bool, tuple[float, float, Any]]:
         before, after, end = at
@@ -271,7 +284,7 @@ def locate_event(
             return True, at
         y, _, _ = ode.attempt(flow, progress.s, progress.x, progress.slope, middle, tolerance)
         candidate = with_continuous(x, indices, y)
-        if triggered_indicator(model, p, t, progress.s + middle, candidate, inputs) < 0:
+        if first_negative_indicator(model, p, t, progress.s + middle, candidate, inputs) < 0:
             return False, (middle, after, end)
         return False, (before, middle, candidate)
 
@@ -287,12 +300,12 @@ def slope(
     inputs: InputTrajectory,
     s: float,
     y: ode.Vector,
-    prepared: tuple[Any, ...] = (),
+    constants: tuple[Any, ...] = (),
 ) -> ode.Vector:
     """The right-hand side for the continuous states y, with the others taken from x."""
     indices = continuous_indices(model.State)
     return continuous_values(
-        model.derivatives(p, t + s, with_continuous(x, indices, y), inputs.at(s), *prepared),
+        model.derivatives(p, t + s, with_continuous(x, indices, y), inputs.at(s), *constants),
         indices,
     )
 
@@ -316,11 +329,11 @@ def continuous_values(x: Any, indices: tuple[int, ...]) -> ode.Vector:
 def continuous_indices(cls: Any) -> tuple[int, ...]:
     """The indices of the Reals of a record that change between events."""
     fields = enumerate(d for _, d in declarations(cls))
-    return tuple(i for i, d in fields if d.kind == "Real" and not d.held)
+    return tuple(i for i, d in fields if d.fmi_type == "Real" and not d.held)
 
 
 @cache
-def tolerances(cls: Any) -> list[float]:
+def substep_tolerances(cls: Any) -> list[float]:
     """The error of each continuous state that a sub-step may make: a share of its nominal."""
     fields = [d for _, d in declarations(cls)]
     return [TOLERANCE * (fields[i].nominal or 1.0) for i in continuous_indices(cls)]

@@ -24,7 +24,7 @@ class Jet(NamedTuple):
         return Jet(self.value, self.first * x.first, bent)
 
     @property
-    def rate(self) -> Jet:
+    def derivative(self) -> Jet:
         """The first derivative; its own second derivative is not known, and is nan."""
         return Jet(self.first, self.second, math.nan * self.second)
 

@@ -48,23 +48,30 @@ class IntegratorState(NamedTuple):
     tried: int
 
 
+class Substep(NamedTuple):
+    """Whether a sub-step succeeded, the size that was tried, and the integration to go on from."""
+
+    succeeded: bool
+    size: float
+    further: IntegratorState
+
+
 def integrate(f: RightHandSide, x: Vector, h: float, tolerance: Vector) -> Vector:
     """Carry x from s = 0 to s = h; raises what `substep` raises."""
 
     def body(at: IntegratorState) -> tuple[bool, IntegratorState]:
-        _, _, at = substep(f, at, h, tolerance)
-        return at.s >= h, at
+        further = substep(f, at, h, tolerance).further
+        return further.s >= h, further
 
     return repeat(body, IntegratorState(0.0, x, f(0.0, x), h, 0)).x
 
 
 def substep(
     f: RightHandSide, at: IntegratorState, stop: float, tolerance: Vector, longest: float = inf
-) -> tuple[bool, float, IntegratorState]:
+) -> Substep:
     """Try one sub-step towards `stop` whose error over the tolerance has a norm below 1.
 
-    Returns whether it succeeded, its size, and the integrator state to continue from. Raises ArithmeticError if no
-    sub-step is small enough compared with the rest of the step, or after MOST_SUBSTEPS.
+    Raises ArithmeticError if no sub-step is small enough compared with the rest of the step, or after MOST_SUBSTEPS.
     """
     if at.tried >= MOST_SUBSTEPS:
         raise ArithmeticError(f"more than {MOST_SUBSTEPS} sub-steps up to {at.s!r} s of the step")
@@ -74,13 +81,13 @@ def substep(
     )
     tried = at.tried + 1
     if error <= 1.0 and end >= stop:
-        return True, h, IntegratorState(end, x, slope, h, tried)
+        return Substep(True, h, IntegratorState(end, x, slope, h, tried))
     size = next_size(h, error, longest)
     if error <= 1.0:
-        return True, h, IntegratorState(end, x, slope, size, tried)
+        return Substep(True, h, IntegratorState(end, x, slope, size, tried))
     if not h > SMALLEST_FRACTION * (stop - at.s):
         raise ArithmeticError(f"no sub-step is small enough at {at.s!r} s of the step")
-    return False, h, IntegratorState(at.s, at.x, at.slope, size, tried)
+    return Substep(False, h, IntegratorState(at.s, at.x, at.slope, size, tried))
 
 
 def clip_to_stop(s: float, size: float, stop: float) -> tuple[float, float]:

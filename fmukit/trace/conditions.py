@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from types import CellType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 from . import rewrite
-from .context import current
+from .context import Place, current
 from .execute import Slots, arranged, explore
-from .graph import Branch, Leaf, Node, Operation, comparison
+from .graph import Branch, Leaf, Node, Operation, comparison_or_answer
 from .joins import join_arms
 
 Arm = Callable[[], Any]
+Relation = Callable[[Any, Any], Any]
 #: What a name has that no value was assigned to.
 UNBOUND = object()
 
@@ -31,49 +33,48 @@ class Joined(NamedTuple):
     survivor: bool | None
 
 
-def join(test: Any, true: Any, false: Any, names: Sequence[str] = ()) -> Any:
-    """What the arm that `test` selects returns; of the names that the arms assign, `names` are read later."""
-    condition, is_equal = question(test)
-    arms = (true, false) if is_equal else (false, true)
-    if not isinstance(condition, Operation):
-        return arms[0]() if condition else arms[1]()
+def follow_arms(test: Any, true: Arm, false: Arm, read_later: Sequence[str] = ()) -> Any:
+    """What the arm that `test` selects returns; of the names that the arms assign, these are read later."""
+    test, true, false = comparison_with_arms(test, true, false)
+    if not isinstance(test, Operation):
+        return true() if test else false()
     path, joins = current().path, current().joins
-    if current().answers_only or condition.number in path.facts:
-        return arms[0]() if path.decide(condition) else arms[1]()
-    place = path.mark(), condition.number
-    cells = cells_of(arms)
+    if current().without_joins or test.number in path.facts:
+        return true() if path.decide(test) else false()
+    place = path.next_place(), test.number
+    cells = closure_cells((true, false))
     if place not in joins:
-        joins[place] = joined(place, condition, arms, cells, names)
+        joins[place] = join_if_possible(place, test, (true, false), cells, read_later)
     made = joins[place]
     if made is None:
-        return arms[0]() if path.decide(condition) else arms[1]()
+        return true() if path.decide(test) else false()
     for node in made.nodes:
-        path.visit(node)
+        path.record(node)
     if made.survivor is not None:
-        path.learn(condition, made.survivor)
+        path.learn(test, made.survivor)
     for name in made.unbound:
         bind(cells[name], UNBOUND)
     result, *contents = arranged(made.shape, iter(made.numbers))
-    for name, content in zip(names, contents):
+    for name, content in zip(read_later, contents):
         bind(cells[name], content)
     return result
 
 
-def question(test: Any) -> tuple[Any, bool]:
-    """The comparison that decides whether something is true, and its answer then."""
+def comparison_with_arms(test: Any, true: Arm, false: Arm) -> tuple[Any, Arm, Arm]:
+    """The comparison that decides whether something is true, or the answer, and the arms for true and false of it."""
     if isinstance(test, Node) and not (isinstance(test, Operation) and test.is_comparison):
-        test = comparison("!=", test, 0.0)
+        test = comparison_or_answer("!=", test, 0.0)
     if isinstance(test, Operation) and test.op == "!=":
-        return comparison("==", *test.operands), False
-    return test, True
+        return comparison_or_answer("==", *test.operands), false, true
+    return test, true, false
 
 
-def joined(
-    place: tuple[Any, ...],
+def join_if_possible(
+    place: Place,
     condition: Operation,
     arms: tuple[Arm, Arm],
     cells: dict[str, CellType],
-    names: Sequence[str],
+    read_later: Sequence[str],
 ) -> Joined | None:
     """The join of two arms; None where they cannot be joined, and where they change what they do not assign."""
     before = {name: content(cell) for name, cell in cells.items()}
@@ -86,14 +87,14 @@ def joined(
         try:
             result = arm()
             changed.update(n for n, value in before.items() if content(cells[n]) is not value)
-            return Slots((result, *(content(cells[name]) for name in names)))
+            return Slots((result, *(content(cells[name]) for name in read_later)))
         finally:
             effects |= objects.restore()
             for name, value in before.items():
                 bind(cells[name], value)
 
     trees = [
-        explore(lambda arm=arm: run(arm), (*place, answer), known=(condition, answer))  # type: ignore[misc]
+        explore(partial(run, arm), (*place, answer), known=(condition, answer))
         for arm, answer in zip(arms, (True, False))
     ]
     failing = [isinstance(tree, Leaf) and tree.error is not None for tree in trees]
@@ -103,10 +104,11 @@ def joined(
     if isinstance(merged, Branch):
         return None
     survivor = failing[1] if any(failing) else None
-    return Joined(merged.nodes, merged.shape, merged.values, changed.difference(names), survivor)
+    unbound = changed.difference(read_later)
+    return Joined(merged.nodes, merged.shape, merged.values, unbound, survivor)
 
 
-def cells_of(arms: Iterable[Arm]) -> dict[str, CellType]:
+def closure_cells(arms: Iterable[Arm]) -> dict[str, CellType]:
     """The variables that the arms share with the function around them."""
     cells: dict[str, CellType] = {}
     for arm in arms:
@@ -161,9 +163,10 @@ class Objects:
         """Undo what has happened to them; whether there was something."""
         is_changed = False
         for value, copied in self.copies:
-            if len(value) == len(copied) and all(
-                a is b for a, b in zip(items(value), items(copied))
-            ):
+            now, before = (
+                [*x, *(x.values() if isinstance(x, dict) else ())] for x in (value, copied)
+            )
+            if len(now) == len(before) and all(map(operator.is_, now, before)):
                 continue
             is_changed = True
             value.clear()
@@ -171,53 +174,46 @@ class Objects:
         return is_changed
 
 
-def items(value: Any) -> Iterator[Any]:
-    """The parts of a list, a dictionary or a set."""
-    for item in value:
-        yield item
-        if isinstance(value, dict):
-            yield value[item]
-
-
 def both(value: Any, rest: Arm) -> Any:
     """`value and rest()`."""
-    return join(value, rest, lambda: False if is_truth(value) else value)
+    return follow_arms(value, rest, lambda: False if is_boolean_node(value) else value)
 
 
 def either(value: Any, rest: Arm) -> Any:
     """`value or rest()`."""
-    return join(value, lambda: True if is_truth(value) else value, rest)
+    return follow_arms(value, lambda: True if is_boolean_node(value) else value, rest)
 
 
-def is_truth(value: Any) -> bool:
+def is_boolean_node(value: Any) -> bool:
     """Whether a value is a node that is true or false."""
-    return isinstance(value, Node) and value.kind == "Boolean"
+    return isinstance(value, Node) and value.type.kind == "Boolean"
 
 
-def compare(left: Any, holds: Callable[[Any, Any], Any], right: Arm, *more: Any) -> Any:
+def compare_chain(left: Any, relation: Relation, right: Arm, *more: Any) -> Any:
     """A chain of comparisons, which evaluates each operand once."""
     between = right()
-    answer = holds(left, between)
-    return both(answer, lambda: compare(between, *more)) if more else answer
+    answer = relation(left, between)
+    return both(answer, lambda: compare_chain(between, *more)) if more else answer
 
 
-def equal(left: Any, right: Any, holds: Callable[[Any, Any], Any]) -> Any:
-    """`left == right` or, as `holds` says, `left != right`: of records and lists, item by item."""
+def equal_or_unequal(left: Any, right: Any, relation: Relation) -> Any:
+    """`left == right` or, as the relation says, `left != right`: of records and lists, item by item."""
     if not (isinstance(left, (tuple, list)) and isinstance(right, (tuple, list))):
-        return holds(left, right)
+        return relation(left, right)
     if len(left) != len(right) or isinstance(left, list) != isinstance(right, list):
-        return holds(left, right)
+        return relation(left, right)
 
     def items_from(index: int) -> Any:
         if index == len(left):
             return True
         a, b = left[index], right[index]
-        return both(a is b or equal(a, b, operator.eq), lambda: items_from(index + 1))
+        return both(a is b or equal_or_unequal(a, b, operator.eq), lambda: items_from(index + 1))
 
-    return items_from(0) if holds(0, 0) else join(items_from(0), lambda: False, lambda: True)
+    is_equality = relation(0, 0)
+    return items_from(0) if is_equality else follow_arms(items_from(0), lambda: False, lambda: True)
 
 
-def extreme(original: Callable[..., Any], holds: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+def extreme(original: Callable[..., Any], is_better: Relation) -> Callable[..., Any]:
     """`min` or `max`, which take the first of equal numbers."""
 
     def call(*args: Any, **keywords: Any) -> Any:
@@ -226,21 +222,21 @@ def extreme(original: Callable[..., Any], holds: Callable[[Any, Any], Any]) -> C
             return original(*([numbers] if len(args) == 1 else args), **keywords)
         best, *others = numbers
         for other in others:
-            best = join(holds(other, best), lambda: other, lambda: best)  # noqa: B023
+            best = follow_arms(is_better(other, best), lambda: other, lambda: best)  # noqa: B023
         return best
 
     return call
 
 
 HELPERS = {
-    rewrite.JOIN: join,
+    rewrite.JOIN: follow_arms,
     rewrite.BOTH: both,
     rewrite.EITHER: either,
-    rewrite.COMPARE: compare,
-    rewrite.EQUAL: equal,
+    rewrite.COMPARE: compare_chain,
+    rewrite.EQUAL: equal_or_unequal,
 }
 #: Functions of Python that compare numbers.
 BUILT_IN = {
-    "min": extreme(min, lambda other, best: other < best),
-    "max": extreme(max, lambda other, best: other > best),
+    "min": extreme(min, operator.lt),
+    "max": extreme(max, operator.gt),
 }

@@ -6,15 +6,17 @@ traced. Nothing else of tracing is global.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from .execute import Path
+    from .execute import FollowedPath
     from .graph import Node, Tree
 
 N = TypeVar("N", bound="Node")
+#: What tells a place on a path from all others, the same whenever the path is followed.
+Place = tuple[Any, ...]
 
 
 class TraceContext:
@@ -25,32 +27,32 @@ class TraceContext:
         self.node_by_identity: dict[Any, Node] = {}
         self.loop_numbers: dict[Any, int] = {}
         self.loop_bodies: dict[Any, Tree] = {}
-        self.paths: list[Path] = []
+        self.paths: list[FollowedPath] = []
         self.joins: dict[Any, Any] = {}
-        self.forks, self.answers_only = 0, False
+        self.forks, self.without_joins = 0, False
 
-    def unique(self, identity: tuple[Any, ...], make: Callable[[int], N]) -> N:
-        """Return the node of this identity; `make` makes it from its number where there is none."""
+    def unique(self, identity: tuple[Any, ...], cls: type[N], *fields: Any) -> N:
+        """Return the node of this identity, with these fields after its number where it is made now."""
         if identity not in self.node_by_identity:
-            node = make(len(self.nodes))
+            node = cls(len(self.nodes), *fields)
             self.node_by_identity[identity] = node
             self.nodes.append(node)
         return self.node_by_identity[identity]  # type: ignore[return-value]
 
     @property
-    def path(self) -> Path:
+    def path(self) -> FollowedPath:
         """The path that is being followed."""
         return self.paths[-1]
 
     @contextmanager
-    def from_start(self, answers_only: bool) -> Iterator[None]:
-        """Follow a function from its start, whatever path calls it; with `answers_only` without joins."""
-        saved = self.paths, self.joins, self.forks, self.answers_only
-        self.paths, self.joins, self.forks, self.answers_only = [], {}, 0, answers_only
+    def separate_function(self, without_joins: bool) -> Iterator[None]:
+        """Follow a function from its start, whatever path calls it, each path to its end if `without_joins`."""
+        saved = self.paths, self.joins, self.forks, self.without_joins
+        self.paths, self.joins, self.forks, self.without_joins = [], {}, 0, without_joins
         try:
             yield
         finally:
-            self.paths, self.joins, self.forks, self.answers_only = saved
+            self.paths, self.joins, self.forks, self.without_joins = saved
 
 
 #: The contexts that are active, the current one last.

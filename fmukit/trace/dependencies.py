@@ -7,22 +7,22 @@ derivatives, are not followed: outputs have none.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from .execute import kinds
 from .graph import (
     Argument,
     Branch,
     Call,
     Function,
     Join,
-    Leaf,
     Node,
     Operation,
     Result,
     Tree,
     key,
     operands_of,
+    size,
 )
 
 #: Arguments of a function: the name of the parameter and the place of a number in it.
@@ -56,27 +56,27 @@ class Dependencies:
         """The results at the end of a tree; None where all its paths fail."""
         for node in tree.nodes:
             if isinstance(node, Join):
-                self.join(node)
+                ends = [self.along(arm) for arm in node.arms]
+                results = self.merge_unless_failing(node.condition, *ends) or []
+                self.arguments_by_node |= {
+                    phi.number: result.arguments for phi, result in zip(node.phis, results)
+                }
             elif isinstance(node, Call):
-                self.arguments_by_call[node.number] = self.call(node)
+                self.arguments_by_call[node.number] = self.of_call(node)
             else:
                 operands = operands_of(node) if isinstance(node, Operation) else ()
-                self.arguments_by_node[node.number] = self.of_all(operands)
+                self.arguments_by_node[node.number] = self.of_any(operands)
         if isinstance(tree, Branch):
-            true, false = self.along(tree.true), self.along(tree.false)
-            return self.either(tree.condition, true, false)
-        return self.at_end(tree)
-
-    def at_end(self, leaf: Leaf) -> list[Dependency] | None:
-        """The results of a path; None where it fails."""
-        if leaf.error is not None:
+            ends = [self.along(tree.true), self.along(tree.false)]
+            return self.merge_unless_failing(tree.condition, *ends)
+        if tree.error is not None:
             return None
-        return [Dependency(self.of(value), key(value)) for value in leaf.values]
+        return [Dependency(self.of(value), key(value)) for value in tree.values]
 
-    def either(
+    def merge_unless_failing(
         self, condition: Operation, true: list[Dependency] | None, false: list[Dependency] | None
     ) -> list[Dependency] | None:
-        """The results of two paths, of which the condition selects one."""
+        """The results of two paths, of which the condition selects one: those of the other where one fails."""
         if true is None or false is None:
             return false if true is None else true
         decides = self.of(condition)
@@ -89,19 +89,13 @@ class Dependencies:
             for a, b in zip(true, false, strict=True)
         ]
 
-    def join(self, node: Join) -> None:
-        """Note what the values depend on that a condition selects."""
-        ends = [self.along(arm) for arm in node.arms]
-        for phi, result in zip(node.phis, self.either(node.condition, *ends) or []):
-            self.arguments_by_node[phi.number] = result.arguments
-
-    def call(self, node: Call) -> list[Arguments]:
+    def of_call(self, node: Call) -> list[Arguments]:
         """The results of a call, in terms of the arguments of the calling function."""
         function, groups = node.function, node.groups
         if function.name not in self.functions:
             inner = Dependencies(self.functions).along(function.tree) or []
             self.functions[function.name] = [result.arguments for result in inner]
-        names = [name for name, shape in function.parameters.items() if list(kinds(shape))]
+        names = [name for name, shape in function.parameters.items() if size(shape)]
         arguments_of_parameter = {
             (name, index): self.of(value)
             for name, group in zip(names, groups, strict=True)
@@ -112,8 +106,8 @@ class Dependencies:
             for arguments in self.functions[function.name]
         ]
 
-    def of_all(self, values: Any) -> Arguments:
-        """What any of the values depends on."""
+    def of_any(self, values: Iterable[Any]) -> Arguments:
+        """What at least one of the values depends on."""
         return NOTHING.union(*(self.of(value) for value in values))
 
     def of(self, value: Any) -> Arguments:
@@ -126,5 +120,5 @@ class Dependencies:
             return self.arguments_by_call[value.call.number][value.index]
         if isinstance(value, Operation) and value.is_comparison:
             arguments = self.arguments_by_node.get(value.number)
-            return self.of_all(value.operands) if arguments is None else arguments
+            return self.of_any(value.operands) if arguments is None else arguments
         return self.arguments_by_node[value.number]

@@ -6,12 +6,22 @@ A condition on a symbol ends the run, which then starts again once for either an
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from ..declare.record import Declaration, is_record
-from .context import current
-from .graph import Branch, Leaf, Node, Operation, Tree, UntraceableError, text_of
+from .context import Place, current
+from .graph import (
+    REAL,
+    Branch,
+    Leaf,
+    Node,
+    NumberType,
+    Operation,
+    Tree,
+    UntraceableError,
+    text_of,
+)
 from .joins import join_arms
 
 #: Limit of the conditions on one path that are followed answer by answer: more are a loop that does not end.
@@ -44,26 +54,28 @@ class Static:
         return hash(self.value) if isinstance(self.value, str) else id(self.value)
 
 
-class Path:
+class FollowedPath:
     """What is known on the way through a function: answers given, and nodes already computed."""
 
-    def __init__(self, answers: tuple[bool, ...], outer: Path | None, token: tuple[Any, ...]):
-        self.answers, self.token, self.decided, self.marks = answers, token, 0, 0
+    def __init__(self, answers: tuple[bool, ...], outer: FollowedPath | None, start: Place):
+        self.answers, self.start, self.decided, self.places = answers, start, 0, 0
         self.attempts: int = outer.attempts if outer else 0
-        self.visited: set[int] = set(outer.visited) if outer else set()
+        self.recorded: set[int] = set(outer.recorded) if outer else set()
         self.facts: dict[int, bool] = dict(outer.facts) if outer else {}
-        self.choices: dict[int, list[int]] = dict(outer.choices) if outer else {}
+        self.possible_values: dict[int, tuple[int, ...]] = (
+            dict(outer.possible_values) if outer else {}
+        )
         self.nodes: list[Node] = []
 
-    def mark(self) -> tuple[Any, ...]:
-        """A name for a place on this path, the same whenever it is run through."""
-        self.marks += 1
-        return (*self.token, self.answers[: self.decided], self.marks)
+    def next_place(self) -> Place:
+        """A place of its own for each call, by the start, the answers so far and the number of the call."""
+        self.places += 1
+        return (*self.start, self.answers[: self.decided], self.places)
 
-    def visit(self, node: Node) -> Node:
+    def record(self, node: Node) -> Node:
         """The node itself, which is listed when the path first comes to it."""
-        if node.number not in self.visited:
-            self.visited.add(node.number)
+        if node.number not in self.recorded:
+            self.recorded.add(node.number)
             self.nodes.append(node)
         return node
 
@@ -75,31 +87,33 @@ class Path:
                     "a loop whose end is known only at run time: write repeat(body, x)"
                 )
             if self.decided == len(self.answers):
-                self.count()
+                self.count_path()
                 raise Fork(condition)
             self.learn(condition, self.answers[self.decided])
             self.decided += 1
             self.nodes = []
         return self.facts[condition.number]
 
-    def count(self) -> None:
+    def count_path(self) -> None:
         """Count one more path through the function that is followed; raises UntraceableError for too many."""
         context = current()
         context.forks += 1
         if context.forks >= MOST_PATHS:
-            function_name = re.sub(r"_\d+$", "", context.paths[0].token[0])
+            function_name = re.sub(r"_\d+$", "", context.paths[0].start[0])
             raise UntraceableError(
                 f"more than {MOST_PATHS} paths through {function_name}, which cannot be joined: move "
                 "some of its conditions into a function of their own that returns numbers"
             )
 
     def learn(self, condition: Operation, answer: bool) -> None:
-        """Note the answer, and which items are left for a variable that is compared with one."""
+        """Note the answer, and which values are left for an enumeration that is compared with one."""
         self.facts[condition.number] = answer
         left, right = condition.operands
-        if condition.op == "==" and left.items and not isinstance(right, Node):
-            possible = self.choices.get(left.number, left.items)
-            self.choices[left.number] = [item for item in possible if (item == right) == answer]
+        if condition.op == "==" and left.type.enumeration and not isinstance(right, Node):
+            possible = self.possible_values.get(left.number, left.type.enumeration)
+            self.possible_values[left.number] = tuple(
+                value for value in possible if (value == right) == answer
+            )
 
 
 def flatten(value: Any) -> tuple[Any, list[Any]]:
@@ -145,28 +159,27 @@ def is_named_tuple(cls: Any) -> bool:
     return hasattr(cls, "_make")
 
 
-def kinds(shape: Any) -> Iterator[tuple[str, Sequence[int]]]:
-    """The type of each number of a shape, with all its values if it is an enumeration."""
+def number_types(shape: Any) -> Iterator[NumberType]:
+    """The type of each number of a shape."""
     if shape == "number":
-        yield "Real", ()
+        yield REAL
     elif shape[0] != "static":
         declared = shape[0]._declared.values() if is_record(shape[0]) else shape[1]
         for part, field in zip(shape[1], declared):
             if part == "number" and isinstance(field, Declaration):
-                yield field.kind, tuple(field.items or ())
+                yield NumberType(field.fmi_type, tuple(field.items or ()))
             else:
-                yield from kinds(part)
+                yield from number_types(part)
 
 
-def symbols(shape: Any, make: Callable[[int, str, Sequence[int]], Node]) -> Any:
-    """A value of this shape made of nodes; `make` takes index, type and items of each."""
-    numbers = [make(index, kind, items) for index, (kind, items) in enumerate(kinds(shape))]
-    return arranged(shape, iter(numbers))
+def symbols(shape: Any, make: Callable[[int, NumberType], Node]) -> Any:
+    """A value of this shape made of nodes; `make` takes the index and the type of each."""
+    return arranged(shape, (make(*numbered) for numbered in enumerate(number_types(shape))))
 
 
 def explore(
     run: Callable[[], Any],
-    token: tuple[Any, ...],
+    start: Place,
     answers: tuple[bool, ...] = (),
     known: tuple[Operation, bool] | None = None,
 ) -> Tree:
@@ -175,7 +188,7 @@ def explore(
     `known` is a condition with its answer on all of them.
     """
     paths = current().paths
-    path = Path(answers, paths[-1] if paths else None, token)
+    path = FollowedPath(answers, paths[-1] if paths else None, start)
     if known:
         path.learn(*known)
     paths.append(path)
@@ -190,7 +203,7 @@ def explore(
         condition = fork.condition
     finally:
         paths.pop()
-    true, false = (explore(run, token, (*answers, answer), known) for answer in (True, False))
+    true, false = (explore(run, start, (*answers, answer), known) for answer in (True, False))
     return join_arms(path.nodes, condition, true, false)
 
 

@@ -53,7 +53,7 @@ def declaration_line(output: Variable, feedthrough: tuple[str, ...]) -> str:
     """The declaration of an output with this feedthrough, as its class has it."""
     base_name, _, index = output.name.partition("[")
     function_name = (
-        "array" if index else "real" if output.declaration.kind == "Real" else "discrete"
+        "array" if index else "real" if output.declaration.fmi_type == "Real" else "discrete"
     )
     inputs = "".join(f'"{name}", ' for name in feedthrough)
     end = f", feedthrough=({inputs.strip()})" if feedthrough else ""

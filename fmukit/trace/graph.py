@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from .context import current
+from .context import Place, current
 from .ops import COMPARISONS, OPS, Failure
 
 MARK = re.compile("\x01(\\d+)\x02")
@@ -21,6 +21,16 @@ class UnknownChoiceError(UntraceableError):
     """A number as a key, an index or a length, which is known only where its conditions have an answer."""
 
 
+class NumberType(NamedTuple):
+    """The type of a number as FMI names it, with all values that one of an enumeration can have."""
+
+    kind: str = "Real"
+    enumeration: tuple[int, ...] = ()
+
+
+REAL = NumberType()
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Node:
     """A number known only at run time.
@@ -29,33 +39,30 @@ class Node:
     ----------
     number
         Its position in the order in which nodes were made; nodes are the same if their numbers are.
-    kind
+    type
         Its type: Real, Integer, Boolean or Enumeration.
-    items
-        Its possible values if it is an enumeration.
     """
 
     number: int
-    kind: str
-    items: tuple[int, ...]
+    type: NumberType
 
     def __pos__(self) -> Any:
         return self
 
     def __eq__(self, other: object) -> Any:
-        return comparison("==", self, other)
+        return comparison_or_answer("==", self, other)
 
     def __ne__(self, other: object) -> Any:
-        return comparison("!=", self, other)
+        return comparison_or_answer("!=", self, other)
 
     def __bool__(self) -> bool:
         return bool(self != 0.0)
 
     def __hash__(self) -> int:
-        return hash(self.choice())
+        return hash(self.value_on_path())
 
     def __index__(self) -> int:
-        return int(self.choice())
+        return int(self.value_on_path())
 
     def __float__(self) -> float:
         raise UntraceableError("float() of a number known only at run time: leave it out")
@@ -75,11 +82,11 @@ class Node:
             raise UntraceableError(f"the format {spec!r} of a number in a text: write {{x!r}}")
         return repr(self)
 
-    def choice(self) -> Any:
-        """Return the one of its items that it is on this path."""
-        for item in self.items:
-            if self == item:
-                return item
+    def value_on_path(self) -> int:
+        """Return the value of its enumeration that it has on this path; raises UnknownChoiceError without one."""
+        for value in self.type.enumeration:
+            if self == value:
+                return value
         raise UnknownChoiceError(
             "a number known only at run time used as a key, an index or a choice, "
             "which only an enumeration can be: write conditions"
@@ -97,7 +104,7 @@ def _unary(op: str) -> Callable[[Node], Any]:
 
 
 def _compared(op: str) -> Callable[[Node, Any], Any]:
-    return lambda self, other: comparison(op, self, other)
+    return lambda self, other: comparison_or_answer(op, self, other)
 
 
 for _name, _op in {"add": "+", "sub": "-", "mul": "*", "truediv": "/", "floordiv": "floordiv",
@@ -142,7 +149,7 @@ class Operation(Node):
 
     def __bool__(self) -> bool:
         if self.op == "!=":
-            return not comparison("==", *self.operands)
+            return not comparison_or_answer("==", *self.operands)
         return current().path.decide(self) if self.op in COMPARISONS else bool(self != 0.0)
 
     @property
@@ -241,7 +248,7 @@ class Text:
         """What makes it the same as another text."""
         return self.pieces, tuple(node.number for node in self.nodes)
 
-    def marked(self) -> str:
+    def with_marks(self) -> str:
         """Return the text with marks for the values, from which `text_of` makes it again."""
         values = [*map(repr, self.nodes), ""]
         return "".join(piece + value for piece, value in zip(self.pieces, values))
@@ -287,80 +294,72 @@ def key(value: Any) -> Any:
     return value.number if isinstance(value, Node) else float(value).hex()
 
 
-def kind_of(value: Any) -> str:
-    """Return the type of a value."""
+def type_of(value: Any) -> NumberType:
+    """Return the type of a number; a constant is of no enumeration."""
     if isinstance(value, Node):
-        return value.kind
-    return {bool: "Boolean", int: "Integer"}.get(type(value), "Real")
+        return value.type
+    return NumberType({bool: "Boolean", int: "Integer"}.get(type(value), "Real"))
 
 
-def argument(name: str, index: int | None, kind: str = "Real", items: Sequence[int] = ()) -> Node:
+def argument(name: str, index: int | None, type: NumberType = REAL) -> Argument:
     """Return the node of a parameter, or of the number at an index of one."""
-    identity = ("argument", name, index, kind, tuple(items))
-    return current().unique(identity, lambda n: Argument(n, kind, tuple(items), name, index))
+    return current().unique(("argument", name, index, type), Argument, type, name, index)
 
 
-def loop_variable(loop: int, index: int, kind: str, items: Sequence[int]) -> Node:
+def loop_variable(loop: int, index: int, type: NumberType) -> LoopVariable:
     """Return the node of a number that a loop carries on."""
-    identity = ("variable", loop, index, kind, tuple(items))
-    return current().unique(identity, lambda n: LoopVariable(n, kind, tuple(items), loop, index))
+    return current().unique(("variable", loop, index, type), LoopVariable, type, loop, index)
 
 
-def call_result(call: Call, index: int, kind: str, items: Sequence[int]) -> Node:
+def call_result(call: Call, index: int, type: NumberType) -> Result:
     """Return the node of a number that a call returns."""
-    identity = ("result", call.number, index, kind, tuple(items))
-    return current().unique(identity, lambda n: Result(n, kind, tuple(items), call, index))
+    return current().unique(("result", call.number, index, type), Result, type, call, index)
 
 
-def new_phi(kind: str = "Real", items: Sequence[int] = ()) -> Phi:
+def new_phi(type: NumberType = REAL) -> Phi:
     """Return a new value after a join."""
-    identity = ("phi", len(current().nodes))
-    return current().unique(identity, lambda n: Phi(n, kind, tuple(items)))
+    return current().unique(("phi", len(current().nodes)), Phi, type)
 
 
 def new_join(condition: Operation, arms: Sequence[Leaf], phis: Sequence[Phi]) -> Join:
     """Return a new join of the arms for true and for false."""
-    true, false = arms
     identity = ("join", len(current().nodes))
-    return current().unique(
-        identity, lambda n: Join(n, "Real", (), condition, true, false, tuple(phis))
-    )
+    return current().unique(identity, Join, REAL, condition, *arms, tuple(phis))
 
 
-def call_node(function: Function, groups: Sequence[Sequence[Any]], mark: tuple[Any, ...]) -> Call:
-    """Return the node of a call; one without results is the same only with the same mark."""
+def call_node(function: Function, groups: Sequence[Sequence[Any]], place: Place) -> Call:
+    """Return the node of a call; one without results is the same only at the same place."""
     identity: tuple[Any, ...] = ("call", function.name, *(tuple(map(key, g)) for g in groups))
-    identity += () if size(function.shape) else (mark,)
-    numbers = tuple(as_reals(group) for group in groups)
-    return current().unique(identity, lambda n: Call(n, "Real", (), function, numbers))
+    identity += () if size(function.shape) else (place,)
+    numbers = tuple(with_float_constants(group) for group in groups)
+    return current().unique(identity, Call, REAL, function, numbers)
 
 
 def operation_node(op: str, operands: Sequence[Any]) -> Operation:
     """Return the node of an operation, wherever it stands."""
-    identity = (op, *map(key, operands))
-    kind = OPS[op].result.value
-    return current().unique(identity, lambda n: Operation(n, kind, (), op, as_reals(operands)))
+    identity, type = (op, *map(key, operands)), NumberType(OPS[op].result.value)
+    return current().unique(identity, Operation, type, op, with_float_constants(operands))
 
 
 def operation(op: str, *operands: Any) -> Any:
     """Return the result of an operation, computed at this point of the path."""
     if not all(isinstance(operand, (int, float, Node)) for operand in operands):
         return NotImplemented
-    return current().path.visit(operation_node(op, operands))
+    return current().path.record(operation_node(op, operands))
 
 
-def as_reals(operands: Sequence[Any]) -> tuple[Any, ...]:
-    """Return numbers as Reals, and nodes as they are."""
+def with_float_constants(operands: Sequence[Any]) -> tuple[Any, ...]:
+    """Return numbers as floats, and nodes as they are."""
     return tuple(x if isinstance(x, Node) else float(x) for x in operands)
 
 
-def comparison(op: str, left: Node, right: Any) -> Any:
-    """Return a comparison, with its answer where the path knows it."""
+def comparison_or_answer(op: str, left: Node, right: Any) -> Any:
+    """Return a comparison, or its answer where the path knows it."""
     if not isinstance(right, (int, float, Node)):
         return NotImplemented
-    possible = current().path.choices.get(left.number, left.items)
+    possible = current().path.possible_values.get(left.number, left.type.enumeration)
     if possible and not isinstance(right, Node) and op in ("==", "!="):
-        if right not in list(possible):
+        if right not in possible:
             return op == "!="
         if len(possible) == 1:
             return op == "=="
@@ -391,29 +390,29 @@ def operands_of(node: Any) -> Iterator[Any]:
                 yield from group
         case Loop():
             yield from node.start
-            yield from needed(node.body)
+            yield from directly_needed(node.body)
         case Join():
             yield from node.condition.operands
             for arm in node.arms:
-                yield from needed(arm._replace(values=[]))
+                yield from directly_needed(arm._replace(values=[]))
         case Note():
             yield from node.text.nodes
 
 
-def needed(tree: Tree) -> Iterator[Any]:
-    """Yield the values a tree needs: results, conditions, texts, and the operands of effects."""
+def directly_needed(tree: Tree) -> Iterator[Any]:
+    """Yield the values a tree needs, without what they need: results, conditions, texts, operands of effects."""
     yield from (x for node in tree.nodes if has_effect(node) for x in operands_of(node))
     if isinstance(tree, Branch):
         yield from tree.condition.operands
-        yield from needed(tree.true)
-        yield from needed(tree.false)
+        yield from directly_needed(tree.true)
+        yield from directly_needed(tree.false)
     else:
         yield from tree.values
         yield from tree.error.nodes if tree.error else ()
 
 
 def ancestors(values: Iterable[Any], joins: dict[int, list[Join]]) -> set[int]:
-    """Return the numbers of all nodes that these values are computed from; `joins` from `joins_of`."""
+    """Return the numbers of all nodes that these values are computed from; `joins` from `joins_by_phi`."""
     numbers: set[int] = set()
     waiting = list(values)
     while waiting:
@@ -434,14 +433,14 @@ def subtrees(node: Node) -> tuple[Tree, ...]:
     return (node.body,) if isinstance(node, Loop) else ()
 
 
-def joins_of(tree: Tree) -> dict[int, list[Join]]:
+def joins_by_phi(tree: Tree) -> dict[int, list[Join]]:
     """Return the joins of a tree, by the numbers of their phis."""
-    joins_by_phi: dict[int, list[Join]] = {}
+    joins: dict[int, list[Join]] = {}
     for node in nodes_in(tree):
         if isinstance(node, Join):
             for phi in node.phis:
-                joins_by_phi.setdefault(phi.number, []).append(node)
-    return joins_by_phi
+                joins.setdefault(phi.number, []).append(node)
+    return joins
 
 
 def nodes_in(tree: Tree) -> Iterator[Node]:

@@ -7,6 +7,7 @@ taken: static single assignment. What is read from neither arm stays in it, as t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from .graph import (
@@ -18,37 +19,39 @@ from .graph import (
     Loop,
     LoopVariable,
     Node,
+    NumberType,
     Operation,
     Phi,
     Result,
     Tree,
     key,
-    kind_of,
     new_join,
     new_phi,
     operation_node,
+    type_of,
 )
 
 
-def join_arms(nodes: list[Node], condition: Operation, true: Tree, false: Tree) -> Tree:
+def join_arms(before: Sequence[Node], condition: Operation, true: Tree, false: Tree) -> Tree:
     """The tree that goes on after these nodes with one of two arms: joined where that is possible, else a branch.
 
     An arm that ends in an error leaves no value: a join fails there, and the other arm follows it. Arms are joined if
     both end with values of the same shape and no attempt begins on one of them without ending there.
     """
-    if not (closed(true) and closed(false)):
-        return Branch(nodes, condition, true, false)
+    branch = Branch([*before], condition, true, false)
+    if not (ends_its_attempts(true) and ends_its_attempts(false)):
+        return branch
     nothing = Leaf([], [], None, None)
     if isinstance(true, Leaf) and true.error is not None:
         join = new_join(condition, (true, nothing), ())
-        return false._replace(nodes=[*nodes, join, *false.nodes])
+        return false._replace(nodes=[*before, join, *false.nodes])
     if isinstance(false, Leaf) and false.error is not None:
         join = new_join(condition, (nothing, false), ())
-        return true._replace(nodes=[*nodes, join, *true.nodes])
+        return true._replace(nodes=[*before, join, *true.nodes])
     if isinstance(true, Branch) or isinstance(false, Branch) or true.shape != false.shape:
-        return Branch(nodes, condition, true, false)
+        return branch
     joins, values = joined(condition, true, false)
-    return Leaf([*nodes, *joins], values, true.shape, None)
+    return Leaf([*before, *joins], values, true.shape, None)
 
 
 def joined(condition: Operation, true: Leaf, false: Leaf) -> tuple[list[Join], list[Any]]:
@@ -56,12 +59,12 @@ def joined(condition: Operation, true: Leaf, false: Leaf) -> tuple[list[Join], l
 
     Two Booleans that differ are the condition or its negation.
     """
-    locals_of_true, locals_of_false = Locals(true), Locals(false)
+    computed_on_true, computed_on_false = ComputedOnArm(true), ComputedOnArm(false)
     phis: dict[Any, tuple[Phi, Any, Any]] = {}
     values: list[Any] = []
     for a, b in zip(true.values, false.values, strict=True):
         pair = key(a), key(b)
-        if pair[0] == pair[1] and not (locals_of_true.include(a) or locals_of_false.include(b)):
+        if pair[0] == pair[1] and not (a in computed_on_true or b in computed_on_false):
             values.append(a)
         elif isinstance(a, bool) and isinstance(b, bool):
             values.append(condition if a else operation_node("==", (condition, 0.0)))
@@ -79,26 +82,25 @@ def joined(condition: Operation, true: Leaf, false: Leaf) -> tuple[list[Join], l
 
 
 def phi_of(a: Any, b: Any) -> Phi:
-    """A new value for two: of the type that both have, else a Real; one of their items if both have some."""
-    kinds, items = {kind_of(a), kind_of(b)}, [items_of(value) for value in (a, b)]
-    all_items = sorted({*items[0], *items[1]}) if all(items) else ()
-    return new_phi(kinds.pop() if len(kinds) == 1 else "Real", all_items)
+    """A new value for two: of the type that both have, else a Real; one of their values where those are known."""
+    kinds, values = {type_of(a).kind, type_of(b).kind}, [possible_values(x) for x in (a, b)]
+    all_values = tuple(sorted({*values[0], *values[1]})) if all(values) else ()
+    return new_phi(NumberType(kinds.pop() if len(kinds) == 1 else "Real", all_values))
 
 
-def items_of(value: Any) -> tuple[int, ...]:
-    """What a value can be, as far as it is known: itself, or the items of an enumeration."""
-    if isinstance(value, Node):
-        return value.items
-    return (value,) if isinstance(value, int) and not isinstance(value, bool) else ()
+def possible_values(number: Any) -> tuple[int, ...]:
+    """What a number can be, as far as that is known: itself, or the values of its enumeration."""
+    is_integer = isinstance(number, int) and not isinstance(number, bool)
+    return (number,) if is_integer else type_of(number).enumeration
 
 
-def closed(tree: Tree) -> bool:
+def ends_its_attempts(tree: Tree) -> bool:
     """Whether what is attempted begins and ends on this arm."""
     starts = sum(isinstance(node, AttemptStart) for node in tree.nodes)
     return starts == sum(isinstance(node, AttemptEnd) for node in tree.nodes)
 
 
-class Locals:
+class ComputedOnArm:
     """What is computed on an arm: its nodes, the phis of its joins, the variables of its loops."""
 
     def __init__(self, arm: Leaf) -> None:
@@ -107,7 +109,7 @@ class Locals:
         self.numbers |= {phi.number for join in joins for phi in join.phis}
         self.loops = {node.loop for node in arm.nodes if isinstance(node, Loop)}
 
-    def include(self, value: Any) -> bool:
+    def __contains__(self, value: Any) -> bool:
         """Whether a value is computed on the arm, not before the condition.
 
         A result is where its call is. A comparison is in no list, as it is written where it is read: it is local if
@@ -119,7 +121,7 @@ class Locals:
             case LoopVariable():
                 return value.loop in self.loops
             case Operation() if value.is_comparison:
-                return any(map(self.include, value.operands))
+                return any(operand in self for operand in value.operands)
             case Node():
                 return value.number in self.numbers
         return False

@@ -127,7 +127,7 @@ def _of_copysign(f: Apply, n: Any, a: Any, b: Any, da: Any, db: Any) -> Any:
     return times(f("copysign", 1.0, a) * f("copysign", 1.0, b), da)
 
 
-def _of_step(*_: Any) -> float:
+def _zero_derivative(*_: Any) -> float:
     """The derivative of a step function, away from its steps."""
     return 0.0
 
@@ -148,7 +148,7 @@ def _comparison(sign: str) -> Op:
     )  # fmt: skip
 
 
-def _checked(
+def _by_c_function(
     name: str, c: str, python: str, derivative: Derivative, *, libm: str | None, from_math: bool
 ) -> Op:
     """An operation of two operands for which `fmi2_context.c` has a function that fails like Python's."""
@@ -184,7 +184,7 @@ def _rounding(name: str) -> Op:
     form = f"checked_integer(c, {{0}}, {name}({{0}}))"
     return Op(
         name=name, arity=1, c=form, c_unchecked=form, libm=None, python=f"float({name}({{0}}))",
-        failure=Failure.FOR_SOME_OPERANDS, result=ResultType.INTEGER, derivative=_of_step,
+        failure=Failure.FOR_SOME_OPERANDS, result=ResultType.INTEGER, derivative=_zero_derivative,
         from_math=True,
     )  # fmt: skip
 
@@ -226,7 +226,7 @@ _ROWS: Sequence[Op] = (
     SELECT,
     FABS,
     COPYSIGN,
-    _checked("power", "power", "{0} ** {1}", _of_power, libm="pow", from_math=False),
+    _by_c_function("power", "power", "{0} ** {1}", _of_power, libm="pow", from_math=False),
     _libm(
         "atan2",
         lambda f, n, y, x, dy, dx: (
@@ -235,10 +235,12 @@ _ROWS: Sequence[Op] = (
         check=None,
         arity=2,
     ),
-    _checked("modulo", "modulo", "{0} % {1}", _of_modulo, libm="fmod", from_math=False),
-    _checked("floordiv", "floor_quotient", "{0} // {1}", _of_step, libm="fmod", from_math=False),
-    _checked("pow", "math_pow", "pow({0}, {1})", _of_power, libm="pow", from_math=True),
-    _checked("fmod", "math_fmod", "fmod({0}, {1})", _of_fmod, libm="fmod", from_math=True),
+    _by_c_function("modulo", "modulo", "{0} % {1}", _of_modulo, libm="fmod", from_math=False),
+    _by_c_function(
+        "floordiv", "floor_quotient", "{0} // {1}", _zero_derivative, libm="fmod", from_math=False
+    ),
+    _by_c_function("pow", "math_pow", "pow({0}, {1})", _of_power, libm="pow", from_math=True),
+    _by_c_function("fmod", "math_fmod", "fmod({0}, {1})", _of_fmod, libm="fmod", from_math=True),
     *map(_rounding, ("floor", "ceil", "trunc")),
     _libm("sin", lambda f, n, a, da: f("cos", a) * da, check="defined"),
     _libm("cos", lambda f, n, a, da: -f("sin", a) * da, check="defined"),

@@ -29,29 +29,29 @@ def require(model: Model, tracer: Tracer) -> None:
     the same numbers.
     """
     for module in tracer.modules:
-        require_statements(module)
+        refuse_statements(module)
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
     results = {"derivatives": model.State, "outputs": model.Outputs}
     if model.event_indicators:
         results |= {"event_indicators": tuple, "event_update": model.State}
     for name, result in results.items():
-        checked_function = checked(model, name, result)
+        with_checks = with_result_checked(model, name, result)
         examples = {"p": p, "t": 0.0, "x": x, "u": u} | (
             {"which": 0} if name == "event_update" else {}
         )
         try:
-            once, again = (tracer.trace(name, checked_function, **examples) for _ in range(2))
+            once, again = (tracer.trace(name, with_checks, **examples) for _ in range(2))
         except RecursionError as error:
             raise UntraceableError(f"{name} calls itself without end") from error
-        if ends(once.tree) != ends(again.tree):
+        if results_of_paths(once.tree) != results_of_paths(again.tree):
             raise UntraceableError(
                 f"{name} returns another value when it is called again with the same numbers: "
                 "it may only use its arguments and constants"
             )
 
 
-def require_statements(module: ModuleType) -> None:
-    """Raise SyntaxError for a statement in a function of this module that the FMU cannot have."""
+def refuse_statements(module: ModuleType) -> None:
+    """Raise SyntaxError for a statement of `REFUSED` in a function of this module."""
     for node in (
         inner
         for outer in ast.walk(ast.parse(inspect.getsource(module)))
@@ -62,8 +62,8 @@ def require_statements(module: ModuleType) -> None:
             raise SyntaxError(reason, (module.__file__, node.lineno, None, None))
 
 
-def checked(model: Model, name: str, result: Any) -> Callable[..., Any]:
-    """A function of a model that refuses to return anything but its record of numbers."""
+def with_result_checked(model: Model, name: str, result: Any) -> Callable[..., Any]:
+    """The function of a model with this name, which refuses to return anything but this record, of numbers."""
 
     def call(**arguments: Any) -> Any:
         returned = getattr(model, name)(*arguments.values())
@@ -72,7 +72,7 @@ def checked(model: Model, name: str, result: Any) -> Callable[..., Any]:
             raise UntraceableError(f"{name} returns {_describe(returned)}: write return {form}")
         declarations = result._declared.items() if is_record(result) else ()
         for (field, declared), value in zip(declarations, returned):
-            is_boolean = declared.kind == "Real" and is_condition(value)
+            is_boolean = declared.fmi_type == "Real" and is_true_or_false(value)
             if is_boolean or not isinstance(value, (Node, float, int)):
                 raise UntraceableError(
                     f"in {name} {result.__name__}.{field} is {_describe(value)}, which is not a number"
@@ -85,21 +85,21 @@ def checked(model: Model, name: str, result: Any) -> Callable[..., Any]:
     return call
 
 
-def is_condition(value: Any) -> bool:
+def is_true_or_false(value: Any) -> bool:
     """Whether a value is true or false, but no variable."""
     if isinstance(value, Node):
-        return value.kind == "Boolean" and not isinstance(value, Argument)
+        return value.type.kind == "Boolean" and not isinstance(value, Argument)
     return isinstance(value, bool)
 
 
 def _describe(value: Any) -> str:
-    if isinstance(value, Node) and is_condition(value):
+    if isinstance(value, Node) and is_true_or_false(value):
         return "a condition"
     if value is None or isinstance(value, bool):
         return repr(value)
     return "a number" if isinstance(value, Node) else f"a {type(value).__name__}"
 
 
-def ends(tree: Tree) -> list[tuple[Any, ...]]:
+def results_of_paths(tree: Tree) -> list[tuple[Any, ...]]:
     """What tells the values at the ends of all paths apart."""
     return [(leaf.error and leaf.error.identity, *map(key, leaf.values)) for leaf in leaves(tree)]

@@ -2,7 +2,7 @@
 
 A function that is followed with symbols meets `if` as a question for true or false, which a symbol cannot answer.
 The syntax tree shows what depends on the answer: the two arms and the names that they assign. Each `if` becomes
-a call of `conditions.join`, which follows both arms and goes on once:
+a call of `conditions.follow_arms`, which follows both arms and goes on once:
 
 ```text
 if x > 0.0:                    def true():
@@ -39,7 +39,7 @@ import inspect
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 #: What a rewritten function calls: names that no model can give.
 JOIN, BOTH, EITHER, COMPARE, EQUAL, TELL = "join'", "and'", "or'", "compare'", "equal'", "tell'"
@@ -48,6 +48,9 @@ TRUE, FALSE, ARM = "true'", "false'", "arm'"
 #: The function that binds these names.
 MAKE = "make'"
 SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef, ast.GeneratorExp)
+COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp)
+#: What has names of its own.
+NAME_SCOPES = (*SCOPES, *COMPREHENSIONS)
 LOOPS = (ast.For, ast.AsyncFor, ast.While)
 #: What no arm can have; a `return` where nothing follows the arm, and a `continue` at its end, are taken out before.
 UNMOVABLE = (
@@ -55,6 +58,13 @@ UNMOVABLE = (
     ast.ImportFrom, ast.ClassDef, ast.Try, ast.With, ast.AsyncWith, ast.AsyncFor, ast.NamedExpr,
 )  # fmt: skip
 Statements = Sequence[ast.stmt]
+
+
+class RewrittenIf(NamedTuple):
+    """What a condition has become, and whether the rest of its block is in it."""
+
+    statements: Statements
+    takes_rest: bool
 
 
 @lru_cache(maxsize=1024)
@@ -72,23 +82,13 @@ def rewritten(
     definition, values = copy.deepcopy(definition), dict(helpers)
     tells = tells and inspect.isgeneratorfunction(original)
     if tells:
-        definition = ast.fix_missing_locations(Teller().visit(definition))
+        definition = ast.fix_missing_locations(YieldsToCalls().visit(definition))
     source = compile(factory(definition, list(values)), original.__code__.co_filename, "exec")
     made: dict[str, Any] = {}
-    exec(named(source, original.__name__), original.__globals__, made)  # noqa: S102
+    exec(renamed(source, original.__name__), original.__globals__, made)  # noqa: S102
     function: FunctionType = made[MAKE](*values.values())
     function.__defaults__, function.__kwdefaults__ = original.__defaults__, original.__kwdefaults__
-    return teller(function) if tells else function
-
-
-def teller(function: FunctionType) -> Callable[..., tuple[()]]:
-    """A function in the place of a generator, after which nothing is left to be told."""
-
-    def call(*arguments: Any, **keywords: Any) -> tuple[()]:
-        function(*arguments, **keywords)
-        return ()
-
-    return call
+    return (lambda *p, **named: function(*p, **named) or ()) if tells else function
 
 
 @lru_cache(maxsize=64)
@@ -106,13 +106,13 @@ def definitions(module: ModuleType | None) -> dict[tuple[str, int], ast.Function
     }
 
 
-def named(code: CodeType, owner: str) -> CodeType:
+def renamed(code: CodeType, owner: str) -> CodeType:
     """The code with arms named like the function that they are part of, as messages have it."""
     constants = []
     for part in code.co_consts:
         if isinstance(part, CodeType):
             is_arm = part.co_name in (TRUE, FALSE) or ARM in part.co_varnames
-            part = named(part, owner if is_arm else part.co_name)
+            part = renamed(part, owner if is_arm else part.co_name)
         constants.append(part)
     return code.replace(co_name=owner, co_consts=tuple(constants))
 
@@ -127,42 +127,39 @@ def factory(definition: ast.FunctionDef, helpers: list[str]) -> ast.Module:
     arguments.defaults = [ast.Constant(None) for _ in arguments.defaults]
     arguments.kw_defaults = [default and ast.Constant(None) for default in arguments.kw_defaults]
     body = [Rewriter().visit(definition), ast.Return(ast.Name(definition.name, ast.Load()))]
-    module = ast.Module([function(MAKE, body, helpers)], [])
+    module = ast.Module([function_definition(MAKE, body, helpers)], [])
     return ast.fix_missing_locations(module)
 
 
-def function(name: str, body: list[ast.stmt], parameters: Sequence[str] = ()) -> ast.FunctionDef:
-    """The definition of a function."""
+def function_definition(
+    name: str, body: list[ast.stmt], parameters: Sequence[str] = ()
+) -> ast.FunctionDef:
+    """The syntax tree of a function."""
     arguments = ast.arguments([], list(map(ast.arg, parameters)), None, [], [], None, [])
     return ast.FunctionDef(name, arguments, body, [])
 
 
-def parts(node: ast.AST) -> Iterator[ast.AST]:
-    """A node and all within it, but not within functions that it defines."""
-    yield node
-    if not isinstance(node, SCOPES):
-        for child in ast.iter_child_nodes(node):
-            yield from parts(child)
+def parts_outside(scopes: tuple[type[ast.AST], ...], *nodes: ast.AST) -> Iterator[ast.AST]:
+    """The nodes and all within them, but not within nodes of these kinds."""
+    for node in nodes:
+        yield node
+        if not isinstance(node, scopes):
+            yield from parts_outside(scopes, *ast.iter_child_nodes(node))
 
 
-def ends_within(statements: Statements) -> set[type[ast.AST]]:
-    """The kinds of `UNMOVABLE` statements and expressions, without `break` and `continue` of loops within."""
+def unmovable_kinds(*nodes: ast.AST) -> set[type[ast.AST]]:
+    """The kinds of `UNMOVABLE` nodes within these, without `break` and `continue` of the loops among them."""
     found: set[type[ast.AST]] = set()
-    for statement in statements:
-        if isinstance(statement, ast.If):
-            found |= unmovable(statement.test)
-            found |= ends_within(statement.body) | ends_within(statement.orelse)
-        elif isinstance(statement, LOOPS):
-            found |= unmovable(statement) - {ast.Break, ast.Continue}
-            found |= ends_within(statement.orelse)
-        else:
-            found |= unmovable(statement)
+    for node in nodes:
+        if isinstance(node, ast.If):
+            found |= unmovable_kinds(node.test, *node.body, *node.orelse)
+            continue
+        of_node = {type(x) for x in parts_outside(SCOPES, node) if isinstance(x, UNMOVABLE)}
+        if isinstance(node, LOOPS):
+            of_node -= {ast.Break, ast.Continue}
+            found |= unmovable_kinds(*node.orelse)
+        found |= of_node
     return found
-
-
-def unmovable(node: ast.AST) -> set[type[ast.AST]]:
-    """The kinds of `UNMOVABLE` statements and expressions within a node."""
-    return {type(part) for part in parts(node) if isinstance(part, UNMOVABLE)}
 
 
 def ends(statements: Statements) -> bool:
@@ -173,10 +170,10 @@ def ends(statements: Statements) -> bool:
     return isinstance(last, ast.Return | ast.Raise | ast.Continue)
 
 
-def assigned(statements: Statements) -> set[str]:
+def assigned_names(statements: Statements) -> set[str]:
     """The names that these statements assign."""
     names = set()
-    for part in (inner for statement in statements for inner in own_parts(statement)):
+    for part in parts_outside(NAME_SCOPES, *statements):
         if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store):
             names.add(part.id)
         elif isinstance(part, ast.FunctionDef | ast.MatchAs | ast.MatchStar) and part.name:
@@ -184,23 +181,15 @@ def assigned(statements: Statements) -> set[str]:
     return names
 
 
-def own_parts(node: ast.AST) -> Iterator[ast.AST]:
-    """A node and all within it, but not within functions and comprehensions, which have names of their own."""
-    yield node
-    if not isinstance(node, (*SCOPES, ast.ListComp, ast.SetComp, ast.DictComp)):
-        for child in ast.iter_child_nodes(node):
-            yield from own_parts(child)
-
-
-class Teller(ast.NodeTransformer):
+class YieldsToCalls(ast.NodeTransformer):
     """Turns a generator of sentences into a function that tells them."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.stmt:
         """`yield s` as a call, `yield from` as a loop."""
         if isinstance(node.value, ast.Yield) and node.value.value:
-            return ast.copy_location(ast.Expr(helper(TELL, node.value.value)), node)
+            return ast.copy_location(ast.Expr(helper_call(TELL, node.value.value)), node)
         if isinstance(node.value, ast.YieldFrom):
-            told = ast.Expr(helper(TELL, ast.Name("sentence'", ast.Load())))
+            told = ast.Expr(helper_call(TELL, ast.Name("sentence'", ast.Load())))
             loop = ast.For(ast.Name("sentence'", ast.Store()), node.value.value, [told], [])
             return ast.copy_location(loop, node)
         return node
@@ -213,15 +202,15 @@ class Scope:
         self.reads: set[tuple[str, int, int]] = set()
         self.read_at_any_time: set[str] = set()
         self.of_arms: set[str] = set()
-        for part in (part for statement in definition.body for part in own_parts(statement)):
+        for part in parts_outside(NAME_SCOPES, *definition.body):
             if isinstance(part, SCOPES):
                 self.read_at_any_time |= {n.id for n in ast.walk(part) if isinstance(n, ast.Name)}
-            elif isinstance(part, ast.ListComp | ast.SetComp | ast.DictComp):
-                self.reads |= {read(n) for n in ast.walk(part) if isinstance(n, ast.Name)}
+            elif isinstance(part, COMPREHENSIONS):
+                self.reads |= {name_and_place(n) for n in ast.walk(part) if isinstance(n, ast.Name)}
             elif isinstance(part, ast.AugAssign) and isinstance(part.target, ast.Name):
-                self.reads.add(read(part.target))
+                self.reads.add(name_and_place(part.target))
             elif isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load):
-                self.reads.add(read(part))
+                self.reads.add(name_and_place(part))
 
     def read_after(self, node: ast.stmt, loop: ast.stmt | None) -> set[str]:
         """The names that may be read after a statement, which may stand in a loop."""
@@ -231,9 +220,9 @@ class Scope:
         return later | self.read_at_any_time
 
 
-def read(name: ast.Name) -> tuple[str, int, int]:
-    """A name and where it stands."""
-    return name.id, name.lineno, name.col_offset
+def name_and_place(node: ast.Name) -> tuple[str, int, int]:
+    """A name, its line and its column."""
+    return node.id, node.lineno, node.col_offset
 
 
 class Rewriter(ast.NodeTransformer):
@@ -247,7 +236,7 @@ class Rewriter(ast.NodeTransformer):
         """Rewrite a function; what its arms assign is bound in it."""
         outer = self.scope, self.loop
         self.scope, self.loop = Scope(node), None
-        node.body = self.block(node.body, ast.Return)
+        node.body = self.rewritten_block(node.body, ast.Return)
         if self.scope.of_arms:
             targets: list[ast.expr] = [
                 ast.Name(name, ast.Store()) for name in sorted(self.scope.of_arms)
@@ -257,77 +246,82 @@ class Rewriter(ast.NodeTransformer):
         self.scope, self.loop = outer
         return node
 
-    def block(self, statements: Statements, end: type[ast.stmt] | None) -> list[ast.stmt]:
-        """Statements rewritten; where `end` is given, nothing but this follows them."""
+    def rewritten_block(
+        self, statements: Statements, before_only: type[ast.stmt] | None
+    ) -> list[ast.stmt]:
+        """Statements rewritten; nothing but `before_only` follows them, where it is given."""
         done: list[ast.stmt] = []
         for index, statement in enumerate(statements):
             rest = statements[index + 1 :]
-            last = end if not rest else None
             if isinstance(statement, ast.If):
-                made, takes_rest = self.condition(statement, rest, end)
-                done += made
-                if takes_rest:
+                made = self.rewritten_if(statement, rest, before_only)
+                done += made.statements
+                if made.takes_rest:
                     break
-            elif isinstance(statement, LOOPS):
-                done.append(self.repeated(statement))
+                continue
+            if isinstance(statement, LOOPS):
+                self.rewrite_loop(statement)
             elif isinstance(statement, ast.Match):
                 statement.subject = self.visit(statement.subject)
                 for case in statement.cases:
-                    case.body = self.block(case.body, last)
-                done.append(statement)
+                    case.body = self.rewritten_block(case.body, None if rest else before_only)
             elif isinstance(statement, ast.With):
-                statement.body = self.block(statement.body, None)
-                done.append(statement)
+                statement.body = self.rewritten_block(statement.body, None)
             else:
-                done.append(self.visit(statement))
+                statement = self.visit(statement)
+            done.append(statement)
         return done
 
-    def repeated(self, loop: Any) -> Any:
-        """A loop with its body rewritten."""
-        head = "test" if isinstance(loop, ast.While) else "iter"
-        setattr(loop, head, self.visit(getattr(loop, head)))
+    def rewrite_loop(self, loop: ast.For | ast.AsyncFor | ast.While) -> None:
+        """Rewrite head and body of a loop in their place."""
+        if isinstance(loop, ast.While):
+            loop.test = self.visit(loop.test)
+        else:
+            loop.iter = self.visit(loop.iter)
         outer, self.loop = self.loop, self.loop or loop
-        loop.body = self.block(loop.body, ast.Continue)
+        loop.body = self.rewritten_block(loop.body, ast.Continue)
         self.loop = outer
-        loop.orelse = self.block(loop.orelse, None)
-        return loop
+        loop.orelse = self.rewritten_block(loop.orelse, None)
 
-    def condition(
-        self, node: ast.If, rest: Statements, end: type[ast.stmt] | None
-    ) -> tuple[list[ast.stmt], bool]:
-        """A condition rewritten, and whether it has taken in the rest of the block."""
+    def rewritten_if(
+        self, node: ast.If, rest: Statements, before_only: type[ast.stmt] | None
+    ) -> RewrittenIf:
+        """A condition rewritten, with the rest of its block where one of its arms ends before that."""
         assert self.scope is not None
         arms: list[list[ast.stmt]] = [node.body, node.orelse]
-        fixed = ends_within(arms[0]) | ends_within(arms[1])
-        takes_rest = end is not None and end in fixed and any(map(ends, arms))
+        fixed = unmovable_kinds(*node.body, *node.orelse)
+        takes_rest = before_only is not None and before_only in fixed and any(map(ends, arms))
         if takes_rest:
             arms = [arm if ends(arm) else [*arm, *rest] for arm in arms]
-            fixed = (ends_within(arms[0]) | ends_within(arms[1])) - {end}
-        test, names = node.test, assigned([*arms[0], *arms[1]])
+            fixed = unmovable_kinds(*arms[0], *arms[1]) - {before_only}
+        test, names = node.test, assigned_names([*arms[0], *arms[1]])
         if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
             test, arms = test.operand, arms[::-1]
         bodies: list[list[ast.stmt]] = []
-        if not fixed and not has_effect(arms):
-            copies = (copy.deepcopy(without_continue(arm)) for arm in arms)
-            bodies = [self.block(arm, end if takes_rest else None) for arm in copies]
-        if not bodies or any(ast.Continue in ends_within(body) for body in bodies):
-            last = end if not rest else None
+        if not fixed and not assigns_to_part(arms):
+            copies = (copy.deepcopy(without_last_continue(arm)) for arm in arms)
+            within = before_only if takes_rest else None
+            bodies = [self.rewritten_block(arm, within) for arm in copies]
+        if not bodies or any(ast.Continue in unmovable_kinds(*body) for body in bodies):
+            within = None if rest else before_only
             node.test = self.visit(node.test)
-            node.body, node.orelse = self.block(node.body, last), self.block(node.orelse, last)
-            return [node], False
+            node.body = self.rewritten_block(node.body, within)
+            node.orelse = self.rewritten_block(node.orelse, within)
+            return RewrittenIf([node], False)
         self.scope.of_arms |= names
-        returns = takes_rest and end is ast.Return
+        returns = takes_rest and before_only is ast.Return
         live = set() if returns else names & self.scope.read_after(node, self.loop)
         first: list[ast.stmt] = [ast.Nonlocal(sorted(names))] if names else []
         functions = [
-            function(name, [*first, *body] or [ast.Pass()])
+            function_definition(name, [*first, *body] or [ast.Pass()])
             for name, body in zip((TRUE, FALSE), bodies)
         ]
         live_names = ast.Tuple([ast.Constant(name) for name in sorted(live)], ast.Load())
         references = (ast.Name(name, ast.Load()) for name in (TRUE, FALSE))
-        call = helper(JOIN, self.visit(test), *references, live_names)
+        call = helper_call(JOIN, self.visit(test), *references, live_names)
         made = [*functions, ast.Return(call) if returns else ast.Expr(call)]
-        return [ast.copy_location(statement, node) for statement in made], takes_rest
+        statements = [ast.copy_location(statement, node) for statement in made]
+        return RewrittenIf(statements, takes_rest)
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.stmt:
         """An assignment without its annotation, which a name that is not of its own function cannot have."""
@@ -340,7 +334,8 @@ class Rewriter(ast.NodeTransformer):
         """A conditional expression as a join of two lambdas."""
         self.generic_visit(node)
         if is_movable(node.body) and is_movable(node.orelse):
-            return helper(JOIN, node.test, later(node.body), later(node.orelse), at=node)
+            arms = arm_lambda(node.body), arm_lambda(node.orelse)
+            return helper_call(JOIN, node.test, *arms, at=node)
         return node
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
@@ -351,7 +346,7 @@ class Rewriter(ast.NodeTransformer):
         name = BOTH if isinstance(node.op, ast.And) else EITHER
         *values, whole = node.values
         for value in reversed(values):
-            whole = helper(name, value, later(whole), at=node)
+            whole = helper_call(name, value, arm_lambda(whole), at=node)
         return whole
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
@@ -359,37 +354,37 @@ class Rewriter(ast.NodeTransformer):
         self.generic_visit(node)
         if not isinstance(node.op, ast.Not):
             return node
-        arms = [later(ast.Constant(answer)) for answer in (False, True)]
-        return helper(JOIN, node.operand, *arms, at=node)
+        arms = [arm_lambda(ast.Constant(answer)) for answer in (False, True)]
+        return helper_call(JOIN, node.operand, *arms, at=node)
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         """`a < b < c` as a call, which evaluates each operand once; `a == b` as one that compares item by item."""
         self.generic_visit(node)
         if len(node.ops) == 1 and isinstance(node.ops[0], ast.Eq | ast.NotEq):
-            is_equal = helper(EQUAL, node.left, node.comparators[0], comparing(node.ops[0]))
-            return ast.copy_location(is_equal, node)
+            relation = comparison_lambda(node.ops[0])
+            return helper_call(EQUAL, node.left, node.comparators[0], relation, at=node)
         if len(node.ops) == 1 or not all(map(is_movable, node.comparators)):
             return node
         pairs = zip(node.ops, node.comparators)
-        steps = [part for op, right in pairs for part in (comparing(op), later(right))]
-        return helper(COMPARE, node.left, *steps, at=node)
+        steps = [f for op, right in pairs for f in (comparison_lambda(op), arm_lambda(right))]
+        return helper_call(COMPARE, node.left, *steps, at=node)
 
 
-def comparing(op: ast.cmpop) -> ast.Lambda:
-    """A comparison as a function."""
+def comparison_lambda(op: ast.cmpop) -> ast.Lambda:
+    """A comparison as a function of its two operands."""
     a, b = (ast.Name(name, ast.Load()) for name in ("a'", "b'"))
-    return ast.Lambda(function("", [], ("a'", "b'")).args, ast.Compare(a, [op], [b]))
+    return ast.Lambda(function_definition("", [], ("a'", "b'")).args, ast.Compare(a, [op], [b]))
 
 
-def later(value: ast.expr) -> ast.Lambda:
-    """An expression as an arm."""
-    arguments = function("", []).args
+def arm_lambda(value: ast.expr) -> ast.Lambda:
+    """An expression as an arm, which is evaluated when that is called."""
+    arguments = function_definition("", []).args
     arguments.vararg = ast.arg(ARM)
     return ast.Lambda(arguments, value)
 
 
-def helper(name: str, *arguments: ast.expr, at: ast.expr | None = None) -> ast.Call:
-    """A call of a helper."""
+def helper_call(name: str, *arguments: ast.expr, at: ast.expr | None = None) -> ast.Call:
+    """A call of a helper, in the place of an expression."""
     call = ast.Call(ast.Name(name, ast.Load()), list(arguments), [])
     return ast.copy_location(call, at) if at else call
 
@@ -399,8 +394,8 @@ def is_movable(node: ast.expr) -> bool:
     return not any(isinstance(part, UNMOVABLE) for part in ast.walk(node))
 
 
-def has_effect(arms: Sequence[Statements]) -> bool:
-    """Whether an arm assigns to a part of something."""
+def assigns_to_part(arms: Sequence[Statements]) -> bool:
+    """Whether an arm assigns to an attribute or an item of something."""
     within = (part for arm in arms for statement in arm for part in ast.walk(statement))
     return any(
         isinstance(part, ast.Attribute | ast.Subscript) and not isinstance(part.ctx, ast.Load)
@@ -408,6 +403,6 @@ def has_effect(arms: Sequence[Statements]) -> bool:
     )
 
 
-def without_continue(arm: Statements) -> Statements:
+def without_last_continue(arm: Statements) -> Statements:
     """An arm without a `continue` at its end."""
     return arm[:-1] if arm and isinstance(arm[-1], ast.Continue) else arm

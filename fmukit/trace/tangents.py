@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from .context import current
-from .execute import explore, kinds
+from .execute import explore
 from .graph import (
     Argument,
     Branch,
@@ -24,23 +24,23 @@ from .graph import (
     new_join,
     new_phi,
     operation,
+    size,
 )
 from .ops import OPS, is_moving
-from .tracer import Tracer, call_results, function
+from .tracer import Tracer, record_call, trace_function
 
 
 def forward(
     tracer: Tracer, traced: Function, groups: Sequence[Any], tangents: Sequence[Sequence[Any]]
 ) -> list[Any]:
     """Tangents of the results for given tangents of the arguments."""
-    names = [name for name, shape in traced.parameters.items() if list(kinds(shape))]
+    names = [name for name, shape in traced.parameters.items() if size(shape)]
     moving = {
         n: group for n, group in zip(names, tangents, strict=True) if any(map(is_moving, group))
     }
     if not moving:
-        return [0.0 for _ in kinds(traced.shape)]
-    derivative = derived(tracer, traced, tuple(moving))
-    return call_results(derivative, [*map(tuple, groups), *map(tuple, moving.values())])
+        return [0.0] * size(traced.shape)
+    return record_call(derived(tracer, traced, tuple(moving)), [*groups, *moving.values()])
 
 
 def derived(tracer: Tracer, traced: Function, moving: tuple[str, ...]) -> Function:
@@ -49,7 +49,7 @@ def derived(tracer: Tracer, traced: Function, moving: tuple[str, ...]) -> Functi
     if identity not in tracer.functions:
         shapes = {tangent_of(name): untyped_shape(traced.parameters[name]) for name in moving}
         tracer.functions[identity] = None
-        derivative = function(
+        derivative = trace_function(
             f"d_{traced.name}_{len(tracer.functions)}",
             lambda **_: Tangents(tracer, {*shapes}).along(traced.tree),
             traced.parameters | shapes,
@@ -72,7 +72,7 @@ def untyped_shape(shape: Any) -> Any:
     """As many numbers, without their types."""
     if shape == "number":
         return shape
-    return tuple, tuple("number" for _ in kinds(shape))
+    return tuple, ("number",) * size(shape)
 
 
 class Tangents:
@@ -90,31 +90,31 @@ class Tangents:
             if isinstance(node, Join):
                 self.join(node)
                 continue
-            current().path.visit(node)
+            current().path.record(node)
             self.tangents_by_node[node.number] = self.rule(node)
         if isinstance(tree, Branch):
             return self.along(tree.true if tree.condition else tree.false)
         if tree.error is not None:
-            raise ValueError(tree.error.marked())
+            raise ValueError(tree.error.with_marks())
         return [self.of(value) for value in tree.values]
 
     def join(self, node: Join) -> None:
         """A join that has phis for the tangents too, the same whenever this place is run through."""
-        mark = current().path.mark()
+        place = current().path.next_place()
 
         def both(arm: Leaf) -> Any:
             inner = Tangents(self.tracer, self.moving, self.tangents_by_node)
             return [*arm.values, *inner.along(arm)]
 
         joins = self.tracer.joins
-        if mark not in joins:
+        if place not in joins:
             arms: list[Any] = [
-                explore(partial(both, arm), (*mark, index)) for index, arm in enumerate(node.arms)
+                explore(partial(both, arm), (*place, index)) for index, arm in enumerate(node.arms)
             ]
             phis = (*node.phis, *(new_phi() for _ in node.phis))
-            joins[mark] = new_join(node.condition, arms, phis)
-        current().path.visit(joins[mark])
-        of_tangents = joins[mark].phis[len(node.phis) :]
+            joins[place] = new_join(node.condition, arms, phis)
+        current().path.record(joins[place])
+        of_tangents = joins[place].phis[len(node.phis) :]
         pairs = zip(node.phis, of_tangents)
         self.tangents_by_node |= {phi.number: tangent for phi, tangent in pairs}
 

@@ -11,14 +11,25 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from types import BuiltinFunctionType, FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 from ..runtime import flow
-from .conditions import BUILT_IN, HELPERS, join
+from .conditions import BUILT_IN, HELPERS, follow_arms
 from .context import TraceContext, active, current
-from .execute import arranged, explore, flatten, has_static, is_named_tuple, kinds, leaves, symbols
+from .execute import (
+    arranged,
+    explore,
+    flatten,
+    has_static,
+    is_named_tuple,
+    leaves,
+    number_types,
+    symbols,
+)
 from .graph import (
+    REAL,
     AttemptEnd,
     AttemptStart,
     Function,
@@ -27,19 +38,21 @@ from .graph import (
     Loop,
     Node,
     Note,
+    NumberType,
+    Result,
     Tree,
     UnknownChoiceError,
     UntraceableError,
     argument,
-    as_reals,
     call_node,
     call_result,
     key,
-    kind_of,
     loop_variable,
     operation,
     size,
     text_of,
+    type_of,
+    with_float_constants,
 )
 from .modules import modules
 from .ops import OPS
@@ -51,50 +64,51 @@ TELLERS = ("check", "notes")
 MOST_INLINED_OPERATIONS = 40
 
 
-def function(
-    name: str, run: Callable[..., Any], shapes: dict[str, Any], types: Sequence[str] = ()
+def trace_function(
+    name: str, run: Callable[..., Any], shapes: dict[str, Any], types: Sequence[NumberType] = ()
 ) -> Function | None:
-    """Trace `run` with symbols of these shapes; None where its paths return unlike things."""
-    typed_shapes = list(zip(shapes.items(), types or ["Real"] * len(shapes)))
+    """Trace `run` with symbols of these shapes; None where its paths return unlike things.
+
+    `types` are those of the parameters that are one number; all are Real without them.
+    """
+    typed_shapes = list(zip(shapes.items(), types or [REAL] * len(shapes)))
 
     def call() -> Any:
         return run(
-            **{name: parameter_of(name, shape, kind) for (name, shape), kind in typed_shapes}
+            **{name: symbolic_parameter(name, shape, type) for (name, shape), type in typed_shapes}
         )
 
-    tree = followed(call, name)
+    tree = follow_all_paths(call, name)
     shapes_of_results = {leaf.shape for leaf in leaves(tree) if leaf.error is None}
-    unified_shapes = {unified(shape) for shape in shapes_of_results}
-    if len(unified_shapes) != 1 or (
-        has_static(*unified_shapes) and unified_shapes != {flatten(None)[0]}
-    ):
+    alike = {with_lists_as_tuples(shape) for shape in shapes_of_results}
+    if len(alike) != 1 or (has_static(*alike) and alike != {flatten(None)[0]}):
         return None
     return Function(name, shapes, tree, next(iter(shapes_of_results)))
 
 
-def followed(run: Callable[[], Any], name: str) -> Tree:
+def follow_all_paths(run: Callable[[], Any], name: str) -> Tree:
     """All paths through a function: joined or, where it needs to know an answer, each to its end."""
     try:
-        with current().from_start(answers_only=False):
+        with current().separate_function(without_joins=False):
             return explore(run, (name,))
     except (UnknownChoiceError, NameError):
-        with current().from_start(answers_only=True):
+        with current().separate_function(without_joins=True):
             return explore(run, (name,))
 
 
-def parameter_of(name: str, shape: Any, kind: str) -> Any:
-    """The nodes of a parameter: one for a number, else one for each number of a record."""
+def symbolic_parameter(name: str, shape: Any, type: NumberType) -> Any:
+    """The nodes of a parameter: one of this type for a number, else one for each number of a record."""
     if shape == "number":
-        return argument(name, None, kind)
-    return symbols(shape, lambda index, kind, items: argument(name, index, kind, items))
+        return argument(name, None, type)
+    return symbols(shape, partial(argument, name))
 
 
-def unified(shape: Any) -> Any:
+def with_lists_as_tuples(shape: Any) -> Any:
     """A shape in which a list is as good as a tuple."""
     if shape == "number" or shape[0] == "static":
         return shape
     cls = shape[0] if is_named_tuple(shape[0]) else tuple
-    return cls, tuple(unified(part) for part in shape[1])
+    return cls, tuple(map(with_lists_as_tuples, shape[1]))
 
 
 class Tracer:
@@ -111,12 +125,12 @@ class Tracer:
         """Trace a function with symbols in the shape of these examples."""
         shapes = {parameter: flatten(value)[0] for parameter, value in examples.items()}
         with self.tracing():
-            traced = function(name, run, shapes)
+            traced = trace_function(name, run, shapes)
         if traced is None:
             raise UntraceableError(f"{name} does not return the same record on all paths")
         return traced
 
-    def entry(self, name: str, run: Callable[..., Any], **examples: Any) -> None:
+    def trace_entry(self, name: str, run: Callable[..., Any], **examples: Any) -> None:
         """Trace a function that the runtime calls."""
         self.functions[name] = self.trace(name, run, **examples)._replace(entry=True)
 
@@ -151,22 +165,26 @@ class Tracer:
             for module, name in added:
                 delattr(module, name)
 
-    def replacement(self, module: ModuleType, name: str, value: Any) -> Any:
+    def replacement(
+        self, module: ModuleType, name: str, value: object
+    ) -> Callable[..., Any] | SimpleNamespace | None:
         """What records the calls of a module's function under this name; None if nothing has to."""
         if isinstance(value, FunctionType | BuiltinFunctionType | ModuleType) and value in REPLACED:
             return REPLACED[value]
-        value = inspect.unwrap(value)
+        value = inspect.unwrap(value) if callable(value) else value
         if module in self.kit:
-            homes, is_boundary = {module.__name__}, name in self.kit[module]
+            homes, is_called = {module.__name__}, name in self.kit[module]
         else:
-            homes, is_boundary = self.names, not inspect.isgeneratorfunction(value)
+            homes, is_called = self.names, not inspect.isgeneratorfunction(value)
         if not isinstance(value, FunctionType) or value.__module__ not in homes:
             return None
         run = rewritten(value, HELPED, tells=module is self.modules[0] and name in TELLERS)
-        return self.boundary(value, run) if is_boundary else run
+        return self.recording_a_call(value, run) if is_called else run
 
-    def boundary(self, original: Callable[..., Any], run: Callable[..., Any]) -> Callable[..., Any]:
-        """A function that is called, not followed, where it returns numbers."""
+    def recording_a_call(
+        self, original: Callable[..., Any], run: Callable[..., Any]
+    ) -> Callable[..., Any]:
+        """A function that is traced once and then called, where it returns numbers; else followed as `run`."""
         signature = inspect.signature(original)
 
         def call(*args: Any, **keywords: Any) -> Any:
@@ -176,21 +194,23 @@ class Tracer:
             flattened = [flatten(arg) for arg in arguments]
             if bound.kwargs or not any(n for _, n in flattened):
                 return run(*args, **keywords)
-            shapes = {name: unified(shape) for name, (shape, _) in zip(bound.arguments, flattened)}
-            types = tuple(map(kind_of, arguments))
-            identity = (original, tuple(shapes.items()), types)
+            shapes = {
+                name: with_lists_as_tuples(shape)
+                for name, (shape, _) in zip(bound.arguments, flattened)
+            }
+            types = [NumberType(type_of(argument).kind) for argument in arguments]
+            identity = (original, tuple(shapes.items()), tuple(types))
             if identity not in self.functions:
                 name = f"{original.__name__}_{len(self.functions)}"
                 self.functions[identity] = None
-                traced = function(name, run, shapes, types)
+                traced = trace_function(name, run, shapes, types)
                 del self.functions[identity]
                 self.functions[identity] = None if traced and is_short(traced) else traced
             traced = self.functions[identity]
             if traced is None:
                 return run(*arguments)
             numbers = [tuple(numbers) for _, numbers in flattened if numbers]
-            result = call_results(traced, numbers)
-            return arranged(traced.shape, iter(result))
+            return arranged(traced.shape, iter(record_call(traced, numbers)))
 
         return call
 
@@ -204,19 +224,18 @@ def is_short(traced: Function) -> bool:
     return is_straight and len(nodes) <= MOST_INLINED_OPERATIONS and size(traced.shape) > 0
 
 
-def call_results(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
-    """The numbers that a call of this function returns; one without any is called each time."""
+def record_call(traced: Function, groups: Sequence[Sequence[Any]]) -> list[Result]:
+    """A call of this function on the path, and the numbers that it returns; one without any is called each time.
+
+    There is a group of numbers for each parameter that has any.
+    """
     path = current().path
-    mark = () if size(traced.shape) else path.mark()
-    call = call_node(traced, numbers, mark)
-    path.visit(call)
-    return [
-        call_result(call, index, kind, items)
-        for index, (kind, items) in enumerate(kinds(traced.shape))
-    ]
+    call = call_node(traced, groups, () if size(traced.shape) else path.next_place())
+    path.record(call)
+    return [call_result(call, *numbered) for numbered in enumerate(number_types(traced.shape))]
 
 
-def mathematical(original: Callable[..., Any]) -> Callable[..., Any]:
+def traceable_mathematics(original: Callable[..., Any]) -> Callable[..., Any]:
     """A function of `math` that also takes symbols."""
     name = original.__name__
 
@@ -238,14 +257,14 @@ def logarithm(x: Any, *base: Any) -> Any:
     return operation("/", logarithm(x), logarithm(*base)) if base else operation("log", x)
 
 
-def note(sentence: str) -> None:
-    """Say this to the host's log."""
+def record_note(sentence: str) -> None:
+    """Have the FMU say this to the host's log, where the path is now."""
     path, text = current().path, text_of(sentence)
-    path.visit(current().unique(("note", path.mark()), lambda n: Note(n, "Real", (), text)))
+    path.record(current().unique(("note", path.next_place()), Note, REAL, text))
 
 
-def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
-    """`flow.attempted` for symbols.
+def traceable_attempted(run: Callable[[], Any], otherwise: Any) -> Any:
+    """`flow.attempted` for symbols: `otherwise` where the FMU finds no value for them.
 
     Parameters
     ----------
@@ -255,7 +274,7 @@ def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
         The result of the branch in which `run` has no value.
     """
     path, unique = current().path, current().unique
-    path.visit(unique(("attempt", path.mark()), lambda n: AttemptStart(n, "Real", ())))
+    path.record(unique(("attempt", path.next_place()), AttemptStart, REAL))
     path.attempts += 1
     try:
         shape, numbers = flatten(run())
@@ -263,7 +282,7 @@ def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
         return otherwise
     finally:
         path.attempts -= 1
-    failed = path.visit(unique(("end", path.mark()), lambda n: AttemptEnd(n, "Real", ())))
+    failed = path.record(unique(("end", path.next_place()), AttemptEnd, REAL))
     _, alternatives = flatten(otherwise)
     chosen = [
         operation("select", failed, number, alternative)
@@ -274,7 +293,7 @@ def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
     return arranged(shape, iter(chosen))
 
 
-def repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
+def traceable_repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
     """`flow.repeat` for symbols: the body is followed once, its state is in variables.
 
     Parameters
@@ -285,26 +304,24 @@ def repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
         The state before the first iteration.
     """
     context, path = current(), current().path
-    mark = path.mark()
+    place = path.next_place()
     shape, start = flatten(carry)
-    loop = context.loop_numbers.setdefault(mark, len(context.loop_numbers))
-    state = symbols(shape, lambda index, kind, items: loop_variable(loop, index, kind, items))
-    if mark not in context.loop_bodies:
-        context.loop_bodies[mark] = explore(lambda: finished(*body(state)), (*mark, "body"))
-    inner = context.loop_bodies[mark]
-    identity = ("loop", loop, *map(key, start))
-    numbers = as_reals(start)
-    path.visit(context.unique(identity, lambda n: Loop(n, "Real", (), loop, numbers, inner)))
+    loop = context.loop_numbers.setdefault(place, len(context.loop_numbers))
+    state = symbols(shape, partial(loop_variable, loop))
+
+    def run_body() -> Any:
+        done, following = body(state)
+        return follow_arms(done, lambda: True, lambda: False), following
+
+    if place not in context.loop_bodies:
+        context.loop_bodies[place] = explore(run_body, (*place, "body"))
+    identity, numbers = ("loop", loop, *map(key, start)), with_float_constants(start)
+    path.record(context.unique(identity, Loop, REAL, loop, numbers, context.loop_bodies[place]))
     return state
 
 
-def finished(done: Any, carry: Any) -> tuple[bool, Any]:
-    """Whether a loop is done, as true or false, and what it carries on."""
-    return join(done, lambda: True, lambda: False), carry
-
-
 #: What rewritten functions call for their conditions, and for their sentences.
-HELPED = frozenset({**HELPERS, TELL: note}.items())
+HELPED = frozenset({**HELPERS, TELL: record_note}.items())
 #: The functions of `math` that are operations of the table.
 OPERATIONS = {op.name for op in OPS.values() if op.from_math and op.name != "log"}
 OTHERWISE: dict[str, Callable[..., Any]] = {
@@ -323,13 +340,13 @@ INSTEAD = {
     "exp2": "2.0 ** x",
 }
 MATHEMATICS = {
-    name: mathematical(function)
+    name: traceable_mathematics(function)
     for name, function in vars(math).items()
     if callable(function) and not name.startswith("_")
 }
-REPLACED: dict[Any, Any] = {
+REPLACED: dict[Any, Callable[..., Any] | SimpleNamespace] = {
     **{getattr(math, name): new for name, new in MATHEMATICS.items()},
     math: SimpleNamespace(**vars(math) | MATHEMATICS),
-    flow.repeat: repeat,
-    flow.attempted: attempted,
+    flow.repeat: traceable_repeat,
+    flow.attempted: traceable_attempted,
 }

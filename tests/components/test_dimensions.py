@@ -77,7 +77,7 @@ def quantities(cls: Any, value: float, overrides: dict[str, Any]) -> Any:
     """A record whose reals are quantities near their start values, or as given."""
     values = []
     for name, d in declarations(cls):
-        number = overrides.get(name, (d.start or value) if d.kind == "Real" else d.start)
+        number = overrides.get(name, (d.start or value) if d.fmi_type == "Real" else d.start)
         values.append(number if unit(d) is None else UNITS.Quantity(number, unit(d)))
     return fill(cls, values)
 
@@ -96,7 +96,7 @@ def test_every_equation_has_its_unit(
     rates, outputs = copy.derivatives(p, 0.0, x, u), copy.outputs(p, 0.0, x, u)
     for cls, values, per in ((model.State, rates, UNITS.s), (model.Outputs, outputs, 1)):
         for (name, d), value in zip(declarations(cls), values):
-            if d.kind == "Real" and not d.held:
+            if d.fmi_type == "Real" and not d.held:
                 assert UNITS.Quantity(value).check(unit(d) / per), name
     if model is gravity_orientator or state.get("flying"):
         ends = copy.event_update(p, 0.0 * UNITS.s, x, u, 2 if model is iron_drive else 0)

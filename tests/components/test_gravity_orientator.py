@@ -64,16 +64,16 @@ def passage(n: Any, mu: Any, h: float = 1e-3, component: Any = model) -> Any:
     """Parameters, end and events (t, before, after) of a product; n rpm, or the speed at a step."""
     p = start(model.Parameters, **{"chute.mu": mu}) if isinstance(mu, float) else mu
     complete_model(component)
-    x, before, recorded = component.settle(p, start(model.State)), None, []
+    x, before, recorded = component.complete_state(p, start(model.State)), None, []
     for k in range(math.ceil(3.0 / h)):
         u = model.Inputs(RPM * (n(k * h) if callable(n) else n), True)
         x, before = motion.sample(component, p, k * h, x, before, u), u
         if x.stage in MOVING:
-            for s, old, new in motion.events(
+            for s, old, new in motion.events_and_end(
                 component, p, k * h, x, motion.InputTrajectory(u, u, h)
             ):
                 recorded += [(k * h + s, old, new)] if new is not old else []
-            x = component.settle(p, new)
+            x = component.complete_state(p, new)
     return p, x, recorded
 
 
@@ -313,11 +313,11 @@ def products(stage: Stage, count: int, **options: Any) -> Any:
     draw = random.Random(int(stage))
     for _ in range(count):
         p = random_parameters(model, draw, 0.15, **options)
-        phi1 = draw.uniform(p.catcher.phi, model.flush(p))
+        phi1 = draw.uniform(p.catcher.phi, model.flush_angle(p))
         phi2 = draw.uniform(5.6, 6.4) if stage == Stage.turning else draw.uniform(6.3, 7.8)
         x = start(model.State, stage=int(stage), phi1=phi1, w1=draw.uniform(-5, 5), phi2=phi2,
                   w2=draw.uniform(-30, 30), yc=0.2, vyc=draw.uniform(0, 2))  # fmt: skip
-        yield p, model.settle(p, x), draw.uniform(0, 9)
+        yield p, model.complete_state(p, x), draw.uniform(0, 9)
 
 
 def differences(component: Any, stage: Stage, **options: Any) -> Any:
@@ -349,8 +349,8 @@ def test_velocities_are_the_transfer_functions_times_the_speeds_of_catcher_and_c
                 (x.vxc, y.u_xc1, y.u_xc2), (x.vyc, y.u_yc1, y.u_yc2), (v_K, y.u_yK1, y.u_yK2)
             ):  # fmt: skip
                 assert by_1 * x.w1 + by_2 * x.w2 == pytest.approx(actual, rel=1e-12, abs=1e-15)
-            ahead = model.settle(p, x._replace(phi1=x.phi1 + 1e-6))
-            back = model.settle(p, x._replace(phi1=x.phi1 - 1e-6))
+            ahead = model.complete_state(p, x._replace(phi1=x.phi1 + 1e-6))
+            back = model.complete_state(p, x._replace(phi1=x.phi1 - 1e-6))
             slope = [(a - b) / 2e-6 for a, b in zip(ahead[:6], back[:6])]
             assert slope[2] == pytest.approx(y.u_phi2, abs=1e-7)
             assert slope[4:] == pytest.approx([y.u_xc1, y.u_yc1], abs=1e-7)
@@ -368,7 +368,10 @@ def variant(*swaps: tuple[str, str]) -> Any:
         return load(Path(folder, "model.py"))
 
 
-SPRING, LYING = "spring * cos(phi1)", "new = settle(p, over(x, t, Stage.turning, w1=w1, w2=w2))"
+SPRING, LYING = (
+    "spring * cos(phi1)",
+    "new = complete_state(p, with_next_stage(x, t, Stage.turning, w1=w1, w2=w2))",
+)
 MISPRINTS = {
     # where it shows in the equations, and the orientation times that it would lead to
     "2: F_2 turns the other way": (Stage.joint, {(0.35, 40): 0.261778, (0.5, 60): 0.381659},
@@ -391,7 +394,7 @@ MISPRINTS = {
     "10: speeds carried over the hook": (None, {(0.35, 40): 0.274044, (0.5, 60): 0.421317},
         [(LYING, LYING.replace("w1=w1, w2=w2", "w1=x.w1, w2=x.w2"))]),
     "11: a wall that pulls": (None, {(0.35, 0): 0.236794},
-        [("return pressure(p, x, w)", "return 1.0")]),
+        [("return pressing_force(p, x, w)", "return 1.0")]),
 }  # fmt: skip
 
 

@@ -35,7 +35,7 @@ def machine(**changes: Any) -> Any:
 def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -> dict[str, float]:
     """All that the equations say at a state; without M at constant speed."""
     at, sense = geometry.position(p, phi), math.copysign(1, w)
-    (_, H_1, H_2), K = at.H, dynamics.friction(p, at, sense)
+    (_, H_1, H_2), K = at.H, dynamics.friction_coefficient(p, at, sense)
     A, B = at.J + K * p.iron.m * H_1**2, at.J_1 / 2 + K * p.iron.m * H_1 * H_2
     C = K * at.W_0 * H_1 - at.Pi_1
     M = B * w * w - C if M is None else M
@@ -46,7 +46,7 @@ def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -
     return at._asdict() | d._asdict() | y._asdict() | {
         "alpha_1": at.alpha.first, "alpha_2": at.alpha.second, "H_1": H_1, "H_2": H_2, "M": M,
         "A_1": A, "B_1": B, "C_load": C, "F_spring": p.spring.c * at.e,
-        "R": geometry.cam(p, phi)[2].value,
+        "R": geometry.cam_at(p, phi).R.value,
     }  # fmt: skip
 
 
@@ -93,7 +93,7 @@ def printed(p: Any, phi: float, erratum: int) -> tuple[float, float]:
         _, a_1, a_2 = at.alpha
         H_1, H_2, direction = -H_1, H_2 - 2 * at.H_a * a_2, -1
         J_1, Pi_1 = J_1 - 2 * at.J_aa * a_1**3, Pi_1 - 2 * at.Pi_a * a_1
-    K = (-1 if erratum == 8 else 1) * dynamics.friction(p, at, direction)
+    K = (-1 if erratum == 8 else 1) * dynamics.friction_coefficient(p, at, direction)
     B_1, C_1 = J_1 / 2 + K * p.iron.m * H_1 * H_2, K * at.W_0 * H_1 - Pi_1
     if erratum == 6:
         B_1 -= p.spring.m / 6 * H_1 * H_2
@@ -122,7 +122,7 @@ def test_the_equations_as_printed_cost_this_much() -> None:
 def test_formula_as_printed_has_no_second_derivative_in_the_dwells() -> None:
     """It divides by R', which is 0 there; the component's does not."""
     at_rest = [math.radians(deg + 0.25) for deg in range(360)]
-    slopes = [geometry.cam(machine(), phi)[2].first for phi in at_rest]
+    slopes = [geometry.cam_at(machine(), phi).R.first for phi in at_rest]
     assert sum(slope == 0.0 for slope in slopes) == 180
     assert all(math.isfinite(geometry.position(machine(), phi).alpha.second) for phi in at_rest)
 

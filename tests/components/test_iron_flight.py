@@ -92,7 +92,7 @@ def test_energy_of_a_bouncing_drive_is_the_work_of_its_torque(fmus: Path) -> Non
 def met(p: Any, phi: float, w: float, w_gap: float) -> tuple[Any, Any, Any]:
     """A state in which the follower meets the cam, the one after, and the position."""
     x = start(iron.State, phi=phi, w_cam=w, w_gap=w_gap, flying=True)
-    return x, flight.landed(p, x), geometry.position(p, phi)
+    return x, flight.after_landing(p, x), geometry.position(p, phi)
 
 
 def test_an_impact_takes_momentum_and_energy_as_the_reference_solution() -> None:
@@ -132,7 +132,7 @@ def test_a_heavy_cam_throws_the_follower_back_as_a_moving_flank_does_a_ball() ->
         p = start(iron.Parameters, **FLIES, **rigid, **{"iron.m": mass})
         for degrees in (30, 200):
             x, y, at = met(p, radians(degrees), 8.0, -2.0)
-            flank, arm = at.alpha.first * 8.0, flight.lever(p, at.alpha)
+            flank, arm = at.alpha.first * 8.0, flight.contact_lever(p, at.alpha)
             ball, back = (at.alpha.first * s.w_cam - s.w_gap for s in (x, y))
             assert back == pytest.approx(1.6 * flank - 0.6 * ball, rel=1e-8)
             assert y.v_landing == pytest.approx(2.0 * arm, rel=1e-12)
@@ -161,7 +161,7 @@ def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
     x = iron.sample(p, 0.0, start(iron.State, phi=5.0, gap=gap), None, u)
     fall = -iron.derivatives(p, 0.0, x, u).w_gap
     trajectory = hybrid.InputTrajectory(u, u, 2e-3)
-    events = hybrid.events(complete_model(iron), p, 0.0, x, trajectory)
+    events = hybrid.events_and_end(complete_model(iron), p, 0.0, x, trajectory)
     recorded = [(t, old, new) for t, old, new in events if new.landings > old.landings]
     first, v = math.sqrt(2 * gap / fall), math.sqrt(2 * gap * fall)
     times, bounces = [t for t, _, _ in recorded], [-old.w_gap for _, old, _ in recorded]

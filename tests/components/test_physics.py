@@ -50,8 +50,8 @@ def test_inertia_load_and_acceleration_follow_from_the_energies(finite: bool) ->
     for values, p, state, u in states(finite, 50):
         theta, load, at, by, by_2 = derived(*values)
         J_1, mass, _, rod, spring, damper, _, _, speed = values
-        crank = crank_conveyor.prepare(p, state)
-        assert crank_conveyor.load(p, state, crank) == pytest.approx(
+        crank = crank_conveyor.step_constants(p, state)
+        assert crank_conveyor.inertia_and_load_torque(p, state, crank) == pytest.approx(
             (theta, load), rel=1e-12, abs=1e-10
         )
         rates, y = (
@@ -110,7 +110,7 @@ def test_power_balance_closes_at_every_instant(name: str) -> None:
     states = {
         n: d.nominal or 1.0
         for n, d in declarations(model.State)
-        if d.kind == "Real" and not d.held and "gap" not in n
+        if d.fmi_type == "Real" and not d.held and "gap" not in n
     }
     for case in options * 20:
         p = random_parameters(model, draw, 0.1, **case)
@@ -283,11 +283,11 @@ def test_a_turned_direction_is_that_of_the_angle() -> None:
         start_angle = draw.uniform(-1000.0, 1000.0)
         near = turn.Direction(start_angle, math.sin(start_angle), math.cos(start_angle))
         angle = start_angle + draw.uniform(-1.5, 1.5) * turn.SERIES_LIMIT
-        got = turn.rotated(near, angle)
+        got = turn.at_angle(angle, near)
         assert got.angle == angle
         assert abs(got.sin - math.sin(angle)) < 3e-15
         assert abs(got.cos - math.cos(angle)) < 3e-15
-        assert turn.rotated(near, start_angle) == near
+        assert turn.at_angle(start_angle, near) == near
 
 
 @pytest.mark.parametrize("finite", [False, True])
@@ -295,7 +295,7 @@ def test_a_turned_direction_is_that_of_the_angle() -> None:
 def test_a_step_does_not_depend_on_the_direction_prepared_for_it(finite: bool, w: float) -> None:
     p = start(crank_conveyor.Parameters, **{"rod.finite": finite, "rod.l": 0.05})
     x, u = crank_conveyor.State(2.0, w), crank_conveyor.Inputs(30.0)
-    unprepared: Any = SimpleNamespace(**vars(crank_conveyor) | {"prepare": None})
+    unprepared: Any = SimpleNamespace(**vars(crank_conveyor) | {"step_constants": None})
     ends = [
         motion.advance(model, p, 0.0, x, motion.InputTrajectory(u, u, 1e-3))
         for model in (crank_conveyor, unprepared)

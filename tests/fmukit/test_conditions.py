@@ -19,7 +19,7 @@ from fmukit.codegen.c import definition
 from fmukit.codegen.entries import generate
 from fmukit.fmu.load import load
 from fmukit.trace.graph import Function, Leaf, UntraceableError
-from fmukit.trace.tracer import Tracer, note
+from fmukit.trace.tracer import Tracer, record_note
 from tests.fmukit.test_native import sort_of
 
 NUMBERS = itertools.count()
@@ -131,7 +131,7 @@ def of(module: ModuleType) -> Callable[..., Any]:
 def traced(run: Callable[..., Any], module: ModuleType) -> list[Function]:
     """A function of three numbers, after those of the module that it calls."""
     tracer = Tracer(module, {})
-    tracer.entry("entry", run, x=0.0, y=0.0, z=0.0)
+    tracer.trace_entry("entry", run, x=0.0, y=0.0, z=0.0)
     return [function for function in tracer.functions.values() if function]
 
 
@@ -180,7 +180,7 @@ def test_conditions_around_sentences_tell_those_that_python_yields(tmp_path: Pat
 
     def tell(x: Any, y: Any, z: Any) -> None:
         for sentence in module.check(x, y, z):
-            note(sentence)
+            record_note(sentence)
 
     entry, told = printed(tell, module), []
     for numbers in numbers_at_random():

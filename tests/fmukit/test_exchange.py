@@ -63,14 +63,14 @@ def events_of(name: str, start: dict[str, Any], stop: float, step: float) -> lis
         begin(cls, **{k: v for k, v in start.items() if k in dict(declarations(cls))})
         for cls in (model.Parameters, model.State, model.Inputs)
     )
-    x = hybrid.sample(model, p, 0.0, model.settle(p, x), None, u)
+    x = hybrid.sample(model, p, 0.0, model.complete_state(p, x), None, u)
     actual = []
     for n in range(round(stop / step)):
-        *events, (_, x, _) = hybrid.events(
+        *events, (_, x, _) = hybrid.events_and_end(
             model, p, n * step, x, hybrid.input_trajectory(0, u, u, step, step)
         )
         actual += [n * step + s for s, *_ in events]
-        x = model.settle(p, x)
+        x = model.complete_state(p, x)
     return actual
 
 

@@ -151,13 +151,13 @@ def test_our_checks_find_what_no_public_checker_reports(
 def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmu: Path) -> None:
     """With its bounds and its unit, angles shown in deg and rpm; the GUID is the hash of the source."""
     root, maker = xml(fmu), compiled if fmu.parent.name == "native" else python
-    assert (root.get("guid"), root.get("version")) == (maker.collect(model).guid, VERSION)
+    assert (root.get("guid"), root.get("version")) == (maker.hashed_build(model).guid, VERSION)
     units = {u.get("name"): u[0].attrib for u in root.findall("UnitDefinitions/Unit")}
     for variable, scalar, typed in variables(model, fmu):
         declared = variable.declaration
         assert scalar.get("name") == variable.name
         assert scalar.get("description") == declared.meaning
-        assert typed.tag == declared.kind
+        assert typed.tag == declared.fmi_type
         assert ("start" in typed.attrib) == variable.settable_before_start
         if typed.tag == "Real":
             for number in ("min", "max", "nominal", *["start"] * ("start" in typed.attrib)):
@@ -185,7 +185,7 @@ def test_model_structure_is_complete_and_in_order(model: Any, fmu: Path) -> None
         for part in ("Outputs", "InitialUnknowns", "Derivatives")
     )
     states = [name for name, d in declarations(model.State) if not d.follows]
-    integrated = [n for n, d in declarations(model.State) if d.kind == "Real" and not d.held]
+    integrated = [n for n, d in declarations(model.State) if d.fmi_type == "Real" and not d.held]
     inputs = [name for name, _ in declarations(model.Inputs)]
     native = fmu.parent.name == "native"
     assert list(outputs) == [v.name for v, _ in rows]
@@ -207,14 +207,14 @@ def test_model_structure_is_complete_and_in_order(model: Any, fmu: Path) -> None
 
 def draw(rng: random.Random, declared: Declaration) -> Any:
     """A value near the start of a Real, or any of the others."""
-    if declared.kind == "Real":
+    if declared.fmi_type == "Real":
         return declared.start + rng.uniform(0.1, 1.5)
     return rng.choice(list(declared.items or (False, True)))
 
 
 @each_model
 def test_outputs_feel_at_once_the_inputs_that_they_declare_and_no_other(model: Any) -> None:
-    kinds = {name: d for name, d in declarations(model.Parameters) if d.kind != "Real"}
+    kinds = {name: d for name, d in declarations(model.Parameters) if d.fmi_type != "Real"}
     choices = [list(d.items or (False, True)) for d in kinds.values()]
     matrices = {name: d for name, d in declarations(model.Parameters) if name.endswith("]")}
     names = [name for name, _ in declarations(model.Outputs)]
@@ -356,7 +356,7 @@ def test_the_fmu_needs_only_the_standard_library(model: Any, fmus: Path, tmp_pat
     )
     numbers = [float(number) for number in done.stdout.split()]
     assert len(numbers) == 10 * sum(
-        v.declaration.kind == "Real" for v in Interface(model).variables
+        v.declaration.fmi_type == "Real" for v in Interface(model).variables
     )
     assert all(map(math.isfinite, numbers))
 
@@ -383,7 +383,7 @@ def test_the_shipped_reference_is_that_of_the_default_experiment(model: Any, fmu
     assert {*names[1:]} == {n for n, v in by_name.items() if v.causality == "output"}
     for name, result, error in zip(names[1:], results[1:], errors[1:]):
         assert (error >= 0.0).all(), name
-        if by_name[name].kind == "Real" and result.any():
+        if by_name[name].access_type == "Real" and result.any():
             assert error.min() > 0.0, name
         assert error.max() <= 1e-6 * (np.ptp(result) or np.abs(result).max() or 1.0), name
     folder = "extra/org.fmi-standard.fmi-ls-ref"

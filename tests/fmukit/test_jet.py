@@ -39,6 +39,6 @@ def test_jets_have_the_derivatives_of_a_formula(name: str) -> None:
 
 
 def test_the_third_derivative_is_refused() -> None:
-    value, first, second = Jet(2.0, 3.0, 5.0).rate
+    value, first, second = Jet(2.0, 3.0, 5.0).derivative
     assert (value, first) == (3.0, 5.0) and math.isnan(second)
     assert jet.constant(2.0) * Jet(2.0, 3.0, 5.0) == (4.0, 6.0, 10.0)

@@ -48,7 +48,7 @@ def outputs(p, t, x, u):
     return Outputs(x.w * p.c)
 def check(p):
     yield "unusual"
-def prepare(p, x):
+def step_constants(p, x):
     return 3.0
 def exact(p, x, u0, u1, h):
     return State(7.0, 0.0, x.bumps) if x.w < 0.6 else None
@@ -58,7 +58,7 @@ def event_update(p, t, x, u, which):
     return State(x.w, x.twice, x.bumps + 1.0)
 def sample(p, t, x, before, now):
     return State(x.w + 0.01, x.twice, x.bumps)
-def settle(p, x):
+def complete_state(p, x):
     return State(x.w, 2.0 * x.w, x.bumps)
 def notes(p, t, old, new, u):
     if new.bumps > old.bumps:
@@ -144,9 +144,9 @@ def test_a_misspelt_constant_with_a_type_and_a_misspelt_record_are_refused(tmp_p
 
 
 def test_a_helper_may_have_almost_the_name_of_an_optional_function(tmp_path: Path) -> None:
-    text = without("settle").replace("x.w * p.c", "settled(x) * p.c")
-    model = loaded(text + "def settled(x):\n    return x.w\n", tmp_path)
-    assert model.settle is DEFAULTS["settle"]
+    text = without("complete_state").replace("x.w * p.c", "completed_state(x) * p.c")
+    model = loaded(text + "def completed_state(x):\n    return x.w\n", tmp_path)
+    assert model.complete_state is DEFAULTS["complete_state"]
 
 
 @pytest.mark.parametrize("name", [name for name in DEFAULTS if f"def {name}(" in COMPLETE])

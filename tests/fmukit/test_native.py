@@ -109,7 +109,7 @@ def test_a_module_is_built_again_to_the_same_bytes_and_only_when_it_is_out_of_da
 ) -> None:
     file = ROOT / "components" / "drive_motor" / "model.py"
     for built in ("built", "up to date"):
-        assert make.make_all([file], "wasm", tmp_path) == 0
+        assert not make.make_all([file], "wasm", tmp_path)
         assert built in capsys.readouterr().out
     module = tmp_path / "wasm" / "DriveMotor.wasm"
     assert module.read_bytes() == (fmus / "wasm" / module.name).read_bytes()
@@ -122,7 +122,7 @@ def test_builds_that_end_immediately_keep_a_complete_module(
     content = b"x" * 200_000
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "work"))
     (tmp_path / "work").mkdir()
-    unit = package.collect(MODELS["DriveMotor"])
+    unit = package.hashed_build(MODELS["DriveMotor"])
     path = tmp_path / "wasm" / "DriveMotor.wasm"
 
     def keep(_: int) -> int:
@@ -399,7 +399,7 @@ def test_the_library_for_windows_needs_only_the_c_library_of_windows(
 
 def library_for(target: str, name: str, folder: Path) -> Path:
     """The library of a machine for a target of Zig, which the FMUs of the tests do not contain."""
-    build = package.collect(MODELS[name])
+    build = package.hashed_build(MODELS[name])
     for file, content in package.sources_of(build).items():
         (folder / file).write_bytes(content)
     library = f"{name}.{'dll' if 'windows' in target else 'so'}"
@@ -435,7 +435,7 @@ __attribute__((visibility("default"))) void integer(double x, char *text) { form
 
 def test_numbers_in_messages_are_written_as_python_writes_them(tmp_path: Path) -> None:
     """Powers of two and ten, where the distance to the next number changes, their neighbours, any bits."""
-    build = package.collect(MODELS["DriveMotor"])
+    build = package.hashed_build(MODELS["DriveMotor"])
     for file, content in package.sources_of(build).items():
         (tmp_path / file).write_bytes(content)
     (tmp_path / "numbers.c").write_text(NUMBERS)
@@ -574,7 +574,9 @@ def test_numbers_are_the_same_on_other_platforms(
     model = MODELS[name]
     stop, h = model.EXPERIMENT
     roles = ("output", "Real")
-    outputs = [v.reference for v in Interface(model).variables if (v.causality, v.kind) == roles]
+    outputs = [
+        v.reference for v in Interface(model).variables if (v.causality, v.access_type) == roles
+    ]
 
     def rows(target: str) -> np.ndarray:
         library = library_in(folder, target, name)
@@ -655,7 +657,7 @@ def test_an_importing_tool_can_compile_the_sources(fmus: Path, tmp_path: Path) -
 )
 def test_what_cannot_be_expressed_in_c_is_refused(run: Any, what: str) -> None:
     with pytest.raises(TypeError, match=what), active(TraceContext()):
-        trace.function("f", run, {"x": "number"})
+        trace.trace_function("f", run, {"x": "number"})
 
 
 def sort_of(node: Node) -> str:

@@ -33,7 +33,7 @@ def test_every_number_out_of_its_bounds_is_refused_by_name(name: str, fmus: Path
     for unit in units(name, fmus)[1:]:
         for variable in Interface(MODELS[name]).variables:
             d = variable.declaration
-            wrong = [math.nan, math.inf] if d.kind == "Real" else [99] * bool(d.items)
+            wrong = [math.nan, math.inf] if d.fmi_type == "Real" else [99] * bool(d.items)
             if d.min is not None:
                 wrong += [d.min - 1.0, *[d.min] * d.positive]
             if d.max is not None:

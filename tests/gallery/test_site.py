@@ -19,7 +19,7 @@ import pytest
 from lxml import html
 
 from cosim import SetupError
-from gallery.__main__ import SIGN, build
+from gallery.__main__ import SIGN, build_site
 from gallery.answers import Answered
 from gallery.drawings import drawings
 from scenarios.project import PROJECT
@@ -45,7 +45,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     answers = folder / "answers"
     write(ask("resonance", answers, **QUICK["resonance"]), answers)
     question = PROJECT.load("resonance")
-    return build([Answered("resonance", question, "scenarios run resonance", answers)], folder)
+    return build_site([Answered("resonance", question, "scenarios run resonance", answers)], folder)
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +72,8 @@ def test_a_site_is_replaced_when_it_is_complete_and_nothing_else(
                 raise KeyboardInterrupt
             (target / SIGN).touch()
 
-        monkeypatch.setattr("gallery.__main__._build", fake)
-        build([], tmp_path)
+        monkeypatch.setattr("gallery.__main__._write_site", fake)
+        build_site([], tmp_path)
 
     site.mkdir()
     (site / "mine.txt").write_text("mine")
@@ -94,7 +94,7 @@ def test_a_site_is_replaced_when_it_is_complete_and_nothing_else(
 
 def test_a_reference_is_the_same_in_every_process() -> None:
     """Names that differ in capitals alone, such as limit and Limit, have one order, whatever that of a set is."""
-    text = "from gallery import reference; print(reference.api('cosim'))"
+    text = "from gallery import reference; print(reference.package_page('cosim'))"
     pages = [
         subprocess.run(
             [sys.executable, "-c", text], cwd=ROOT, env=os.environ | {"PYTHONHASHSEED": seed},

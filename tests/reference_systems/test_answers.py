@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from cosim import System, run
-from reference_systems.make import SPACING, exact, write
-from reference_systems.systems import SYSTEMS, build
+from reference_systems.make import SPACING, exact_answer, write_system
+from reference_systems.systems import SYSTEMS, build_fmus
 
 #: Error that the answers may have, in ranges: that of a stiff shaft, whose torque is a small difference of large numbers.
 LARGEST_ERROR = {"stiff_bond": 1e-6}
@@ -21,12 +21,12 @@ LARGEST_ERROR = {"stiff_bond": 1e-6}
 
 @pytest.fixture(scope="module", autouse=True)
 def _fmus_are_built() -> None:
-    assert build() == 0
+    assert not build_fmus()
 
 
 @pytest.mark.parametrize("key", SYSTEMS)
 def test_two_integrators_agree_within_the_stated_error(key: str) -> None:
-    found = exact(key)
+    found = exact_answer(key)
     assert found.agreement <= 1.0
     for name, errors in found.errors.items():
         assert errors.max() <= LARGEST_ERROR.get(key, 1e-8) * np.ptp(found.values[name])
@@ -43,7 +43,7 @@ def test_a_wrong_sign_of_a_bond_is_no_agreement(key: str, wire: int) -> None:
     wires = list(system.wires)
     wires[wire] = f"{source} * -1 {arrow} {target}"
     stop = {"input_jump": 0.12}.get(key, 0.02)
-    assert exact(key, replace(system, wires=wires), stop).agreement > 1e3
+    assert exact_answer(key, replace(system, wires=wires), stop).agreement > 1e3
 
 
 @pytest.mark.parametrize(
@@ -55,12 +55,12 @@ def test_a_wrong_event_time_is_no_agreement(key: str, name: str, share: float) -
     """Off by less than 1 ns."""
     system = SYSTEMS[key].system()
     start = {**system.start, name: system.start[name] * (1.0 + share)}
-    assert exact(key, replace(system, start=start), 0.12).agreement > 10.0
+    assert exact_answer(key, replace(system, start=start), 0.12).agreement > 10.0
 
 
 def off_by(system: System, key: str, step: float, **settings: object) -> float:
     """The largest difference of a run of our master, in ranges."""
-    found = exact(key)
+    found = exact_answer(key)
     names = list(found.values)
     result = run(system, stop=SYSTEMS[key].stop, step=step, record=names, **settings)  # type: ignore[arg-type]
     rows = np.rint(result["time"] / SPACING).astype(int)
@@ -91,13 +91,13 @@ def test_fmus_are_built_into_a_relative_folder(
     monkeypatch.chdir(tmp_path)
     quarter_car = {"quarter_car": SYSTEMS["quarter_car"]}
     monkeypatch.setattr("reference_systems.systems.SYSTEMS", quarter_car)
-    assert build(fmus=Path("made")) == 0
+    assert not build_fmus(fmus=Path("made"))
     made = {path.name for path in tmp_path.glob("made/reference/*/*.fmu")}
     assert made == {"Wheel.fmu", "Chassis.fmu"}
 
 
 def test_the_files_of_a_system_are_what_the_page_says(tmp_path: Path) -> None:
-    write("stiff_bond", SYSTEMS["stiff_bond"], tmp_path)
+    write_system("stiff_bond", SYSTEMS["stiff_bond"], tmp_path)
     for name, ssp, fmi in (("stiff_bond", "1.0", "2.0"), ("stiff_bond_fmi3", "2.0", "3.0")):
         with zipfile.ZipFile(tmp_path / f"{name}.ssp") as archive:
             assert f'version="{ssp}"' in archive.read("SystemStructure.ssd").decode()

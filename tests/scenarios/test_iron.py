@@ -32,7 +32,7 @@ from tests.oracle import by_name, random_parameters
 PARAMETERS = {
     name: attrgetter(name)
     for name, d in declarations(iron.Parameters)
-    if d.kind == "Real" and name != "reducer.J"
+    if d.fmi_type == "Real" and name != "reducer.J"
 }
 FUNCTIONS = list(kinematics.FUNCTIONS)[:6]
 

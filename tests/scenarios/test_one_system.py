@@ -56,7 +56,7 @@ def extremes(t: Any, x: Any) -> Iterator[tuple[float, float]]:
 
 def of_iron(p: Any) -> dict[str, float]:
     """The start values of the iron drive with these parameters."""
-    names = [name for name, d in declarations(iron.Parameters) if d.kind == "Real"]
+    names = [name for name, d in declarations(iron.Parameters) if d.fmi_type == "Real"]
     return {f"iron.{name}": attrgetter(name)(p) for name in names}
 
 
@@ -154,7 +154,7 @@ def compare_speed_step(seed: int) -> Comparison:
         f"{word}.{name}": d.start
         for word, model in CHAIN.items()
         for name, d in declarations(model.Parameters)
-        if d.kind == "Real" and d.start and name not in ("i", "eta")
+        if d.fmi_type == "Real" and d.start and name not in ("i", "eta")
     }
     for name in draw.sample(list(values_of_defaults), k=3):
         changes[name] = machine.get(name, values_of_defaults[name]) * math.exp(draw.gauss(0.0, 0.3))
@@ -243,7 +243,7 @@ def test_ten_more_starts_agree_with_the_coupled_system(compare: Compare) -> None
 def test_a_passage_of_the_orientator_is_that_of_another_solution(seed: int) -> None:
     """Of machines with other dimensions at other speeds, some of which jam."""
     rng, oriented = np.random.default_rng(seed), 0
-    defaults = {n: d.start for n, d in declarations(orientator.Parameters) if d.kind == "Real"}
+    defaults = {n: d.start for n, d in declarations(orientator.Parameters) if d.fmi_type == "Real"}
     varied = [name for name in defaults if name[:3] != "neg" and name != "g"]
     while oriented < 12:
         chosen = rng.choice(varied, 4, replace=False)
@@ -286,7 +286,7 @@ def test_the_packing_line_agrees_with_the_coupled_system(seed: int) -> None:
     draw = random.Random(seed)
     p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
     pace, gear, i_g = draw.uniform(4.0, 6.0), draw.uniform(0.6, 2.4), p.reducer.i_g
-    cup = {n: d.start for n, d in declarations(orientator.Parameters) if d.kind == "Real"}
+    cup = {n: d.start for n, d in declarations(orientator.Parameters) if d.fmi_type == "Real"}
     for name in draw.sample([x for x in cup if x[:3] != "neg" and x != "g"], k=4):
         cup[name] *= math.exp(draw.gauss(0.0, 0.1))
     chosen, nu, stop = draw.choice("AB"), draw.uniform(30.0, 80.0), 22.4 / pace

@@ -142,14 +142,17 @@ def _types(root: Element, interface: Interface) -> None:
     definitions = SubElement(root, "TypeDefinitions")
     for items in sorted(enumerations, key=lambda e: e.__name__):
         simple = SubElement(
-            definitions, "SimpleType", name=items.__name__, description=_first_line(items)
+            definitions,
+            "SimpleType",
+            name=items.__name__,
+            description=_enumeration_description(items),
         )
         enumeration = SubElement(simple, "Enumeration")
         for item in items:
             SubElement(enumeration, "Item", name=item.name, value=str(item.value))
 
 
-def _first_line(items: type) -> str:
+def _enumeration_description(items: type) -> str:
     lines = (items.__doc__ or "").strip().splitlines()
     if not lines:
         raise TypeError(f'{items.__name__} has no docstring: write """What its values are""" in it')
@@ -167,7 +170,7 @@ def _scalar_variable(variable: Variable) -> Element:
     if variable.initial:
         attributes["initial"] = variable.initial
     element = Element("ScalarVariable", attributes)
-    SubElement(element, variable.declaration.kind, _typed(variable, variable.declaration))
+    SubElement(element, variable.declaration.fmi_type, _typed(variable, variable.declaration))
     return element
 
 
@@ -197,7 +200,7 @@ def _typed(variable: Variable, declaration: Declaration) -> dict[str, str]:
 def start_text(declaration: Declaration) -> str:
     """The start value as XML writes it; floats with all their digits."""
     value = declaration.start
-    if declaration.kind == "Boolean":
+    if declaration.fmi_type == "Boolean":
         return boolean(bool(value))
     return str(int(value)) if declaration.items else str(value)
 

@@ -69,7 +69,7 @@ def _variable(scalar: Element) -> Element:
     if typed.tag == "Real" and moves and scalar.get("causality") == "output":
         element.set("intermediateUpdate", "true")
     if "derivative" in element.attrib:
-        element.set("derivative", _reference(element.attrib["derivative"]))
+        element.set("derivative", _reference_of_index(element.attrib["derivative"]))
     return element
 
 
@@ -96,13 +96,13 @@ def _indicators_and_time(first: int, indicators: int) -> Iterator[Element]:
 
 
 def _unknown(unknown: Element) -> dict[str, str]:
-    causes = map(_reference, unknown.attrib["dependencies"].split())
+    causes = map(_reference_of_index, unknown.attrib["dependencies"].split())
     return {
-        "valueReference": _reference(unknown.attrib["index"]),
+        "valueReference": _reference_of_index(unknown.attrib["index"]),
         "dependencies": " ".join(causes),
     }
 
 
-def _reference(index: str) -> str:
+def _reference_of_index(index: str) -> str:
     """The value reference of the variable with this index."""
     return str(int(index) - 1)

@@ -535,7 +535,7 @@ static void update(Instance *i, fmi2EventInfo *info) {
     State *s = &i->state;
     double *x = values_from(i, FIRST_STATE), *now = values_from(i, FIRST_INPUT), result[ARRAY_LENGTH(STATES)];
     const int is_new = memcmp(s->before, now, INPUTS * sizeof *now) != 0;
-    const int which = is_new ? -1 : triggered_indicator(i);
+    const int which = is_new ? -1 : first_negative_indicator(i);
     if (!c->failed && (is_new || which >= 0)) {
         if (++s->events > MOST_EVENTS)
             fail(c, "more than %d events, the last at %r s", (double)MOST_EVENTS, s->time);
@@ -547,7 +547,7 @@ static void update(Instance *i, fmi2EventInfo *info) {
         if (!c->failed) memcpy(x, result, STATES * sizeof *x);
         memcpy(s->before, now, INPUTS * sizeof *now);
         s->stale = 1.0;
-        info->newDiscreteStatesNeeded = triggered_indicator(i) >= 0;
+        info->newDiscreteStatesNeeded = first_negative_indicator(i) >= 0;
     }
     if (c->failed) add_context_to_reason(i, "event at", s->time);
 }
@@ -576,7 +576,7 @@ EXPORT fmi2Status API(fmi2CompletedIntegratorStep)(fmi2Component component, fmi2
     if (!i || !event || !terminate) return fmi2Error;
     *event = *terminate = fmi2False;
     if (allowed(i, "completedIntegratorStep", EXCHANGE, INTEGRATING, INTEGRATING))
-        *event = triggered_indicator(i) >= 0;
+        *event = first_negative_indicator(i) >= 0;
     return finish(i);
 }
 

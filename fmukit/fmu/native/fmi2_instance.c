@@ -187,7 +187,7 @@ static void event_indicators(Instance *i, double *result) {
 }
 
 /* The first event indicator that is negative, -1 if none is. */
-static int triggered_indicator(Instance *i) {
+static int first_negative_indicator(Instance *i) {
     double values[ARRAY_LENGTH(INDICATORS)];
     event_indicators(i, values);
     for (int k = 0; k < INDICATORS && !i->context.failed; k++)

@@ -20,7 +20,7 @@ import fmpy
 from ...codegen.entries import generate
 from ...declare.interface import Interface, class_name, co_simulation_only_reason
 from .. import page, plot, reference, terminals
-from ..archive import LICENSE, digest_of, guid_of, with_hash, write_archive
+from ..archive import LICENSE, digest_of, guid_of, with_hash_section, write_archive
 from ..description.fmi2 import NATIVE, to_xml
 from ..description.fmi3 import to_fmi3
 
@@ -103,8 +103,8 @@ class NativeBuild(NamedTuple):
         return guid_of(self.digest)
 
     @property
-    def libraries(self) -> dict[str, list[str]]:
-        """The shared libraries by their place in the FMU, each with its targets of Zig."""
+    def targets_by_library(self) -> dict[str, list[str]]:
+        """The targets of Zig for each shared library, by its place in the FMU."""
         places: dict[str, list[str]] = {}
         for name in self.platforms:
             file = f"{self.name}.{EXTENSIONS.get(name, 'so')}"
@@ -113,49 +113,27 @@ class NativeBuild(NamedTuple):
                 places.setdefault(place, []).append(target)
         return places
 
-    @property
-    def members(self) -> tuple[str, ...]:
-        """What the FMU must contain to be up to date: a library for each platform."""
-        return tuple(self.libraries)
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences about the model."""
-        return generate(self.model).warnings
-
-    @property
-    def source(self) -> str:
-        """Its C but for the guid."""
-        generated = generate(self.model)
-        if self.fmi == 2:
-            return generated.c
-        return (
-            generated.c.replace('#include "fmi2.c"', '#include "fmi3.c"') + generated.run_to_event
-        )
-
-    @property
-    def indicators(self) -> int | None:
-        """The number of its event indicators; None if it is not for model exchange."""
-        return None if co_simulation_only_reason(self.model) else generate(self.model).indicators
-
-
-def collect(model: ModuleType, fmi: int = 2, platforms: tuple[str, ...] = HOST) -> NativeBuild:
-    """Hash everything that the native FMU of a model is made from, whatever its platforms."""
+def hashed_build(model: ModuleType, fmi: int = 2, platforms: tuple[str, ...] = HOST) -> NativeBuild:
+    """The build of the native FMU of a model, with the hash of all that it is made from, whatever its platforms."""
     flavour = f"native {fmi}, Zig {importlib.metadata.version('ziglang')}"
     return NativeBuild(model, fmi, platforms, digest_of(Interface(model), flavour, HEADERS))
 
 
 def sources_of(build: NativeBuild) -> dict[str, bytes]:
     """All that is compiled, by file name."""
-    source = build.source.replace('#define GUID ""', f'#define GUID "{build.guid}"')
+    generated = generate(build.model)
+    source = generated.c.replace('#define GUID ""', f'#define GUID "{build.guid}"')
+    if build.fmi == 3:
+        source = source.replace('#include "fmi2.c"', '#include "fmi3.c"') + generated.run_to_event
     files = {file.name: file.read_bytes() for file in source_files(build.fmi)}
     return {f"{build.name}.c": source.encode(), **files}
 
 
-def pack(build: NativeBuild, fmu: Path) -> None:
+def write_fmu(build: NativeBuild, fmu: Path) -> None:
     """Write the FMU; raises RuntimeError with the words of the compiler if it fails."""
     interface, sources = Interface(build.model), sources_of(build)
-    rows = reference.experiment(build.model)
+    rows = reference.default_experiment(build.model)
     licence = f"{LICENSE.read_text()}\nThe FMI headers in sources/ carry their own licence.\n"
     build_description = {
         "sources/buildDescription.xml": BUILD_DESCRIPTION.format(build.name).encode()
@@ -168,8 +146,8 @@ def pack(build: NativeBuild, fmu: Path) -> None:
         ).encode(),
         "documentation/licenses/license.txt": licence.encode(),
         **{f"sources/{name}": content for name, content in sources.items()},
-        **reference.entries(interface),
-        **terminals.entries(interface),
+        **reference.files_of_reference(interface),
+        **terminals.files_of_terminals(interface),
         **dict(binaries(build, sources)),
         **(
             build_description
@@ -191,7 +169,9 @@ def source_files(fmi: int) -> list[Path]:
 
 def description(interface: Interface, build: NativeBuild) -> bytes:
     """modelDescription.xml; of FMI 2.0 with the list of sources."""
-    root = to_xml(interface, build.guid, NATIVE, build.indicators)
+    for_exchange = not co_simulation_only_reason(build.model)
+    indicators = generate(build.model).indicators if for_exchange else None
+    root = to_xml(interface, build.guid, NATIVE, indicators)
     if build.fmi == 3:
         root = to_fmi3(root)
     kinds = [*root.iter("ModelExchange"), *root.iter("CoSimulation")]
@@ -202,7 +182,7 @@ def description(interface: Interface, build: NativeBuild) -> bytes:
     return text
 
 
-def write_module(build: NativeBuild, path: Path) -> None:
+def write_wasm(build: NativeBuild, path: Path) -> None:
     """Write the module for WebAssembly; raises RuntimeError with the words of the compiler if it fails."""
     path.write_bytes(wasm_module(build))
 
@@ -213,7 +193,7 @@ def binaries(build: NativeBuild, sources: dict[str, bytes]) -> Iterator[tuple[st
         folder = Path(temporary)
         for file, content in sources.items():
             (folder / file).write_bytes(content)
-        for place, targets in build.libraries.items():
+        for place, targets in build.targets_by_library.items():
             slices = [compile_for(t, Path(place).name, build.name, folder) for t in targets]
             yield place, slices[0] if len(slices) == 1 else universal(slices)
 
@@ -249,7 +229,9 @@ def wasm_module(build: NativeBuild) -> bytes:
         (folder / "module.c").write_text(whole, encoding="utf-8")
         options = [*WASM_FLAGS, *headers, "module.c", *mathematics]
         module = f"{build.name}.wasm"
-        return with_hash(run_compiler("wasm32-wasi", WASM_MATH.name, module, folder, options))
+        return with_hash_section(
+            run_compiler("wasm32-wasi", WASM_MATH.name, module, folder, options)
+        )
 
 
 def run_compiler(target: str, source: str, output: str, folder: Path, options: list[str]) -> bytes:

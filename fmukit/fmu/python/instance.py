@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
-from .pythonfmu import Fmi2Slave, adopt_thread, guarded
+from .pythonfmu import Fmi2Slave, guarded, keep_thread_state
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED, FAILED = range(5)
 PHASES = (
@@ -32,7 +32,7 @@ class Variable(NamedTuple):
 
     name: str
     unit: str
-    kind: str
+    fmi_type: str
     causality: str
     variability: str
     settable: bool
@@ -40,9 +40,9 @@ class Variable(NamedTuple):
     start: Any
 
     @property
-    def type(self) -> str:
+    def access_type(self) -> str:
         """The FMI type that gets and sets it."""
-        return "Integer" if self.kind == "Enumeration" else self.kind
+        return "Integer" if self.fmi_type == "Enumeration" else self.fmi_type
 
     def format_value(self, value: Any) -> str:
         """Name, value and unit: phi = 0.1 rad."""
@@ -50,7 +50,7 @@ class Variable(NamedTuple):
 
     def require_finite(self, value: Any) -> None:
         """Raise ValueError for NaN and infinity."""
-        if self.kind == "Real" and not math.isfinite(value):
+        if self.fmi_type == "Real" and not math.isfinite(value):
             raise ValueError(f"{self.format_value(value)} must be a finite number")
 
 
@@ -59,7 +59,7 @@ def getter(kind: str) -> Callable[[Slave, list[int]], list[Any]]:
 
     @guarded
     def get(self: Slave, vrs: list[int]) -> list[Any]:
-        self.prepare(kind, vrs)
+        self.refresh_before_reading(kind, vrs)
         return [self.values[i] for i in vrs]
 
     return get
@@ -103,7 +103,7 @@ class Slave(Fmi2Slave):
         phases = (early, early, between, set[int](), set[int]())
         cls.input_references = frozenset(everything[cls.inputs])
         cls.references = {
-            kind: frozenset(i for i in everything if cls.variables[i].type == kind)
+            kind: frozenset(i for i in everything if cls.variables[i].access_type == kind)
             for kind in ("Real", *DISCRETE)
         }
         cls.settable = {
@@ -135,7 +135,7 @@ class Slave(Fmi2Slave):
     def fail(self, error: BaseException) -> NoReturn:
         """End in FAILED, outputs NaN, and raise what the wrapper can report."""
         for index, v in enumerate(self.variables):
-            if v.causality == "output" and v.kind == "Real":
+            if v.causality == "output" and v.fmi_type == "Real":
                 self.values[index] = math.nan
         self.values[self.stale] = False
         self.values[self.phase] = FAILED
@@ -172,7 +172,7 @@ class Slave(Fmi2Slave):
     @guarded
     def do_step(self, t: float, h: float) -> bool:
         v = self.values
-        adopt_thread()
+        keep_thread_state()
         self.require("doStep", STEPPING)
         if not 0.0 < h < math.inf:
             raise ValueError(f"communication step = {h!r} s must be a finite number above 0")
@@ -211,7 +211,7 @@ class Slave(Fmi2Slave):
         typed = []
         for variable, value in zip(self.variables[part], numbers, strict=True):
             variable.require_finite(value)
-            typed.append(TYPES[variable.kind](value) if variable.kind in TYPES else value)
+            typed.append(TYPES[variable.fmi_type](value) if variable.fmi_type in TYPES else value)
         self.values[part] = typed
 
     def refresh(self) -> None:
@@ -236,13 +236,13 @@ class Slave(Fmi2Slave):
     def get_real(self, vrs: list[int]) -> list[float]:
         values = self.values
         if not self.held_reals[values[self.phase]].issuperset(vrs):
-            self.prepare("Real", vrs)
+            self.refresh_before_reading("Real", vrs)
         return [values[i] for i in vrs]
 
     get_integer, get_boolean, get_string = map(getter, DISCRETE)
     set_integer, set_boolean, set_string = map(setter, DISCRETE)
 
-    def prepare(self, kind: str, vrs: Sequence[int]) -> None:
+    def refresh_before_reading(self, kind: str, vrs: Sequence[int]) -> None:
         """Refuse references that are not of this type; bring the outputs up to date."""
         if not self.references[kind].issuperset(vrs):
             for i in vrs:
@@ -255,8 +255,8 @@ class Slave(Fmi2Slave):
         if not 0 <= reference < len(self.variables):
             raise ValueError(f"value reference {reference % 2**32} is unknown")
         variable = self.variables[reference]
-        if variable.type != kind:
-            raise ValueError(f"{variable.name} is of type {variable.kind}, not {kind}")
+        if variable.access_type != kind:
+            raise ValueError(f"{variable.name} is of type {variable.fmi_type}, not {kind}")
         return variable
 
     @guarded

@@ -18,7 +18,7 @@ from ...codegen import entries
 from ...declare.interface import Interface, class_name, component_name, title
 from ...trace.modules import source_files
 from .. import page, plot, reference, terminals
-from ..archive import KIT, LICENSE, digest_of, guid_of, write_archive
+from ..archive import KIT_FOLDER, LICENSE, digest_of, guid_of, write_archive
 from ..description.fmi2 import PYTHON, to_xml
 from . import instance
 from . import pythonfmu as wrapper
@@ -32,7 +32,7 @@ from {kit}.fmukit.runtime import equations
 """
 
 
-class Build(NamedTuple):
+class PythonBuild(NamedTuple):
     """A model to pack, and the hash of all its FMU is made from."""
 
     model: ModuleType
@@ -49,23 +49,13 @@ class Build(NamedTuple):
         return guid_of(self.digest)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences about the model; none about one that cannot be traced."""
-        return () if self.model.PYTHON_ONLY else entries.generate(self.model).warnings
-
-    @property
-    def members(self) -> tuple[str, ...]:
-        """What the FMU must contain to be up to date: the same always, so nothing in particular."""
-        return ()
-
-    @property
     def module(self) -> str:
         """The module's name, other than that of any other build that one process may import."""
         return f"{component_name(self.model)}_{self.digest[:12]}"
 
     @property
-    def files(self) -> dict[str, bytes]:
-        """What is imported, by its path in `resources`."""
+    def resources(self) -> dict[str, bytes]:
+        """What is imported, by its path in the folder `resources` of the FMU."""
         files: dict[str, bytes] = {}
         if self.model.PYTHON_ONLY:
             kit, functions = f"{self.module}_kit", "equations.functions(Interface(model))"
@@ -76,15 +66,15 @@ class Build(NamedTuple):
                 source = file.read_text(encoding="utf-8")
                 private = re.sub(r"^from fmukit\b", "from .fmukit", source, flags=re.MULTILINE)
                 files[f"{kit}/{name}.py"] = private.encode()
-            for file in sorted(file for pattern in NEEDED for file in KIT.glob(pattern)):
-                files[f"{kit}/fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
+            for file in sorted(file for pattern in NEEDED for file in KIT_FOLDER.glob(pattern)):
+                files[f"{kit}/fmukit/{file.relative_to(KIT_FOLDER).as_posix()}"] = file.read_bytes()
         else:
             printed, functions = entries.generate(self.model).python, "sys.modules[__name__]"
-        table = {"guid": self.guid} | reference.table(Interface(self.model))
+        table = {"guid": self.guid} | reference.slave_table(Interface(self.model))
         rows = "".join(f"        {v!r},\n" for v in table.pop("variables"))
         text = (
             f"{title(self.model) + ': slave, functions, and table of variables.'!r}\n\n"
-            f"from __future__ import annotations\n\n{body_of(wrapper)}{body_of(instance)}{printed}"
+            f"from __future__ import annotations\n\n{without_own_imports(wrapper)}{without_own_imports(instance)}{printed}"
             f"\n\nslave_class = type({self.name!r}, (Slave,), dict(\n    variables=(\n{rows}    ),\n"
             + "".join(f"    {name}={value!r},\n" for name, value in table.items())
             + f"    functions={functions},\n))\n"
@@ -97,22 +87,22 @@ class Build(NamedTuple):
         }
 
 
-def body_of(module: ModuleType) -> str:
+def without_own_imports(module: ModuleType) -> str:
     """The source of a module without what it imports of its neighbours."""
     text = Path(module.__file__ or "").read_text(encoding="utf-8")
     return re.sub(r"^from (__future__|\.).*\n", "", text, flags=re.MULTILINE)
 
 
-def collect(model: ModuleType) -> Build:
-    """Hash everything that the Python FMU of a model is made from."""
+def hashed_build(model: ModuleType) -> PythonBuild:
+    """The build of the Python FMU of a model, with the hash of all that it is made from."""
     flavour = f"python, pythonfmu {importlib.metadata.version('pythonfmu')}"
-    return Build(model, digest_of(Interface(model), flavour, sorted(BINARIES.rglob("*.*"))))
+    return PythonBuild(model, digest_of(Interface(model), flavour, sorted(BINARIES.rglob("*.*"))))
 
 
-def pack(build: Build, fmu: Path) -> None:
+def write_fmu(build: PythonBuild, fmu: Path) -> None:
     """Write the FMU."""
-    interface, files = Interface(build.model), build.files
-    rows = reference.experiment(build.model)
+    interface, files = Interface(build.model), build.resources
+    rows = reference.default_experiment(build.model)
     root = to_xml(interface, build.guid, PYTHON)
     ElementTree.indent(root)
     documents = {
@@ -129,8 +119,8 @@ def pack(build: Build, fmu: Path) -> None:
         **{f"documentation/{name}": text.encode() for name, text in documents.items()},
         **{f"resources/{name}": content for name, content in files.items()},
         **{f"binaries/{name}": content for name, content in binaries.items()},
-        **reference.entries(interface),
-        **terminals.entries(interface),
+        **reference.files_of_reference(interface),
+        **terminals.files_of_terminals(interface),
     }
     write_archive(contents, fmu)
 

@@ -53,15 +53,15 @@ class CallError(Exception):
     """Why an FMI call failed; its repr is the text that the wrapper logs."""
 
     def __repr__(self) -> str:
-        return printable(str(self))
+        return escape_percent(str(self))
 
 
-def printable(text: str) -> str:
+def escape_percent(text: str) -> str:
     """Escape a message, since FMI loggers take it as a printf format."""
     return text.replace("%", "%%")
 
 
-def adopt_thread() -> None:
+def keep_thread_state() -> None:
     """Keep the Python thread state of a host's thread alive from its second step on.
 
     Without it CPython makes and destroys one at every FMI call from a thread it does not know;
@@ -77,7 +77,7 @@ def adopt_thread() -> None:
 
 
 @functools.cache
-def let_go_at_exit(resources: str, model: str) -> None:
+def release_interpreter_at_exit(resources: str, model: str) -> None:
     """Have the wrapper release the interpreter before its process ends, and only then.
 
     The wrapper that started the interpreter ends it when its host closes the library: in a thread for
@@ -96,17 +96,17 @@ def let_go_at_exit(resources: str, model: str) -> None:
         return
     release = wrapper.finalizePythonInterpreter
     address = ctypes.cast(release, ctypes.c_void_p).value or 0
-    mapping = mapping_of(address)
+    mapping = memory_mapping_at(address)
     _ctypes.dlclose(wrapper._handle)
 
     def let_go() -> None:
-        if mapping and mapping_of(address) == mapping:  # otherwise unloaded
+        if mapping and memory_mapping_at(address) == mapping:  # otherwise unloaded
             release()
 
     atexit.register(let_go)
 
 
-def mapping_of(address: int) -> list[bytes]:
+def memory_mapping_at(address: int) -> list[bytes]:
     """Which part of which file is mapped where the address is; empty if none is."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/self/maps").read_bytes().splitlines():
@@ -136,7 +136,7 @@ class Fmi2Slave:
         self.instance_name = instance_name
         self.log_queue: list[Message] = []
         if resources:
-            let_go_at_exit(resources, type(self).__name__)
+            release_interpreter_at_exit(resources, type(self).__name__)
             while resources in sys.path:  # where the wrapper puts it for every instance
                 sys.path.remove(resources)
 
@@ -145,7 +145,7 @@ class Fmi2Slave:
 
     def warn(self, sentence: str) -> None:
         """Queue a warning for the host's log; never once per step, the wrapper leaks on it."""
-        text = printable(f"{self.instance_name}: {sentence}")
+        text = escape_percent(f"{self.instance_name}: {sentence}")
         self.log_queue.append(Message(WARNING, "logStatusWarning", text))
 
     def fail(self, error: BaseException) -> NoReturn:
