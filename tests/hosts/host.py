@@ -140,7 +140,9 @@ class Equations(Unit):
 
     def _access(self, verb: str, name: str) -> tuple[Callable[..., Any], list[int]]:
         variable = self.variables[name]
-        return getattr(self.fmi, f"{verb.lower()}_{variable.access_type.lower()}"), [variable.reference]
+        return getattr(self.fmi, f"{verb.lower()}_{variable.access_type.lower()}"), [
+            variable.reference
+        ]
 
     def start(self, t: float = 0.0, **values: Any) -> Self:
         self.fmi.setup_experiment(t, None, None)
