@@ -25,10 +25,6 @@ from .limit import (
 #: Parts of a run over which trajectories are compared: convention, a jump that one run makes a row later
 #: than another is a small share of such a part, and a run that has diverged fills many.
 PARTS = 20
-#: Mean distance of two trajectories over a part, as a share of the range of a column, from which on they may
-#: have diverged. Derived: two states of the Lorenz attractor drawn at random are 0.2 to 0.3 of the range
-#: apart; runs that converge and are so far apart show it by falling differences.
-DISTANT_SHARE = 0.1
 #: Parts before and after one in which the coarser runs are looked at, too: convention. Where two runs differ in
 #: phase, their distance vanishes twice a period, and not at the same times for each pair.
 NEIGHBOURS = 2
@@ -251,11 +247,17 @@ def divergence(results: Sequence[Result], ratio: float = STEP_RATIO) -> Divergen
 
     In a chaotic system two trajectories part exponentially, however close they begin. When their distance
     has reached the size of the attractor, smaller steps do not reduce it, and the difference of two
-    numbers does not show their error any more. Trajectories have diverged where, over one of PARTS parts of
-    the run, they are on average more than the share DISTANT_SHARE of the range of a column apart, and that
-    distance is not smaller than between the coarser two, near that part, by at least LOWEST_ORDER.
+    numbers does not show their error any more. Two runs are apart where, over one of PARTS parts of the
+    run, their mean distance is above half of that of two values of the column drawn at random: half of what it
+    comes to in the end is the limit of predictability (Lorenz, J. Atmos. Sci. 26, 1969). Runs have diverged where the
+    finest two are apart and no nearer than the coarser two, near that part, by at least LOWEST_ORDER.
 
-    It fails for runs that diverge by less than that share, and for a difference of phase that the coarser
+    They have also diverged from where the coarser two are apart if these part exponentially, and from where they are
+    as far apart as at random in any case: their difference then shows no order, and in a chaotic system the finest
+    two part as they did, some growth times later. These are the decoupling times of Teixeira, Reynolds and Judd
+    (J. Atmos. Sci. 64, 2007).
+
+    It fails for runs that diverge by less than that, and for a difference of phase that the coarser
     runs do not have within NEIGHBOURS parts.
 
     Parameters
@@ -281,26 +283,49 @@ def divergence(results: Sequence[Result], ratio: float = STEP_RATIO) -> Divergen
     many = min(PARTS, len(t))
     begins = np.array([part[0] for part in np.array_split(np.arange(len(t)), many)])
     sizes = np.diff(begins, append=len(t))
-    last, previous = (
-        np.add.reduceat(np.abs(short - long), begins, axis=1) / sizes
-        for short, long in pairwise(runs)
+    # a level that changes with the step says nothing of how runs part
+    _, middle, coarse = (x - x.mean(axis=1, keepdims=True) for x in runs)
+    last, previous, beside_level = (
+        np.add.reduceat(np.abs(finer - coarser), begins, axis=1) / sizes
+        for finer, coarser in (*pairwise(runs), (middle, coarse))
     )
-    least = np.maximum(
-        DISTANT_SHARE * np.ptp(runs[0], axis=1), ROUNDING_SHARE * np.abs(runs[0]).max(axis=1)
-    )
+    rank = np.arange(1.0 - len(times), len(times), 2.0)
+    at_random = 2.0 * np.max([np.sort(x, axis=1) @ rank for x in runs], axis=0) / len(times) ** 2
+    at_random = np.maximum(at_random, ROUNDING_SHARE * np.abs(runs[0]).max(axis=1))[:, None]
     padded = np.pad(previous, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1, axis=1).max(
         axis=2
     )
-    distant = last > least[:, None]
-    is_held = np.array([column.kind.is_held for column in columns])
-    diverged = (distant & (last > around / ratio**LOWEST_ORDER) & ~is_held[:, None]).any(axis=0)
+    apart, coarser_apart = last > 0.5 * at_random, beside_level > 0.5 * at_random
+    ends = t[begins + sizes - 1] - t[0]
+    grows = [
+        parts_exponentially(ends[: k + 1], of[: k + 1])
+        for of, k in zip(beside_level, coarser_apart.argmax(axis=1))
+    ]
+    parted = (beside_level > at_random) | (coarser_apart & np.array(grows)[:, None])
+    is_held = np.array([[column.kind.is_held] for column in columns])
+    parted = np.logical_or.accumulate(parted, axis=1) & ~is_held
+    apart &= ~is_held
+    diverged = ((apart & (last > around / ratio**LOWEST_ORDER)) | parted).any(axis=0)
     if not diverged.any():
         return Divergence()
     first = int(diverged.argmax())
-    there = distant[:, first:].any(axis=1)
-    names = frozenset(c.name for c, is_distant in zip(columns, there) if is_distant)
+    there = (apart | parted)[:, first:].any(axis=1)
+    names = frozenset(c.name for c, is_apart in zip(columns, there) if is_apart)
     return Divergence(float(t[begins[first]]), names)
+
+
+def parts_exponentially(t: Array, distance: Array) -> bool:
+    """Whether the largest distance so far [any unit] grows over times from a start [s] as an exponential rather than as a power.
+
+    The logarithm of the distance is then correlated more closely with the time than with the logarithm of the time.
+    """
+    grown = np.maximum.accumulate(distance)
+    t, grown = t[grown > 0.0], grown[grown > 0.0]
+    if len(t) <= RUNS or not grown[-1] > grown[0]:
+        return False
+    by_time, by_power = np.corrcoef([np.log(grown), t, np.log(t)])[0, 1:]
+    return bool(by_time > by_power)
 
 
 def widened(t: Array, x: Array, begin: float) -> Array:

@@ -280,7 +280,50 @@ def test_runs_that_differ_much_but_converge_have_not_diverged() -> None:
     for delay in (0.02, 0.2, 1.0):
         late = runs(lambda h, delay=delay: np.sin(2 * (1 - delay * h) * t))
         assert not divergence(late).columns
+    # a radian at the end of the coarser runs: as chaotic ones part, and as those of two periods do
+    growing = runs(lambda h: np.sin(12 * t + 150 * h**2 * np.exp(0.8 * (t - 10))))
+    assert 8.0 < divergence(growing).begin < 10.0
+    assert not divergence(runs(lambda h: np.sin(12 * t + 15 * h**2 * t))).columns
+    # a level that depends on the step, beside which the column hardly moves
+    assert not divergence(runs(lambda h: 5 + h + 1e-6 * (1 + h) * np.sin(3 * t))).columns
     assert not divergence(runs(lambda h: (t > 5 + 4 * h) * 1.0, Kind.DISCRETE)).columns
+
+
+def test_a_number_made_after_the_coarser_runs_part_exponentially_holds_or_is_refused() -> None:
+    """A chaotic Duffing oscillator, whose finest two runs may still be together by accident when the coarser two are apart."""
+
+    def heun(x: float, v: float, h: float, stop: float) -> list[float]:
+        rate = lambda t, x, v: x - 0.3 * v - x**3 + 0.5 * math.cos(1.2 * t)
+        rows = [x]
+        for k in range(round(stop / h)):
+            a = rate(k * h, x, v)
+            b = rate((k + 1) * h, x + h * v, v + h * a)
+            x, v = x + h * (v + 0.5 * h * a), v + 0.5 * h * (a + b)
+            rows.append(x)
+        return rows
+
+    def runner(_: System, *, step: float, stop: float, **__: Any) -> Result:
+        rows = heun(start, 0.0, step, stop)
+        times = np.linspace(0.0, stop, len(rows))
+        columns = [TIME, Column("x")]
+        return Result(columns, {"convergence_order": 2}, [times, np.array(rows)].__getitem__)
+
+    worst, stated = 0.0, 0
+    for start in (0.2, 0.4, 0.6, 0.8, 1.0):
+        exact = solve_ivp(
+            lambda t, y: [y[1], y[0] - 0.3 * y[1] - y[0] ** 3 + 0.5 * math.cos(1.2 * t)],
+            (0.0, 100.0), [start, 0.0], method="DOP853", rtol=1e-12, atol=1e-12, dense_output=True,
+        ).sol  # fmt: skip
+        x = exact(np.linspace(0.0, 100.0, 20001))[0]
+        truth = {"end": x[-1], "mean": np.trapezoid(x) / 20000, "largest": x.max()}
+        metrics = {"end": Last("x"), "mean": Mean("x"), "largest": Largest("x")}
+        figures = certify(System({}), metrics, step=0.00625, stop=100.0, runner=runner).figures
+        for name, figure in figures.items():
+            if figure.error is not None:
+                stated += 1
+                worst = max(worst, abs(figure.value - truth[name]) / figure.error)
+    assert stated >= 2
+    assert worst <= 1.0
 
 
 def test_results_show_themselves_in_a_notebook(fmus: Path) -> None:
