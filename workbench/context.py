@@ -221,15 +221,15 @@ class Context:
                 append([row])
                 yield row
 
-        with stream(path, list(units)) as append:
-            try:
+        try:
+            with stream(path, list(units)) as append:
                 return Table.of_rows(written(), units)
-            except KeyboardInterrupt as interrupt:
-                if path and not interrupt.args:
-                    kept = partial_file(path)
-                    done = pluralize(len(kept.read_text(encoding="utf-8").splitlines()) - 1, "row")
-                    raise KeyboardInterrupt(f"{done} in {kept}") from None
-                raise
+        except KeyboardInterrupt as interrupt:
+            if path and not interrupt.args:
+                kept = partial_file(path)
+                done = pluralize(len(kept.read_text(encoding="utf-8").splitlines()) - 1, "row")
+                raise KeyboardInterrupt(f"{done} in {kept}") from None
+            raise
 
 
 def of_estimate(x: Estimate, figure: Figure) -> Figure:
