@@ -142,7 +142,7 @@ def _start(batch: Batch) -> Job:
     stack, desk = ExitStack(), Desk.shared()
     columns = dict(zip(batch.cases.names, batch.cases.columns))
     try:
-        task = Task(batch.evaluate or Worker.run, columns)
+        task = Task(batch.evaluate, columns)
         arguments = (_serve, desk, batch.network.system, batch.settings, task)
         process, pipe = stack.enter_context(child(*arguments, grace_seconds=GRACE))
     except (PicklingError, AttributeError, TypeError) as error:

@@ -243,7 +243,7 @@ class Prepared:
         with quiet(), collect_interrupts() as interrupts:
             batch = Batch(
                 self.network, self.settings, cases, self._chunks(cases, how, jobs), jobs,
-                how.progress or (lambda _: None), interrupts, how.timeout, how.evaluate,
+                how.progress or (lambda _: None), interrupts, how.timeout, how.evaluate or Worker.run,
             )  # fmt: skip
             if not how.isolated and jobs == 1:
                 yield from in_order(batch, self._workers_for(batch)[0])

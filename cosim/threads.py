@@ -31,7 +31,7 @@ def in_order(batch: Batch, worker: Worker) -> Iterator[Ensemble]:
 
     while batch.waiting and not batch.interrupts and not worker.abandoned:
         chunk = batch.waiting.pop(0)
-        block = (batch.evaluate or Worker.run)(worker, batch.cases, chunk, progress)
+        block = batch.evaluate(worker, batch.cases, chunk, progress)
         batch.return_undone(chunk, block)
         yield block
         done += len(block)
@@ -54,7 +54,7 @@ def in_threads(batch: Batch, workers: list[Worker]) -> Iterator[Ensemble]:
                     return
                 chunk = batch.waiting.pop(0)
             try:
-                block = (batch.evaluate or Worker.run)(worker, batch.cases, chunk, progress)
+                block = batch.evaluate(worker, batch.cases, chunk, progress)
             except BaseException:
                 ends.set()
                 raise

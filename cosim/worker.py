@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import math
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -16,14 +15,13 @@ from numpy.typing import NDArray
 
 from .engine.control import Adaptive
 from .engine.energy import NEGLIGIBLE, NOTICEABLE, bond_warnings
-from .engine.member_layout import EXACT, NeedsPythonError
+from .engine.member_layout import EXACT, NeedsPythonError, SystemLayout
 from .engine.members import LEFT, Block, Members, Place, StepAndStop
 from .engine.process_state import ProcessState
 from .engine.settings import RunSettings
 from .ensemble import Array, Case, Cases, Ensemble, Numbers
 from .errors import FmuError, SetupError
 from .fmu.instance import CoSimulation
-from .fmu.messages import FATAL
 from .series import NO_BREAKS, TIME
 from .simulation import Simulation
 from .system import Network, Value, connect
@@ -63,7 +61,7 @@ class Batch:
     """Members that wait for workers, and what workers look at meanwhile.
 
     `report` is called with the share that is done; `interrupts` fills with signals that ask to stop; `timeout` is the
-    longest time that a worker in another process may be silent [s]; `evaluate` takes the place of `Worker.run`.
+    longest time that a worker in another process may be silent [s]; `evaluate` is what a worker does with a chunk.
     """
 
     network: Network
@@ -73,8 +71,8 @@ class Batch:
     jobs: int
     report: Callable[[float], None]
     interrupts: Sequence[int]
-    timeout: float = math.inf
-    evaluate: Evaluate | None = None
+    timeout: float
+    evaluate: Evaluate
 
     def __post_init__(self) -> None:
         self.members = sum(len(chunk.numbers) for chunk in self.waiting)
@@ -201,8 +199,9 @@ class Worker:
                 ],
                 np.intp,
             )
-            block = self._block(self._members, chunk.part(inside), [values[k] for k in inside])
-            kept[inside] = self._in_c(block, inside, driven, progress)
+            numbers, spans, output_step = chunk.part(inside)
+            block = self._members.allocate(numbers, [values[k] for k in inside], spans, output_step)
+            kept[inside] = self._in_c(block, lambda done: progress(len(driven) + done))
             in_c = inside, block
             driven = {k: member for k, member in driven.items() if not kept[k]}
         for k in range(len(values)):
@@ -212,12 +211,6 @@ class Worker:
                 driven[k] = self._drive(cases, chunk, k)[0]
                 progress(int(kept.sum()) + len(driven))
         return self._ensemble(cases, chunk, driven, kept, in_c)
-
-    @staticmethod
-    def _block(members: Members, chunk: Chunk, values: Sequence[tuple[Value, ...]]) -> Block:
-        """Memory for the members of a chunk, whose steps are fixed, with these values."""
-        numbers = np.array(values, float).reshape(len(values), -1)
-        return members.allocate(chunk.numbers, numbers, chunk.spans, chunk.output_step)
 
     def is_late(self) -> bool:
         """Whether it has worked so long that it gives what is done."""
@@ -248,10 +241,18 @@ class Worker:
         """Find out how the others may run: the first member again, with instances that are reset."""
         self._first, expected = None, first.rows.tobytes()
         values, _ = first.cases.checked(self.network, first.chunk.numbers.tolist())
+        simulation, loop = first.simulation, first.simulation.driver.loop_for_all_steps
         try:
-            members = _lay_out_members(first.simulation, first.cases.names, self._desk)
+            if loop is None:
+                raise NeedsPythonError("its steps are made in Python")
+            parts = {name: simulation.parts[name] for name in simulation.sequence}
+            layout = SystemLayout(
+                simulation.network, simulation.settings, parts, loop, first.cases.names
+            )
+            members = Members(layout, *self._desk)
             if _is_exact(values[0]) and not isinstance(first.chunk.spans[0].step, Adaptive):
-                block = self._block(members, first.chunk, values)
+                numbers, spans, output_step = first.chunk
+                block = members.allocate(numbers, values, spans, output_step)
                 for _ in members.run(block):
                     self._process.restore()
                 members.warnings = {}
@@ -265,13 +266,7 @@ class Worker:
         if self._is_fresh:
             self._free_instances()
 
-    def _in_c(
-        self,
-        block: Block,
-        inside: NDArray[np.intp],
-        driven: dict[int, Member],
-        progress: Callable[[int], None],
-    ) -> NDArray[np.bool_]:
+    def _in_c(self, block: Block, progress: Callable[[int], None]) -> NDArray[np.bool_]:
         """Run the members of a block in C; which of them are done, and need not be taken by the driver.
 
         Members for whose numbers FMUs have changed the arithmetic of the process are not.
@@ -285,23 +280,11 @@ class Worker:
             except FmuError:
                 block.status[done:now] = LEFT
             done = now
-            progress(len(driven) + done)
-            if done and block.status[done - 1] == LEFT + FATAL:
-                rows = block.rows[done - 1, : block.counts[done - 1]].copy()
-                driven[int(inside[done - 1])] = Member(rows, self._abandon_fmus())
+            progress(done)
             if self.interrupts or (done and self.is_late()):
                 break
         kept: NDArray[np.bool_] = (block.status < LEFT) & (np.arange(len(block.status)) < done)
         return kept
-
-    def _abandon_fmus(self) -> str:
-        """Call nothing of these FMUs any more, of which one has returned Fatal; its reason."""
-        self.abandoned = True
-        for instance in self._instances.values():
-            instance.session.fmu.abandon()
-        logs = [instance.session.messages for instance in self._instances.values()]
-        said = [f"{log.name}: Fatal: {log.last()}" for log in logs if log.last()]
-        return said[0] if said else "an FMU returned Fatal"
 
     def _free_instances(self) -> None:
         """Free the instances; new ones will be made."""
@@ -403,17 +386,6 @@ class Worker:
 def _is_tolerance_of_steps(settings: RunSettings) -> bool:
     """Whether FMUs get the tolerance of the adaptive steps."""
     return isinstance(settings.step, Adaptive) and settings.tolerance == settings.step.tolerance
-
-
-def _lay_out_members(simulation: Simulation, names: Sequence[str], desk: Desk) -> Members:
-    """The members of what has been simulated; raises NeedsPythonError, and OSError without a compiled loop."""
-    loop = simulation.driver.loop_for_all_steps
-    if loop is None:
-        raise NeedsPythonError("its steps are made in Python")
-    parts = {name: simulation.parts[name] for name in simulation.sequence}
-    members = Members(simulation.network, simulation.settings, parts, loop, names)
-    members.place, members.numbers = desk
-    return members
 
 
 def _is_exact(values: Sequence[Value]) -> bool:

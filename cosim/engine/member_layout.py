@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from ..fmu.buffers import address
 from ..fmu.operations import COperation
 from ..system import Network, Port, Value
-from ..system.description import Variable
 from .changes import continuous_profiles
 from .compiler import MEMBERS
-from .initialise import START_ROUNDING, is_set_while_initialising, must_keep_start, start_values
+from .initialise import start_values
 from .loop import Column, Loop
 from .part import Part
 from .settings import RunSettings
@@ -25,9 +24,9 @@ EXACT = 2**53
 #: Means of inputs over time that are kept for all members. Chosen: 80 MB of them.
 MOST_MEANS = 10**7
 STRUCTURES = structures(MEMBERS.read_text(), column=Column)
-InstanceLayout, SpanLayout, Setting, Memory, Listener, Promise, Side, EnsembleLayout = (
+InstanceLayout, SpanLayout, Setting, Memory, Listener, Side, EnsembleLayout = (
     STRUCTURES[name]
-    for name in ("instance", "span", "setting", "memory", "listener", "promise", "side", "ensemble")
+    for name in ("instance", "span", "setting", "memory", "listener", "side", "ensemble")
 )
 
 
@@ -51,7 +50,7 @@ class SystemLayout:
         names: Sequence[str],
     ) -> None:
         """The `parts` are in their stepping order, and `loop` has their steps."""
-        self._parts, self._settings, self._loop = parts, settings, loop
+        self.parts, self.settings, self.loop = parts, settings, loop
         self._keep: list[Any] = []
         self._index = {name: k for k, name in enumerate(names)}
         self._shared: list[float] = []
@@ -63,7 +62,6 @@ class SystemLayout:
             width=len(loop.columns),
             n_values=len(names),
             start=settings.start,
-            share_kept=START_ROUNDING,
         )
         self._known: dict[tuple[float, float, float | None], Any] = {}
         self._feeds = [
@@ -74,7 +72,6 @@ class SystemLayout:
         self.ensemble.warned = ctypes.addressof(self.warned)
         self._lay_out_resets(network)
         self._lay_out_starts(network)
-        self._lay_out_kept_starts(network)
         self._lay_out_inputs_and_bonds(network)
         self._array("shared", DOUBLE, self._shared)
 
@@ -82,7 +79,7 @@ class SystemLayout:
         """Steps of h [s] to the stop, with rows so far apart [s]; raises NeedsPythonError."""
         key = h, stop, output_step
         if key not in self._known:
-            settings = replace(self._settings, step=h, stop=stop, output_step=output_step)
+            settings = replace(self.settings, step=h, stop=stop, output_step=output_step)
             every, count = settings.every(), settings.number()
             if every is None:
                 raise NeedsPythonError("rows lie between steps")
@@ -92,8 +89,8 @@ class SystemLayout:
 
     def _address_of_means(self, count: int, h: float, stop: float) -> int:
         """Where the means of the inputs over time in each of the steps stand."""
-        start, last = self._settings.start, count - 1
-        feeds = [self._loop.operations[k] for k in self._feeds]
+        start, last = self.settings.start, count - 1
+        feeds = [self.loop.operations[k] for k in self._feeds]
         if len(feeds) * count > MOST_MEANS:
             raise NeedsPythonError("the means of inputs over time do not fit into memory")
         t_last = start + last * h
@@ -133,14 +130,10 @@ class SystemLayout:
         """How instances are reset and initialised, in the order of the system."""
         layouts = []
         for name in network.system.parts:
-            session = self._parts[name].instance.session
-            tolerance = self._settings.tolerance
+            session = self.parts[name].instance.session
+            tolerance = self.settings.tolerance
             if tolerance is None:
                 tolerance = session.description.defaultExperiment.tolerance
-            has_stop = self._settings.stop_time_defined or session.is_told_stop
-            clocks = [v for v in session.description.modelVariables if v.type == "Clock"]
-            if any(v.causality == "input" for v in clocks):
-                raise NeedsPythonError(f"{name} has clocks")
             is_fmi3 = session.description.fmiVersion == "3.0"
             names = {"reset": "Reset", "initialise": "EnterInitializationMode"}
             names |= {"leave": "ExitInitializationMode"}
@@ -154,68 +147,26 @@ class SystemLayout:
                     version=3 if is_fmi3 else 2,
                     has_tolerance=tolerance is not None,
                     tolerance=tolerance or 0.0,
-                    has_stop=has_stop,
+                    has_stop=self.settings.stop_time_defined,
                     component=session.component.value,
-                    due=self._parts[name].instance.due_address(),
+                    due=self.parts[name].instance.due_address(),
                     **functions,
                 )
             )
         self._array("instances", InstanceLayout, layouts, counted=True)
 
     def _lay_out_starts(self, network: Network) -> None:
-        """The start values that are set before an instance is initialised, and again while it is."""
-        starts = start_values(network, self._settings.start).values()
-        by_part = [s for name in network.system.parts for s in starts if s[0].part == name]
-        again = [(port, value) for port, value in starts if is_set_while_initialising(port)]
-        for field, settings, some in (
-            ("starts", "settings", by_part),
-            ("again", "settings_again", again),
-        ):
-            pairs = [pair for port, value in some for pair in self._start(port, value)]
-            self._array(field, COperation, [c_operation for c_operation, _ in pairs], counted=True)
-            self._array(settings, Setting, [setting for _, setting in pairs])
-
-    def _start(self, port: Port, value: Value) -> Iterator[tuple[COperation, Any]]:
-        """What sets a start value: of an element of an array, after the others have been read."""
-        session = self._parts[port.part].instance.session
-        [block] = session.blocks("Set", [port.variable])
-        c_operation = block.exchange_c_operation()
-        if c_operation is None:
-            raise NeedsPythonError(f"{port} is not set by one call in C")
-        self._keep.append(block)
-        if len(block.cells) > 1:
-            [present] = session.blocks("Get", [port.variable])
-            reading = present.exchange_c_operation()
-            assert reading is not None
-            self._keep.append(present)
-            reading.cells = c_operation.cells
-            yield reading, Setting(number=-1)
-        index, kind = block.variables.index(port.variable), block.cells._type_
-        cell = address(block.cells, index)
-        yield (
-            c_operation,
-            Setting(cell=cell, type=ord(kind._type_), number=self._index_of_value(port, value)),
-        )
-
-    def _lay_out_kept_starts(self, network: Network) -> None:
-        """The start values that instances are to keep."""
-        by_part: dict[str, dict[str, tuple[Port, Value]]] = {}
-        for port, value in start_values(network, self._settings.start).values():
-            if port.variable.causality != "input" and must_keep_start(port):
-                by_part.setdefault(port.part, {})[port.variable.name] = (port, value)
-        reads, promises = [], []
-        for name, ports in by_part.items():
-            variables: list[Variable] = [port.variable for port, _ in ports.values()]
-            for block in self._parts[name].instance.session.blocks("Get", variables):
-                reads.append(self._c_operation(block))
-                for slot, variable in zip(block.slots().values(), block.variables):
-                    if variable.name in ports:
-                        port, value = ports[variable.name]
-                        column = Column(slot.address, ord(slot.kind._type_))
-                        number = self._index_of_value(port, value)
-                        promises.append(Promise(column, number, port.type == "Real"))
-        self._array("kept", COperation, reads, counted=True)
-        self._array("promises", Promise, promises, counted=True)
+        """The start values, which are set before an instance is initialised."""
+        starts = start_values(network, self.settings.start).values()
+        operations, settings = [], []
+        for name in network.system.parts:
+            for port, value in (start for start in starts if start[0].part == name):
+                [block] = self.parts[name].instance.session.blocks("Set", [port.variable])
+                operations.append(self._c_operation(block))
+                kind, number = ord(block.cells._type_._type_), self._index_of_value(port, value)
+                settings.append(Setting(address(block.cells), kind, number))
+        self._array("starts", COperation, operations, counted=True)
+        self._array("settings", Setting, settings)
 
     def _c_operation(self, operation: Any) -> COperation:
         """An operation in C; raises NeedsPythonError if it needs Python."""
@@ -234,7 +185,7 @@ class SystemLayout:
                 raise NeedsPythonError(f"{port} changes between steps")
         initial, entered, listeners, outputs, cells = [], [], [], [], 0
         most = 1
-        for part in self._parts.values():
+        for part in self.parts.values():
             inputs = []
             for block, begin in zip(part.inputs, part.initial_inputs):
                 copy = self._address_of(ctypes.create_string_buffer(begin, max(1, len(begin))))
@@ -247,7 +198,7 @@ class SystemLayout:
                 cells += len(block.cells)
             initial += inputs
             for feed in part.feeds:
-                value = DOUBLE(float(feed.profile.at(self._settings.start)))
+                value = DOUBLE(float(feed.profile.at(self.settings.start)))
                 initial.append(Memory(ctypes.addressof(feed.cell), self._address_of(value), 8, 1))
             most = max(most, sum(memory.size for memory in inputs))
             reads = [self._c_operation(block) for block in part.outputs]
@@ -270,6 +221,6 @@ class SystemLayout:
         self._array("outputs", COperation, outputs, counted=True)
         self.ensemble.scratch = self._address_of(ctypes.create_string_buffer(most))
         self.ensemble.most_exchanges = 2 + cells
-        self.bond_sides = [side for part in self._parts.values() for side in part.bond_sides]
+        self.bond_sides = [side for part in self.parts.values() for side in part.bond_sides]
         sides = [Side(address(side.totals), side.output.address) for side in self.bond_sides]
         self._array("sides", Side, sides, counted=True)

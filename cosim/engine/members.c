@@ -7,8 +7,7 @@
 
 #include "loop.c"
 
-/* Of a member: it is done, it is done and an FMU has returned a warning, it is left to Python. After
-   a status of an FMU that ended it, that is added to LEFT. */
+/* Of a member: it is done, it is done and an FMU has returned a warning, it is left to Python. */
 enum { DONE, WARNED, LEFT };
 
 /* An instance between two members; `update` and `enter_steps` are those of an FMU of FMI 3.0 with
@@ -29,7 +28,7 @@ typedef struct {
 } span;
 
 /* What a cell is given before the start value with the same index is set: the value `number` of the
-   member, one that all members share if the number is beyond those, or nothing if it is below 0. */
+   member, or one that all members share if the number is beyond those. */
 typedef struct {
     void *cell;
     int type, number;
@@ -49,12 +48,6 @@ typedef struct {
     int n_links, n_exchanges, n_inputs;
 } listener;
 
-/* A start value that an instance is to keep: the cell into which it was read. */
-typedef struct {
-    column cell;
-    int number, real;
-} promise;
-
 /* A side of a bond: its totals, and the output that it begins with. */
 typedef struct {
     double *totals;
@@ -63,11 +56,10 @@ typedef struct {
 
 typedef struct {
     const instance *instances;
-    const operation *starts, *again, *outputs, *kept;
-    const setting *settings, *settings_again;
+    const operation *starts, *outputs;
+    const setting *settings;
     const memory *initial, *entered;
     const listener *listeners;
-    const promise *promises;
     const side *sides;
     operation *program;
     const int *feeds;
@@ -75,9 +67,9 @@ typedef struct {
     const double *shared;
     void *scratch;
     long long *warned;
-    int n_instances, n_starts, n_again, n_outputs, n_kept, n_initial, n_entered, n_listeners, n_promises;
+    int n_instances, n_starts, n_outputs, n_initial, n_entered, n_listeners;
     int n_sides, n_feeds, length, row_begin, width, n_values, most_exchanges;
-    double start, share_kept;
+    double start;
 } ensemble;
 
 /* Where the work stands: the member, and the steps of it that are done, -1 before it has begun. */
@@ -93,11 +85,9 @@ typedef int (*set_up3)(void *component, bool has_tolerance, double tolerance, do
 typedef int (*update3)(void *component, bool *again, bool *end, bool *nominals, bool *states,
                        bool *timed, double *time);
 
-/* 0, or LEFT with the status of a call that is not OK. */
 #define DO(what) \
     do { \
-        int status_ = (what); \
-        if (status_) return LEFT + (status_ > 0 ? status_ : 0); \
+        if (what) return LEFT; \
     } while (0)
 
 static void put(const setting *s, double value)
@@ -118,17 +108,12 @@ static void put(const setting *s, double value)
     }
 }
 
-static double value_of(const ensemble *e, const double *values, int number)
+static int set_starts(const ensemble *e, const double *values)
 {
-    return number < e->n_values ? values[number] : e->shared[number - e->n_values];
-}
-
-static int set_starts(const ensemble *e, const double *values, const operation *starts,
-                      const setting *settings, int n)
-{
-    for (int k = 0; k < n; k++) {
-        if (settings[k].number >= 0) put(&settings[k], value_of(e, values, settings[k].number));
-        DO(run(&starts[k], e->start, 0.0, 0));
+    for (int k = 0; k < e->n_starts; k++) {
+        int number = e->settings[k].number - e->n_values;
+        put(&e->settings[k], number < 0 ? values[e->settings[k].number] : e->shared[number]);
+        DO(run(&e->starts[k], e->start, 0.0, 0));
     }
     return DONE;
 }
@@ -214,17 +199,6 @@ static int read_finite(const operation *reads, int n)
     return DONE;
 }
 
-/* Whether every start value that is to be kept is what was given, but for rounding. */
-static int keeps_promises(const ensemble *e, const double *values)
-{
-    for (const promise *p = e->promises; p < e->promises + e->n_promises; p++) {
-        double given = value_of(e, values, p->number), has = number(&p->cell);
-        double size = fabs(given) > fabs(has) ? fabs(given) : fabs(has);
-        if (has != given && !(p->real && fabs(has - given) <= e->share_kept * size)) return 0;
-    }
-    return 1;
-}
-
 static double *write_row(const ensemble *e, double t, double *rows)
 {
     *rows++ = t;
@@ -232,33 +206,24 @@ static double *write_row(const ensemble *e, double t, double *rows)
     return rows;
 }
 
-#define PASS(what) \
-    do { \
-        int outcome_ = (what); \
-        if (outcome_) return outcome_; \
-    } while (0)
-
 /* From the reset of the instances to the row of the start. */
 static int begin(const ensemble *e, const span *s, const double *values, double *rows)
 {
     memset(e->warned, 0, e->length * sizeof *e->warned);
     for (int k = 0; k < e->n_instances; k++) DO(((call)e->instances[k].reset)(e->instances[k].component));
-    PASS(set_starts(e, values, e->starts, e->settings, e->n_starts));
-    for (int k = 0; k < e->n_instances; k++) PASS(initialise(e, s, &e->instances[k]));
-    PASS(set_starts(e, values, e->again, e->settings_again, e->n_again));
+    DO(set_starts(e, values));
+    for (int k = 0; k < e->n_instances; k++) DO(initialise(e, s, &e->instances[k]));
     for (const memory *m = e->initial; m < e->initial + e->n_initial; m++)
         memcpy(m->cells, m->initial, m->size);
-    PASS(settle(e));
-    PASS(read_finite(e->outputs, e->n_outputs));
-    for (int k = 0; k < e->n_instances; k++) PASS(leave(e, s, &e->instances[k]));
+    DO(settle(e));
+    DO(read_finite(e->outputs, e->n_outputs));
+    for (int k = 0; k < e->n_instances; k++) DO(leave(e, s, &e->instances[k]));
     for (const memory *m = e->entered; m < e->entered + e->n_entered; m++)
         memcpy(m->cells, m->initial, m->size);
-    for (int k = 0; k < e->n_kept; k++) DO(run(&e->kept[k], e->start, 0.0, 0));
-    if (!keeps_promises(e, values)) return LEFT;
-    PASS(read_finite(e->outputs, e->n_outputs));
+    DO(read_finite(e->outputs, e->n_outputs));
     for (const side *p = e->sides; p < e->sides + e->n_sides; p++)
         p->totals[0] = p->totals[1] = 0.0, p->totals[2] = *p->output;
-    PASS(read_finite(e->program + e->row_begin, e->length - e->row_begin));
+    DO(read_finite(e->program + e->row_begin, e->length - e->row_begin));
     write_row(e, e->start, rows);
     return DONE;
 }
@@ -309,8 +274,7 @@ static int end(const ensemble *e, const span *s, double *rows)
         int is_step = op->code == STEP || op->code == STEP3;
         int status = is_step ? steps_to_stop(op, t, h, s->stop, nearly) : run(op, t, h, s->count - 1);
         if (status == 1 && !e->warned[i]) e->warned[i] = s->count;
-        if (status != 0 && status != 1) return LEFT + (status > 0 ? status : 0);
-        if (!finite_cells(op)) return LEFT;
+        if ((status != 0 && status != 1) || !finite_cells(op)) return LEFT;
     }
     write_row(e, s->stop, rows);
     for (int i = 0; i < e->length; i++)
@@ -344,7 +308,7 @@ void run_members(const ensemble *e, place *p, const span *spans, long long last,
                                     own + counts[m] * (e->width + 1), report);
             most -= to - p->steps;
             p->steps = report[0];
-            if (report[1] >= 0) status[m] = LEFT + (report[2] > 0 ? (int)report[2] : 0);
+            if (report[1] >= 0) status[m] = LEFT;
             else if (to < s->count - 1) return;
         }
         if (!status[m]) {

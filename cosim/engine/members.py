@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import ctypes
 import time as clock
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fmu.messages import FATAL, WARNING
-from ..system import Network
+from ..fmu.messages import WARNING
+from ..system import Value
 from .control import Adaptive
 from .energy import by_bond
-from .loop import Loop, compiled_library
+from .loop import compiled_library
 from .member_layout import SpanLayout, SystemLayout
-from .part import Part
-from .settings import RunSettings
 from .structures import LONG
 
 Array = NDArray[np.float64]
-#: Statuses of a member: it is done; done, with a warning that an FMU returned; left to Python, to which the status
-#: of the FMU is added that ended it.
+#: Statuses of a member: it is done; done, with a warning that an FMU returned; left to Python.
 DONE, WARNED, LEFT = range(3)
 #: Longest time in C [s], after which signals and progress are looked at.
 PATIENCE = 0.05
@@ -63,7 +60,7 @@ class Block:
     work
         Energy given and exchanged [J] over each side of a bond, shape (n, sides, 2).
     status
-        DONE, WARNED, or LEFT and more, shape (n,).
+        DONE, WARNED, or LEFT, shape (n,).
     """
 
     numbers: NDArray[np.int64]
@@ -76,26 +73,14 @@ class Block:
 
 
 class Members:
-    """The members of a system whose parts are wired, initialised and laid out once.
+    """The members of a system that is laid out.
 
-    They differ in the values of `names`; the start values of the network must have these. `place` is the one that is
-    worked on, among the `numbers` of a block. Messages of the parts
-    go to `warnings`: by the sentence, the numbers of the members. Raises NeedsPythonError where a member needs Python.
+    `place` is the one that is worked on, among the `numbers` of a block. Messages of the parts
+    go to `warnings`: by the sentence, the numbers of the members.
     """
 
-    def __init__(
-        self,
-        network: Network,
-        settings: RunSettings,
-        parts: Mapping[str, Part],
-        loop: Loop,
-        names: Sequence[str],
-    ) -> None:
-        """The `parts` are in their stepping order, and `loop` has their steps."""
-        self._parts, self._settings, self._loop = parts, settings, loop
-        self._layout = SystemLayout(network, settings, parts, loop, names)
-        self.place = Place(0, -1)
-        self.numbers: Any = [0]
+    def __init__(self, layout: SystemLayout, place: Place, numbers: Any) -> None:
+        self._layout, self.place, self.numbers = layout, place, numbers
         self.warnings: dict[str, list[int]] = {}
 
     def bond_energy(self, block: Block) -> dict[str, Array]:
@@ -112,7 +97,7 @@ class Members:
     def allocate(
         self,
         numbers: NDArray[np.int64],
-        values: Array,
+        values: Sequence[tuple[Value, ...]],
         spans: Sequence[StepAndStop],
         output_step: float | None,
     ) -> Block:
@@ -121,7 +106,7 @@ class Members:
         n, most = len(values), max((2 + (x.count - 1) // x.every for x in layouts), default=0)
         return Block(
             numbers,
-            np.ascontiguousarray(values, np.float64),
+            np.array(values, float).reshape(n, -1),
             (SpanLayout * n)(*layouts),
             np.empty((n, most, self._layout.ensemble.width + 1)),
             np.zeros(n, np.int64),
@@ -130,7 +115,7 @@ class Members:
         )
 
     def run(self, block: Block) -> Iterator[MembersDone]:
-        """Run the members; how many are done, every PATIENCE or so. It ends early after the status Fatal."""
+        """Run the members; how many are done, every PATIENCE or so."""
         place, n, most = self.place, len(block.values), 1 << 10
         self.numbers[:n] = block.numbers.tolist()
         place.member, place.steps = 0, -1
@@ -143,26 +128,23 @@ class Members:
                 block.status.ctypes,
             )  # fmt: skip
             most = most * 2 if clock.perf_counter() - began < PATIENCE else max(most // 2, 1)
-            last = int(block.status[place.member - 1]) if place.steps < 0 else DONE
-            if last == WARNED:
+            if place.steps < 0 and block.status[place.member - 1] == WARNED:
                 self._collect_warnings(block.spans[place.member - 1].h)
             yield place.member
-            if last == LEFT + FATAL:
-                return
 
     def _collect_warnings(self, h: float) -> None:
         """Let the parts warn of what calls of the last member, whose steps are h [s], have returned."""
         self.place.member -= 1
         for k, n in enumerate(self._layout.warned):
             if n:
-                operation, at, size = self._loop.operations[k]
-                t = self._settings.start + (n - 1) * h
+                operation, at, size = self._layout.loop.operations[k]
+                t = self._layout.settings.start + (n - 1) * h
                 operation.answered(t + at * h, size * h, WARNING)
         self.place.member += 1
 
     def _take_over_instances(self) -> None:
         """Let the instances be those of these members again, after others have used them."""
-        for part in self._parts.values():
+        for part in self._layout.parts.values():
             part.instance.connect_inputs(part.inputs)
             part.instance.go_forward_only(forward=True)
             part.instance.stop_at_events(stops=False)

@@ -6,6 +6,8 @@ import os
 import signal
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -193,19 +195,6 @@ def test_no_reset_of_an_fmu_of_another_tool_is_trusted(jobs: int, tmp_path: Path
     assert "new instances" in ensemble.notes[0]
 
 
-def test_steps_of_several_sizes_have_rows_at_common_times(fmus: Path) -> None:
-    system = drive(fmus / "native", "pair")
-    steps = [H, 2 * H, 4 * H, H]
-    with Prepared.open(system, RunSettings(0.1, H, output_step=4 * H)) as prepared:
-        ensemble = prepared.map({"motor.A": [8000.0, 8000.0, 8000.0, 7000.0]}, steps=steps)
-        with pytest.raises(SetupError, match="rows must be a multiple of it apart"):
-            prepared.map({"motor.A": [8000.0]}, steps=[3 * H])
-    for k, (h, a) in enumerate(zip(steps, (8000.0, 8000.0, 8000.0, 7000.0))):
-        start = {**system.start, "motor.A": a}
-        single = run(System(**vars(system) | {"start": start}), stop=0.1, step=h, output_step=4 * H)
-        assert ensemble.rows[k].tobytes() == single.data.tobytes()
-
-
 @pytest.mark.parametrize(
     ("cases", "reason"),
     [
@@ -292,18 +281,32 @@ def test_fmus_that_may_run_in_threads_have_no_variables_of_their_own(fmus: Path)
         assert writable(binary) == 0, name
 
 
-def test_each_member_has_its_own_step_and_stop(fmus: Path) -> None:
-    """The last step of each, cut at its stop, belongs to the same bits."""
-    system = drive(fmus / "native", "pair")
-    steps, stops = [H, 1.1 * H, 0.7 * H, H], [0.1, 0.05, 0.0123, 0.1]
-    with Prepared.open(system, RunSettings(0.1, H)) as prepared:
-        ensemble = prepared.map({"motor.A": [8e3, 8e3, 7e3, 7e3]}, steps=steps, stops=stops)
+@pytest.mark.parametrize(
+    ("steps", "stops", "output_step"),
+    [
+        ((H, 2 * H, 4 * H, H), (0.1,) * 4, 4 * H),
+        ((H, 1.1 * H, 0.7 * H, H), (0.1, 0.05, 0.0123, 0.1), None),
+    ],
+)
+def test_each_member_has_its_own_step_and_stop(
+    steps: Sequence[float], stops: Sequence[float], output_step: float | None, fmus: Path
+) -> None:
+    """The last step of each, cut at its stop, belongs to the same bits; rows are at the times that all have."""
+    system, cases = drive(fmus / "native", "pair"), {"motor.A": [8e3, 8e3, 7e3, 7e3]}
+    with Prepared.open(system, RunSettings(0.1, H, output_step=output_step)) as prepared:
+        ensemble = prepared.map(cases, steps=steps, stops=stops)
         with pytest.raises(SetupError, match="3 stops for 4 cases"):
-            prepared.map({"motor.A": [8e3] * 4}, stops=[0.1] * 3)
+            prepared.map(cases, stops=[0.1] * 3)
         with pytest.raises(SetupError, match="must be after start"):
             prepared.map({"motor.A": [8e3]}, stops=[0.0])
-    for k, (h, stop, a) in enumerate(zip(steps, stops, (8e3, 8e3, 7e3, 7e3))):
-        start = {**system.start, "motor.A": a}
-        single = run(System(**vars(system) | {"start": start}), stop=stop, step=h)
-        assert ensemble.rows[k, : ensemble.counts[k]].tobytes() == single.data.tobytes()
+        with (
+            pytest.raises(SetupError, match="rows must be a multiple of it apart")
+            if output_step
+            else nullcontext()
+        ):
+            prepared.map({"motor.A": [8e3]}, steps=[3 * H])
+    for k, (h, stop, a) in enumerate(zip(steps, stops, cases["motor.A"])):
+        single = replace(system, start={**system.start, "motor.A": a})
+        rows = run(single, stop=stop, step=h, output_step=output_step).data
+        assert ensemble.rows[k, : ensemble.counts[k]].tobytes() == rows.tobytes()
         assert np.isnan(ensemble.rows[k, ensemble.counts[k] :]).all()
