@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import ctypes
 import faulthandler
+import math
 import multiprocessing
 import os
 import signal
 import sys
 import tempfile
 import threading
+import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.machinery import ModuleSpec
@@ -28,6 +30,8 @@ from .scratch import scratch
 #: Time for the child to close its files or to react to a signal [s]: a convention of this project, which
 #: limits how long a stuck FMU holds up the end.
 GRACE = 10.0
+#: Least time between two messages on the progress [s]: a convention of this project, which limits their number.
+BETWEEN = 0.05
 #: Signals of a process that has crashed.
 CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL")
 #: The file in the folder of a child that is heard by nobody, with what it prints.
@@ -104,6 +108,19 @@ def death(process: BaseProcess) -> str:
         return f"ended with exit code {code} (an FMU ended it)"
     name = signal.Signals(-code).name
     return f"was killed by signal {name}" + (" (an FMU crashed)" if name in CRASHES else "")
+
+
+def progress_sender(pipe: Connection) -> Callable[[float], None]:
+    """A function that tells the parent how much is done, now and then."""
+    sent_at = -math.inf
+
+    def send(done: float) -> None:
+        nonlocal sent_at
+        if clock.monotonic() > sent_at + BETWEEN:
+            pipe.send(("progress", done))
+            sent_at = clock.monotonic()
+
+    return send
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .child import GRACE, child, death
+from .child import GRACE, child, death, progress_sender
 from .engine.settings import RunSettings
 from .errors import SetupError, pluralize
 from .fmu.messages import log, quiet
@@ -31,8 +31,6 @@ from .system import System
 #: Longest wait for a message before signals and time limits are looked at [s]: a convention of this project,
 #: which limits how soon Ctrl-C is passed on.
 PIPE_PATIENCE = 0.1
-#: Least time between two messages on the progress [s]: a convention of this project, which limits their number.
-BETWEEN = 0.05
 
 
 def run_isolated(
@@ -138,15 +136,8 @@ def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any])
     """Run in the child and tell the parent of the progress, the log and the end."""
     signal.signal(signal.SIGINT, lambda *_: None)
     logging.getLogger().addHandler(_Forward(pipe))
-    last_sent = clock.perf_counter()
-    pipe.send(("progress", 0.0))
-
-    def progress(share: float) -> None:
-        nonlocal last_sent
-        if clock.perf_counter() > last_sent + BETWEEN:
-            pipe.send(("progress", share))
-            last_sent = clock.perf_counter()
-
+    progress = progress_sender(pipe)
+    progress(0.0)
     with suppress(BrokenPipeError):
         ended: SimulationError | Interrupted | None = None
         try:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .child import GRACE, child, death
+from .child import GRACE, child, death, progress_sender
 from .engine.settings import RunSettings
 from .ensemble import NO_CASES, Cases, Ensemble
 from .errors import SetupError
@@ -26,8 +26,6 @@ from .worker import Batch, Chunk, Desk, Evaluate, Worker
 
 #: Longest wait for a message before signals and time limits are looked at [s].
 PATIENCE = 0.05
-#: Least time between two messages on the progress [s]: a convention of this project, which limits their number.
-BETWEEN = 0.05
 
 
 class Task(NamedTuple):
@@ -174,14 +172,7 @@ def _end(job: Job) -> None:
 def _serve(pipe: Connection, desk: Desk, system: System, settings: RunSettings, task: Task) -> None:
     """Run chunks in the child and tell the parent of the progress and the end of each."""
     log.setLevel(logging.ERROR)
-    last_sent = 0.0
-
-    def progress(done: int) -> None:
-        nonlocal last_sent
-        if clock.monotonic() > last_sent + BETWEEN:
-            pipe.send(("progress", done))
-            last_sent = clock.monotonic()
-
+    progress = progress_sender(pipe)
     with suppress(BrokenPipeError, EOFError, ConnectionResetError):
         try:
             network = connect(system)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from multiprocessing import RawArray, RawValue
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .engine.control import Adaptive
-from .engine.energy import NEGLIGIBLE, NOTICEABLE, bond_warnings
+from .engine.energy import NOTICEABLE, bond_warnings, is_noticeable
 from .engine.member_layout import EXACT, NeedsPythonError, SystemLayout
 from .engine.members import LEFT, Block, Members, Place, StepAndStop
 from .engine.process_state import ProcessState
@@ -368,8 +368,13 @@ class Worker:
                 energy.setdefault(bond, np.full((n, 3), np.nan))[k] = carried
         done = kept.copy()
         done[list(driven)] = True
-        for text, where in _noticeable(energy):
-            warnings.setdefault(text, []).extend(chunk.numbers[where & done].tolist())
+        for bond, values in energy.items():
+            text = (
+                f"bond {bond}: the coupling created or removed more than {NOTICEABLE:.0%} of the energy "
+                "carried: use smaller steps or another algorithm; see diagnose"
+            )
+            where = is_noticeable(*values.T) & done
+            warnings.setdefault(text, []).extend(chunk.numbers[where].tolist())
         for text in self.network.flaw_texts():
             warnings[text] = chunk.numbers[done].tolist()
         if not done.all():
@@ -391,17 +396,3 @@ def _is_tolerance_of_steps(settings: RunSettings) -> bool:
 def _is_exact(values: Sequence[Value]) -> bool:
     """Whether doubles hold these values."""
     return not any(isinstance(x, str) or (isinstance(x, int) and abs(x) > EXACT) for x in values)
-
-
-def _noticeable(energy: Mapping[str, Array]) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """A warning for every bond on which the coupling changed a noticeable share of the energy, and of which members."""
-    for bond, values in energy.items():
-        given, taken, exchanged = values.T
-        change, carried = np.abs(given - taken), np.maximum(np.abs(given), np.abs(taken))
-        with np.errstate(invalid="ignore"):
-            is_noticeable = (change > NOTICEABLE * carried) & (change > NEGLIGIBLE * exchanged)
-        yield (
-            f"bond {bond}: the coupling created or removed more than {NOTICEABLE:.0%} of the energy "
-            "carried: use smaller steps or another algorithm; see diagnose",
-            is_noticeable,
-        )

@@ -6,7 +6,7 @@ import ctypes
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..errors import SetupError
 from ..fmu.buffers import Slot, address
@@ -168,15 +168,22 @@ def by_bond(sides: Iterable[BondSide]) -> dict[str, list[BondSide]]:
     return {bond: sorted(pair, key=lambda side: side.side) for bond, pair in pairs.items()}
 
 
+def is_noticeable(given: Any, taken: Any, exchanged: Any) -> Any:
+    """Whether the coupling changed a noticeable share of energies [J], numbers or arrays, that a bond carried."""
+    change = abs(given - taken)
+    is_share = (change > NOTICEABLE * abs(given)) & (change > NOTICEABLE * abs(taken))
+    return is_share & (change > NEGLIGIBLE * exchanged)
+
+
 def bond_warnings(balances: Mapping[str, Balance]) -> Iterator[str]:
     """A sentence for every bond on which the coupling changed a noticeable share of the energy carried.
 
     Amounts that are negligible compared with the energy exchanged to and fro are not reported.
     """
     for bond, energy in balances.items():
-        change = abs(energy["residual"])
-        carried = max(abs(energy["given"]), abs(energy["taken"]))
-        if change > NOTICEABLE * carried and change > NEGLIGIBLE * energy["exchanged"]:
+        if is_noticeable(energy["given"], energy["taken"], energy["exchanged"]):
+            change = abs(energy["residual"])
+            carried = max(abs(energy["given"]), abs(energy["taken"]))
             verb = "removed" if energy["residual"] > 0.0 else "created"
             yield (
                 f"bond {bond}: the coupling {verb} {change:.3g} J, {change / carried:.0%} of the "
