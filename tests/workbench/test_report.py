@@ -175,17 +175,24 @@ def test_the_image_draws_the_elements_of_the_layout() -> None:
             assert_allclose(line.get_ydata(), element.y)
             assert line.get_drawstyle() == ("steps-mid" if element.is_step else "default")
             assert line.get_marker() == mpl.MATPLOTLIB_MARKERS[element.marker]
-        assert len(axis.lines) == len(lines) + len(layout.marks)
+        assert len(axis.lines) == len(lines) + len(layout.picture.marks)
         widths = [bar.get_width() for bars in axis.containers for bar in bars]
         assert widths == [x.width for x in row.elements if isinstance(x, Bars)]
         bands = [x for x in row.elements if isinstance(x, Band)]
         assert len(axis.collections) == len(bands)
-        assert len(axis.patches) == len(widths) + len(layout.spans)
+        assert len(axis.patches) == len(widths) + len(layout.picture.spans)
         written = {text.get_text() for text in axis.texts}
-        assert {name.text for name in placed.names} | {
-            name.symbol for name in placed.names
-        } <= written
-        assert [name.name for name in placed.names] == [element.name for element in row.named]
+        assert {name.text for name in placed.names} <= written
+        boxes: list[Any] = list(axis.artists)
+        of_element = dict(zip(map(id, elements), lines))
+        for box, name in zip(boxes, placed.names, strict=True):
+            (piece,) = box.offsetbox.get_children()
+            drawn: Any = of_element.get(id(name.element), piece)
+            for what in ("linestyle", "marker", "color") * isinstance(name.element, Line):
+                assert getattr(piece, f"get_{what}")() == getattr(drawn, f"get_{what}")()
+        assert [name.element.name for name in placed.names] == [
+            element.name for element in row.named
+        ]
     texts: Any = axes[0].texts
     places = {t.get_text(): (t.xy[0], round(t.xyann[1] / 14)) for t in texts}
     wanted = {"avoid": (3.0, 1), "peak": (3.0, 0), "crossing": (3.1, 0)}

@@ -10,7 +10,7 @@ from itertools import count, cycle
 import numpy as np
 
 from .axes import Axis, color_axis, grid_axis, y_axis
-from .model import Curve, Field, Lanes, Panel, Samples
+from .model import Arrow, Curve, Field, Lanes, Panel, Samples
 from .style import (
     COLOR_SCALES,
     COLORS,
@@ -98,16 +98,6 @@ class Heat:
     hover: str | None = None
 
 
-@dataclass(frozen=True)
-class ArrowElement:
-    """An arrow at x from one y to another."""
-
-    x: float
-    start: float
-    end: float
-    color: str
-
-
 Element = Line | Band | Bars | Heat
 
 
@@ -118,13 +108,13 @@ class DrawnRow:
     y: Axis
     elements: tuple[Element, ...]
     height_px: float
-    arrows: tuple[ArrowElement, ...] = ()
+    arrows: Sequence[Arrow] = ()
     may_shrink: bool = True
 
     @property
-    def named(self) -> list[Element]:
-        """The elements whose names stand in the picture."""
-        return [element for element in self.elements if element.is_named]
+    def named(self) -> list[Line | Band | Bars]:
+        """The elements whose names stand in the picture; the colours of a plane are explained beside it."""
+        return [x for x in self.elements if x.is_named and not isinstance(x, Heat)]
 
 
 def drawn_row(part: Panel | Lanes | Field, x: Axis, height_px: float) -> DrawnRow:
@@ -166,8 +156,7 @@ def drawn_panel(panel: Panel, x: Axis, height_px: float) -> DrawnRow:
     elements += _undetermined(panel, y)
     if sum(element.is_named for element in elements) == 1:
         elements = [replace(element, is_named=False) for element in elements]
-    arrows = (ArrowElement(a.x, a.start, a.end, hex_color(a.color)) for a in panel.arrows)
-    return DrawnRow(y, tuple(elements), height_px, tuple(arrows))
+    return DrawnRow(y, tuple(elements), height_px, panel.arrows)
 
 
 def drawn_lanes(lanes: Lanes, x: Axis) -> DrawnRow:

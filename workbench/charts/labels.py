@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 
 from .axes import Axis
-from .elements import Band, Bars, DrawnRow, Element, Heat, Line
+from .elements import Band, Bars, DrawnRow, Line
 from .model import Mark, Span
-from .style import STYLE, SYMBOLS
+from .style import STYLE
 
 Anchor = Literal["left", "center", "right"]
 #: The spaces between a number, its error and their unit.
@@ -49,20 +49,16 @@ class Name:
 
     Attributes
     ----------
-    name : str
-        The name of the element.
+    element : Element
+        What is named.
     text : str
-        The same in lines.
-    symbol, color : str
-        What stands before it, which shows the line or the point, and its colour.
+        Its name in lines.
     x, y : float
         Where it is: the shares of the width and height of the row, of its left end and its middle.
     """
 
-    name: str
+    element: Line | Band | Bars
     text: str
-    symbol: str
-    color: str
     x: float
     y: float
 
@@ -187,7 +183,7 @@ def names_of(
     for element, lines, (end, _), y in zip(row.named, texts, ends, apart(wanted, sizes)):
         inside = min(float(x.share(end)), 1.0 - width_px(lines) / STYLE.plane_width_px)
         place = (inside if is_plane else 1.0), 1.0 - y
-        names.append(Name(element.name, "\n".join(lines), *symbol_of(element), *place))
+        names.append(Name(element, "\n".join(lines), *place))
     return names
 
 
@@ -205,26 +201,12 @@ def apart(wanted: Sequence[float], sizes: Sequence[float]) -> list[float]:
     return [places[k] for k in range(len(wanted))]
 
 
-def last_point(element: Element) -> tuple[float, float]:
+def last_point(element: Line | Band | Bars) -> tuple[float, float]:
     """Return x and y of the last value of an element; that of an area or a bar is in its middle."""
     match element:
         case Line():
             x, y = element.x, element.y
         case Band() | Bars():
             x, y = element.x, (element.low + element.high) / 2
-        case Heat():
-            return math.nan, math.nan
     finite = np.flatnonzero(np.isfinite(y))
     return (float(x[finite[-1]]), float(y[finite[-1]])) if len(finite) else (math.nan, math.nan)
-
-
-def symbol_of(element: Element) -> tuple[str, str]:
-    """Return what shows an element before its name, and its colour."""
-    match element:
-        case Line():
-            symbol = SYMBOLS[element.marker if element.marker_px else element.dash]
-            return symbol, element.color
-        case Band() | Bars():
-            return SYMBOLS["square"], element.color
-        case Heat():
-            return "", ""

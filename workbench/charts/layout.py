@@ -12,7 +12,7 @@ import numpy as np
 from .axes import Axis, x_axis
 from .elements import DrawnRow, drawn_row
 from .labels import Label, Name, labels_above, lines_of, names_of, width_px
-from .model import Chart, Field, Mark, Picture, SecondUnit, Span
+from .model import Chart, Field, Mark, Picture, SecondUnit
 from .style import LETTERS_BY_SCREEN, NAME_LETTERS, STYLE, Screen
 
 
@@ -45,38 +45,36 @@ class ChartLayout:
 
     Attributes
     ----------
-    title : str
-        The title of the picture, which stands above it.
+    picture : Picture
+        What is drawn, with its title, marks and spans.
     x : Axis
         The x axis below the last row.
-    second : SecondUnit or None
-        The unit of a second axis below it.
     rows : tuple of PlacedRow
         Rows from top to bottom.
     labels : tuple of Label
         The texts above the first row.
-    spans : tuple of Span
-        Spans through all rows.
-    marks : tuple of Mark
-        Lines through all rows.
-    is_plane : bool
-        Whether it is a plane, over which spans have only edges.
     plot_px : float
         Its height down to the x axis.
     names_px : float
         The width that names take on the right of its rows.
     """
 
-    title: str
+    picture: Picture
     x: Axis
-    second: SecondUnit | None
     rows: tuple[PlacedRow, ...]
     labels: tuple[Label, ...]
-    spans: tuple[Span, ...]
-    marks: tuple[Mark, ...]
-    is_plane: bool
     plot_px: float
     names_px: float
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it is a plane, over which spans have only edges."""
+        return isinstance(self.picture, Field)
+
+    @property
+    def second(self) -> SecondUnit | None:
+        """The unit of a second axis below the first."""
+        return None if isinstance(self.picture, Field) else self.picture.second
 
     @property
     def height_px(self) -> float:
@@ -120,8 +118,7 @@ def layout_of(
     labels = labels_above(picture.spans, picture.marks, x, letters - beside, beside)
     above = [STYLE.gap_px] * len(rows)
     above[0] += STYLE.text_line_px * max((label.line + 1 for label in labels), default=0)
-    second = picture.second if isinstance(picture, Chart) else None
-    below = STYLE.second_axis_px if second else 0.0
+    below = STYLE.second_axis_px if isinstance(picture, Chart) and picture.second else 0.0
     heights = shrunk(rows, max_height_px - sum(above) - below - STYLE.below_px)
     placed, top = [], 0.0
     for row, free, height in zip(rows, above, heights):
@@ -132,14 +129,10 @@ def layout_of(
         placed.append(PlacedRow(row, label, top + free, height, beside_row))
         top += free + height
     return ChartLayout(
-        picture.title,
+        picture,
         x,
-        second,
         tuple(placed),
         labels,
-        tuple(picture.spans),
-        tuple(picture.marks),
-        is_plane,
         sum(above) + sum(heights) + below,
         names_px,
     )

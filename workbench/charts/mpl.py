@@ -7,19 +7,20 @@ import textwrap
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .axes import Axis
-from .elements import ArrowElement, Band, Bars, Element, Heat, Line
+from .elements import Band, Bars, Element, Heat, Line
 from .labels import Label, Name
 from .layout import ChartLayout, PlacedRow, layout_of
-from .model import Picture
+from .model import Arrow, Picture
 from .motion import Motion
 from .style import COLORS, PT_PER_INCH, PX_PER_INCH, STYLE, hex_color
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
@@ -29,6 +30,7 @@ RC_PARAMETERS: dict[str, object] = {
 }  # fmt: skip
 #: The dashes of matplotlib; a long dash is 8 times as long as the line is wide, and so is no dash of theory.
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 2))}
+HATCH = "//"
 MATPLOTLIB_MARKERS = {
     "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
     "pentagon": "p", "cross": "X",
@@ -119,11 +121,11 @@ def _row(axes: Axes, placed: PlacedRow, layout: ChartLayout) -> None:
     axes.grid(visible=not row.y.ticks)
     is_plane = layout.is_plane
     width = STYLE.plane_span_edge_px if is_plane else STYLE.span_edge_px
-    for span in layout.spans:
+    for span in layout.picture.spans:
         color = hex_color(span.color)
         face = (color, 0.0 if is_plane else STYLE.span_opacity)
         axes.axvspan(span.first, span.last, facecolor=face, edgecolor=color, linewidth=_pt(width))
-    for mark in layout.marks:
+    for mark in layout.picture.marks:
         top = layout.leader_px(mark) / placed.height_px if placed is layout.rows[0] else 0.0
         axes.axvline(
             mark.at, ymax=1.0 + top, color=COLORS["grey"], linewidth=_pt(STYLE.mark_width_px),
@@ -134,20 +136,33 @@ def _row(axes: Axes, placed: PlacedRow, layout: ChartLayout) -> None:
 
 
 def _name(axes: Axes, name: Name) -> None:
-    """Write the name of an element beside its end, behind its symbol."""
+    """Write the name of an element beside its end, behind a piece of it."""
+    from matplotlib.lines import Line2D
+    from matplotlib.offsetbox import AnnotationBbox, DrawingArea
+    from matplotlib.patches import Rectangle
     from matplotlib.patheffects import withStroke
 
-    halo = [withStroke(linewidth=_pt(STYLE.halo_px), foreground="white")]
-    gap = STYLE.label_shift_px
-    for text, color, right in (
-        (name.symbol, name.color, gap),
-        (name.text, "black", gap + STYLE.symbol_px),
-    ):
-        axes.annotate(
-            text, (name.x, name.y), (_pt(right), 0.0), color=color, va="center",
-            fontsize=STYLE.image_label_pt, xycoords="axes fraction", textcoords="offset points",
-            annotation_clip=False, path_effects=halo, linespacing=1.0,
-        )  # fmt: skip
+    gap, long, high = (_pt(x) for x in (STYLE.label_shift_px, STYLE.handle_px, STYLE.arrow_head_px))
+    x = name.element
+    if isinstance(x, Line):
+        ends = [0.0, long / 2, long], [high / 2] * 3
+        piece: Artist = Line2D(*ends, color=x.color, markevery=[1], **_line_look(x))
+    else:
+        hatch = HATCH if isinstance(x, Bars) and x.is_hatched else None
+        face = (x.color, x.opacity)
+        piece = Rectangle((0.0, 0.0), long, high, facecolor=face, edgecolor="white", hatch=hatch)
+    area = DrawingArea(long, high)
+    area.add_artist(piece)
+    at = name.x, name.y
+    axes.add_artist(AnnotationBbox(
+        area, at, (gap, 0.0), "axes fraction", boxcoords="offset points", box_alignment=(0.0, 0.5),
+        frameon=False, pad=0.0, annotation_clip=False,
+    ))  # fmt: skip
+    axes.annotate(
+        name.text, at, (gap + _pt(STYLE.symbol_px), 0.0), va="center", fontsize=STYLE.image_label_pt,
+        xycoords="axes fraction", textcoords="offset points", annotation_clip=False, linespacing=1.0,
+        path_effects=[withStroke(linewidth=_pt(STYLE.halo_px), foreground="white")],
+    )  # fmt: skip
 
 
 def _label(axes: Axes, label: Label) -> None:
@@ -194,12 +209,16 @@ def _element(axes: Axes, element: Element) -> None:
 
 def _line(axes: Axes, line: Line) -> None:
     """Draw a line, points, or both."""
-    axes.plot(
-        line.x, line.y, color=line.color, label=line.name,
-        linewidth=_pt(line.width_px), linestyle=DASHES[line.dash] if line.width_px else "none",
-        drawstyle="steps-mid" if line.is_step else "default",
-        marker=MATPLOTLIB_MARKERS[line.marker], markersize=_pt(line.marker_px),
-    )  # fmt: skip
+    step = "steps-mid" if line.is_step else "default"
+    axes.plot(line.x, line.y, color=line.color, label=line.name, drawstyle=step, **_line_look(line))
+
+
+def _line_look(line: Line) -> dict[str, Any]:
+    """Width and dash of a line, and shape and size of its points."""
+    return {
+        "linewidth": _pt(line.width_px), "linestyle": DASHES[line.dash] if line.width_px else "none",
+        "marker": MATPLOTLIB_MARKERS[line.marker], "markersize": _pt(line.marker_px),
+    }  # fmt: skip
 
 
 def _band(axes: Axes, band: Band) -> None:
@@ -215,7 +234,7 @@ def _bars(axes: Axes, bars: Bars) -> None:
     artist = axes.bar(
         bars.x + bars.offset, bars.high - bars.low, bars.width, bars.low, align="edge",
         color=(bars.color, bars.opacity), edgecolor="white", label=bars.name,
-        hatch="//" if bars.is_hatched else None,
+        hatch=HATCH if bars.is_hatched else None,
     )  # fmt: skip
     texts = [bars.text] * len(bars.x)
     axes.bar_label(artist, texts, label_type="center", fontsize=STYLE.image_label_pt)
@@ -235,12 +254,12 @@ def _heat(axes: Axes, heat: Heat) -> None:
         bar.set_ticks(levels.tolist(), labels=list(heat.axis.ticks.values()))
 
 
-def _arrow(axes: Axes, arrow: ArrowElement) -> None:
+def _arrow(axes: Axes, arrow: Arrow) -> None:
     """Draw an arrow."""
     axes.annotate(
         "", (arrow.x, arrow.end), (arrow.x, arrow.start),
         arrowprops={
-            "arrowstyle": "-|>", "color": arrow.color, "shrinkA": 0.0, "shrinkB": 0.0,
+            "arrowstyle": "-|>", "color": hex_color(arrow.color), "shrinkA": 0.0, "shrinkB": 0.0,
             "linewidth": _pt(STYLE.line_width_px), "mutation_scale": STYLE.arrow_head_px,
         },
     )  # fmt: skip

@@ -13,7 +13,7 @@ from .axes import Axis
 from .elements import Band, Bars, Element, Heat, Line
 from .layout import ChartLayout, layout_of
 from .model import Picture, Samples
-from .style import COLORS, LETTERS_BY_SCREEN, STYLE, hex_color
+from .style import COLORS, LETTERS_BY_SCREEN, STYLE, SYMBOLS, Dash, Marker, hex_color
 
 PlotlyDict = dict[str, Json]
 
@@ -276,9 +276,13 @@ def _names(layout: ChartLayout) -> Iterable[PlotlyDict]:
     """The names of elements beside their ends; a click on one hides what it names."""
     for k, placed in enumerate(layout.rows, 1):
         for name in placed.names:
-            symbol = f'<span style="color:{name.color}">{name.symbol}</span>'
+            look = name.element
+            key: Dash | Marker = "square"
+            if isinstance(look, Line):
+                key = look.marker if look.marker_px else look.dash
+            symbol = f'<span style="color:{look.color}">{SYMBOLS[key]}</span>'
             yield {
-                "text": f"{symbol} {name.text}".replace("\n", "<br>"), "name": name.name,
+                "text": f"{symbol} {name.text}".replace("\n", "<br>"), "name": look.name,
                 "showarrow": False, "align": "left", "captureevents": True,
                 "font": {"size": STYLE.label_text_px}, "xref": "x domain", "x": name.x,
                 "xanchor": "left", "xshift": STYLE.label_shift_px, "yref": f"y{k} domain",
@@ -292,7 +296,7 @@ def _arrows(layout: ChartLayout) -> Iterable[PlotlyDict]:
         for arrow in placed.row.arrows:
             x = math.log10(arrow.x) if layout.x.is_log else arrow.x
             yield {
-                "text": "", "showarrow": True, "arrowhead": 2, "arrowcolor": arrow.color,
+                "text": "", "showarrow": True, "arrowhead": 2, "arrowcolor": hex_color(arrow.color),
                 "arrowwidth": STYLE.line_width_px, "x": x, "xref": "x", "y": arrow.end,
                 "yref": f"y{k}", "ax": x, "axref": "x", "ay": arrow.start, "ayref": f"y{k}",
             }  # fmt: skip
@@ -304,10 +308,12 @@ def _shapes(layout: ChartLayout) -> Iterable[PlotlyDict]:
     edge = STYLE.plane_span_edge_px if plane else STYLE.span_edge_px
     opacity = 0.0 if plane else STYLE.span_opacity
     spans: list[tuple[float, float, str, float, PlotlyDict]] = [
-        (span.first, span.last, span.color, 0.0, {"width": edge}) for span in layout.spans
+        (span.first, span.last, span.color, 0.0, {"width": edge}) for span in layout.picture.spans
     ]
     line: PlotlyDict = {"dash": "dot", "width": STYLE.mark_width_px}
-    spans += [(mark.at, mark.at, "grey", layout.leader_px(mark), line) for mark in layout.marks]
+    spans += [
+        (mark.at, mark.at, "grey", layout.leader_px(mark), line) for mark in layout.picture.marks
+    ]
     for k, placed in enumerate(layout.rows, 1):
         for first, last, color, leader, look in spans:
             top = 1 + (leader / placed.height_px if k == 1 else 0.0)

@@ -45,7 +45,7 @@ LEVEL_DASHES: tuple[Dash, ...] = ("dot", "dashdot", "longdash")
 CURVE_DASHES: tuple[Dash, ...] = ("solid", "longdash", "dashdot", "dot")
 #: What stands before the name of a line or a point.
 SYMBOLS: MappingProxyType[Dash | Marker, str] = MappingProxyType({
-    "solid": "\u2500\u2500", "dash": "- -", "dot": "\u00b7\u00b7\u00b7", "dashdot": "\u2500\u00b7", "longdash": "\u2500 \u2500",
+    "solid": "\u2500\u2500\u2500", "dash": "- - -", "dot": "\u00b7 \u00b7 \u00b7", "dashdot": "\u2500 \u00b7 \u2500", "longdash": "\u2500\u2500 \u2500\u2500",
     "circle": "\u25cf", "square": "\u25a0", "diamond": "\u25c6", "triangle-up": "\u25b2",
     "triangle-down": "\u25bc", "pentagon": "\u2b1f", "cross": "\u2715",
 })  # fmt: skip
@@ -143,8 +143,10 @@ class Style:
     name_line_px: float = 11 * 1.25
     #: width of a letter of such a name; measured with 11 px letters in chromium
     name_letter_px: float = 6.4
-    #: width of the symbol before it; chosen: two letters and a gap
-    symbol_px: float = 20.0
+    #: width of the piece of a line before it; chosen: two of the longest dashes
+    handle_px: float = 28.0
+    #: the same with a gap
+    symbol_px: float = 32.0
     #: free letters beside a label; chosen: labels do not touch
     label_gap_letters: int = 2
     #: how far a label is from its line and from the picture below it; chosen: half a letter
