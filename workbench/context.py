@@ -149,10 +149,15 @@ class Context:
                 csv=path,
                 progress=progress_bar,
             )
-        return certified.result, {
-            name: of_estimate(x, made.get(name, Figure.measured(x.value, x.unit or "1")))
-            for name, x in certified.figures.items()
-        }
+        for name, x in certified.figures.items():
+            figure = made.get(name, Figure.measured(x.value, x.unit or "1"))
+            is_lost = x.error is None and figure.error is not None
+            made[name] = (
+                Figure.undetermined(figure.unit, x.reason, figure.meaning)
+                if is_lost
+                else figure._replace(error=x.error)
+            )
+        return certified.result, {name: made[name] for name in certified.figures}
 
     @contextmanager
     def _rows(self, csv: str) -> Iterator[Path | None]:
@@ -230,13 +235,6 @@ class Context:
                 done = pluralize(len(kept.read_text(encoding="utf-8").splitlines()) - 1, "row")
                 raise KeyboardInterrupt(f"{done} in {kept}") from None
             raise
-
-
-def of_estimate(x: Estimate, figure: Figure) -> Figure:
-    """The figure with the error of its estimate."""
-    if x.error is None and figure.error is not None:
-        return Figure.undetermined(figure.unit, x.reason, figure.meaning)
-    return figure._replace(error=x.error)
 
 
 def _with_warnings(function: Callable[[Task], Outcome], task: Task) -> tuple[Outcome, list[str]]:

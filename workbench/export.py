@@ -60,38 +60,33 @@ def write(answer: Answer, folder: Path, *, animate: bool = False) -> list[str]:
     Raises SetupError if another run uses the folder.
     """
     with reservation(folder):
-        return _write(answer, folder, animate=animate)
-
-
-def _write(answer: Answer, folder: Path, *, animate: bool) -> list[str]:
-    """Write the files to a folder that is this run's; it may have been removed meanwhile."""
-    folder.mkdir(parents=True, exist_ok=True)
-    show = (
-        answer.show()
-    )  # before the file is replaced from which columns are read when they are asked for
-    answer = replace(answer, show=lambda: show)
-    for name, table in answer.tables.items():
-        with (
-            replacement(folder / name) as fresh,
-            fresh.open("w", encoding="utf-8", newline="\n") as file,
-        ):
-            file.writelines(table.csv())
-        partial(folder / name).unlink(missing_ok=True)
-    with replacement(folder / f"{answer.scenario}.json") as fresh:
-        write_json(fresh, finite(content(answer)))
-    for name, save in answer.files.items():
-        with replacement(folder / name) as fresh:
-            save(fresh)
-    pictures = draw_answer(answer, folder / f"{answer.scenario}.png")
-    for number, motion in enumerate(answer.show().motions if animate else (), 1):
-        pictures.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
-        with replacement(folder / pictures[-1]) as fresh:
-            gif(fresh, motion)
-    if find_spec("plotly"):
-        with replacement(folder / PAGE) as fresh:
-            report(answer, fresh)
-    data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
-    return [*data, *pictures, *[PAGE] * bool(find_spec("plotly"))]
+        folder.mkdir(parents=True, exist_ok=True)
+        show = (
+            answer.show()
+        )  # before the file is replaced from which columns are read when asked for
+        answer = replace(answer, show=lambda: show)
+        for name, table in answer.tables.items():
+            with (
+                replacement(folder / name) as fresh,
+                fresh.open("w", encoding="utf-8", newline="\n") as file,
+            ):
+                file.writelines(table.csv())
+            partial(folder / name).unlink(missing_ok=True)
+        with replacement(folder / f"{answer.scenario}.json") as fresh:
+            write_json(fresh, finite(content(answer)))
+        for name, save in answer.files.items():
+            with replacement(folder / name) as fresh:
+                save(fresh)
+        pictures = draw_answer(answer, folder / f"{answer.scenario}.png")
+        for number, motion in enumerate(answer.show().motions if animate else (), 1):
+            pictures.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
+            with replacement(folder / pictures[-1]) as fresh:
+                gif(fresh, motion)
+        if find_spec("plotly"):
+            with replacement(folder / PAGE) as fresh:
+                report(answer, fresh)
+        data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
+        return [*data, *pictures, *[PAGE] * bool(find_spec("plotly"))]
 
 
 def content(answer: Answer) -> dict[str, Any]:

@@ -115,14 +115,14 @@ class Figure(NamedTuple):
         unit : str
             Wording of the unit, by default the unit itself.
         """
-        wording = "" if self.unit in ("", "1") and not unit else f" {unit or self.unit}"
         if self.error is None:
             return self.text(unit)
+        digits = certain(self.value, self.error, SENTENCE_DIGITS)
         if self.error == 0.0:
-            digits = SENTENCE_DIGITS if abs(self.value) < 10.0**SENTENCE_DIGITS else MOST_DIGITS
-            return f"{self.value:.{digits}g}{wording}"
-        digits_only = certain(self.value, self.error, SENTENCE_DIGITS)
-        return f"{digits_only}{wording}" if digits_only else self.text(unit)
+            is_short = abs(self.value) < 10.0**SENTENCE_DIGITS
+            digits = f"{self.value:.{SENTENCE_DIGITS if is_short else MOST_DIGITS}g}"
+        wording = unit or self.unit
+        return f"{digits} {wording}".removesuffix(" 1").rstrip() if digits else self.text(unit)
 
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""

@@ -129,19 +129,17 @@ class Judgement:
         if (math.isinf(least.value) and math.isinf(most.value)) or self.figure.error is None:
             return text
         if math.isinf(most.value):
-            return f"{text} (at least {least._replace(unit='1').brief()})"
+            return f"{text} (at least {bare(least)})"
         if not math.isinf(least.value):
-            return (
-                f"{text} ({least._replace(unit='1').brief()} to {most._replace(unit='1').brief()})"
-            )
+            return f"{text} ({bare(least)} to {bare(most)})"
         if most.value <= 0.0 or self.figure.value < 0.0:
-            return f"{text} (at most {most._replace(unit='1').brief()})"
+            return f"{text} (at most {bare(most)})"
         if self.figure.unit == "%" or not self.figure.has_digit:
             return f"{text} (limit {most.brief()})"
         share = share_text(self.figure.value / most.value)
         if self.figure.value > most.value:
             return f"{text}, limit {most.brief()} ({share})"
-        return f"{self.figure._replace(unit='1').brief()} of {most.brief()} ({share})"
+        return f"{bare(self.figure)} of {most.brief()} ({share})"
 
     def text(self) -> str:
         """Return the judgement in a line, "Torque ripple below its limit: yes, 16.2 of 62.5 N.m (26 %)"."""
@@ -177,6 +175,11 @@ def share_text(share: float) -> str:
     """Write a share of a bound in percent, to two digits or whole percents."""
     percent = 100.0 * share
     return f"{percent:.2g} %" if len(f"{percent:.0f}") == 1 else f"{percent:.0f} %"
+
+
+def bare(figure: Figure) -> str:
+    """Return a figure for a sentence without its unit."""
+    return figure._replace(unit="1").brief()
 
 
 def bounded(bound: Figure | float, figure: Figure | None) -> Figure:

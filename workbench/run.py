@@ -201,8 +201,12 @@ def found(
         def journal() -> OutcomeJournal | None:
             if out is None:
                 return None
-            packages = _packages(question, runner.packages)
-            fingerprint = _fingerprint(question, o, fmus, packages)
+            own = [] if question.own_files else [question.module.__name__.partition(".")[0]]
+            fingerprint = {
+                "options": {name: repr(x.value) for name, x in option_values(o).items()},
+                "start": dict(o.start),
+                **computation(question.locator, fmus, *(runner.packages or own)),
+            }
             return stack.enter_context(open_journal(out, fingerprint, passing=True))
 
         yield _complete(question, o.solve(Context(fmus, runner, out, journal)))
@@ -295,30 +299,11 @@ def _study_row(findings: Findings, logged: Sequence[str]) -> Row:
     return texts, np.array(numbers, float).reshape(-1, 2), [*findings.warnings, *logged]
 
 
-def _fingerprint(
-    question: type[Question], o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
-) -> dict[str, Any]:
-    """Return what the sweeps of a question depend on."""
-    return {
-        "options": {key: repr(parameter.value) for key, parameter in option_values(o).items()},
-        "start": dict(o.start),
-        **computation(question.locator, fmus, *packages),
-    }
-
-
-def _packages(question: type[Question], packages: Sequence[str]) -> Sequence[str]:
-    """Return the packages that a question lies in, by default that of its own module."""
-    return packages or ([] if question.own_files else [question.module.__name__.partition(".")[0]])
-
-
 def option_values(
     o: Options, defaults: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, GivenValue]:
     """Return the options of an answer, with the question's `defaults` for those left to it."""
-    values = {
-        key: vars(o)[key] if vars(o)[key] not in (None, ()) else defaults.get(key, vars(o)[key])
-        for key in declared(type(o))
-    }
+    values = vars(o) | {name: x for name, x in defaults.items() if vars(o)[name] in (None, ())}
     return {
         key: GivenValue(values[key], option.unit, option.meaning)
         for key, option in declared(type(o)).items()

@@ -49,6 +49,11 @@ class Line:
     is_named: bool = True
     hover: str | None = None
 
+    @property
+    def told(self) -> Samples:
+        """The values that the mouse tells."""
+        return self.y
+
 
 @dataclass(frozen=True)
 class Band:
@@ -63,6 +68,11 @@ class Band:
     values: Samples | None = None
     is_named: bool = False
     hover: str | None = None
+
+    @property
+    def told(self) -> Samples:
+        """The values that the mouse tells."""
+        return self.high if self.values is None else self.values
 
 
 @dataclass(frozen=True)
@@ -82,16 +92,21 @@ class Bars:
     is_hatched: bool = False
     hover: str | None = None
 
+    @property
+    def told(self) -> Samples:
+        """The values that the mouse tells."""
+        return self.high
+
 
 @dataclass(frozen=True)
 class Heat:
-    """Values over a plane in colour; `levels` are what the colours follow, `axis` explains them."""
+    """Values over a plane in colour; `levels` are what the colours follow, `told` what the mouse tells, `axis` explains them."""
 
     name: str
     x: Samples
     y: Samples
     levels: Samples
-    values: Samples
+    told: Samples
     colors: tuple[str, ...]
     axis: Axis
     is_named: bool = False
@@ -137,10 +152,12 @@ def drawn_panel(panel: Panel, x: Axis, height_px: float) -> DrawnRow:
     hover = "{y}" if panel.is_flag else f"{{y:.5g}} {panel.unit}"
     for curve in panel.curves:
         if curve.look == "area":
-            top = base + np.nan_to_num(np.asarray(curve.y, float))
-            elements.append(_area(curve, base, top, panel.unit))
-            ranges += [base + 0 * top, top]
-            base = top
+            values, color = np.asarray(curve.y, float), hex_color(curve.color)
+            low, base = base + 0 * values, base + np.nan_to_num(values)
+            told = f"{{value:.5g}} {panel.unit}"
+            band = Band(curve.name, curve.positions, low, base, color, STYLE.area_opacity, values)
+            elements.append(replace(band, is_named=True, hover=told))
+            ranges += [low, base]
             continue
         if curve.look == "bars":
             is_hatched = any(isinstance(element, Bars) for element in elements)
@@ -252,23 +269,6 @@ def broken(x: Samples, y: Samples, breaks: Sequence[int]) -> tuple[Samples, Samp
     """Return a curve with a gap before each of some positions."""
     at = list(breaks)
     return np.insert(x, at, x[at]), np.insert(y, at, math.nan)
-
-
-def _area(curve: Curve, base: Samples, top: Samples, unit: str) -> Band:
-    """Draw a stacked area, of which the mouse tells its own height."""
-    values, low = np.asarray(curve.y, float), base + np.zeros(len(top))
-    color, opacity, hover = hex_color(curve.color), STYLE.area_opacity, f"{{value:.5g}} {unit}"
-    return Band(
-        curve.name,
-        curve.positions,
-        low,
-        top,
-        color,
-        opacity,
-        values,
-        is_named=True,
-        hover=hover,
-    )
 
 
 def _bars(

@@ -65,7 +65,10 @@ def render(pictures: Sequence[Picture | Motion], title: str) -> Figure:
     fits_in_row = len(pictures) <= STYLE.max_pictures_across
     across = len(pictures) if fits_in_row else math.ceil(math.sqrt(len(pictures)))
     layouts = [None if isinstance(each, Motion) else layout_of(each, "paper") for each in pictures]
-    heights = [_height_in(layout) for layout in layouts]
+    heights = [
+        layout.height_px / PX_PER_INCH + STYLE.title_height_in if layout else STYLE.still_height_in
+        for layout in layouts
+    ]
     rows = [max(heights[k : k + across]) for k in range(0, len(pictures), across)]
     width = STYLE.image_width_in * across if across > 1 else STYLE.single_image_width_in
     size = width, sum(rows) + STYLE.title_height_in
@@ -82,13 +85,6 @@ def render(pictures: Sequence[Picture | Motion], title: str) -> Figure:
         elif layout:
             _picture(subfigure, layout)
     return figure
-
-
-def _height_in(layout: ChartLayout | None) -> float:
-    """The height of a subfigure."""
-    if layout is None:
-        return STYLE.still_height_in
-    return layout.height_px / PX_PER_INCH + STYLE.title_height_in
 
 
 def _picture(subfigure: SubFigure, layout: ChartLayout) -> None:

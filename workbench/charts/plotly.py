@@ -39,8 +39,10 @@ SIDES = {"left": 1, "center": 0, "right": -1}
 PLOTLY_SYMBOLS = {"cross": "x"}
 
 
-def figure(picture: Picture, max_paper_height_px: float = math.inf) -> dict[str, Json]:
-    """Return a picture as plotly draws it.
+def figure(
+    picture: Picture, max_paper_height_px: float = math.inf, *, has_data: bool = True
+) -> dict[str, Json]:
+    """Return a picture as plotly draws it: the traces as "data", and a layout for each kind of screen and for paper.
 
     Parameters
     ----------
@@ -48,30 +50,14 @@ def figure(picture: Picture, max_paper_height_px: float = math.inf) -> dict[str,
         What to draw.
     max_paper_height_px : float
         Its height on paper at most.
-
-    Returns
-    -------
-    dict
-        The traces as "data", and a layout for each kind of screen and for paper.
+    has_data : bool
+        Whether it has data and ranges; a live page fills them in.
     """
-    wide = layout_of(picture, "wide")
-    paper = plotly_layout(layout_of(picture, "paper", max_paper_height_px))
-    return {
-        "data": traces(wide),
-        "narrow": plotly_layout(layout_of(picture, "narrow")),
-        "wide": plotly_layout(wide),
-        "paper": paper | {"width": STYLE.paper_width_px},
-    }
-
-
-def empty_figure(picture: Picture) -> dict[str, Json]:
-    """Return a picture without data and ranges, which a live page fills in."""
-    layouts = {screen: layout_of(picture, screen) for screen in LETTERS_BY_SCREEN}
-    empty: PlotlyDict = {"x": [], "y": []}
-    by_screen = {
-        str(screen): plotly_layout(layout, has_ranges=False) for screen, layout in layouts.items()
-    }
+    most = {"paper": max_paper_height_px}
+    layouts = {x: layout_of(picture, x, most.get(x, math.inf)) for x in LETTERS_BY_SCREEN}
+    by_screen = {str(x): plotly_layout(y, has_ranges=has_data) for x, y in layouts.items()}
     by_screen["paper"]["width"] = STYLE.paper_width_px
+    empty: PlotlyDict = {} if has_data else {"x": [], "y": []}
     return {"data": [trace | empty for trace in traces(layouts["wide"])], **by_screen}
 
 
@@ -137,7 +123,7 @@ def alt_text(picture: Picture) -> str:
         for element in placed.row.elements:
             if element.hover is None and not element.is_named:
                 continue
-            values = hover_values(element)
+            values = element.told
             if placed.row.y.label and np.isfinite(values).any():
                 ends = f"from {np.nanmin(values):.4g} to {np.nanmax(values):.4g}"
                 parts.append(f"{element.name} {ends} ({placed.row.y.label})")
@@ -158,19 +144,6 @@ def element_traces(element: Element) -> list[PlotlyDict]:
             return [_bars(element)]
         case Heat():
             return [_heat(element)]
-
-
-def hover_values(element: Element) -> Samples:
-    """The values that the mouse tells of an element."""
-    match element:
-        case Line():
-            return element.y
-        case Bars():
-            return element.high
-        case Band():
-            return element.high if element.values is None else element.values
-        case Heat():
-            return element.values
 
 
 def _line(line: Line) -> PlotlyDict:
@@ -219,7 +192,7 @@ def _heat(heat: Heat) -> PlotlyDict:
     return {
         "type": "heatmap", **_named(heat), "coloraxis": "coloraxis", "x": numbers(heat.x),
         "y": numbers(heat.y), "z": list(map(numbers, heat.levels)),
-        "customdata": list(map(numbers, heat.values)),
+        "customdata": list(map(numbers, heat.told)),
     }  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from cosim.system.graph import stepping_order
 
 from ..answer import parameters
 from ..charts.model import Chart, Curve, Mark, Panel
-from ..charts.plotly import empty_figure
+from ..charts.plotly import figure
 from ..charts.svg import font_size_css
 from ..dimensions import check_unit, known_units
 from ..figure import conversion
@@ -340,7 +340,7 @@ class LiveEncoder:
         empty = [Mark(math.nan, text) for text in chart.marks]
         known = {"panels": None, "marks": marks, **({"x": None} if is_swept else {})}
         return self.encoded(chart, where, **known) | {
-            "traces": traces, "picture": empty_figure(Chart(chart.title, chart.label, panels, empty)),
+            "traces": traces, "picture": figure(Chart(chart.title, chart.label, panels, empty), has_data=False),
             "includes": [list(panel.includes) for panel in chart.panels],
         }  # fmt: skip
 

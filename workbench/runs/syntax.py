@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import ast
-import hashlib
 from collections.abc import Collection, Iterable, Iterator
-from types import CodeType
-from typing import Any
 
 from ..catalog import is_question
+from .bundle import digest
 
 #: What the class of a question has that only says or shows its answer.
 SHOWN = frozenset({"judgements", "show", "live", "decisive", "sources", "error_scope"})
 
 
 def code_digest(content: bytes, *, is_question: bool = False) -> str:
-    """Return a short name for the code that Python makes of a file.
+    """Return a short name for the syntax of a file.
 
     Comments, docstrings and line numbers are not in it; of a question neither is what only serves its
     verdict, its pictures and its live part.
@@ -28,8 +26,12 @@ def code_digest(content: bytes, *, is_question: bool = False) -> str:
     tree = ast.parse(content)
     if is_question:
         tree.body = computing(tree.body)
-    code = compile(tree, "", "exec", dont_inherit=True, optimize=2)
-    return hashlib.sha256(b"\0".join(_parts(code))).hexdigest()[:16]
+    for node in ast.walk(tree):
+        match node:
+            case ast.Module() | ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
+                if ast.get_docstring(node, clean=False) is not None:
+                    del node.body[0]
+    return digest(ast.dump(tree).encode())
 
 
 def computing(body: Iterable[ast.stmt]) -> list[ast.stmt]:
@@ -92,26 +94,3 @@ def _reached(start: Collection[str], statements: list[ast.stmt], names: list[set
             reached.add(name)
             waiting += uses[name]
     return reached
-
-
-def _parts(code: CodeType) -> Iterator[bytes]:
-    """What tells a code from others, and what is inside it."""
-    yield code.co_code
-    yield repr((
-        code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags, code.co_names,
-        code.co_varnames, code.co_freevars, code.co_cellvars, getattr(code, "co_exceptiontable", b""),
-    )).encode()  # fmt: skip
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _parts(constant)
-        else:
-            yield _text(constant).encode("utf-8", "surrogatepass")
-
-
-def _text(constant: Any) -> str:
-    """A constant, the same in every process: the order of a set is not."""
-    if isinstance(constant, frozenset):
-        return f"{{{', '.join(sorted(map(_text, constant)))}}}"
-    if isinstance(constant, tuple):
-        return f"({', '.join(map(_text, constant))})"
-    return f"{type(constant).__name__} {constant!r}"
