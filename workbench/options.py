@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from numbers import Integral, Real
 from operator import ge, gt, le
 from types import NoneType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -216,9 +216,6 @@ class RunOptions(Options):
     algorithm: str = option("strang", "coupling algorithm", choices=cosim.ALGORITHMS)
 
 
-Chosen = TypeVar("Chosen", bound=Options)
-
-
 def declared(kind: type[Options]) -> dict[str, Option]:
     """The options of a question by name, its own first."""
     hints = get_type_hints(kind)
@@ -250,15 +247,6 @@ def unknown_option(name: str, names: Iterable[str], who: str) -> SetupError:
     near = get_close_matches(name, list(names), 1)
     hint = f": did you mean {near[0]!r}?" if near else f", only {', '.join(names)}"
     return SetupError(f"{who} has no option {name!r}{hint}")
-
-
-def parse_options(kind: type[Chosen], values: Mapping[str, Any], who: str) -> Chosen:
-    """The options of these names; raises SetupError for what they cannot be."""
-    names = [*declared(kind), "start"]
-    for name in values:
-        if name not in names:
-            raise unknown_option(name, names, who)
-    return kind(**values)
 
 
 def add_arguments(parser: ArgumentParser, kind: type[Options]) -> None:

@@ -38,7 +38,7 @@ from .formula import DOTTED, Formula, with_formulas
 from .judgement import Judgement
 from .live import Formulas, Live, LiveMotion, Number, Reader, RunChart, Slider, drawn, moved
 from .live.declare import UNIT_OF_COLUMN
-from .options import Options, RunOptions, declared, option, parse_options
+from .options import Options, RunOptions, declared, option, unknown_option
 
 if TYPE_CHECKING:
     from .context import Context
@@ -134,7 +134,11 @@ class Question(Options):
     @classmethod
     def parse(cls, options: Mapping[str, Any]) -> Self:
         """Return the question with these values; raises SetupError for what they cannot be."""
-        return parse_options(cls, options, cls.name)
+        names = [*declared(cls), "start"]
+        for name in options:
+            if name not in names:
+                raise unknown_option(name, names, cls.name)
+        return cls(**options)
 
     def system(self, fmus: Mapping[str, Path]) -> System | Mapping[str, System]:
         """Return the system, or several by name, each of which is run and certified."""
