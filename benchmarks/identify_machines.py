@@ -26,7 +26,6 @@ from examples import measured_iron, measured_orientator
 from scenarios.iron import machine
 from scenarios.orientator.products import simulated_limit
 from scenarios.project import PROJECT
-from workbench.options import parse_options
 from workbench.question import Question
 from workbench.run import answer
 
@@ -86,7 +85,7 @@ def trial(name: str, seed: int) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         rows.to_csv(path, index=False)
-        o = parse_options(question, {**options, "data": str(path), "starts": 6}, name)
+        o = question.parse({**options, "data": str(path), "starts": 6})
         result = answer(question, o, PROJECT.fmus(question, "native"))
     entry: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
     entry["verdict"] = result.verdict

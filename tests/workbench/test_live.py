@@ -28,7 +28,7 @@ from tests.workbench.browser import Browser
 from tests.workbench.test_report import first_element, page_browser
 from workbench.answer import Answer
 from workbench.live.build import WORKER, script
-from workbench.options import add_arguments, parse_options
+from workbench.options import add_arguments
 from workbench.page import html
 
 __all__ = ["page_browser"]
@@ -161,9 +161,7 @@ def check_move(
     options = {k: x for k, x in vars(parser.parse_args(arguments[begin:])).items() if x is not None}
     starts = {key: value for key, value in values.items() if "." in key}
     expected_options = {**LIVE[name], **{key: x for key, x in values.items() if key not in starts}}
-    assert parse_options(kind, options, name) == parse_options(
-        kind, {**expected_options, "start": starts}, name
-    )
+    assert kind.parse(options) == kind.parse({**expected_options, "start": starts})
     agrees(page_browser, ask(name, **options))
 
 
