@@ -2,175 +2,188 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from math import prod
 from typing import Any
 
 from ..errors import SetupError
-from ..numbers import real
-from .declarations import WIDTHS
+from ..numbers import real, truth, whole
+from .declarations import WIDTHS, Declarations, Declared, Element
 from .description import Item, SimpleType, Variable
 
 #: The types of FMI 2.0 that those of FMI 3.0 are.
 CLASSIC_TYPES = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")
-TRUE = ("true", "1")
 #: Elements that the arrays of an FMU may have in all: a convention. Each takes about a kilobyte here.
 MOST_ELEMENTS = 1_000_000
 
 
-class Elements:
-    """The variables of an FMU as FMPy has read them, and in their place our scalars.
+class Scalars:
+    """The variables that an FMU declares, and in the place of its arrays their elements.
 
     Element [1] of an array is the first, as in the names that FMI 3.0 gives elements.
+
+    Attributes
+    ----------
+    shapes
+        The dimensions of the arrays by name.
+    variables
+        All, those that are other names of variables of FMI 3.0 at the end.
     """
 
-    def __init__(self, root: Any, originals: Sequence[Any], *, is_fmi3: bool) -> None:
-        self._root = root if is_fmi3 else None
-        self._xml = {x.get("name"): x for x in root.iterfind("ModelVariables/*")}
-        if not is_fmi3:
-            self._xml = {name: _typed(x) for name, x in self._xml.items()}
-        _require_countable(originals)
-        self._types: dict[int, SimpleType] = {}
-        self._families: dict[int, Sequence[Variable]] = {}
-        self._open: set[int] = set()
-        self.shapes = {v.name: tuple(v.shape) for v in originals if v.shape}
-        for original in originals:
-            self.of(original)
+    def __init__(self, declarations: Declarations) -> None:
+        self._declarations = declarations
+        arrays = [v for v in declarations.variables if v.inner]
+        aliases = [(v, alias) for v in arrays for alias in v.inner_elements("Alias")]
+        self.shapes = {v.name: shape for v in arrays if (shape := _shape(declarations, v))}
+        self.shapes |= {
+            alias.get("name"): self.shapes[v.name] for v, alias in aliases if v.name in self.shapes
+        }
+        _require_countable(self.shapes)
+        self._types = {name: _simple_type(name, x) for name, x in declarations.types.items()}
+        self._families: dict[Declared, Sequence[Variable]] = {}
+        self._open: set[Declared] = set()
+        self.variables = [*self.all(declarations.variables)]
+        for declared, alias in aliases:
+            self.variables += self._other_name(declared, alias)
 
-    def of(self, original: Any) -> Sequence[Variable]:
+    def of(self, declared: Declared) -> Sequence[Variable]:
         """The elements of a variable, or the one variable that it is."""
-        key = id(original)
-        if key not in self._families:
-            if key in self._open:
-                raise SetupError(f"is not a valid FMU: {original.name} is its own derivative")
-            self._open.add(key)
-            self._families[key] = self._scalars(original)
-        return self._families[key]
+        if declared not in self._families:
+            if declared in self._open:
+                raise SetupError(f"is not a valid FMU: {declared.name} is its own derivative")
+            self._open.add(declared)
+            self._families[declared] = self._elements(declared)
+        return self._families[declared]
 
-    def all(self, originals: Iterable[Any]) -> tuple[Variable, ...]:
+    def all(self, variables: Iterable[Declared]) -> tuple[Variable, ...]:
         """The elements of several variables, one after the other."""
-        return tuple(element for original in originals for element in self.of(original))
+        return tuple(element for declared in variables for element in self.of(declared))
 
-    def derivatives(self, interface: str) -> bool | None:
-        """Whether an interface gives directional derivatives by FMI 3.0; None by FMI 2.0."""
-        if self._root is None:
-            return None
-        return any(
-            element.get("providesDirectionalDerivatives") in TRUE
-            for element in self._root.iterfind(interface)
-        )
-
-    def _scalars(self, original: Any) -> Sequence[Variable]:
+    def _elements(self, declared: Declared) -> Sequence[Variable]:
         """The elements, states before their derivatives."""
-        states: Sequence[Variable | None] = (
-            self.of(original.derivative) if original.derivative is not None else ()
-        )
-        xml = self._xml[original.name if self._root is None else (original.alias or original).name]
-        names = _names(original)
-        starts = [original.start] if self._root is None else _starts(original, xml)
-        states = states or [None] * len(names)
+        common = self._common(declared)
+        names = _element_names(declared.name, common["shape"])
+        starts: Sequence[str | None] = [declared.attributes.get("start")]
+        if self._declarations.is_fmi3:
+            starts = _starts(declared, len(names))
+        states: Sequence[Variable | None] = [None] * len(names)
+        if (state := declared.attributes.get("derivative")) is not None:
+            states = self.of(self._declarations.referenced(state))
         family: list[Variable] = []
-        common = self._common(original, xml)
         for name, start, state in zip(names, starts, states):
             family.append(
                 Variable(name=name, start=start, derivative=state, family=family, **common)
             )
         return family
 
-    def _common(self, original: Any, xml: Any) -> dict[str, Any]:
+    def _common(self, declared: Declared) -> dict[str, Any]:
         """What all elements of a variable share."""
-        native = str(original.type)
-        declared = self._type(original.declaredType)
+        stated = declared.attributes.get
         common = {
-            "valueReference": original.valueReference,
-            "type": CLASSIC_TYPES.get(native, native),
-            "native": native,
-            "causality": str(original.causality),
-            "variability": str(original.variability),
-            "initial": original.initial,
-            "description": original.description,
-            "declaredType": declared,
-            "shape": tuple(original.shape or ()),
-            "unit": original.unit,
-            "nominal": original.nominal,
-            "min": xml.get("min"),
-            "max": xml.get("max"),
+            "valueReference": int(declared.reference),
+            "type": CLASSIC_TYPES.get(declared.kind, declared.kind),
+            "native": declared.kind,
+            "causality": declared.causality,
+            "variability": declared.variability,
+            "initial": declared.initial,
+            "description": stated("description"),
+            "declaredType": self._types.get(stated("declaredType", "")),
+            "shape": self.shapes.get(declared.name, ()),
+            "unit": stated("unit"),
+            "min": stated("min"),
+            "max": stated("max"),
+            "nominal": stated("nominal"),
+            "relativeQuantity": truth(stated("relativeQuantity", "0")),
         }
-        if declared is not None:
-            for name in ("unit", "min", "max", "nominal"):
-                if common[name] is None:
-                    common[name] = getattr(declared, name)
-        is_difference = xml.get("relativeQuantity")
-        if is_difference is None:
-            common["relativeQuantity"] = bool(
-                getattr(original.declaredType, "relativeQuantity", False)
-            )
-        else:
-            common["relativeQuantity"] = is_difference.strip() in TRUE
-        if self._root is not None:
+        if self._declarations.is_fmi3:
             common |= {
-                "intermediateUpdate": xml.get("intermediateUpdate") in TRUE,
-                "intervalVariability": original.intervalVariability,
-                "interval": _seconds(xml, "interval"),
-                "shift": _seconds(xml, "shift") or 0.0,
+                "intermediateUpdate": truth(stated("intermediateUpdate", "0")),
+                "intervalVariability": stated("intervalVariability"),
+                "interval": _seconds(declared.attributes, "interval"),
+                "shift": _seconds(declared.attributes, "shift") or 0.0,
             }
         return common
 
-    def _type(self, original: Any) -> SimpleType | None:
-        """A declared type, copied once."""
-        if original is None:
-            return None
-        if id(original) not in self._types:
-            items = tuple(Item(str(i.name), int(i.value)) for i in original.items or ())
-            limits = {name: getattr(original, name) for name in ("unit", "min", "max", "nominal")}
-            self._types[id(original)] = SimpleType(str(original.name), items=items, **limits)
-        return self._types[id(original)]
+    def _other_name(self, declared: Declared, alias: Element) -> Sequence[Variable]:
+        """The elements of a variable of FMI 3.0 by another name of it."""
+        name, text = alias.get("name"), alias.get("description")
+        family: list[Variable] = []
+        names = _element_names(name, self.shapes.get(name, ()))
+        for own, element in zip(names, self.of(declared)):
+            description = text or element.description
+            family.append(replace(element, name=own, family=family, description=description))
+        return family
 
 
-def _require_countable(originals: Sequence[Any]) -> None:
+def _simple_type(name: str, content: Element) -> SimpleType:
+    items = tuple(Item(i.get("name"), whole(i.get("value"))) for i in content.iterfind("Item"))
+    unit, low, high, nominal = map(content.get, ("unit", "min", "max", "nominal"))
+    return SimpleType(name, unit, low, high, nominal, items)
+
+
+def _shape(declarations: Declarations, array: Declared) -> tuple[int, ...]:
+    """The dimensions of a variable, that of a structural parameter as its start value says; empty for a scalar."""
+    shape = []
+    for dimension in array.inner_elements("Dimension"):
+        text, reference = dimension.get("start"), dimension.get("valueReference")
+        if text is None and reference is None:
+            raise SetupError(
+                f"is not a valid FMU: a Dimension of {array.name} has neither start nor valueReference"
+            )
+        if text is None:
+            size = declarations.referenced(reference)
+            text = size.attributes.get("start", "")
+            try:
+                whole(text)
+            except ValueError:
+                raise SetupError(
+                    f"is not a valid FMU: {size.name}, a dimension of {array.name}, has the start {text!r}, "
+                    "which is not a whole number"
+                ) from None
+        shape.append(whole(text))
+    return tuple(shape)
+
+
+def _require_countable(shapes: dict[str, tuple[int, ...]]) -> None:
     """Raise SetupError for arrays that are too large to name each element."""
     count = 0
-    for v in originals:
-        count += (size := prod(v.shape or ()))
+    for name, shape in shapes.items():
+        count += prod(shape)
         if count > MOST_ELEMENTS:
             raise SetupError(
-                f"has too many variables: {v.name} has {size} elements, and all arrays together may have "
+                f"has too many variables: {name} has {prod(shape)} elements, and all arrays together may have "
                 f"{MOST_ELEMENTS}"
             )
 
 
-def _names(original: Any) -> list[str]:
-    """The names of the elements."""
-    if not original.shape:
-        return [original.name]
-    indices = product(*(range(1, n + 1) for n in original.shape))
-    return [f"{original.name}[{','.join(map(str, index))}]" for index in indices]
+def _element_names(name: str, shape: Sequence[int]) -> list[str]:
+    """The names of the elements of an array, x[1,1], x[1,2]; of a scalar its own."""
+    if not shape:
+        return [name]
+    indices = product(*(range(1, n + 1) for n in shape))
+    return [f"{name}[{','.join(map(str, index))}]" for index in indices]
 
 
-def _typed(variable: Any) -> Any:
-    """The element of a variable of FMI 2.0 that says its type."""
-    return next((x for x in variable.iterchildren("*") if x.tag != "Annotations"), variable)
-
-
-def _starts(original: Any, xml: Any) -> Sequence[str | None]:
-    """The start values of the elements in FMI 3.0; one that is given alone is that of all."""
-    count = prod(original.shape)
-    if original.type in ("String", "Binary"):
-        starts: list[str | None] = [start.get("value", "") for start in xml.findall("Start")]
-    else:
-        starts = list((original.start or "").split())
+def _starts(declared: Declared, count: int) -> Sequence[str | None]:
+    """The start values of so many elements in FMI 3.0; one that is given alone is that of all."""
+    starts: list[str | None] = [*declared.attributes.get("start", "").split()]
+    if declared.kind in ("String", "Binary"):
+        starts = [x.get("value", "") for x in declared.inner_elements("Start")]
     starts = starts * count if len(starts) == 1 else starts or [None] * count
     if len(starts) != count:
         raise SetupError(
-            f"is not a valid FMU: {original.name} has {count} elements and {len(starts)} start values"
+            f"is not a valid FMU: {declared.name} has {count} elements and {len(starts)} start values"
         )
     return starts
 
 
-def _seconds(xml: Any, name: str) -> float | None:
+def _seconds(attributes: Mapping[str, str], name: str) -> float | None:
     """What a clock says of its interval or shift [s], as a decimal or a fraction."""
-    if f"{name}Decimal" in xml.attrib:
-        return real(xml.get(f"{name}Decimal"))
-    counter, resolution = xml.get(f"{name}Counter"), xml.get("resolution")
+    decimal, counter, resolution = (
+        attributes.get(key) for key in (f"{name}Decimal", f"{name}Counter", "resolution")
+    )
+    if decimal is not None:
+        return real(decimal)
     return float(counter) / float(resolution) if counter and resolution else None

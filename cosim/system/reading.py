@@ -1,27 +1,24 @@
-"""Read an FMU's description from its file: FMPy parses the XML, and what it gives is copied into our own view."""
+"""Read an FMU's description from its file into our own view."""
 
 from __future__ import annotations
 
 import re
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Sequence
-from functools import lru_cache
-from io import BytesIO
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.parsers import expat
 from zipfile import ZipFile
 
 import fmpy
-from fmpy.model_description import read_model_description
 from lxml import etree
 
 from ..errors import SetupError
-from ..numbers import real
-from .arrays import TRUE, Elements
-from .base_units import BaseUnit, DisplayUnit, Unit
-from .declarations import Declarations, unreadable
+from ..numbers import real, truth, whole
+from .arrays import Scalars
+from .base_units import BASES, BaseUnit, DisplayUnit, Unit
+from .declarations import Declarations, Element
 from .description import (
     DefaultExperiment,
     Fmu,
@@ -31,7 +28,7 @@ from .description import (
     Variable,
     is_positive,
 )
-from .flaws import forbidden, wrong_starts
+from .flaws import forbidden, unreadable, wrong_starts
 
 #: The file of an FMU that describes it, by FMI.
 XML = "modelDescription.xml"
@@ -43,11 +40,12 @@ MOST_BYTES = 128 * 2**20
 MOST_CACHED = 64
 VERSIONS = ("2.0", "3.0")
 WANTED = "this master runs co-simulation by FMI 2.0 and 3.0"
-#: What reading a description raises where it lacks something: errors of Python, not of the file.
-INTERNAL = (TypeError, AttributeError, LookupError, NameError, MemoryError, ArithmeticError)
-NO_NUMBER = re.compile(r"(?:could not convert string to float:|invalid literal for int.*:) ('.*')")
-#: What an XML file says of its encoding.
-ENCODING = re.compile(r"<\?xml[^>]*encoding=[\"']([^\"']*)")
+#: Abilities that FMI 3.0 names otherwise.
+OF_FMI3 = {
+    "canGetAndSetFMUstate": "canGetAndSetFMUState",
+    "canSerializeFMUstate": "canSerializeFMUState",
+    "providesDirectionalDerivative": "providesDirectionalDerivatives",
+}
 PIECE = r"[^\W\d][\w\[\]-]*"
 PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
@@ -96,140 +94,150 @@ def file_version(path: Path) -> tuple[int, int]:
 @lru_cache(maxsize=MOST_CACHED)
 def _read(path: Path, _: tuple[int, int]) -> Fmu:
     """An FMU, kept as long as its file has this version."""
-    files = _files(path)
-    try:
-        declarations = Declarations(_root(path))
-        if declarations.root.get("fmiVersion") in VERSIONS:
-            for text in unreadable(declarations):
-                raise SetupError(f"is not a valid FMU: {XML}, {text}")
-        original, schema_flaws = _parsed(path)
-    except SetupError:
-        raise
-    except Exception as error:
-        raise SetupError(f"is not a valid FMU: {XML}: {_reason(error)}") from error
-    if original.fmiVersion not in VERSIONS:
-        raise SetupError(f"is FMI {original.fmiVersion}; {WANTED}")
-    try:
-        root, is_fmi3 = declarations.root, original.fmiVersion == "3.0"
-        elements = Elements(root, original.modelVariables, is_fmi3=is_fmi3)
-        description = _copied(original, elements, root)
-    except SetupError:
-        raise
-    except Exception as error:
-        raise SetupError(f"is not a valid FMU: {XML}: {_reason(error)}") from error
+    files, content = _contents(path)
+    root = _root(content)
+    if (version := root.get("fmiVersion")) not in VERSIONS:
+        raise SetupError(f"is FMI {version}; {WANTED}")
+    declarations = Declarations(root)
+    for text in unreadable(declarations):
+        raise SetupError(f"is not a valid FMU: {XML}, {text}")
+    scalars = Scalars(declarations)
+    description = _description(declarations, scalars)
     variables: dict[str, Variable] = {}
-    for variable in description.modelVariables:
+    for variable in scalars.variables:
         if variables.setdefault(variable.name, variable) is not variable:
-            raise SetupError(f"is not a valid FMU: it has two variables named {variable.name}")
+            where = [v.where for v in declarations.variables if v.name == variable.name]
+            lines = f", {' and '.join(where)}" if where else ""
+            raise SetupError(
+                f"is not a valid FMU: {XML}{lines}: it has two variables named {variable.name}"
+            )
     units = {unit.name: unit for unit in reversed(description.unitDefinitions)}
     terminals, wrong = _terminals(path) if TERMINALS in files else ({}, [])
-    flaws = [f"{XML} is not valid: {text}" for text in schema_flaws]
-    flaws += [f"{XML}, {text}" for text in forbidden(declarations)]
+    starts = dict(wrong_starts(declarations, scalars))
+    flaws = [f"{XML} is not valid: {text}" for text in _schema_flaws(root, version)]
+    flaws += [f"{XML}, {text}" for text in (*forbidden(declarations), *starts.values())]
     return Fmu(
         path,
         description,
         variables,
         units,
         (*flaws, *wrong),
-        dict(wrong_starts(declarations)),
+        starts,
         terminals,
-        elements.shapes,
+        scalars.shapes,
         _obstacle(path, files, description),
     )
 
 
-def _files(path: Path) -> list[str]:
-    """The names of the files in an FMU; raises SetupError if it cannot be read, or not safely."""
+def _contents(path: Path) -> tuple[list[str], bytes]:
+    """The names of the files in an FMU, and its description; raises SetupError if it cannot be read, or not safely."""
     try:
         with ZipFile(path) as archive:
             files = archive.namelist()
             sizes = [f.file_size for f in archive.infolist() if f.filename == XML]
             is_long = any(size > MOST_BYTES for size in sizes)
-            is_typed = XML in files and not is_long and _has_document_type(archive.read(XML))
+            content = archive.read(XML) if sizes and not is_long else b""
     except Exception as error:
         raise SetupError(
             f"is not a valid FMU: it cannot be opened as a zip file: {error}"
         ) from error
-    if XML not in files or is_long:
+    if not sizes or is_long:
         which = f"a {XML} of more than {MOST_BYTES >> 20} MiB" if is_long else f"no {XML}"
         raise SetupError(f"is not a valid FMU: it has {which}")
-    if is_typed:
+    return files, content
+
+
+def _root(content: bytes) -> Element:
+    """The root of a description as XML, each element with its line; raises SetupError if it is none."""
+    parser = etree.XMLParser(resolve_entities=False, no_network=True)
+    try:
+        root = etree.fromstring(content, parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise SetupError(f"is not a valid FMU: {XML} is not XML: {error}") from error
+    if root.getroottree().docinfo.doctype:
         raise SetupError(
             f"is not a valid FMU: {XML} has a document type, which may define entities: remove it"
         )
-    return files
+    return root
 
 
-def _root(path: Path) -> Any:
-    """The root of a description as XML, each element with its line."""
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
-    with ZipFile(path) as archive:
-        content = archive.read(XML)
-    if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-        said = ENCODING.match(content[:200].decode("utf-16", "ignore"))
-        if said and not said[1].lower().startswith("utf-16"):
-            raise SetupError(f"is not a valid FMU: {XML} says {said[1]} and is UTF-16")
-    return etree.fromstring(content, parser)
+@cache
+def _schema(version: str) -> Any:
+    """The schema of the model descriptions of a version of FMI."""
+    name = f"fmi{version[0]}"
+    folder = Path(fmpy.__file__).with_name("schema") / name
+    return etree.XMLSchema(file=str(folder / f"{name}ModelDescription.xsd"))
 
 
-def _copied(original: Any, elements: Elements, root: Any) -> ModelDescription:
-    """Our view of what FMPy has read of the XML."""
+def _schema_flaws(root: Element, version: str) -> Iterator[str]:
+    """What the schema of a version of FMI forbids, with its lines."""
+    schema = _schema(version)
+    if not schema.validate(root):
+        yield from (f"line {error.line}: {error.message}" for error in schema.error_log)
 
-    def unknowns(of: Sequence[Any]) -> tuple[Unknown, ...]:
+
+def _description(declarations: Declarations, scalars: Scalars) -> ModelDescription:
+    """Our view of what a description declares."""
+    root, is_fmi3 = declarations.root, declarations.is_fmi3
+
+    def unknowns(*groups: str) -> tuple[Unknown, ...]:
         return tuple(
-            Unknown(
-                variable,
-                None if u.dependencies is None else elements.all(u.dependencies),
-                None if u.dependenciesKind is None else tuple(u.dependenciesKind),
-            )
-            for u in of
-            for variable in elements.of(u.variable)
+            Unknown(variable, *_dependencies(declarations, scalars, element))
+            for group, element in declarations.structure_entries()
+            if group in groups
+            for variable in scalars.of(declarations.referenced(element.get(declarations.reference)))
         )
 
+    indicators = unknowns("EventIndicator")
     return ModelDescription(
-        fmiVersion=original.fmiVersion,
-        modelName=original.modelName,
-        guid=original.guid,
-        description=original.description,
-        generationTool=original.generationTool,
-        coSimulation=_interface(
-            original.coSimulation, provides_derivatives=elements.derivatives("CoSimulation")
-        ),
-        modelExchange=_interface(
-            original.modelExchange, provides_derivatives=elements.derivatives("ModelExchange")
-        ),
-        defaultExperiment=_experiment(original.defaultExperiment),
-        unitDefinitions=tuple(
-            map(_unit, original.unitDefinitions, root.iterfind("UnitDefinitions/Unit"))
-        ),
-        modelVariables=elements.all(original.modelVariables),
-        outputs=unknowns(original.outputs),
-        derivatives=unknowns(original.derivatives),
-        initialUnknowns=unknowns(original.initialUnknowns),
-        eventIndicators=unknowns(original.eventIndicators),
-        numberOfEventIndicators=int(original.numberOfEventIndicators or 0),
+        fmiVersion=declarations.version,
+        modelName=root.get("modelName", ""),
+        guid=root.get("instantiationToken" if is_fmi3 else "guid"),
+        description=root.get("description"),
+        generationTool=root.get("generationTool"),
+        coSimulation=_interface(root.find("CoSimulation"), is_fmi3=is_fmi3),
+        modelExchange=_interface(root.find("ModelExchange"), is_fmi3=is_fmi3),
+        defaultExperiment=_experiment(root.find("DefaultExperiment")),
+        unitDefinitions=tuple(map(_unit, root.iterfind("UnitDefinitions/Unit"))),
+        modelVariables=tuple(scalars.variables),
+        outputs=unknowns("Outputs", "Output"),
+        derivatives=unknowns("Derivatives", "ContinuousStateDerivative"),
+        initialUnknowns=unknowns("InitialUnknowns", "InitialUnknown"),
+        eventIndicators=indicators,
+        numberOfEventIndicators=whole(root.get("numberOfEventIndicators", str(len(indicators)))),
     )
 
 
-def _interface(original: Any, *, provides_derivatives: bool | None) -> Interface | None:
+def _dependencies(
+    declarations: Declarations, scalars: Scalars, element: Element
+) -> tuple[tuple[Variable, ...] | None, tuple[str, ...] | None]:
+    """What an element of the model structure depends on and how; None for what it does not say."""
+    texts, kinds = element.get("dependencies"), element.get("dependenciesKind")
+    return (
+        None if texts is None else scalars.all(map(declarations.referenced, texts.split())),
+        None if kinds is None else tuple(kinds.split()),
+    )
+
+
+def _interface(xml: Element | None, *, is_fmi3: bool) -> Interface | None:
     """An interface that an FMU offers; what it does not say of itself it cannot do."""
-    if original is None:
+    if xml is None:
         return None
-    stated = {
-        name: getattr(original, name)
-        for name in Interface.__dataclass_fields__
-        if getattr(original, name, None) is not None
-    }
-    if provides_derivatives is not None:
-        stated["providesDirectionalDerivative"] = provides_derivatives
+    stated: dict[str, Any] = {"modelIdentifier": xml.get("modelIdentifier")}
+    for ability in fields(Interface)[1:]:
+        text = xml.get(OF_FMI3.get(ability.name, ability.name) if is_fmi3 else ability.name)
+        if text is not None:
+            stated[ability.name] = whole(text) if ability.type == "int" else truth(text)
+    if not is_fmi3 and xml.tag == "ModelExchange":
+        is_needless = truth(xml.get("completedIntegratorStepNotNeeded", "false"))
+        stated["needsCompletedIntegratorStep"] = not is_needless
     return Interface(**stated)
 
 
-def _experiment(original: Any) -> DefaultExperiment:
-    if original is None:
-        return DefaultExperiment()
+def _experiment(xml: Element | None) -> DefaultExperiment:
+    """The default experiment; a step or a tolerance that no run can have is not stated."""
     names = ("startTime", "stopTime", "stepSize", "tolerance")
-    texts = (getattr(original, name) for name in names)
+    texts = [None if xml is None else xml.get(name) for name in names]
     start, stop, step, tolerance = (None if text is None else real(text) for text in texts)
     return DefaultExperiment(
         start,
@@ -239,15 +247,22 @@ def _experiment(original: Any) -> DefaultExperiment:
     )
 
 
-def _unit(original: Any, xml: Any) -> Unit:
-    base = original.baseUnit
+def _unit(xml: Element) -> Unit:
+    """A unit with those in which it is shown."""
+
+    def line(of: Element) -> tuple[float, float]:
+        return real(of.get("factor", "1")), real(of.get("offset", "0"))
+
+    base = xml.find("BaseUnit")
     if base is not None:
-        base = BaseUnit(**{name: getattr(base, name) for name in BaseUnit.__dataclass_fields__})
-    display_units = tuple(
-        DisplayUnit(d.name, d.factor, d.offset, element.get("inverse") in TRUE)
-        for d, element in zip(original.displayUnits, xml.iterfind("DisplayUnit"))
+        factor, offset = line(base)
+        powers = {name: whole(base.get(name, "0")) for name in BASES}
+        base = BaseUnit(**powers, factor=factor, offset=offset)
+    displays = tuple(
+        DisplayUnit(shown.get("name"), *line(shown), truth(shown.get("inverse", "false")))
+        for shown in xml.iterfind("DisplayUnit")
     )
-    return Unit(original.name, base, display_units)
+    return Unit(xml.get("name"), base, displays)
 
 
 def _obstacle(path: Path, files: Sequence[str], description: ModelDescription) -> str:
@@ -267,30 +282,6 @@ def _obstacle(path: Path, files: Sequence[str], description: ModelDescription) -
     return f"has no binary for this platform, {binary}; it is for {platforms}"
 
 
-class _Prologue(Exception):
-    """The end of what precedes the first element of a document, or its document type."""
-
-
-def _has_document_type(content: bytes) -> bool:
-    """Whether an XML document has a document type; nothing in it is expanded."""
-
-    def end(*_: Any) -> None:
-        raise _Prologue
-
-    def document_type(*_: Any) -> None:
-        raise _Prologue("document type")
-
-    parser = expat.ParserCreate()
-    parser.StartElementHandler, parser.StartDoctypeDeclHandler = end, document_type
-    try:
-        parser.ParseFile(BytesIO(content))
-    except _Prologue as prologue:
-        return bool(prologue.args)
-    except (expat.ExpatError, ValueError, LookupError):  # who reads the elements says what is wrong
-        return False
-    return False
-
-
 def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], list[str]]:
     """The variables of each terminal by member, without terminals within terminals; what is wrong."""
     try:
@@ -305,33 +296,3 @@ def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], list[str]]:
         }
         for terminal in root.findall("Terminals/Terminal")
     }, []
-
-
-def _parsed(path: Path) -> tuple[Any, list[str]]:
-    """What FMPy reads of an FMU, and what is wrong in it if it can be read all the same."""
-    try:
-        return read_model_description(str(path)), []
-    except Exception as error:  # noqa: BLE001
-        reason = _reason(error)
-    try:
-        return read_model_description(str(path), validate=False), [reason]
-    except Exception as error:
-        if isinstance(error, INTERNAL):
-            raise SetupError(f"is not a valid FMU: {XML}: {reason}") from error
-        raise
-
-
-def _reason(error: Exception) -> str:
-    """The last lines of an error as one line.
-
-    Errors of the reader itself, of which a user knows nothing, are put in other words.
-    """
-    text = str(error)
-    if isinstance(error, ValueError) and (value := NO_NUMBER.search(text)):
-        return f"{value[1]} is not a number"
-    if isinstance(error, INTERNAL) or not text.strip("-0123456789 "):
-        return (
-            "an element or an attribute is missing, has a value of another type, or is not known to FMPy, "
-            "which reads it"
-        )
-    return "; ".join(line.removeprefix("- ") for line in text.splitlines()[-3:])

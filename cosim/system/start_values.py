@@ -10,8 +10,8 @@ from contextlib import suppress
 from ..errors import SetupError
 from ..numbers import whole
 from ..units import QUANTITY
-from .declarations import WIDTHS, integer_text
-from .description import NUMERIC, Value, enumeration
+from .declarations import WIDTHS, describe_integer_type, fits
+from .description import NUMERIC, Value, Variable, enumeration
 from .ports import Catalog, Port, conversion_to
 
 #: The types of FMI 2.0 that hold whole numbers, in words of FMI 3.0, of which an Enumeration has at least as many bits.
@@ -85,32 +85,30 @@ def _checked_number(catalog: Catalog, port: Port, value: Value) -> Value:
         is_number = port.type == "Real" and not logical and not isinstance(value, str)
         expected = "a finite number" if is_number else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {expected}")
-    for limit in _broken_limits(port, number):
+    limits = broken_limits(port.variable, number)
+    if not math.isfinite(number):
+        limits = iter(["a finite number"])
+    for limit in limits:
         unit = "" if port.unit in ("", "1") else f" {port.unit}"
         raise SetupError(f"{port} = {value!r} must be {limit}{unit}")
-    if items and number not in items.values():
-        choices = ", ".join(f"{n} ({item})" for item, n in items.items())
-        raise SetupError(f"{port} = {value!r} must be one of {choices}")
     return ctypes.c_float(number).value if port.native == "Float32" else number
 
 
-def _broken_limits(port: Port, number: float) -> Iterator[str]:
-    """The limits of a port that a number does not keep."""
-    if isinstance(number, float) and not math.isfinite(number):
-        yield "a finite number"
-    if port.native == "Float32" and math.isinf(ctypes.c_float(number).value):
+def broken_limits(variable: Variable, number: float) -> Iterator[str]:
+    """What a number must be that a variable may have, as far as it is not: "at least 1.0", "one of 1 (low), 2 (high)"."""
+    if variable.native == "Float32" and math.isinf(ctypes.c_float(number).value):
         yield f"a 32-bit floating-point number, at most {SINGLE:.7g}"
-    if port.type == "Boolean":
+    if variable.type == "Boolean":
         if number not in (0, 1):
             yield "true or false"
         return
-    native = NATIVE_INTEGERS.get(port.native, port.native)
-    if native in WIDTHS:
-        bits, signed = WIDTHS[native]
-        lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
-        if not lowest <= number < highest:
-            yield integer_text(native)
-    if port.variable.min is not None and not number >= (low := float(port.variable.min)):
+    native = NATIVE_INTEGERS.get(variable.native, variable.native)
+    if native in WIDTHS and not fits(number, native):
+        yield describe_integer_type(native)
+    if variable.min is not None and not number >= (low := float(variable.min)):
         yield f"at least {low!r}"
-    if port.variable.max is not None and not number <= (high := float(port.variable.max)):
+    if variable.max is not None and not number <= (high := float(variable.max)):
         yield f"at most {high!r}"
+    items = enumeration(variable)
+    if items and number not in items.values():
+        yield f"one of {', '.join(f'{n} ({item})' for item, n in items.items())}"

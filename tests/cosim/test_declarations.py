@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import random
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from xml.etree import ElementTree
+from zipfile import ZipFile
 
 import pytest
 
 from cosim import SetupError, System, run
 from cosim.numbers import real, truth, whole
 from cosim.system import connect
+from cosim.system.reading import read_fmu
 from tests.conftest import described, rewritten
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack, single_fmu_system
@@ -81,12 +86,16 @@ def test_numbers_are_those_of_xml_schema() -> None:
 
 
 UNREADABLE = {
-    **{f"Real {text}": (('<Real start="0.0"/>', f'<Real start="{text}"/>'), f"start of u: '{text}' is not a number")
-       for text in ("1_5", "٣", "0,5", "0x1p3", "1d3", "", "abc", "inf")},
-    **{f"Integer {text}": (('<Integer start="0"/>', f'<Integer start="{text}"/>'), f"start of integer_in: '{text}' is not a whole number")
-       for text in ("2.5", "1.0", "1e3", "0x10", "", "1_000", "٣")},
-    **{f"Boolean {text}": (('<Boolean start="false"/>', f'<Boolean start="{text}"/>'), f"start of boolean_in: '{text}' is not true or false")
-       for text in ("True", "yes", "", "2")},
+    "Real": (('<Real start="0.0"/>', '<Real start="1_5"/>'), "start of u: '1_5' is not a number"),
+    "Integer": (('<Integer start="0"/>', '<Integer start="1e3"/>'), "start of integer_in: '1e3' is not a whole number"),
+    "Boolean": (('<Boolean start="false"/>', '<Boolean start="True"/>'), "start of boolean_in: 'True' is not true or false"),
+    "two starts": (('<Real start="0.0"/>', '<Real start="1 2"/>'), "start of u: '1 2' is not a number"),
+    "causality": (('name="u" valueReference="0" causality="input"', 'name="u" valueReference="0" causality="inputs"'), "causality of u: 'inputs' is not known, only parameter"),
+    "no name": (('name="u" ', ""), "there is no name"),
+    "no value reference": (('name="u" valueReference="0"', 'name="u"'), "there is no valueReference of u"),
+    "type": (('<Real start="0.0"/>', '<Float64 start="0.0"/>'), "u has the type Float64, which is not known, only Real"),
+    "declared type": (('<Real start="0.0"/>', '<Real start="0.0" declaredType="Gears"/>'), "u has declaredType Gears, which is not defined, only Gear; did you mean Gear?"),
+    "type of another kind": (('<Real start="0.0"/>', '<Real start="0.0" declaredType="Gear"/>'), "u is Real, and its declaredType Gear is Enumeration"),
     "too large an Integer": (('<Integer start="0"/>', '<Integer start="3000000000"/>'), "'3000000000' is not a 32-bit integer"),
     "too large a Real": (('<Real start="0.0"/>', '<Real start="1e400"/>'), "'1e400' is too large"),
     "bound": (('<Real start="0.0"/>', '<Real start="0.0" min="zero"/>'), "min of u: 'zero' is not a number"),
@@ -98,7 +107,6 @@ UNREADABLE = {
     "unit": (("<TypeDefinitions>", '<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="1,5"/></Unit></UnitDefinitions><TypeDefinitions>'), "factor of m: '1,5' is not a number"),
     "power": (("<TypeDefinitions>", '<UnitDefinitions><Unit name="m"><BaseUnit m="1.0"/></Unit></UnitDefinitions><TypeDefinitions>'), "m of m: '1.0' is not a whole number"),
     "index 0": (('<Unknown index="6" dependencies=""/>', '<Unknown index="0"/>'), "index 0 of Outputs is not a variable: indices are 1 to"),
-    "index beyond": (('<Unknown index="6" dependencies=""/>', '<Unknown index="999"/>'), "index 999 of Outputs is not a variable"),
     "dependency beyond": (('<Unknown index="7" dependencies="1"/>', '<Unknown index="7" dependencies="1 999"/>'), "dependencies 999 of Outputs is not a variable"),
     "derivative of nothing": (("<Real/>", '<Real derivative="0"/>'), "derivative 0 of y is not a variable"),
     "no guid": ((' guid="[^"]*"', ""), "there is no guid"),
@@ -118,7 +126,6 @@ def test_what_is_no_number_is_refused_with_its_line(
 
 
 UNREADABLE_3 = {
-    "Int8": (('(name="Int8_in".*?)start="0"', r'\1start="300"'), "start of Int8_in: '300' is not an 8-bit integer"),
     "UInt16": (('(name="UInt16_in".*?)start="0"', r'\1start="-1"'), "'-1' is not a 16-bit unsigned integer"),
     "Float32": (('(name="Float32_in".*?)start="0"', r'\1start="1e39"'), "'1e39' is too large for a 32-bit floating-point"),
     "array": (('(name="Float64_ins".*?)start="0"', r'\1start="0 1 x 3"'), "start of Float64_ins: 'x' is not a number"),
@@ -137,8 +144,27 @@ def test_the_types_of_fmi_3_hold_what_they_hold(
     assert re.search(r"modelDescription\.xml, line \d+: ", error) and message in error
 
 
+@pytest.mark.parametrize("text", [None, "x", "-1"])
+def test_no_attribute_that_is_wrong_or_missing_is_a_traceback(
+    text: str | None, fmi2: Edited, fmi3: Edited, tmp_path: Path
+) -> None:
+    rng = random.Random(text)
+    for fmu in (fmi2(("guid", "guid")), fmi3(("third", "third"))):
+        with ZipFile(fmu) as archive:
+            root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+        attributes = [(element, name) for element in root.iter() for name in element.attrib]
+        for element, name in rng.sample(attributes, 80):
+            right = element.attrib.pop(name)
+            element.attrib |= {} if text is None else {name: text}
+            with ZipFile(tmp_path / "B.fmu", "w") as archive:
+                archive.writestr("modelDescription.xml", ElementTree.tostring(root))
+            with suppress(SetupError):
+                read_fmu("B", tmp_path / "B.fmu", runnable=False)
+            element.set(name, right)
+
+
 WRONG_STARTS = {
-    "item": ((r'start="1" declaredType', 'start="4" declaredType'), "start 4 of enumeration_in must be one of low (1), middle (2), high (5)"),
+    "item": ((r'start="1" declaredType', 'start="4" declaredType'), "start 4 of enumeration_in must be one of 1 (low), 2 (middle), 5 (high)"),
     "low": (('<Real start="0.0"/>', '<Real start="0.0" min="5"/>'), "start 0.0 of u must be at least 5.0"),
     "high": (('<Real start="0.0"/>', '<Real start="0.0" max="-1"/>'), "start 0.0 of u must be at most -1.0"),
     "parameter": (('<Real start="-1.0"/>', '<Real start="-1.0" min="0"/>'), "start -1.0 of a must be at least 0.0"),
@@ -174,22 +200,24 @@ UNIT = "<UnitDefinitions>{}</UnitDefinitions><TypeDefinitions>"
 METRE = '<Unit name="m"><BaseUnit m="1"{}/>{}</Unit>'
 FORBIDDEN = {
     "parameter in InitialUnknowns": ((r"<InitialUnknowns>", '<InitialUnknowns><Unknown index="27"/>'), "InitialUnknowns lists x0, which has causality parameter"),
-    "input in InitialUnknowns": ((r"<InitialUnknowns>", '<InitialUnknowns><Unknown index="1"/>'), "InitialUnknowns lists u, which has causality input"),
     "input in Outputs": (("<Outputs>", '<Outputs><Unknown index="1"/>'), "Outputs lists u, which has causality input"),
     "no outputs": ((r"<Outputs>.*</Outputs>", ""), "the model structure does not list the output y"),
     "an output twice": (("<Outputs>", '<Outputs><Unknown index="6"/>'), "Outputs lists y 2 times"),
     "kinds": (('<Unknown index="7" dependencies="1"/>', '<Unknown index="7" dependencies="1" dependenciesKind="constant fixed"/>'), "Outputs gives z 1 dependencies and 2 kinds"),
-    "kinds alone": (('<Unknown index="6" dependencies=""/>', '<Unknown index="6" dependenciesKind="constant"/>'), "Outputs gives y 0 dependencies and 1 kinds"),
     "derivative": (("<InitialUnknowns>", '<Derivatives><Unknown index="6"/></Derivatives><InitialUnknowns>'), "Derivatives lists y, which is the derivative of nothing"),
     "items": (('name="middle" value="2"', 'name="middle" value="1"'), "value 1 of Gear is given twice"),
-    "names of items": (('name="middle" value="2"', 'name="low" value="2"'), "name low of Gear is given twice"),
     "bounds": (("<Real/>", '<Real min="2" max="1"/>'), "y has min 2 above max 1"),
     "nominal": (("<Real/>", '<Real nominal="-1"/>'), "y has nominal -1, which must be above 0"),
-    "nominal 0": (("<Real/>", '<Real nominal="0"/>'), "y has nominal 0, which must be above 0"),
     "unit twice": (("<TypeDefinitions>", UNIT.format(METRE.format("", "") + METRE.format(' factor="2"', ""))), "name m of a unit is given twice"),
     "factor 0": (("<TypeDefinitions>", UNIT.format(METRE.format(' factor="0"', ""))), "unit m has the factor 0, which must be above 0"),
-    "negative factor": (("<TypeDefinitions>", UNIT.format(METRE.format(' factor="-2"', ""))), "unit m has the factor -2"),
     "display unit": (("<TypeDefinitions>", UNIT.format(METRE.format("", '<DisplayUnit name="mm" factor="0"/>'))), "unit mm has the factor 0"),
+    "no start": (('<Real start="-1.0"/>', "<Real/>"), "a has no start, which initial exact requires"),
+    "a start too many": (("<Real/>", '<Real start="1"/>'), "y must not have start 1: it is calculated"),
+    "variability": ((r'(name="integer_in" [^>]*variability=)"discrete"', r'\1"continuous"'), "integer_in is Integer and must not have variability continuous"),
+    "causality and variability": ((r'(name="u" [^>]*variability=)"continuous"', r'\1"fixed"'), "u has causality input and must have variability discrete or continuous, not fixed"),
+    "initial": (('name="u" valueReference="0"', 'name="u" valueReference="0" initial="approx"'), "must have initial exact, not approx"),
+    "unit": (("<Real/>", '<Real unit="furlong"/>'), "y has unit furlong, which is not defined: define it in UnitDefinitions"),
+    "shown unit": (("<TypeDefinitions>(.*?)<Real/>", UNIT.format(METRE.format("", "")) + r'\1<Real unit="m" displayUnit="mm"/>'), "y has displayUnit mm, which is not defined for unit m"),
     "empty name": (('name="steps"', 'name=""'), "the name is empty"),
     "output and parameter": (('name="y" valueReference="1"', 'name="y" valueReference="8"'), "output y has the value reference of parameter b"),
     "input and parameter": (('name="u" valueReference="0"', 'name="u" valueReference="8"'), "parameter b has the value reference of input u"),
@@ -232,9 +260,8 @@ def test_a_run_warns_of_flaws_in_one_line(fmi2: Edited, command_output: CommandO
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("u", "1_5"), ("u", "٣"), ("u", "1,5"), ("u", "1d3"), ("u", ""), ("integer_in", "1_000"),
-        ("integer_in", "٣"), ("integer_in", "0x10"), ("integer_in", "2.5"), ("boolean_in", "True"),
-        ("boolean_in", "yes"), ("integer_in", "3000000000"), ("u", "1e400"), ("enumeration_in", "4"),
+        ("u", "1_5"), ("u", ""), ("integer_in", "٣"), ("integer_in", "2.5"), ("boolean_in", "True"),
+        ("integer_in", "3000000000"), ("u", "1e400"), ("enumeration_in", "4"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("option", ["--set", "--start"])
@@ -246,7 +273,7 @@ def test_numbers_of_the_command_line_are_those_of_a_file(
 
 
 @pytest.mark.parametrize("option", ["--stop", "--step", "--tolerance", "--output-step"])
-@pytest.mark.parametrize("text", ["1_0", "٣", "0x10", "1,5"])
+@pytest.mark.parametrize("text", ["1_0", "1,5"])
 def test_options_are_such_numbers_too(
     option: str, text: str, fmi2: Edited, command_output: CommandOutput
 ) -> None:

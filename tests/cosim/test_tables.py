@@ -104,11 +104,6 @@ def test_what_is_no_table_is_refused_in_one_line(case: str, tmp_path: Path) -> N
         assert reason in str(refused.value) and "\n" not in str(refused.value)
 
 
-def test_of_a_cell_that_is_no_number_forty_letters_are_told(tmp_path: Path) -> None:
-    with pytest.raises(SetupError, match=r"row 2, column x: '1{40}' is not a"):
-        Series.read(_written(tmp_path, f"t,x\n0,{'1' * 200_000}\n")).numbers()
-
-
 @pytest.mark.parametrize(
     ("beside", "reason"),
     [
