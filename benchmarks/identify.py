@@ -90,7 +90,7 @@ def static(p: Mapping[str, float], w: float) -> float:
     return 2.0 * p["motor.kloss.tau_b"] * s * s_b / (s * s + s_b * s_b)
 
 
-def conveyor(
+def conveyor_rates(
     p: Machine,
     t: float,
     y: Samples,
@@ -112,7 +112,7 @@ def conveyor(
     return [w, (tau - load) / (p["conveyor.rotor.J"] + m * x1 * x1), (torque - tau) / p["motor.T"]]
 
 
-def exciter(p: Machine, t: float, y: Samples, **_: float) -> list[float]:
+def exciter_rates(p: Machine, t: float, y: Samples, **_: float) -> list[float]:
     """Rates of current, angle, speed, displacement and velocity."""
     i, phi, w, x, v = y
     U, s = p["exciter.rotor.m"] * p["exciter.rotor.r"], math.sin(phi)
@@ -183,7 +183,7 @@ def draw(kind: str, rng: np.random.Generator) -> Record:
             p, EXCITER, ["motor.tau -> exciter.tau", "exciter.w -> motor.w"],
             ["motor.R", "exciter.rotor.J", "exciter.mount.c", "exciter.mount.d", "motor.v", *states],
             {"exciter.mount.m": 0.01, "motor.k": 0.01}, ["exciter.phi", "motor.v"], mount_resonance,
-            {"exciter.w": (2, 0.1, 0.3), "exciter.v": (4, 0.05, 0.0)}, {}, exciter, states,
+            {"exciter.w": (2, 0.1, 0.3), "exciter.v": (4, 0.05, 0.0)}, {}, exciter_rates, states,
         )  # fmt: skip
     p = {
         "motor.T": about(0.05), "conveyor.rotor.J": about(0.49), "conveyor.trough.m": about(200.0, 1.3),
@@ -213,7 +213,7 @@ def draw(kind: str, rng: np.random.Generator) -> Record:
         columns |= {"motor.tau": (2, 0.05, 0.5)}
         fixed |= {"conveyor.rod.finite": True, "conveyor.rod.l": ROD}
         rod = ROD
-    rates, states = partial(conveyor, rod=rod), ["conveyor.phi", "conveyor.w", "motor.tau"]
+    rates, states = partial(conveyor_rates, rod=rod), ["conveyor.phi", "conveyor.w", "motor.tau"]
     return Record(
         p,
         CONVEYOR,

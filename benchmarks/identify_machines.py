@@ -36,7 +36,7 @@ LOWEST_SPEED = 25.0
 SPEEDS = 10
 
 
-def iron(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict[str, float]]:
+def draw_iron(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict[str, float]]:
     """A record of an iron drive, what is asked, and what is true."""
     p = {x: v * 1.2 ** rng.uniform(-1.0, 1.0) for x, v in measured_iron.TRUTH.items()}
     m = p["iron.iron.m"]
@@ -56,7 +56,9 @@ def iron(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict
     return measured_iron.record(seed, p), options, true
 
 
-def orientator(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict[str, float]]:
+def draw_orientator(
+    rng: np.random.Generator, seed: int
+) -> tuple[Any, dict[str, Any], dict[str, float]]:
     """Stage times of products at speeds up to nine tenths of the limit, what is asked, what is true."""
     H = 0.04 * (1 + 0.01 * rng.standard_normal())
     p = {"orientator.chute.mu": rng.uniform(0.15, 0.55), "orientator.chute.H": H}
@@ -73,7 +75,7 @@ def orientator(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any]
     return measured_orientator.record(seed, p, speeds), options, true
 
 
-KINDS = {"iron_identify": iron, "orientator_identify": orientator}
+KINDS = {"iron_identify": draw_iron, "orientator_identify": draw_orientator}
 
 
 def trial(name: str, seed: int) -> dict[str, Any]:

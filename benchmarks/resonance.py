@@ -189,7 +189,7 @@ def worst(rows: Sequence[Row]) -> Iterator[str]:
             yield f"{error_ratio:.3g} times: {name} = {statement}, exact: {exact}\n    {row['command']}"
 
 
-def read_rows(path: Path | None, seed: int, number: int) -> list[Row]:
+def kept_rows(path: Path | None, seed: int, number: int) -> list[Row]:
     """The rows of this seed that a file holds."""
     if path is None or not path.exists():
         return []
@@ -206,7 +206,7 @@ def main() -> None:
         "--out", type=Path, help="file of the rows; those it holds are not repeated"
     )
     options = parser.parse_args()
-    rows = read_rows(options.out, options.seed, options.number)
+    rows = kept_rows(options.out, options.seed, options.number)
     present = {row["number"] for row in rows}
     wanted = [number for number in range(options.number) if number not in present]
     try:

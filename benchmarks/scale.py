@@ -18,7 +18,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -158,23 +158,8 @@ def certify_rows(count: int) -> None:
     )
 
 
-def draw(rows: Sequence[tuple[int, float, float]], path: Path) -> None:
-    """Set-up and step per part over the number of parts."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 3.2), layout="constrained")
-    counts, *columns = zip(*rows)
-    names = (("set-up per part / ms", 1e3), ("a step per part / us", 1e6))
-    for axis, (name, unit), values in zip(figure.subplots(1, 2), names, columns):
-        axis.semilogx(counts, [unit * value for value in values], "o-")
-        axis.set(xlabel="parts", ylabel=name, ylim=(0.0, None))
-        axis.grid(alpha=0.3)
-    figure.savefig(path, dpi=150)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--picture", type=Path, help="of the costs per part")
     parser.add_argument(
         "--certify", type=int, metavar="ROWS",
         help="only certify a run whose finest has so many rows of 14 columns, and print the memory that this takes",
@@ -184,10 +169,9 @@ def main() -> None:
         certify_rows(options.certify)
         return
     print(f"{'parts':>6}{'start ms/part':>15}{'ratio':>7}{'step us/part':>14}{'ratio':>7}")
-    first, rows = costs(2), []
+    first = costs(2)
     for count in (2, 4, 10, 20, 50, 100, 200, 500, 1000):
         start, step = costs(count)
-        rows.append((count, start, step))
         print(
             f"{count:>6}{1e3 * start:>15.3f}{start / first[0]:>7.2f}"
             f"{1e6 * step:>14.3f}{step / first[1]:>7.2f}"
@@ -202,8 +186,6 @@ def main() -> None:
     for every in (1, 10):
         ratio, locked = compare_threads(every)
         print(f"two threads, a row every {every}: {ratio:.2f} of the time, {locked:.2f} locked")
-    if options.picture is not None:
-        draw(rows, options.picture)
 
 
 if __name__ == "__main__":

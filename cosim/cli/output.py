@@ -89,7 +89,7 @@ def new_folders(options: argparse.Namespace) -> list[Path]:
     return list(dict.fromkeys(folders))
 
 
-def print_new_files(options: argparse.Namespace, folders: Sequence[Path]) -> None:
+def print_written_files(options: argparse.Namespace, folders: Sequence[Path]) -> None:
     """Print which files and folders a command has made."""
     if options.out is not None:
         facts = facts_path(options.out)

@@ -11,9 +11,9 @@ from ...fmu.messages import quiet
 from ..options import Parser
 from ..output import (
     new_folders,
-    print_new_files,
     print_table,
     print_warnings,
+    print_written_files,
     require_outputs,
 )
 from ..system_file import add_shared_options, add_system_options, open_system
@@ -51,7 +51,7 @@ def execute(options: argparse.Namespace) -> int:
         result.write(options.out)
     print(title)
     print_table(rows)
-    print_new_files(options, folders)
+    print_written_files(options, folders)
     print_warnings(result)
     return 0
 

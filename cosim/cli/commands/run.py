@@ -24,9 +24,9 @@ from ..options import Parser
 from ..output import (
     locked_for_writing,
     new_folders,
-    print_new_files,
     print_table,
     print_warnings,
+    print_written_files,
     require_outputs,
     write_result,
 )
@@ -53,7 +53,7 @@ def execute(options: argparse.Namespace) -> int:
         if options.plot is not None:
             result.plot(path=options.plot)
         print("\n".join(run_summary(result)))
-        print_new_files(options, folders)
+        print_written_files(options, folders)
         if options.out is None and options.plot is None:
             last = zip(result.names, result.data[-1])
             print_table((name, f"{value:.6g} {result.units[name]}") for name, value in last)

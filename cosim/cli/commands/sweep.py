@@ -31,7 +31,7 @@ from ...system.start_values import checked_start, value_of_text
 from ...table_file import read_cells, split_heading
 from ...threads import available_cores
 from ..options import Parser, assignment, parse_time
-from ..output import new_folders, print_new_files, print_table, require_outputs
+from ..output import new_folders, print_table, print_written_files, require_outputs
 from ..system_file import add_stepping_options, add_system_options, open_system
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def execute(options: argparse.Namespace) -> int:
     failed = int(table[next(iter(figures))].isna().sum())
     print(f"{pluralize(runs, 'run')}, {failed} failed")
     _print(table, figures, written=options.out is not None)
-    print_new_files(options, folders)
+    print_written_files(options, folders)
     return 1 if failed == runs else 0
 
 

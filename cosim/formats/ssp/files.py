@@ -27,6 +27,8 @@ NAMESPACES = {
     "ssb": f"{STANDARD}SignalDictionary",
 }
 BOND = "{urn:cosim}Bond"
+FMU = "application/x-fmu-sharedlibrary"
+ROOT = "SystemStructure.ssd"
 SCHEMAS = {
     f"{{{NAMESPACES['ssd']}}}SystemStructureDescription": "SystemStructureDescription.xsd",
     f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",

@@ -20,8 +20,10 @@ from ...system import System, connect, describe_fmu, types_match
 from ...system.description import ModelDescription
 from .files import (
     BOND,
+    FMU,
     NAMELESS,
     NAMESPACES,
+    ROOT,
     Budget,
     Element,
     children,
@@ -35,12 +37,10 @@ from .parameters import bound, linear
 from .plan import DOWNWARD, Connector, Flow, Node, Plan, dotted
 from .units import Definitions, definitions, same
 
-FMU = "application/x-fmu-sharedlibrary"
 DEFINITION = "application/x-ssp-definition"
 PACKAGE = "application/x-ssp-package"
 PARAMETERS = ("parameter", "calculatedParameter")
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
-ROOT = "SystemStructure.ssd"
 STEPS = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
 FILE_AND_LINE = re.compile(r".+, line \d+")
 log = logging.getLogger("cosim")

@@ -16,6 +16,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from ...errors import SetupError
 from .files import (
+    ROOT,
     SCHEMAS,
     Budget,
     Element,
@@ -30,7 +31,6 @@ from .standard_report import ALLOWED_ROOTS, CheckedFile, Finding, Severity, Stan
 from .standard_structure import check_structure
 from .standard_tools import check_tools
 
-ROOT = "SystemStructure.ssd"
 SSP_SUFFIXES = (".ssd", ".ssv", ".ssm", ".ssb")
 VERSIONS = ("1.0", "2.0")
 #: Highest version of the ZIP format that an entry may need, times ten: a clause of the standard.

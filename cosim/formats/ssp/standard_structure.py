@@ -10,7 +10,7 @@ from urllib.parse import unquote, urlsplit
 
 from ...errors import SetupError
 from ...system import describe_fmu
-from .files import Element, children, local_name
+from .files import FMU, Element, children, local_name
 from .standard_report import CheckedFile, Finding, Severity
 
 ELEMENTS = ("Component", "System", "SignalDictionaryReference")
@@ -44,7 +44,6 @@ CAUSALITIES = (
 )
 #: What of an element is not its content.
 NO_CONTENT = ("Annotations", "MetaData")
-FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 
 @dataclass(frozen=True)
@@ -157,7 +156,7 @@ def _check_component(structure: Structure, component: Element) -> Iterator[Findi
         return
     yield from structure.missing_file("component", component, component, source)
     path = structure.folder / unquote(urlsplit(source).path)
-    if component.get("type", FMU_TYPE) == FMU_TYPE and path.is_file() and path.suffix == ".fmu":
+    if component.get("type", FMU) == FMU and path.is_file() and path.suffix == ".fmu":
         yield from _check_fmu(structure, component, path)
 
 

@@ -15,10 +15,9 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
 from ...system import Connection, Network, Port, System, Value, connect_for_export, enumeration
-from .files import BOND, NAMESPACES, qualified
+from .files import BOND, FMU, NAMESPACES, ROOT, qualified
 from .geometry import Geometry
 
-FMU = "application/x-fmu-sharedlibrary"
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 
@@ -82,7 +81,7 @@ def write_ssp(
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         package = Path(folder) / path.name
         with zipfile.ZipFile(package, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("SystemStructure.ssd", structure)
+            archive.writestr(ROOT, structure)
             for fmu, name in files.items():
                 archive.write(fmu, f"resources/{name}")
         package.replace(path)
