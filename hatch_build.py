@@ -36,7 +36,8 @@ class CustomBuildHook(BuildHookInterface[Any]):
         command = [sys.executable, str(root / "build_fmus.py"), "--flavour", "both"]
         command += ["--platforms", platforms]
         compiler = _compiler(root)
-        with TemporaryDirectory() as cache:  # the compiler keeps 45 MB, which go with it
+        # what the compiler keeps, 45 MB, goes with the folder
+        with TemporaryDirectory(ignore_cleanup_errors=True) as cache:
             os.environ["ZIG_GLOBAL_CACHE_DIR"] = cache
             done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
             if done.returncode:
