@@ -72,6 +72,14 @@ class Interface:
         for name, times in Counter(v.name for v in self.variables).items():
             if times > 1:
                 raise ValueError(f"{name} is declared twice: every state is also an output")
+        inputs = [v.name for v in self.variables[self.inputs]]
+        for variable in self.variables:
+            for name in variable.declaration.feedthrough:
+                if name not in inputs:
+                    raise ValueError(
+                        f"{variable.name} declares feedthrough of {name!r}, which is no input: "
+                        f"{', '.join(inputs) or 'there is none'}"
+                    )
 
     def _add(self, cls: Any, causality: str, initial: str) -> slice:
         first = len(self.variables)

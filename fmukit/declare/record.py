@@ -223,6 +223,7 @@ def record(cls: type[R]) -> type[R]:
         if isinstance(declared, list):
             body[name] = _array_view(len(fields), declared)
         for index, element in _elements(declared):
+            _require_sense(f"{cls.__name__}.{name}{index}", element)
             fields[name + index] = element._replace(quantity=quantity)
     names = [name.translate(IDENTIFIER) for name in fields]
     record_type = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
@@ -252,6 +253,16 @@ def _declared(cls: Any, name: str) -> Any:
             f'{cls.__name__}.{name} has no declaration: write {name}: ... = {function_name}({example}, "Meaning")'
         )
     return value
+
+
+def _require_sense(name: str, d: Declaration) -> None:
+    """Raise ValueError or TypeError for what no variable can have, with what to write."""
+    if isinstance(d.feedthrough, str):
+        raise TypeError(f'{name}: write feedthrough=("{d.feedthrough}",), a tuple of names')
+    if d.nominal is not None and not d.nominal > 0.0:
+        raise ValueError(f"{name} has nominal={d.nominal!r}: write its order of magnitude, above 0")
+    if d.min is not None and d.max is not None and not d.min <= d.max:
+        raise ValueError(f"{name} has min={d.min!r} above max={d.max!r}")
 
 
 def _raise_missing_field(self: Any, name: str) -> Any:

@@ -40,6 +40,8 @@ def require_parts(model: Model) -> None:
         if not vars(model).get(name):
             raise TypeError(f"{'the docstring' if name == '__doc__' else name} is missing: {form}")
     stop, step = model.EXPERIMENT
+    if not isinstance(stop, int | float) or not isinstance(step, int | float):
+        raise TypeError(f"EXPERIMENT has stop = {stop!r} and step = {step!r}: write numbers, in s")
     if not 0.0 < step <= stop < inf:
         raise ValueError(
             f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop must hold"

@@ -6,7 +6,6 @@ build there finds the folder unlocked and removes it. Its processes end with it,
 
 import multiprocessing
 import os
-import re
 import signal
 import sys
 import tempfile
@@ -26,9 +25,7 @@ Result = TypeVar("Result")
 PREFIX = ".building-"
 #: The file that marks a folder as a build's own, and that the build locks.
 OWNER = "owner"
-#: What builds that knew no owner have left: one of these in a folder of `tempfile`, or nothing.
-UNMARKED = re.compile(re.escape(PREFIX) + r"\w{8}")
-UNFINISHED = (".fmu", ".wasm")
+
 STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -36,7 +33,7 @@ STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if ha
 def workplace(out: Path) -> Iterator[Path]:
     """A locked folder in the folder of the FMUs; those of builds that have ended are removed first."""
     out.mkdir(parents=True, exist_ok=True)
-    for left in [*out.glob(f"{PREFIX}*"), *out.glob(f"*/{PREFIX}*")]:
+    for left in out.glob(f"{PREFIX}*"):
         with suppress(OSError):
             _remove_if_abandoned(left)
     folder, lock = _new_locked_folder(out)
@@ -79,22 +76,19 @@ def _lock_or_raise(file: int) -> None:
 
 def _remove_if_abandoned(folder: Path) -> None:
     """Remove the folder of a build that has ended; raises OSError if it has not."""
-    if folder.is_symlink() or not folder.is_dir():
+    if folder.is_symlink():
         return
-    if (folder / OWNER).is_file():
-        lock = os.open(folder / OWNER, os.O_RDWR)
-        try:
-            _lock_or_raise(lock)
-            if sys.platform != "win32":
-                rmtree(folder)
-        finally:
-            os.close(lock)
-        if sys.platform == "win32":
+    if not (folder / OWNER).is_file():
+        folder.rmdir()  # of a build that was killed before it had a lock; anything else is not empty
+        return
+    lock = os.open(folder / OWNER, os.O_RDWR)
+    try:
+        _lock_or_raise(lock)
+        if sys.platform != "win32":
             rmtree(folder)
-        return
-    files = [*folder.iterdir()]
-    unfinished = all(file.suffix in UNFINISHED and file.is_file() for file in files)
-    if UNMARKED.fullmatch(folder.name) and len(files) <= 1 and unfinished:
+    finally:
+        os.close(lock)
+    if sys.platform == "win32":
         rmtree(folder)
 
 

@@ -207,22 +207,18 @@ def test_what_is_no_model_is_refused_with_what_to_write(
 
 
 def test_folders_of_builds_that_have_ended_go_and_no_others(tmp_path: Path) -> None:
-    """With an owner that ended, or as builds left them that knew no owner."""
-    leftovers = [tmp_path / f"{PREFIX}a1b2c3_d", tmp_path / "native" / f"{PREFIX}abcdefgh"]
-    leftovers += [tmp_path / f"{PREFIX}ownedone", tmp_path / "wasm" / f"{PREFIX}emptyone"]
-    for folder in leftovers:
-        folder.mkdir(parents=True)
-    (leftovers[0] / "Gain.fmu").write_bytes(b"half")
-    (leftovers[1] / "Gain.fmu").write_bytes(b"half")
-    (leftovers[2] / "native_x").mkdir()
-    (leftovers[2] / "native_x" / "Gain.c").write_text("int x;")
-    (leftovers[2] / OWNER).touch()
-    kept = [tmp_path / f"{PREFIX}plans", tmp_path / f"{PREFIX}notes000", tmp_path / ".building"]
-    for folder in kept:
+    """With an owner that ended, or empty since a build was killed before it was their owner."""
+    leftovers = [tmp_path / f"{PREFIX}ownedone", tmp_path / f"{PREFIX}emptyone"]
+    kept = [tmp_path / f"{PREFIX}plans", tmp_path / ".building"]
+    for folder in [*leftovers, *kept]:
         folder.mkdir()
+    (leftovers[0] / "native_x").mkdir()
+    (leftovers[0] / "native_x" / "Gain.c").write_text("int x;")
+    (leftovers[0] / OWNER).touch()
+    for folder in kept:
         (folder / "plan.txt").write_text("mine")
     (tmp_path / f"{PREFIX}filefile").write_text("mine")
-    (tmp_path / f"{PREFIX}linklink").symlink_to(leftovers[2])
+    (tmp_path / f"{PREFIX}linklink").symlink_to(leftovers[0])
     with workplace(tmp_path) as lives:
         assert not any(folder.exists() for folder in leftovers)
         with workplace(tmp_path) as other:

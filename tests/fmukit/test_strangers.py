@@ -409,6 +409,16 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
          + BODY.replace("n0: Length", "n0: P"),
          "thing.py:12: Parameters.n0: the unit Pa of Pressure has the exponents {'kg': 1, 'm': -1, 's': -2}, "
          "not {'kg': 1, 'm': -1}: write Quantity("),
+        (HEAD + BODY.replace('"State"', '"State", nominal=0.0'),
+         "thing.py:12: State.x has nominal=0.0: write its order of magnitude, above 0"),
+        (HEAD + BODY.replace('"State"', '"State", min=3.0, max=1.0'),
+         "thing.py:12: State.x has min=3.0 above max=1.0"),
+        (HEAD + INPUT + STILL + OUTPUT.format(', feedthrough="s"', "u.s * x.x"),
+         'Outputs.y: write feedthrough=("s",), a tuple of names'),
+        (HEAD + INPUT + STILL + OUTPUT.format(', feedthrough=("s", "q")', "u.s * x.x"),
+         "thing.py: y declares feedthrough of 'q', which is no input: "),
+        (HEAD.replace("stop=0.1", "stop='0.1'") + BODY,
+         "thing.py: EXPERIMENT has stop = '0.1' and step = 0.01: write numbers, in s"),
     ],
 )  # fmt: skip
 def test_first_mistakes_get_a_line_with_their_position_and_what_to_write(
