@@ -19,6 +19,7 @@ from .engine.member_layout import EXACT, NeedsPythonError, SystemLayout
 from .engine.members import LEFT, Block, Members, Place, StepAndStop
 from .engine.process_state import ProcessState
 from .engine.settings import RunSettings
+from .engine.snapshot import SystemState
 from .ensemble import Array, Case, Cases, Ensemble, Numbers
 from .errors import FmuError, SetupError
 from .fmu.instance import CoSimulation
@@ -121,6 +122,10 @@ def is_reset_trusted(network: Network) -> bool:
 def with_case(network: Network, case: Case) -> Network:
     """A checked system with other start values, or those of a state; raises SetupError for those that it cannot have."""
     if case.begin is not None:
+        if not isinstance(case.begin, SystemState):
+            raise SetupError(
+                "begin must be the state that run_until hands out: write begin=paused.state"
+            )
         if case.start:
             names = ", ".join(case.start)
             raise SetupError(

@@ -132,7 +132,10 @@ def refused(call: Callable[[], object]) -> str:
 def test_what_cannot_go_on_is_refused(fmus: Path, tmp_path: Path) -> None:
     system, plan = drive(fmus / "native", "pair"), RunSettings(0.04, H)
     with Prepared.open(system, plan) as prepared:
-        _, state = prepared.run_until(0.02)
+        paused = prepared.run_until(0.02)
+        state = paused.state
+        assert "begin=paused.state" in refused(lambda: prepared.run(Case(begin=paused)))  # type: ignore[arg-type]
+        assert "a time in s" in refused(lambda: prepared.run_until("20 ms"))  # type: ignore[arg-type]
         both = Case({"motor.A": 8e3}, begin=state)
         assert "leave out start (motor.A)" in refused(lambda: prepared.run(both))
         assert "at most stop = 0.04 s" in refused(lambda: prepared.run_until(0.05))
