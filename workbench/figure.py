@@ -147,12 +147,12 @@ def figure_of_columns(
 ) -> Figure:
     """Return the number that a function makes of columns of shape (rows,), with the error that their spacing leaves.
 
-    It shows in every second and every third row alone, see `cosim.accuracy.judge.spacing_error`. The first and the
+    It shows in every second and every third row alone, see `cosim.accuracy.judge.row_spacing_error`. The first and the
     last row are always among them.
     """
     import numpy as np
 
-    from cosim.accuracy.judge import spacing_error
+    from cosim.accuracy.judge import row_spacing_error
     from cosim.dense import thinned_rows
 
     value, rows = float(function(*columns)), np.arange(float(len(columns[0])))
@@ -160,7 +160,7 @@ def figure_of_columns(
         max(abs(float(function(*(x[thinned_rows(rows, n, k)] for x in columns))) - value) for k in range(n))
         for n in (2, 3)
     )  # fmt: skip
-    error = float(spacing_error(np.array([second]), np.array([third]))[0])
+    error = float(row_spacing_error(np.array([second]), np.array([third]))[0])
     return Figure(value, unit, max(error, ROUNDING * abs(value)), meaning)
 
 

@@ -23,8 +23,8 @@ from ..system import System, connect
 from .estimate import Estimate
 from .judge import Function, estimates_of_rows, judge_function, judge_metrics, numbers_of
 from .limit import LOWEST_ORDER, RUNS, STEP_RATIO
-from .nested import NestedRuns, longer_step, nested_runs, silence
-from .trajectories import Divergence, divergence
+from .nested import NestedRuns, longer_step, nested_runs, without_log
+from .trajectories import Divergence, find_divergence
 
 #: The metrics of `summary`, by what follows the name of a column.
 SUMMARY: dict[str, Callable[[str], Metric]] = {
@@ -201,7 +201,7 @@ def run_at_tighter_tolerance(
     others = {k: x for k, x in settings.items() if k not in ("csv", "progress")}
     others["tolerance"] = SHARPER * float(tolerance)
     try:
-        with silence():
+        with without_log():
             result = runner(system, step=step, **others)
     except SimulationError:
         return None
@@ -271,7 +271,9 @@ def _is_worth_halving(errors: Sequence[Mapping[str, float]]) -> bool:
 
 def estimates_of(metrics: Metrics, runs: NestedRuns, system: System) -> dict[str, Estimate]:
     """The estimates of metrics and functions from the runs of a system."""
-    diverged = divergence(runs.results, runs.ratio) if len(runs.results) == RUNS else Divergence()
+    diverged = (
+        find_divergence(runs.results, runs.ratio) if len(runs.results) == RUNS else Divergence()
+    )
     estimates: dict[str, Estimate] = {}
     if isinstance(metrics, Mapping):
         named = {name: m for name, m in metrics.items() if isinstance(m, Metric)}

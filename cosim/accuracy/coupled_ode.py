@@ -119,7 +119,7 @@ class CoupledOde:
             instance.session.call("setTime", t)
             instance.x[:] = [next(values) for _ in instance.x]
             instance.set_states()
-        self._settle(lambda block: block.real)
+        self._exchange_until_settled(lambda block: block.real)
 
     def slopes(self, t: float, x: Array) -> Array:
         """The rates of the states; NaN where a part refuses them. Raises FmuError after the deadline."""
@@ -162,7 +162,7 @@ class CoupledOde:
                     signs += list(block.cells)
         return signs
 
-    def completed(self) -> bool:
+    def wants_event_after_step(self) -> bool:
         """Notify the parts that a step of the integrator is complete; returns whether one wants an event."""
         wants = False
         for part in self.parts:
@@ -185,12 +185,12 @@ class CoupledOde:
         for block in chain.from_iterable(part.inputs for part in self.parts):
             block.move()  # what arrived on the way to the event, when only Real inputs are set
         while again:
-            again = self._settle(lambda _: True)
+            again = self._exchange_until_settled(lambda _: True)
             for part in self.parts:
                 more, end = part.instance.update()
                 self._require_going(part, end=end)
                 again = again or more
-            again = self._settle(lambda _: True) or again
+            again = self._exchange_until_settled(lambda _: True) or again
         for part in self.parts:
             part.instance.enter_continuous_time()
 
@@ -217,7 +217,7 @@ class CoupledOde:
         A, B, C, D = (block_diag(*each) for each in zip(*pieces))
         return Blocks(A, B, C, D, F)
 
-    def closure(self, blocks: Blocks) -> Array:
+    def loop_matrix(self, blocks: Blocks) -> Array:
         """I - F D, by which the inputs follow what is put on them; SetupError if it is singular."""
         loop = blocks.F @ blocks.D
         index_of = {port.name: k for k, port in enumerate(self.inputs)}
@@ -229,7 +229,7 @@ class CoupledOde:
                 raise SetupError(f"the algebraic loop has no solution: {describe_loop(ring)}")
         return np.eye(len(self.inputs)) - loop
 
-    def _settle(self, is_exchanged: Callable[[VariableBlock], bool]) -> bool:
+    def _exchange_until_settled(self, is_exchanged: Callable[[VariableBlock], bool]) -> bool:
         """Bring outputs over the wires until the inputs agree with them; whether any has changed."""
         for feed in self.feeds:
             feed.cell[0] = float(
@@ -256,7 +256,7 @@ class CoupledOde:
             if not again:
                 return changed
             changed = True
-        self._solve()
+        self._solve_loops()
         left = [list(block.cells) for _, blocks in inputs for block in blocks]
         return any(
             abs(new - old) > SETTLED * (1.0 + abs(old)) if isinstance(new, float) else new != old
@@ -264,7 +264,7 @@ class CoupledOde:
             for old, new in zip(before, after)
         )
 
-    def _solve(self) -> None:
+    def _solve_loops(self) -> None:
         """The Real inputs of an algebraic loop, from the exact derivatives; raises FmuError."""
         blocks = [b for part in self.parts for b in part.inputs if b.real]
         names = [name for block in blocks for name in block.names]
@@ -286,7 +286,7 @@ class CoupledOde:
             return np.array([value for block in blocks for value in block.cells])
 
         def derivative() -> Array:
-            return np.eye(len(names)) - self.closure(self.blocks())[np.ix_(indices, indices)]
+            return np.eye(len(names)) - self.loop_matrix(self.blocks())[np.ix_(indices, indices)]
 
         guess = np.array([value for block in blocks for value in block.cells])
         nominal = np.array([size for block in blocks for size in block.nominals()])

@@ -15,13 +15,13 @@ from functools import partial
 
 import numpy as np
 
-from ..dense import Array, Curves, Mask
+from ..dense import Array, Curves, Mask, Side
 from ..metrics import Metric
 from ..result import Result, Rows
 from .estimate import Estimate
 from .limit import CONFIRMED_FACTOR, RUNS, STEP_RATIO, UNCONFIRMED_FACTOR, Reason, likeliest
 from .nested import NestedRuns
-from .trajectories import Divergence, widened
+from .trajectories import Divergence, spread_after
 from .variants import THINNED, ColumnForms, Forms, thinned_results, with_columns
 
 #: Orders between which a number may depend on the spacing of the rows. Derived: the time of a row is known to
@@ -91,7 +91,7 @@ class Evaluations:
             return np.zeros_like(self.value)
         second, third = (self.largest(x - self.value for x in self.thinned[n]) for n in THINNED)
         hidden = self.largest(x - self.value for x in self.sides)
-        error = CONFIRMED_FACTOR * np.maximum(spacing_error(second, third), hidden)
+        error = CONFIRMED_FACTOR * np.maximum(row_spacing_error(second, third), hidden)
         return np.where(np.isfinite(error), error, math.nan)
 
     def largest(self, changes: Iterable[Array]) -> Array:
@@ -159,7 +159,7 @@ def combined(e: Evaluations, known: Circumstances) -> list[Estimate]:
     return estimates
 
 
-def spacing_error(second: Array, third: Array) -> Array:
+def row_spacing_error(second: Array, third: Array) -> Array:
     """The errors with all rows, from the changes with every second and every third row.
 
     An error C h^q becomes C (2 h)^q and C (3 h)^q, so that the changes are 2^q - 1 and 3^q - 1 times it. The ratio
@@ -190,7 +190,7 @@ def judge_metrics(
     estimates: dict[str, Estimate] = {}
     for columns, group in _groups(metrics, forms):
         for metric, of in group.items():
-            estimates |= zip(of, _judged(metric, of.values(), columns, forms))
+            estimates |= zip(of, _judge_metric(metric, of.values(), columns, forms))
     units = runs.finest.units
     for name, metric in metrics.items():
         x, unit = estimates[name], units.get(metric.columns[0], "")
@@ -217,7 +217,7 @@ def _groups(
         yield parts, {m.unnamed: {n: 0} for n, m in metrics.items() if m.columns == several}
 
 
-def _judged(
+def _judge_metric(
     metric: Metric, which: Iterable[int], columns: Sequence[ColumnForms], forms: Forms
 ) -> list[Estimate]:
     """The estimates of a metric of some of the columns, without their units."""
@@ -228,7 +228,7 @@ def _judged(
 
     finest = some(c.finest for c in columns)
     value = metric(*finest)
-    moved = _beside(metric, columns, some)
+    moved = _moved_by_errors(metric, columns, some)
     touched = ~np.all(np.isnan([value, *moved]), axis=0)
     reasons = [
         (TOUCHES if touched[k] else "") if math.isnan(value[k])
@@ -248,14 +248,14 @@ def _judged(
             for x, a in zip(value, agree)
         ]
     else:
-        e = _of_rows(metric, columns, some)
+        e = _evaluate_finest_run(metric, columns, some)
         e.runs, e.scale = of_runs, metric.scale(*finest)
         if any(column.band is not None for column in columns):
             e.shifts = [metric(*some(c.at_zero for c in columns)) - value]
             e.beside = [x - value for x in moved]
         first, converges = columns[0], np.zeros(len(of), dtype=bool)
         if len(columns) == 1 and first.band is not None:
-            e.shifts = [*e.shifts, metric(*some([first.zero_filled])) - e.sides[0]]
+            e.shifts = [*e.shifts, metric(*some([first.at_zero.filled(Side.AFTER)])) - e.sides[0]]
             e.doubt = metric.doubt(*finest, *some([first.width]))
             times = np.concatenate([metric.times(*finest), metric.times(*some([first.at_zero]))])
             if len(times):
@@ -263,7 +263,9 @@ def _judged(
         orders = np.array([column.orders[of] for column in columns])
         estimates = combined(
             e,
-            Circumstances(orders, runs.ratio, converges, forms.is_regular, runs.have_jumps_inside),
+            Circumstances(
+                orders, runs.ratio, converges, forms.is_regular, runs.have_jumps_within_steps
+            ),
         )
     return [
         Estimate(float(v), None, reason=why) if why or math.isnan(v) else x
@@ -271,7 +273,7 @@ def _judged(
     ]
 
 
-def _of_rows(
+def _evaluate_finest_run(
     metric: Metric,
     columns: Sequence[ColumnForms],
     some: Callable[[Iterable[Curves]], list[Curves]],
@@ -291,7 +293,7 @@ def estimates_of_rows(
     forms, estimates = Forms(NestedRuns([result], result, STEP_RATIO)), {}
     for columns, group in _groups(metrics, forms):
         for metric, which in group.items():
-            e = _of_rows(metric, columns, list)
+            e = _evaluate_finest_run(metric, columns, list)
             for name, k in which.items():
                 column, rows = metrics[name].columns[0], float(e.row_error()[k])
                 x = Estimate(float(e.value[k]), rows + errors[column], rows=rows,
@@ -307,15 +309,15 @@ def _why_none(runs: NestedRuns, columns: Sequence[ColumnForms], k: int) -> str:
     """Why no number of columns has an error; "" if one may have."""
     if len(runs.results) == 1:
         return runs.lost
-    if not runs.refines:
+    if not runs.steps_differ_enough:
         return SAME_STEPS
     for column in columns:
-        if not math.isnan(column.slow[k]):
-            return COLUMN_NOT_CONVERGED.format(column.names[k], column.slow[k])
+        if not math.isnan(column.too_slow[k]):
+            return COLUMN_NOT_CONVERGED.format(column.names[k], column.too_slow[k])
     return ""
 
 
-def _beside(
+def _moved_by_errors(
     metric: Metric,
     columns: Sequence[ColumnForms],
     some: Callable[[Iterable[Curves]], list[Curves]],
@@ -353,7 +355,7 @@ def _precedes_divergence(
     if begin <= finest[0].t[1]:
         return False
     wide = [
-        curve.with_values(widened(curve.t, curve.x[0], begin)[None])
+        curve.with_values(spread_after(curve.t, curve.x[0], begin)[None])
         if column.names[k] in diverged.columns
         else curve
         for column, curve in zip(columns, finest)
@@ -408,21 +410,21 @@ def judge_function(
     numbers = {name: x for name, x in first.items() if not isinstance(x, Estimate)}
     try:
         of_runs = [function(result) for result in (forms.results() if numbers else runs.results)]
-        after = _need_later_rows(function, runs, diverged, [*columns])
+        after = _numbers_after_divergence(function, runs, diverged, [*columns])
         every = _evaluations(function, runs, columns, of_runs, [*numbers]) if numbers else None
     except Exception as error:  # noqa: BLE001 - whatever the function of a person raises
         reason = OTHER_ROWS.format(error)
         return {name: _estimate(x)._replace(error=None, reason=reason) for name, x in first.items()}
-    orders = {column.orders[0] for column in columns.values()} or {runs.order("")}
+    orders = {column.orders[0] for column in columns.values()} or {runs.nominal_order("")}
     known = Circumstances(
         np.array(sorted(orders))[:, None], runs.ratio, is_regular=forms.is_regular,
-        has_jumps=runs.have_jumps_inside,
+        has_jumps=runs.have_jumps_within_steps,
     )  # fmt: skip
     estimates = {}
     if every is not None:
         estimates = dict(zip(numbers, combined(every, known)))
         if any(x.error is None and name not in after for name, x in estimates.items()):
-            coarse = _coarse_rows(function, forms, of_runs, [*numbers])
+            coarse = _common_row_errors(function, forms, of_runs, [*numbers])
             lacking = np.array([x.error is None for x in estimates.values()])
             rows = every.row_error()
             every.rows = np.where(lacking & (coarse >= rows), coarse, rows)
@@ -436,7 +438,7 @@ def judge_function(
     return {name: estimates[name] for name in first}
 
 
-def _coarse_rows(
+def _common_row_errors(
     function: Function,
     forms: Forms,
     of_runs: Sequence[Mapping[str, float | Estimate]],
@@ -492,14 +494,16 @@ def _evaluations(
     value, series = of({}), np.array([numbers_of(run, names) for run in of_runs])
     thinned = {n: [numbers_of(function(r), names) for r in thinned_results(dense, n)]
                for n in THINNED}  # fmt: skip
-    hidden = [of({n: partial(c.with_extremes, s) for n, c in columns.items()}) for s in SIGNS]
-    zero = [of({n: partial(c.zero_extremes, s) for n, c in columns.items()}) for s in SIGNS]
+    hidden = [
+        of({n: partial(c.finest.with_extremes, s) for n, c in columns.items()}) for s in SIGNS
+    ]
+    zero = [of({n: partial(c.at_zero.with_extremes, s) for n, c in columns.items()}) for s in SIGNS]
     joint = {name: column for name, column in columns.items() if column.band is not None}
     beside = [of({name: partial(c.moved, s)}) for name, c in joint.items() for s in SIGNS]
     beside += [of({n: partial(c.lowered, *tilt) for n, c in joint.items()}) for tilt in TILTS]
     e = Evaluations(value, series, thinned, hidden)
     rows = e.row_error()
-    if columns and (times := even_times(dense["time"])) is not None:
+    if columns and (times := even_times_if_uneven(dense["time"])) is not None:
         even = {n: lambda c=c: c.finest(times) for n, c in columns.items()}
         rows = rows + CONFIRMED_FACTOR * np.abs(of({"time": lambda: times[None], **even}) - value)
     e.rows = np.where(np.isnan(rows), rows, np.fmax(rows, np.abs(value - series[0])))
@@ -513,7 +517,7 @@ def _evaluations(
     return e
 
 
-def even_times(t: Array) -> Array | None:
+def even_times_if_uneven(t: Array) -> Array | None:
     """As many times [s] at even distances; None where rows are as even as those of fixed steps and of events beside them.
 
     A function that weighs rows instead of time has another limit where steps adapt, which no thinner rows show.
@@ -528,7 +532,7 @@ def numbers_of(values: Mapping[str, float | Estimate], names: Sequence[str]) -> 
     return np.array([x.value if isinstance(x, Estimate) else float(x) for x in every])
 
 
-def _need_later_rows(
+def _numbers_after_divergence(
     function: Function, runs: NestedRuns, diverged: Divergence, columns: Sequence[str]
 ) -> set[str]:
     """The numbers that need rows after the runs have diverged.
@@ -548,7 +552,7 @@ def _need_later_rows(
 
     def wide(name: str) -> Rows:
         x = finest[name]
-        return widened(t, x, diverged.begin) if name in diverged.columns else x
+        return spread_after(t, x, diverged.begin) if name in diverged.columns else x
 
     need: set[str] = set()
     for rows in (swapped, wide):

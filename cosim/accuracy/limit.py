@@ -213,7 +213,7 @@ def limit(
             ~alternating & ~settled & (q >= LOWEST_ORDER) & (q <= p + ACCIDENTAL_EXCESS)
         )
         hidden = ratio**p * (ratio ** (CONFIRMED_DISTANCE * p) - 1.0) / (ratio ** (p + 1.0) - 1.0)
-        apart = _apart(runs, noises, gain, np.minimum(1.0, ratio**q - 1.0), hidden)
+        apart = _extrapolation_error(runs, noises, gain, np.minimum(1.0, ratio**q - 1.0), hidden)
         return Limit(
             fine,
             error,
@@ -224,7 +224,7 @@ def limit(
         )
 
 
-def _apart(
+def _extrapolation_error(
     runs: Array, noises: Array, gain: Array, distance_of_error: Array, hidden: Array
 ) -> Array:
     """The error of what the finer two of three runs extrapolate to, from what the coarser two do.

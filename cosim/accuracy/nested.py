@@ -49,7 +49,7 @@ class NestedRuns:
         """The result of the finest run."""
         return self.results[0]
 
-    def order(self, column: str) -> float:
+    def nominal_order(self, column: str) -> float:
         """The convergence order of a column in the step; nan where the result is that of no coupled run."""
         provenance = self.finest.provenance
         if column in provenance.get("first_order", ()):
@@ -57,12 +57,12 @@ class NestedRuns:
         return float(provenance.get("convergence_order", math.nan))
 
     @property
-    def refines(self) -> bool:
+    def steps_differ_enough(self) -> bool:
         """Whether the steps of the runs differ by so much that differences show an error."""
         return self.ratio >= LEAST_RATIO
 
     @property
-    def have_jumps_inside(self) -> bool:
+    def have_jumps_within_steps(self) -> bool:
         """Whether an input jumps inside a step of one of them; where in the step differs from run to run."""
         return any(bool((r.breaks[:, 1] > r.breaks[:, 0]).any()) for r in self.results)
 
@@ -136,7 +136,7 @@ def _results(
         if k and not isinstance(longer, Adaptive) and longer > span * (1.0 + STEP_ROUNDING):
             return [known[n] for n in range(k)], TOO_LONG.format(longer)
         try:
-            with silence() if k else nullcontext():
+            with without_log() if k else nullcontext():
                 known[k] = runner(
                     system, step=longer, **settings, progress=progress, **({} if k else finest_only)
                 )
@@ -171,7 +171,7 @@ def ratio_of_steps(results: Sequence[Result], step: float | Adaptive) -> float:
 
 
 @contextmanager
-def silence() -> Iterator[None]:
+def without_log() -> Iterator[None]:
     """Nothing is logged: what a run with longer steps warns of is not said of the finest one."""
     log = logging.getLogger("cosim")
     before, log.disabled = log.disabled, True

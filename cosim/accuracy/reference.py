@@ -276,7 +276,7 @@ def travel(ode: CoupledOde, stop: float, method: str, tolerance: float) -> Itera
             last = float(solver.t) if event_time is None else event_time
             yield SolutionPiece(float(solver.t_old), last, curve)
             ode.at(last, solver.y if event_time is None else curve(last))
-            if event_time is None and ode.completed():
+            if event_time is None and ode.wants_event_after_step():
                 event_time = last
         if event_time is not None or end < stop or end in ode.stops:
             at_once = at_once + 1 if ode.t - begin <= 64 * math.ulp(ode.t) else 0

@@ -164,7 +164,7 @@ def shared_rows(times: Sequence[Array]) -> list[NDArray[np.intp]] | None:
     return [_row_index(t, shared) for t in times]
 
 
-def slow_orders(runs: Sequence[Array], ratio: float = STEP_RATIO) -> Array:
+def too_slow_orders(runs: Sequence[Array], ratio: float = STEP_RATIO) -> Array:
     """The order, below LOWEST_ORDER, with which the error of whole columns falls; nan for those where it is not so slow.
 
     Differences of three runs count as slow where they keep their sign and fall with a lower order. A column is
@@ -242,7 +242,7 @@ class Divergence:
         return DIVERGED.format(self.begin)
 
 
-def divergence(results: Sequence[Result], ratio: float = STEP_RATIO) -> Divergence:
+def find_divergence(results: Sequence[Result], ratio: float = STEP_RATIO) -> Divergence:
     """Find the time [s] from which on the finest two of three runs have diverged, and in which columns.
 
     In a chaotic system two trajectories part exponentially, however close they begin. When their distance
@@ -328,7 +328,7 @@ def parts_exponentially(t: Array, distance: Array) -> bool:
     return bool(by_time > by_power)
 
 
-def widened(t: Array, x: Array, begin: float) -> Array:
+def spread_after(t: Array, x: Array, begin: float) -> Array:
     """Values of which those from a time [s] on are DIVERGED_WIDTH times as far from their middle.
 
     What a chaotic system does after its runs have diverged is not known; another trajectory may go further than

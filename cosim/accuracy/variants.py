@@ -17,7 +17,7 @@ from .trajectories import (
     error_band,
     relaxes_within_a_step,
     shared_rows,
-    slow_orders,
+    too_slow_orders,
 )
 
 #: Every second and every third row are left: the smallest numbers without a common factor.
@@ -38,7 +38,7 @@ class ColumnForms:
 
     def __init__(self, names: Sequence[str], forms: Forms) -> None:
         self.names, self.runs, self._forms = names, forms.runs, forms
-        self.orders = np.array([self.runs.order(name) for name in names])
+        self.orders = np.array([self.runs.nominal_order(name) for name in names])
         self.is_held = self.runs.finest.column(names[0]).kind.is_held
 
     def _of(self, result: Result, breaks: Array) -> Curves:
@@ -85,7 +85,7 @@ class ColumnForms:
     @cached_property
     def band(self) -> ErrorBand | None:
         """What remains to a step of zero; None for what holds its values, or without a run whose step is another."""
-        if self.is_held or len(self.runs.results) <= 1 or not self.runs.refines:
+        if self.is_held or len(self.runs.results) <= 1 or not self.runs.steps_differ_enough:
             return None
         return error_band(
             self.finest, self._forms.times, self._shared, self.orders, self.runs.ratio,
@@ -108,7 +108,9 @@ class ColumnForms:
         """The finest run moved up and down by its error."""
         if self.band is None:
             return []
-        return [self.finest.with_values(self.finest.x + s * self._shift) for s in (1.0, -1.0)]
+        return [
+            self.finest.with_values(self.finest.x + s * self._error_at_rows) for s in (1.0, -1.0)
+        ]
 
     @cached_property
     def spacing(self) -> float:
@@ -121,7 +123,7 @@ class ColumnForms:
         return float(np.diff(self.of_runs[-1].t).max())
 
     @cached_property
-    def _shift(self) -> Array:
+    def _error_at_rows(self) -> Array:
         """By how much the finest run may be off beyond rounding, at its rows; nothing after runs have diverged."""
         assert self.band is not None
         shift = np.maximum(self.width.x - ROUNDINGS * self.band.rounding, 0.0)
@@ -149,33 +151,20 @@ class ColumnForms:
         sides = [Side.AFTER, *([Side.BEFORE] if self.finest.gaps.any() else [])]
         return [self.finest.filled(side) for side in sides]
 
-    @cached_property
-    def zero_filled(self) -> Curves:
-        """The extrapolated one with gaps filled from behind."""
-        return self.at_zero.filled(Side.AFTER)
-
-    def with_extremes(self, sign: float) -> Array:
-        """The values at the rows, with the extremes that gaps hide, high (1) or low (-1)."""
-        return self.finest.with_extremes(sign)
-
-    def zero_extremes(self, sign: float) -> Array:
-        """The same at a step of zero."""
-        return self.at_zero.with_extremes(sign)
-
     def moved(self, sign: float) -> Array:
         """The values at the rows moved up (1) or down (-1) by their errors, with the extreme that this has at the start."""
-        return self.finest.moved(self._shift, sign)
+        return self.finest.moved(self._error_at_rows, sign)
 
     def lowered(self, begin: float, end: float) -> Array:
         """The values at the rows with the top lower and the bottom higher by their errors, times begin to end of them."""
-        return self.finest.with_top_lowered(self._shift, begin, end)
+        return self.finest.with_top_lowered(self._error_at_rows, begin, end)
 
     @cached_property
-    def slow(self) -> Array:
+    def too_slow(self) -> Array:
         """The orders with which whole columns converge, where they are too low to count; else nan."""
         if self.is_held or len(self.runs.results) < RUNS:
             return np.full(len(self.names), np.nan)
-        return slow_orders(self._shared, self.runs.ratio)
+        return too_slow_orders(self._shared, self.runs.ratio)
 
 
 class Forms:
@@ -200,7 +189,7 @@ class Forms:
     @cached_property
     def is_regular(self) -> bool:
         """Whether nothing speaks against an order that a number shows: no part relaxes and no input jumps within a step."""
-        if self.runs.have_jumps_inside:
+        if self.runs.have_jumps_within_steps:
             return False
         coarsest = self.runs.results[-1]
         return not any(

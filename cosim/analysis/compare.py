@@ -274,7 +274,7 @@ class _Record:
     def __str__(self) -> str:
         return f"{self.label} from {self.time[0]:g} to {self.time[-1]:g} s"
 
-    def named(self, text: str) -> str:
+    def take_reading(self, text: str) -> str:
         """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit."""
         reading = Reading.read(text, self.names, self.label)
         self.readings[reading.name] = reading
@@ -326,9 +326,11 @@ def _pairs(
         both = [n for n in ours.names if n in theirs.names]
         pairs = {n: n for n in both if n.removesuffix(ERROR) not in both or not n.endswith(ERROR)}
     elif isinstance(columns, Mapping):
-        pairs = {ours.named(name): theirs.named(other) for name, other in columns.items()}
+        pairs = {
+            ours.take_reading(name): theirs.take_reading(other) for name, other in columns.items()
+        }
     else:
-        pairs = {ours.named(name): theirs.named(name) for name in columns}
+        pairs = {ours.take_reading(name): theirs.take_reading(name) for name in columns}
     for other in pairs.values():
         if list(pairs.values()).count(other) > 1:
             raise SetupError(f"column {other!r} of {theirs.label} is mapped twice")

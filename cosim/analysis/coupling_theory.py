@@ -266,13 +266,13 @@ class Ideal:
             for turn in self.step(scheme, h)[1]:
                 for side, (output, source) in enumerate([(first, second), (second, first)]):
                     if turn.part == self.owner[output]:
-                        port = self._port(turn.part, source)
+                        port = self._input_driven_by(turn.part, source)
                         work = (turn.y_before[output] @ z_h) * (turn.u_first[port] @ z_h)
                         work += (turn.y_after[output] @ z_h) * (turn.u_last[port] @ z_h)
                         total[side] += turn.size / 2 * work.sum()
         return total
 
-    def _port(self, part: int, output: int) -> int:
+    def _input_driven_by(self, part: int, output: int) -> int:
         """The input of a part that an output drives."""
         ports = range(*self.u_of[part].indices(len(self.c)))
         return next(int(row) for row in np.flatnonzero(self.L[:, output]) if row in ports)

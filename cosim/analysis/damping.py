@@ -402,7 +402,7 @@ def _diagnose(runs: PerturbedRuns, share: float) -> Diagnosis:
     delay = -2 * (mode.damping - model.damping) / model.frequency
     delay_error = 2 * (mode.error + model.error) / model.frequency
     delay_error += abs(delay) * model.frequency_error / model.frequency
-    drift, drift_error = _drift(tracker, step)
+    drift, drift_error = _growth_without_oscillation(tracker, step)
     return Diagnosis(
         algorithm=algorithm, step=step, share=share, frequency=model.frequency,
         damping=model.damping, error=model.error, damping_seen=mode.damping, delay=delay,
@@ -508,7 +508,7 @@ def _is_certain(damping: float, error: float) -> bool:
     return error <= max(MAX_RELATIVE_ERROR * abs(damping), MAX_SMALL_ERROR)
 
 
-def _drift(tracker: ModeTracker, step: float) -> tuple[float, float]:
+def _growth_without_oscillation(tracker: ModeTracker, step: float) -> tuple[float, float]:
     """The rate [1/s] at which a motion without oscillation grows if the step makes it grow, and its error.
 
     The growth that a step makes is proportional to the step, so that half of the step shows half of it.

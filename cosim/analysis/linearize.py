@@ -281,7 +281,7 @@ def linearize(
             for _ in travel(ode, start + at, "DOP853", DEFAULT_TOLERANCE):
                 pass
             A, B, C, D, F = blocks = ode.blocks()
-            K = np.linalg.inv(ode.closure(blocks))
+            K = np.linalg.inv(ode.loop_matrix(blocks))
             rates = ode.slopes(ode.t, ode.x).tolist()
             variables = [*ode.states, *ode.inputs, *ode.outputs]
             values = {name: model.instance.session.values for name, model in ode.models.items()}

@@ -109,16 +109,16 @@ def step_spectrum(deviations: Deviations) -> Spectrum:
     if not lasting.any():
         return Spectrum((), 1.0)
     z, conditions = entire.values[lasting], entire.conditions[lasting]
-    waves = _exponentials(z, count)
+    waves = _unit_powers(z, count)
     exact, independent = (
-        np.linalg.lstsq(waves, _columns(y) + 0j, rcond=limit)[0].astype(complex)
+        np.linalg.lstsq(waves, _side_by_side(y) + 0j, rcond=limit)[0].astype(complex)
         for limit in (None, MIN_INDEPENDENT_SHARE)
     )
-    energy = np.sum(_columns(y) ** 2, axis=0)
+    energy = np.sum(_side_by_side(y) ** 2, axis=0)
     energy[energy == 0.0] = math.inf
     shares = (np.abs(independent) ** 2 / energy).max(axis=1)
-    rest = np.sum((_columns(y) - (waves @ exact).real) ** 2, axis=0)
-    shifts = _shifts(deviations, waves, exact) & (
+    rest = np.sum((_side_by_side(y) - (waves @ exact).real) ** 2, axis=0)
+    shifts = _are_shifts_in_time(deviations, waves, exact) & (
         np.abs(np.log(np.abs(z))) * count < MAX_SHIFT_DECAY
     )
     modes = []
@@ -166,12 +166,12 @@ def _windows(y: Array, begins: NDArray[np.int_], delay: int) -> Array:
     return y[:, at].reshape(len(y) * len(begins), -1).T
 
 
-def _columns(y: Array) -> Array:
+def _side_by_side(y: Array) -> Array:
     """The deviations with time down and all perturbations and outputs side by side."""
     return np.moveaxis(y, 1, 0).reshape(y.shape[1], -1)
 
 
-def _exponentials(z: Complex, count: int) -> Complex:
+def _unit_powers(z: Complex, count: int) -> Complex:
     """The powers z^n, each column of unit size; those that grow count from the end."""
     times = np.arange(count)[:, None] - np.where(np.abs(z) > 1.0, count - 1, 0)
     waves = np.exp(times * np.log(z))
@@ -194,7 +194,9 @@ def _map_eigenvalues(now: Array, later: Array, noise_share: float) -> MapEigenva
     return MapEigenvalues(values.astype(complex), conditions)
 
 
-def _shifts(deviations: Deviations, waves: Complex, amplitudes: Complex) -> NDArray[np.bool_]:
+def _are_shifts_in_time(
+    deviations: Deviations, waves: Complex, amplitudes: Complex
+) -> NDArray[np.bool_]:
     """Which modes have after each perturbation a real multiple of the amplitudes of the motion's rate."""
     perturbations, _, outputs = deviations.values.shape
     rate = np.gradient(deviations.motion / deviations.sizes, axis=0)

@@ -70,7 +70,9 @@ def advise(
     advice = []
     for name, experiment in experiments.items():
         specific = [
-            k for k, x in enumerate(names) if not fit.is_shared(x) or x in experiment.specific
+            k
+            for k, x in enumerate(names)
+            if not fit.is_machine_parameter(x) or x in experiment.specific
         ]
         shared = [k for k in range(len(names)) if k not in specific]
         problem, p = _experiment_problem(fit, experiment, spacing)

@@ -84,7 +84,7 @@ class Identified:
         """All start values of the fitted system that are numbers, also where no machine of this kind fits."""
         return self.problem.start_values(self.linearisation.p)
 
-    def is_shared(self, name: str) -> bool:
+    def is_machine_parameter(self, name: str) -> bool:
         """Whether the free value `name` is a parameter of the machine, not of this record only."""
         if is_sensor_parameter(name):
             return False
@@ -97,7 +97,9 @@ class Identified:
         supply that has changed.
         """
         indices = [
-            k for k, name in enumerate(self.names) if self.is_shared(name) and name not in without
+            k
+            for k, name in enumerate(self.names)
+            if self.is_machine_parameter(name) and name not in without
         ]
         covariance = self.linearisation.covariance[np.ix_(indices, indices)]
         return Prior([self.names[k] for k in indices], self.linearisation.p[indices], covariance)

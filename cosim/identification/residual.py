@@ -41,7 +41,7 @@ class ColumnResidual:
         return (self.fitted - self.measured) / self.sigma
 
     @property
-    def bandwidth(self) -> float:
+    def motion_bandwidth(self) -> float:
         """The frequency [Hz] above which neither the machine nor a similar one moves the column.
 
         It is a multiple of the frequency up to which the fitted values stand out from the noise.

@@ -98,7 +98,7 @@ def _misfits(
 
 def _excess_power(problem: Problem, residuals: Mapping[str, ColumnResidual]) -> Iterator[str]:
     """The column of which the residual has most power where the machine moves, if there is too much in all."""
-    powers = [x.power[x.frequencies <= x.bandwidth] for x in residuals.values()]
+    powers = [x.power[x.frequencies <= x.motion_bandwidth] for x in residuals.values()]
     fitted = len(problem.parameters) - len(problem.prior.names)
     frequencies = sum(map(len, powers)) - fitted / 2
     total = sum(float(power.sum()) for power in powers)
@@ -106,7 +106,7 @@ def _excess_power(problem: Problem, residuals: Mapping[str, ColumnResidual]) -> 
         k = int(np.argmax([power.mean() for power in powers]))
         name, residual = list(residuals.items())[k]
         yield (
-            f"{name}: up to {residual.bandwidth:.4g} Hz, where the machine moves, the residual has "
+            f"{name}: up to {residual.motion_bandwidth:.4g} Hz, where the machine moves, the residual has "
             f"{powers[k].mean():.3g} times the power of the noise"
         )
 
@@ -132,7 +132,7 @@ def locate_misfit(column: Measurement, residual: ColumnResidual) -> Iterator[Res
     exceeds log(n / SIGNIFICANCE) in a share SIGNIFICANCE of all records.
     """
     name, normalised = column.name, residual.normalised
-    k = int(np.argmax(residual.power * (residual.frequencies <= residual.bandwidth)))
+    k = int(np.argmax(residual.power * (residual.frequencies <= residual.motion_bandwidth)))
     if residual.power[k] > math.log(len(residual.power) / SIGNIFICANCE):
         f = float(residual.frequencies[k])
         amplitude = 2.0 * math.sqrt(float(residual.power[k]) / len(normalised))

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cosim import Result, System, certify, diagnose, limit, run, smallest
-from cosim.accuracy.trajectories import divergence
+from cosim.accuracy.trajectories import find_divergence
 from cosim.analysis.coupling_theory import Ideal
 from cosim.metrics import Largest, Last, Mean, Smallest, TimeOfLargest, TimeOfSmallest
 from cosim.series import TIME, Column, Kind
@@ -279,14 +279,14 @@ def test_runs_that_differ_much_but_converge_have_not_diverged() -> None:
 
     for delay in (0.02, 0.2, 1.0):
         late = runs(lambda h, delay=delay: np.sin(2 * (1 - delay * h) * t))
-        assert not divergence(late).columns
+        assert not find_divergence(late).columns
     # a radian at the end of the coarser runs: as chaotic ones part, and as those of two periods do
     growing = runs(lambda h: np.sin(12 * t + 150 * h**2 * np.exp(0.8 * (t - 10))))
-    assert 8.0 < divergence(growing).begin < 10.0
-    assert not divergence(runs(lambda h: np.sin(12 * t + 15 * h**2 * t))).columns
+    assert 8.0 < find_divergence(growing).begin < 10.0
+    assert not find_divergence(runs(lambda h: np.sin(12 * t + 15 * h**2 * t))).columns
     # a level that depends on the step, beside which the column hardly moves
-    assert not divergence(runs(lambda h: 5 + h + 1e-6 * (1 + h) * np.sin(3 * t))).columns
-    assert not divergence(runs(lambda h: (t > 5 + 4 * h) * 1.0, Kind.DISCRETE)).columns
+    assert not find_divergence(runs(lambda h: 5 + h + 1e-6 * (1 + h) * np.sin(3 * t))).columns
+    assert not find_divergence(runs(lambda h: (t > 5 + 4 * h) * 1.0, Kind.DISCRETE)).columns
 
 
 def test_a_number_made_after_the_coarser_runs_part_exponentially_holds_or_is_refused() -> None:

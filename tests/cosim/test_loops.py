@@ -82,6 +82,6 @@ def test_the_reference_solution_solves_small_signals_beside_large_ones() -> None
     ode.parts, ode.t, ode.network = [part], 0.0, None
     ode.inputs = [SimpleNamespace(name=name) for name in block.names]
     ode.blocks = lambda: None
-    ode.closure = lambda _: np.eye(2) - np.diag([derivative(taken[0])[0, 0], 0.0])
-    ode._solve()
+    ode.loop_matrix = lambda _: np.eye(2) - np.diag([derivative(taken[0])[0, 0], 0.0])
+    ode._solve_loops()
     assert block.cells[0] == pytest.approx(FLOW, rel=1e-9)

@@ -9,7 +9,7 @@ import pytest
 from cosim import Estimate, Result
 from cosim.accuracy.judge import Function, judge_function
 from cosim.accuracy.nested import NestedRuns
-from cosim.accuracy.trajectories import divergence
+from cosim.accuracy.trajectories import find_divergence
 from cosim.series import TIME, Column
 from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
@@ -46,7 +46,7 @@ def result_of_steps(steps: float = 1.0, first_order: Sequence[str] = ()) -> Resu
 
 def judged(function: Function, results: Sequence[Result]) -> dict[str, Estimate]:
     """What certify makes of the numbers of three runs that bring the errors of their rows."""
-    return judge_function(function, NestedRuns(results, results[0], 2.0), divergence(results))
+    return judge_function(function, NestedRuns(results, results[0], 2.0), find_divergence(results))
 
 
 def ends(r: Result) -> dict[str, Estimate]:

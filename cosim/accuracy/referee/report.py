@@ -137,7 +137,9 @@ class RefereeReport(ReportFile):
     def _cause_lines(self) -> Iterator[str]:
         for c in self.causes:
             name = "cause" if c.is_certain else "not certain"
-            explained = f" (the difference of {', '.join(c.signals)} is {_smaller(c)} with it)"
+            explained = (
+                f" (the difference of {', '.join(c.signals)} is {_times_smaller(c)} with it)"
+            )
             yield f"{name}: {c.text}{explained if c.signals else ''}"
 
     def text(self) -> str:
@@ -255,7 +257,7 @@ def _deviation(signal: SignalJudgement) -> str:
     return f"{signal.deviation:.4g} +- {signal.error:.1g} {signal.unit}".rstrip()
 
 
-def _smaller(cause: Cause) -> str:
+def _times_smaller(cause: Cause) -> str:
     if cause.reduction >= WORTH_STATING:
         return f"more than {WORTH_STATING:.0e} times smaller"
     return f"{cause.reduction:.3g} times smaller"

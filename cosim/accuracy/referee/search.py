@@ -30,7 +30,7 @@ from .causes import (
 from .signals import SignalJudgement, Verdict
 from .solution import INTEGRATION_TOLERANCE, SPACING_TOLERANCE, Array, Request, integrate
 from .variants import MOST_VARIANTS, FreeNumber, Variant, numbers, variants
-from .whole import EULERS, Method, by_method, late, plain_wires
+from .whole import EULERS, by_method, late, wires_with_total_factors
 
 #: Numbers of communication steps per row that masters are run with: a convention of decimal steps.
 STEPS_PER_ROW = (1, 2, 4, 5, 10, 20, 50, 100)
@@ -143,7 +143,7 @@ class CauseSearch:
             return math.inf
         return root_mean_square(columns - self.table[:, : columns.shape[1]])
 
-    def begins_closer_to_table(self, system: System) -> bool:
+    def has_first_rows_closer_to_table(self, system: System) -> bool:
         """Whether the first rows of a system are clearly closer to those of the table than the reference is."""
         columns = self.columns(system, rows=self.beginning)
         before = self.distance(self.reference[:, : self.beginning])
@@ -198,7 +198,7 @@ class CauseSearch:
                 )  # fmt: skip
         except (SetupError, SimulationError, OutOfTimeError):
             return None
-        columns = request.at(result.t, result.data[:, 1:], held=not is_fine)
+        columns = request.interpolated(result.t, result.data[:, 1:], held=not is_fine)
         return np.asarray(columns / self.scale)
 
     def integrated(self, system: System, rows: int | None = None) -> Array | None:
@@ -231,14 +231,14 @@ class CauseSearch:
         b = first + change
         x, y = columns(first), columns(b)
         for _ in range(MOST_MOVES):
-            move, _ = self.move(x, y, change)
+            move, _ = self.secant_move(x, y, change)
             b, x, change = b + move, y, move
             y = columns(b)
             if y is None or abs(move) <= FITTED * abs(b):
                 break
         return b, y
 
-    def move(self, x: Array | None, y: Array | None, change: float) -> tuple[float, float]:
+    def secant_move(self, x: Array | None, y: Array | None, change: float) -> tuple[float, float]:
         """By how much a number that made y is to be moved, if its change made y of x, and what is left then; 0 if it cannot."""
         if x is None or y is None or not change:
             return 0.0, math.inf
@@ -260,7 +260,7 @@ def find_causes(search: CauseSearch) -> list[Cause]:
         lambda: _euler_causes(search),
         lambda: _variant_causes(search, scores),
         lambda: _number_causes(search),
-        lambda: _late_causes(search),
+        lambda: _late_input_causes(search),
         lambda: _combined_causes(search, scores),
     )
     for find in finders:
@@ -269,7 +269,7 @@ def find_causes(search: CauseSearch) -> list[Cause]:
             if cause.reduction >= DECISIVE_REDUCTION:
                 return sorted(causes, key=lambda cause: -cause.reduction)
     if not causes:
-        causes.extend(_inexact_causes(search))
+        causes.extend(_fmu_integration_causes(search))
     return sorted(causes, key=lambda cause: -cause.reduction)
 
 
@@ -285,7 +285,7 @@ def _best_coupling(search: CauseSearch, system: System) -> tuple[Coupling | None
     """The coupling of a system that comes closest to the table, and what it makes."""
     best: tuple[Coupling | None, Array | None] = None, None
     nearest = math.inf
-    for coupling, columns in _coupled(search, system):
+    for coupling, columns in _run_couplings(search, system):
         if (distance := search.distance(columns)) < nearest:
             best, nearest = (coupling, columns), distance
             if search.before >= DECISIVE_REDUCTION * distance:
@@ -293,7 +293,7 @@ def _best_coupling(search: CauseSearch, system: System) -> tuple[Coupling | None
     return best
 
 
-def _coupled(search: CauseSearch, system: System) -> Iterator[tuple[Coupling, Array]]:
+def _run_couplings(search: CauseSearch, system: System) -> Iterator[tuple[Coupling, Array]]:
     """What each coupling makes of a system; at last those whose rows are a step early for some of the parts."""
     if not (search.network.wires or search.network.inputs):
         return
@@ -330,9 +330,12 @@ def _euler_causes(search: CauseSearch) -> Iterator[Cause]:
     for name, method in EULERS.items():
         best: tuple[float, Array | None] = math.inf, None
         for step in search.steps()[: -len(ROWS_PER_STEP)]:
-            columns = None if search.is_over else _by_method(search, method, step)
+            if search.is_over:
+                continue
+            columns = by_method(search.network, search.request, method, step)
             if columns is None:
                 continue
+            columns = columns / search.scale
             if search.distance(columns) < search.distance(best[1]):
                 best = step, columns
             # A shorter step makes less of a difference than this one.
@@ -349,15 +352,10 @@ def _euler_causes(search: CauseSearch) -> Iterator[Cause]:
             yield variant.clause(cause)
 
 
-def _by_method(search: CauseSearch, method: Method, step: float) -> Array | None:
-    columns = by_method(search.network, search.request, method, step)
-    return None if columns is None else columns / search.scale
-
-
 def _variant_causes(search: CauseSearch, scores: list[tuple[float, Variant]]) -> Iterator[Cause]:
     """What is lost, crossed or wrongly converted; the distance of each variant is added to the scores."""
     for variant in variants(search.network):
-        if variant.is_guess and not search.begins_closer_to_table(variant.system):
+        if variant.is_guess and not search.has_first_rows_closer_to_table(variant.system):
             continue
         columns = search.columns(variant.system)
         scores.append((search.distance(columns), variant))
@@ -401,7 +399,7 @@ def _number_causes(search: CauseSearch) -> Iterator[Cause]:
         for number in numbers(search.network):
             change = MOVED * (abs(number.value) or 1.0)
             moved = search.columns(number.system(number.value + change), coupling)
-            fits.append((search.move(base, moved, change)[1], number, change))
+            fits.append((search.secant_move(base, moved, change)[1], number, change))
         for _, number, change in sorted(fits, key=lambda fit: fit[0])[:MOST_FITTED]:
             value, columns = _fitted_number(search, number, change, coupling)
             value = 0.0 if abs(value) < FITTED * abs(number.value) else value
@@ -445,7 +443,7 @@ def _delayable(search: CauseSearch) -> list[Wire]:
     """The wires whose values can be late."""
     return [
         wire
-        for wire, checked in zip(plain_wires(search.network), search.network.wires)
+        for wire, checked in zip(wires_with_total_factors(search.network), search.network.wires)
         if not wire.adds and checked.source.type == checked.target.type == "Real"
     ]
 
@@ -463,7 +461,7 @@ def _step_late_causes(search: CauseSearch) -> Iterator[Cause]:
         yield cause
 
 
-def _late_causes(search: CauseSearch) -> Iterator[Cause]:
+def _late_input_causes(search: CauseSearch) -> Iterator[Cause]:
     """Wires whose values arrive a time later, which is fitted, one by one and all together."""
     wires = _delayable(search)
     for some in [[wire] for wire in wires[:MOST_VARIANTS]] + ([wires] if len(wires) > 1 else []):
@@ -480,7 +478,7 @@ def _late_causes(search: CauseSearch) -> Iterator[Cause]:
             yield Variant("late input", text, imitation, search.network.system).clause(cause)
 
 
-def _inexact_causes(search: CauseSearch) -> Iterator[Cause]:
+def _fmu_integration_causes(search: CauseSearch) -> Iterator[Cause]:
     """The integrators within the FMUs, where co-simulation tends to something else than model exchange."""
     finest: Array | None = None
     for n in range(MOST_HALVINGS):

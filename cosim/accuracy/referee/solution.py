@@ -107,7 +107,7 @@ class Request:
         k = k - (self.times - times[k - 1] < times[k] - self.times)
         return k, np.abs(times[k] - self.times) <= SPACING_TOLERANCE * self.spacing
 
-    def at(self, times: Array, rows: Array, *, held: bool = False) -> Array:
+    def interpolated(self, times: Array, rows: Array, *, held: bool = False) -> Array:
         """Rows of shape (times, columns) at the wanted times, shape (columns, wanted): held, or by cubics where they are between."""
         from scipy.interpolate import CubicSpline
 
@@ -121,7 +121,7 @@ class Request:
             return rows[nearest].T
         return np.asarray(CubicSpline(times, rows)(np.clip(self.times, times[0], times[-1])).T)
 
-    def read(self, result: Result) -> tuple[dict[str, Array], dict[str, Array]]:
+    def read_columns(self, result: Result) -> tuple[dict[str, Array], dict[str, Array]]:
         """The columns of a result at the wanted times, and how far off what is between its rows may be.
 
         That is the distance from what every second row gives.
@@ -175,7 +175,7 @@ def exact_rows(path: Path | str, request: Request) -> ReferenceSolution:
     rows = Result(
         values.columns, {}, lambda k: values.numbers(values.names[k]), breaks=values.breaks
     )
-    columns, gaps = request.read(rows)
+    columns, gaps = request.read_columns(rows)
     nearest, _ = request.nearest(t)
     events = tuple(values.breaks.mean(axis=1).tolist())
     of_rows = {name: errors.numbers(name)[nearest] + gaps[name] for name in request.names}
@@ -213,7 +213,7 @@ def integrate(network: Network, request: Request, tolerance: float) -> Reference
             network.system, start=request.start, stop=request.stop, times=request.times,
             record=request.names, tolerance=tolerance, timeout=request.timeout,
         )  # fmt: skip
-    values, gaps = request.read(result)
+    values, gaps = request.read_columns(result)
     errors = {name: gap + result.provenance["errors"][name] for name, gap in gaps.items()}
     events = tuple(sorted(set(result.provenance["events"]) - {request.start}))
     method = "model exchange, integrated as one system"
@@ -245,7 +245,7 @@ def _refined(network: Network, request: Request, algorithm: str, refusal: str) -
             if reason:
                 continue
             finest = runs.result(0)
-            values, errors = request.read(finest)
+            values, errors = request.read_columns(finest)
             nearest, _ = request.nearest(finest.t)
             is_met = True
             for name in request.names:

@@ -105,7 +105,7 @@ def match_columns(
     used = {reading.name for reading in readings.values()}
     free = [port for port in ports if port.name not in readings]
     others = [name for name in table.names[1:] if name not in used]
-    for port, column in _pairs(free, others, Path(table.label).stem):
+    for port, column in _unambiguous_pairs(free, others, Path(table.label).stem):
         readings[port.name] = Reading(column)
     matches = []
     for port in ports:
@@ -122,16 +122,18 @@ def match_columns(
     return matches
 
 
-def _pairs(ports: Sequence[Port], columns: Sequence[str], stem: str) -> list[tuple[Port, str]]:
+def _unambiguous_pairs(
+    ports: Sequence[Port], columns: Sequence[str], stem: str
+) -> list[tuple[Port, str]]:
     """Variables and columns whose names agree, from the strictest rule to the loosest."""
     rules: tuple[Callable[[Port, str], bool], ...] = (
         lambda port, column: column == port.name,
-        lambda port, column: _ends_with(_path(column), _path(port.name)),
-        lambda port, column: _ends_with(_flat(column), _flat(port.name)),
+        lambda port, column: _ends_with(_pieces(column), _pieces(port.name)),
+        lambda port, column: _ends_with(_words(column), _words(port.name)),
         lambda port, column: (
-            _path(column) == _path(port.variable.name) and stem.startswith(port.part)
+            _pieces(column) == _pieces(port.variable.name) and stem.startswith(port.part)
         ),
-        lambda port, column: _path(column) == _path(port.variable.name),
+        lambda port, column: _pieces(column) == _pieces(port.variable.name),
     )
     pairs: list[tuple[Port, str]] = []
     free, unused = list(ports), list(columns)
@@ -146,12 +148,12 @@ def _pairs(ports: Sequence[Port], columns: Sequence[str], stem: str) -> list[tup
     return pairs
 
 
-def _path(name: str) -> list[str]:
+def _pieces(name: str) -> list[str]:
     """A name as its pieces, whatever separates them."""
     return re.split(r"::|[.:/|]", name.strip())
 
 
-def _flat(name: str) -> list[str]:
+def _words(name: str) -> list[str]:
     """A name as its words, for masters that replace every dot by an underscore."""
     return [word for word in re.split(r"[^A-Za-z0-9]+", name) if word]
 

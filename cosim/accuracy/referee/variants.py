@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ...system import Network, System, Wire
 from .causes import DECISIVE_REDUCTION, Cause
 from .conversions import CELSIUS_ZERO, conversion_of, wrong_factors
-from .whole import plain_wires
+from .whole import wires_with_total_factors
 
 #: Most variants of one kind that are tried: a convention, to limit the time.
 MOST_VARIANTS = 30
@@ -79,7 +79,7 @@ def numbers(network: Network) -> Iterator[FreeNumber]:
             what = f"the start value {name}"
             change = partial(with_start, name)
             yield FreeNumber("wrong start value", what, network.port(name).unit, value, change)
-    for k, wire in enumerate(plain_wires(network)):
+    for k, wire in enumerate(wires_with_total_factors(network)):
         if network.wires[k].source.type == "Real":
             what = f"the factor of the wire from {wire.source} to {wire.target}"
             unit, change = network.wires[k].target.unit, partial(with_factor, k, wire)
@@ -88,7 +88,7 @@ def numbers(network: Network) -> Iterator[FreeNumber]:
 
 def rewired(network: Network, changed: Mapping[int, Wire | None]) -> System:
     """The system with some of its wires replaced, or left out."""
-    wires = [changed.get(k, wire) for k, wire in enumerate(plain_wires(network))]
+    wires = [changed.get(k, wire) for k, wire in enumerate(wires_with_total_factors(network))]
     return replace(network.system, wires=[w for w in wires if w is not None], bonds=())
 
 
@@ -135,7 +135,7 @@ def _lost_inputs(network: Network) -> Iterator[Variant]:
 
 def _other(network: Network, k: int, said: str, factor: float, offset: float) -> Variant:
     """Another factor and offset of a wire; {} in what is said of it is the one that has changed."""
-    wire = plain_wires(network)[k]
+    wire = wires_with_total_factors(network)[k]
     ends = f"from {wire.source} to {wire.target}"
     number = f"{factor:.6g}" if factor != wire.factor else f"{offset:+.6g}"
     imitation = f"another factor imitates it: {number} {ends}"
@@ -167,7 +167,7 @@ def _wrong_conversions(network: Network) -> Iterator[Variant]:
 
 
 def _lost_wires(network: Network) -> Iterator[Variant]:
-    for k, wire in enumerate(plain_wires(network)):
+    for k, wire in enumerate(wires_with_total_factors(network)):
         ends = f"from {wire.source} to {wire.target}"
         imitation = f"a lost wire imitates it: {ends}"
         yield Variant(
@@ -176,7 +176,7 @@ def _lost_wires(network: Network) -> Iterator[Variant]:
 
 
 def _crossed_wires(network: Network) -> Iterator[Variant]:
-    for (i, a), (j, b) in combinations(enumerate(plain_wires(network)), 2):
+    for (i, a), (j, b) in combinations(enumerate(wires_with_total_factors(network)), 2):
         types = {network.wires[k].source.type for k in (i, j)}
         if a.source != b.source and len(types) == 1:
             crossed = {i: a._replace(source=b.source), j: b._replace(source=a.source)}

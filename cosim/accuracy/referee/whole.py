@@ -98,7 +98,7 @@ class History:
         )
 
 
-def plain_wires(network: Network) -> list[Wire]:
+def wires_with_total_factors(network: Network) -> list[Wire]:
     """The checked wires with their total factors and offsets."""
     sums = network.sums()
     return [
@@ -139,7 +139,7 @@ def late(
 
     system = network.system
     inputs = {**system.inputs, **{str(wire.target): delayed(wire) for wire in wires}}
-    kept = [wire for wire in plain_wires(network) if wire not in wires]
+    kept = [wire for wire in wires_with_total_factors(network) if wire not in wires]
     try:
         with quiet(), CoupledOde.open(network, start, request.stop) as ode:
             history = History(sources, ode.reader([network.port(name) for name in sources])())
@@ -167,7 +167,7 @@ def _columns(
             rows.append(read())
             history.add(t, sent())
     columns = np.array(rows)
-    return request.at(np.array(times), columns) if np.isfinite(columns).all() else None
+    return request.interpolated(np.array(times), columns) if np.isfinite(columns).all() else None
 
 
 def _steps(ode: CoupledOde, request: Request, method: Method, step: float) -> Iterator[float]:
@@ -185,7 +185,7 @@ def _steps(ode: CoupledOde, request: Request, method: Method, step: float) -> It
             raise FmuError(f"the states are no longer finite at t = {end!r} s")
         ode.at(end, x)
         is_planned = end == ode.until and (end < request.stop or end in ode.stops)
-        if ode.completed() or is_planned or ode.signs() != signs:
+        if ode.wants_event_after_step() or is_planned or ode.signs() != signs:
             ode.until = math.inf
             ode.jump(end)
             x, signs = ode.x, ode.signs()

@@ -78,13 +78,13 @@ def _initial_slopes(s: Subject) -> Iterator[Slope]:
                 middles.append(
                     [(ends[0][x.name] - ends[1][x.name]) / (above - below) for x in real]
                 )
-                sides.append(_sides(real, middle, ends, (above - start, below - start)))
+                sides.append(_one_sided_slopes(real, middle, ends, (above - start, below - start)))
             for x, value, fine, coarse, slope_pair in zip(real, stated, *middles, sides[0]):
                 low, high = sorted(slope_pair)
                 yield Slope("while initialising", x, v, value, low, high, abs(fine - coarse))
 
 
-def _sides(
+def _one_sided_slopes(
     real: Sequence[Variable],
     middle: dict[str, float],
     ends: Sequence[dict[str, float]],

@@ -30,7 +30,7 @@ def order(s: Subject) -> str:
     for name, state in wrong_calls(s):
         wrong = f"{name} {STATES[state]}"
         try:
-            if answer := forked(partial(_answer, s, name, state)):
+            if answer := forked(partial(_effect_of_call, s, name, state)):
                 answers[wrong] = answer
         except FmuError as error:
             raise CheckFailed(f"{wrong}: {error}") from error
@@ -50,11 +50,11 @@ def wrong_calls(s: Subject) -> Iterator[tuple[str, str]]:
     states = "IMSET" if s.is_fmi3 and s.can.hasEventMode else "IMST"
     for call in CALLS.values():
         allowed = call.allowed(s.description.fmiVersion)
-        if allowed is not None and _can_be_made(s, call.name):
+        if allowed is not None and _has_call(s, call.name):
             yield from ((call.name, state) for state in states if state not in allowed)
 
 
-def _variable(s: Subject, name: str) -> Variable | None:
+def _variable_of_call(s: Subject, name: str) -> Variable | None:
     """What a call sets or gets; an output is one that has no start value."""
     causality, variability = {
         "set a fixed parameter": ("parameter", "fixed"), "set an input": ("input", "continuous")
@@ -76,18 +76,18 @@ def _variable(s: Subject, name: str) -> Variable | None:
     return next((v for v in variables if nudged(v) is not None), None)
 
 
-def _can_be_made(s: Subject, name: str) -> bool:
+def _has_call(s: Subject, name: str) -> bool:
     """Whether this FMU has what the call is about."""
     if name.startswith(("set a", "get a")):
-        return _variable(s, name) is not None
+        return _variable_of_call(s, name) is not None
     if name == "getDirectionalDerivative":
-        return bool(s.can.providesDirectionalDerivative and s.inputs and _variable(s, name))
+        return bool(s.can.providesDirectionalDerivative and s.inputs and _variable_of_call(s, name))
     return not name.startswith(("enterEvent", "enterStep", "updateDisc", "evaluateDisc")) or bool(
         s.can.hasEventMode
     )
 
 
-def _answer(s: Subject, name: str, state: str) -> str:
+def _effect_of_call(s: Subject, name: str, state: str) -> str:
     """What follows a call in a state: refused, harmless, or what it changes; "" if the state is not reached."""
     before = s.steps // 2
     with s.instance() as part:
@@ -96,13 +96,13 @@ def _answer(s: Subject, name: str, state: str) -> str:
         except FmuError:
             return ""
         try:
-            _make(s, part, name)
+            _make_call(s, part, name)
         except FmuError:
             return REFUSED
         try:
             if state == "T":
                 return HARMLESS if s.row(part) == shown else "changes what it shows"
-            return _follows(s, part, state, before)
+            return _effect_on_rest_of_run(s, part, state, before)
         except FmuError as error:
             return f"and then the run fails ({error})"
 
@@ -123,7 +123,7 @@ def _reach(s: Subject, part: CoSimulation, state: str, steps: int) -> Row:
     return ()
 
 
-def _follows(s: Subject, part: CoSimulation, state: str, before: int) -> str:
+def _effect_on_rest_of_run(s: Subject, part: CoSimulation, state: str, before: int) -> str:
     """Whether the rows of a run from this state on are what they are without the call."""
     if state == "I":
         s.initialise(part)
@@ -139,10 +139,10 @@ def _follows(s: Subject, part: CoSimulation, state: str, before: int) -> str:
     return "changes the rows after it"
 
 
-def _make(s: Subject, part: CoSimulation, name: str) -> None:
+def _make_call(s: Subject, part: CoSimulation, name: str) -> None:
     """The call, with arguments that it takes where it is allowed."""
     session, third = part.session, s.is_fmi3
-    v = _variable(s, name)
+    v = _variable_of_call(s, name)
     match name:
         case "setupExperiment":
             session.call(name, s.tolerance, s.start, None)
