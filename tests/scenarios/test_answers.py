@@ -304,6 +304,7 @@ def test_python_asks_what_the_command_asks(
     assert main(arguments, PROJECT, "scenarios") == 0
     text, files = capsys.readouterr().out.rsplit("\n", 2)[:2]
     assert repr(answer) == text
+    assert "formula (22): electromechanical resonance, docs/papers.md" in text
     assert files.endswith(f"written to {folder}")
     assert sorted(x.name for x in mine.iterdir()) == sorted(x.name for x in folder.iterdir())
     assert (mine / "resonance.csv").read_bytes() == (folder / "resonance.csv").read_bytes()
