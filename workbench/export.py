@@ -28,20 +28,17 @@ from .runs.folder import reservation
 PAGE = "report.html"
 
 
-def draw_answer(answer: Answer, path: Path) -> list[str]:
+def draw_answer(answer: Answer, path: Path) -> bool:
     """Write the picture of an answer: its motions that have still frames, and its charts, below its first line.
 
-    Returns
-    -------
-    list of str
-        The file's name; none where there is nothing to draw.
+    Returns whether there is anything to draw.
     """
     show, title = answer.show(), answer.verdict.partition("\n")[0] or answer.question
     pictures = [*(motion for motion in show.motions if motion.ghosts), *show.charts]
     if pictures:
         with replacement(path) as fresh:
             draw(pictures, title, fresh)
-    return [path.name] * bool(pictures)
+    return bool(pictures)
 
 
 def html_picture(answer: Answer) -> str:
@@ -77,7 +74,8 @@ def write(answer: Answer, folder: Path, *, animate: bool = False) -> list[str]:
         for name, save in answer.files.items():
             with replacement(folder / name) as fresh:
                 save(fresh)
-        pictures = draw_answer(answer, folder / f"{answer.scenario}.png")
+        image = f"{answer.scenario}.png"
+        pictures = [image] * draw_answer(answer, folder / image)
         for number, motion in enumerate(answer.show().motions if animate else (), 1):
             pictures.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
             with replacement(folder / pictures[-1]) as fresh:
