@@ -1,16 +1,31 @@
-"""What tests of the master share: its command line, and runs without the compiled loop."""
+"""What tests of the master share: its command line, runs that are made up, and runs without the compiled loop."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
+from cosim import Result
 from cosim.cli.main import main
 from cosim.engine import driver
+from cosim.series import TIME, Column, Kind
 
 CommandOutput = Callable[..., str]
+
+
+def runs_of(
+    rows: Callable[[float], list[Any]], *, order: int = 1, kind: Kind = Kind.CONTINUOUS
+) -> Callable[..., Result]:
+    """A runner for certify: the columns time and x of each run are those of its step, of this order."""
+
+    def runner(_: Any, *, step: float, **__: Any) -> Result:
+        columns = [TIME, Column("x", kind=kind)]
+        return Result(columns, {"convergence_order": order}, np.array(rows(step)).__getitem__)
+
+    return runner
 
 
 @pytest.fixture

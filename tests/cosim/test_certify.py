@@ -18,6 +18,7 @@ from cosim.metrics import Largest, Last, Mean, Smallest, TimeOfLargest, TimeOfSm
 from cosim.series import TIME, Column, Kind
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
+from tests.cosim.conftest import runs_of
 from tests.cosim.test_cosim import pair, ripple
 
 
@@ -38,10 +39,7 @@ def test_an_extreme_that_every_run_smoothes_is_in_the_error(metric: Any, widest:
     """x = 20 t^2 - t dips to -1/80; an error of 80 h t leaves no run a value below that of the start."""
     t = np.linspace(0.0, 1.0, 21)
 
-    def runner(_: System, *, step: float, **__: Any) -> Result:
-        rows = np.column_stack([t, 20 * t**2 - t + 80 * step * t])
-        return Result([TIME, Column("x")], {"convergence_order": 1}, rows.T.__getitem__)
-
+    runner = runs_of(lambda step: [t, 20 * t**2 - t + 80 * step * t])
     estimate = certify(System({}), {"x": metric}, step=0.0125, runner=runner).figures["x"]
     assert estimate.value == pytest.approx(0.0, abs=1e-12)
     assert estimate.error is not None and 1 / 80 <= estimate.error <= widest
@@ -65,10 +63,7 @@ def certified_estimate(x: Any, metric: Any) -> Any:
     """What is certified of a figure of x(t, step) on 101 rows in a second, by order 1."""
     t = np.linspace(0.0, 1.0, 101)
 
-    def runner(_: System, *, step: float, **__: Any) -> Result:
-        report = {"convergence_order": 1}
-        return Result([TIME, Column("x")], report, np.column_stack([t, x(t, step)]).T.__getitem__)
-
+    runner = runs_of(lambda step: [t, x(t, step)])
     return certify(System({}), {"x": metric}, step=0.0025, runner=runner).figures["x"]
 
 
@@ -154,16 +149,14 @@ def test_a_part_that_relaxes_within_a_step_leaves_an_error_where_runs_agree_by_c
 def test_a_mean_over_rows_of_what_counts_is_as_exact_as_the_times_of_its_steps(rate: float) -> None:
     """Steps of a count that are nearly a whole number of rows apart are all found late by the same share of a row."""
 
-    def runner(_: System, *, step: float, **__: Any) -> Result:
+    def rows(step: float) -> list[Any]:
         t = np.linspace(0.0, 1.0, round(1.0 / step) + 1)
-        rows = np.array([t, np.floor(rate * t + 1e-9)])
-        return Result(
-            [TIME, Column("n", kind=Kind.INTEGER)], {"convergence_order": 1}, rows.__getitem__
-        )
+        return [t, np.floor(rate * t + 1e-9)]
 
+    runner = runs_of(rows, kind=Kind.INTEGER)
     whole = math.floor(rate)
     exact = whole - 0.5 * whole * (whole + 1) / rate
-    mean = lambda r: float(r["n"].mean())
+    mean = lambda r: float(r["x"].mean())
     estimate = certify(System({}), {"n": mean}, step=1 / 3200, runner=runner).figures["n"]
     assert estimate.error is not None
     assert abs(estimate.value - exact) < estimate.error < 2.0 * rate / 3200

@@ -16,8 +16,9 @@ from scipy.linalg import expm
 from cosim import Adaptive, Result, Series, SetupError, System, certify, oracle, run, table_file
 from cosim.cli.main import main
 from cosim.metrics import Crossing, Largest, Last, Mean, Metric, Smallest
-from cosim.series import TIME, Column, Kind
+from cosim.series import Kind
 from cosim.system.inputs import TableInput
+from tests.cosim.conftest import runs_of
 from tests.cosim.foreign import idle, pack
 
 #: A speed that jumps from rest to 10 rad/s between two points of any decimal step.
@@ -157,12 +158,7 @@ def test_a_real_whose_rows_are_whole_numbers_is_no_count() -> None:
     t = np.linspace(0.0, 1.0, 401)
 
     def error(offset: float, kind: Kind) -> float:
-        def runner(_: Any, *, step: float, **__: Any) -> Result:
-            rows = np.column_stack([t, 160_000.0 * t**2 + offset])
-            return Result(
-                [TIME, Column("x", kind=kind)], {"convergence_order": 1}, rows.T.__getitem__
-            )
-
+        runner = runs_of(lambda _: [t, 160_000.0 * t**2 + offset], kind=kind)
         got = certify(System({}), {"x": Mean("x")}, step=0.01, runner=runner).figures["x"]
         assert got.error is not None
         return got.error

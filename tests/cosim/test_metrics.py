@@ -47,6 +47,7 @@ from cosim.metrics import (
     passings,
 )
 from cosim.series import TIME, Column, Kind
+from tests.cosim.conftest import runs_of
 
 SEED = 20261122
 
@@ -91,12 +92,8 @@ def of(
 ) -> Callable[..., Result]:
     """A run whose rows are exact whatever the step."""
 
-    def runner(_: Any, *, step: float, **__: Any) -> Result:
-        t = np.linspace(0.0, stop, round(stop / 0.01) + 1)
-        rows = np.column_stack([t, values(t)])
-        return Result([TIME, Column("x", kind=kind)], {"convergence_order": 2}, rows.T.__getitem__)
-
-    return runner
+    t = np.linspace(0.0, stop, round(stop / 0.01) + 1)
+    return runs_of(lambda _: [t, values(t)], order=2, kind=kind)
 
 
 def rows_only(
@@ -201,10 +198,7 @@ def test_a_row_of_an_event_close_to_a_row_does_not_make_a_peak_uncertain() -> No
     def certified(events: tuple[float, ...]) -> Estimate:
         t = np.union1d(np.linspace(0.0, 1.0, 101), events)
 
-        def runner(_: Any, *, step: float, **__: Any) -> Result:
-            rows = np.column_stack([t, np.sin(7.0 * t) * (1.0 + step)])
-            return Result([TIME, Column("x")], {"convergence_order": 1}, rows.T.__getitem__)
-
+        runner = runs_of(lambda step: [t, np.sin(7.0 * t) * (1.0 + step)])
         return certify(System({}), {"f": Largest("x")}, step=0.0025, runner=runner).figures["f"]
 
     without_row, with_row = certified(()), certified((0.22 + 1e-6,))
@@ -376,12 +370,8 @@ def test_curves_of_one_time_axis_are_those_of_each_column() -> None:
 def test_a_function_that_weighs_rows_and_not_time_has_that_in_its_error() -> None:
     """Rows of adaptive steps are dense where x is small: their mean is 0.2, that over time 0.5, with fewer rows, too."""
 
-    def runner(_: Any, *, step: float, **__: Any) -> Result:
-        share = np.linspace(0.0, 1.0, 401)
-        t = share**0.25
-        rows = [t, 1.0 - t + step * t]
-        return Result([TIME, Column("x")], {"convergence_order": 1}, rows.__getitem__)
-
+    t = np.linspace(0.0, 1.0, 401) ** 0.25
+    runner = runs_of(lambda step: [t, 1.0 - t + step * t])
     figures = {"of rows": lambda r: float(r["x"].mean()), "last": lambda r: float(r["x"][-1])}
     got = certify(System({}), figures, step=0.0025, runner=runner).figures
     error = got["of rows"].error

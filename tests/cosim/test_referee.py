@@ -23,9 +23,9 @@ from components.unbalance_exciter import model as unbalance_exciter
 from cosim import SetupError, System, oracle, referee, run, write_ssp
 from cosim.accuracy.referee.signals import Verdict
 from cosim.accuracy.referee.table import read_foreign
-from cosim.cli.main import main
 from cosim.fmu.reference_rows import ReferenceRows
 from fmukit.declare.record import declarations
+from tests.cosim.conftest import CommandOutput
 from tests.oracle import monolithic, part
 
 DRIVE_START = {
@@ -49,12 +49,6 @@ CHAIN_START = {
     "controller.T_i": 0.2, "controller.w_ref": 100.0, "gear.i": 5.0, "gear.w_a": 0.0, "shaft.b": 0.002,
     "shaft.twist": 0.0, "load.crank.r": 0.004, "load.w": 0.0,
 }  # fmt: skip
-
-
-def command_output(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> str:
-    """What a command prints that ends with this exit code."""
-    assert main([str(argument) for argument in arguments]) == code
-    return capsys.readouterr().out
 
 
 def drive(native: Path, **changes: Any) -> System:
@@ -606,19 +600,19 @@ def test_parts_without_model_exchange_are_judged_by_finer_runs(fmus: Path) -> No
 
 
 def test_the_command_judges_files(
-    native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    native: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     system = drive(native)
     package, good, bad = tmp_path / "drive.ssp", tmp_path / "good.csv", tmp_path / "bad.csv"
     write_ssp(system, package, stop=0.2)
     independent(0.2, 201).to_csv(good, index=False)
     run(system, stop=0.2, step=1e-3, algorithm="jacobi").write(bad)
-    assert "good.csv agrees" in command_output(capsys, "referee", package, "--result", good)
+    assert "good.csv agrees" in command_output("referee", package, "--result", good)
     reports = [
         tmp_path / f"report{suffix}" for suffix in (".json", ".xml", ".html", ".png", ".txt")
     ]
     outputs = [text for path in reports for text in ("--out", path)]
-    text = command_output(capsys, "referee", package, "--result", bad, *outputs, code=1)
+    text = command_output("referee", package, "--result", bad, *outputs, code=1)
     assert "bad.csv differs" in text and "inputs that are one step old" in text
     content = json.loads(reports[0].read_text())
     assert content["verdict"] == "differs" and content["causes"][0]["kind"] == "held inputs"

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from cosim import SetupError, write_ssp
-from cosim.cli.main import main
 from cosim.formats.ssp.standard import check_standard
 from cosim.formats.ssp.standard_report import Severity
+from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import conveyor
 from tests.fmukit.test_fmi3 import built
 
@@ -88,12 +88,6 @@ BROKEN: dict[str, tuple[str, str, str]] = {
 }  # fmt: skip
 
 
-def command_output(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> str:
-    """What a command prints that ends with this exit code."""
-    assert main([str(argument) for argument in arguments]) == code
-    return capsys.readouterr().out
-
-
 def written(folder: Path, text: str) -> Path:
     """A system structure description with this text."""
     path = folder / "SystemStructure.ssd"
@@ -130,7 +124,7 @@ def test_a_broken_clause_is_named(tmp_path: Path, name: str, version: str) -> No
 
 
 def test_what_is_written_keeps_the_standard(
-    native: Path, fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    native: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     """Packages of SSP 1.0 and of 2.0, with FMUs of FMI 2.0 and 3.0, whose connectors are their variables."""
     for name in ("DriveMotor", "CrankConveyor"):
@@ -140,7 +134,7 @@ def test_what_is_written_keeps_the_standard(
         write_ssp(conveyor(folder, motor__T=0.05), path, stop=1.0)
         report = check_standard(path)
         assert report.passed, report.text()
-        assert "keeps the SSP standard" in command_output(capsys, "check", path, "--standard")
+        assert "keeps the SSP standard" in command_output("check", path, "--standard")
 
 
 def edited(package: Path, copy: Path, edit: Callable[[str], str], **options: int) -> Path:
@@ -155,7 +149,7 @@ def edited(package: Path, copy: Path, edit: Callable[[str], str], **options: int
 
 
 def test_connectors_are_compared_with_the_fmu(
-    native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    native: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
     package = tmp_path / "drive.ssp"
     write_ssp(conveyor(native), package, stop=1.0)
@@ -166,18 +160,14 @@ def test_connectors_are_compared_with_the_fmu(
             'Connector="tau"', 'Connector="torque"'
         ),
     )
-    text = command_output(capsys, "check", other, "--standard", code=1)
+    text = command_output("check", other, "--standard", code=1)
     assert "5.2.1 Connectors" in text and "the FMU has no variable 'torque'" in text
     other = edited(
         package, tmp_path / "c.ssp", lambda t: t.replace('kind="input"', 'kind="parameter"')
     )
-    assert "of causality input in the FMU" in command_output(
-        capsys, "check", other, "--standard", code=1
-    )
+    assert "of causality input in the FMU" in command_output("check", other, "--standard", code=1)
     other = edited(package, tmp_path / "d.ssp", str, compress_type=zipfile.ZIP_LZMA)
-    assert "neither stored nor deflated" in command_output(
-        capsys, "check", other, "--standard", code=1
-    )
+    assert "neither stored nor deflated" in command_output("check", other, "--standard", code=1)
 
 
 def test_what_other_tools_cannot_read_is_no_error(tmp_path: Path) -> None:

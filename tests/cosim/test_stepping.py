@@ -9,7 +9,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
 import pandas as pd
 import pytest
@@ -23,6 +22,7 @@ from scenarios.conveyor.first_order import SETS
 from tests.conftest import described, rewritten
 from tests.cosim.foreign import idle, pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
+from tests.hosts.host import Unit
 from tests.oracle import monolithic
 
 START = SETS["A"].start(NU)
@@ -294,28 +294,16 @@ def test_adaptive_steps_reach_a_permille_with_a_fifth_of_the_steps(fmus: Path) -
     assert spent[0] >= 5 * spent[1]
 
 
-def test_native_fmus_follow_polynomials(fmus: Path, tmp_path: Path) -> None:
+def test_native_fmus_follow_polynomials(fmus: Path) -> None:
     """Derivatives up to order 6 over one long step, against an independent solver."""
     rates = [3.0, -40.0, 500.0, -2e4, 3e5, -4e6]
-    path = str(fmus / "native" / "DriveMotor.fmu")
-    description, folder = fmpy.read_model_description(path), fmpy.extract(path, str(tmp_path))
-    slave = fmpy.instantiate_fmu(folder, description, "CoSimulation")
-    slave.setupExperiment(startTime=0.0)
-    slave.enterInitializationMode()
-    slave.exitInitializationMode()
-    reference = {v.name: v.valueReference for v in description.modelVariables}
-    w = reference["w"]
-    slave.setReal([w], [35.0])
-    slave.setRealInputDerivatives([w] * 6, [1, 2, 3, 4, 5, 6], rates)
-    slave.doStep(0.0, 0.1)
-    (torque,) = slave.getReal([reference["tau"]])
-    names = [reference["tau"], reference["tau_static"]]
-    slope, fed_through = slave.getRealOutputDerivatives(names, [1, 1])
-    slave.setReal([w], [35.0])
-    slave.doStep(0.1, 0.01)
-    (later,) = slave.getReal([reference["tau"]])
-    slave.terminate()
-    slave.freeInstance()
+    slave = Unit(fmus / "native" / "DriveMotor.fmu").start(w=35.0)
+    w, *torques = (slave.variables[name].valueReference for name in ("w", "tau", "tau_static"))
+    slave.fmi.setRealInputDerivatives([w] * 6, [1, 2, 3, 4, 5, 6], rates)
+    torque = slave.step(0.0, 0.1).get("tau")
+    slope, fed_through = slave.fmi.getRealOutputDerivatives(torques, [1, 1])
+    later = slave.set(w=35.0).step(0.1, 0.01).get("tau")
+    slave.end().fmi.freeInstance()
 
     def speed(t: float) -> float:
         return 35.0 + sum(r * t**k / math.factorial(k) for k, r in enumerate(rates, 1))
