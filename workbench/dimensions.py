@@ -22,7 +22,7 @@ SCALE = 1.01
 #: Sets of values with which a formula is computed; chosen: where one of them is outside its domain, others are not.
 DRAWS = 20
 #: Differences of powers that are rounding. Derived: 1e-15 of a value is 1e-13 of a power of SCALE.
-ROUNDING = 1e-9
+POWER_ROUNDING = 1e-9
 #: Numbers that may turn a value into another unit, as 60 and pi do; halves, doubles and the like do not.
 CONVERSION = re.compile(r"\bpi\b|(?<![\w.])(?![1-9]\b(?!\.))[\d.]")
 
@@ -81,12 +81,12 @@ def check_unit(text: str | float, unit: str, units: Mapping[str, str], where: st
     if not grows.size:
         return []
     terms = ", ".join(f"{name} in {units[name]}" for name in sorted(powers))
-    if np.ptp(grows, axis=1).max() > ROUNDING:
+    if np.ptp(grows, axis=1).max() > POWER_ROUNDING:
         raise SetupError(
             f"{where}: {text!r} adds or compares what is in different units, with {terms}; a number that has a unit "
             "must be an option with it"
         )
-    differs = np.abs(grows[:, 0] - stated) > ROUNDING
+    differs = np.abs(grows[:, 0] - stated) > POWER_ROUNDING
     if differs[:-1].any() or (differs[-1] and not CONVERSION.search(str(text))):
         raise SetupError(f"{where}: {text!r} is not in {unit}, with {terms}")
     return []
