@@ -474,9 +474,7 @@ OPEN const char *answer(void) {{ return "{}"; }}
 
 @pytest.mark.parametrize("target", ["x86_64-windows-gnu", HOST_TARGET])
 def test_a_library_is_made_of_the_sources_in_its_own_folder(target: str, tmp_path: Path) -> None:
-    """Also where sources of the same name that were compiled before are still there, as those of the FMU of
-    FMI 2.0 are while that of FMI 3.0 is built.
-    """
+    """Also where sources of the same name, compiled before with the same cache, are still in another folder."""
     for text in ("made first", "made last!"):
         folder = tmp_path / text.replace(" ", "_")
         folder.mkdir()
