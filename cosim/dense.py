@@ -351,7 +351,7 @@ class Curves:
             x[inside, k + 1] = sign * highest[inside]
         return x
 
-    def with_top_lowered(self, width: Array, begin: float = 1.0, end: float = 1.0) -> Array:
+    def with_extremes_narrowed(self, width: Array, begin: float = 1.0, end: float = 1.0) -> Array:
         """The values of the rows, of which the highest are lower by a width and the lowest ones higher.
 
         The width is multiplied by `begin` at the first of them and by `end` at the last, evenly in between. These are
@@ -377,7 +377,7 @@ def _around_top(x: Array) -> slice:
     return slice(falls[-1] + 1 if len(falls) else 0, top + rises[0] + 1 if len(rises) else len(x))
 
 
-def turns(c: Array, widths: Array) -> tuple[Array, Array]:
+def ends_and_turns(c: Array, widths: Array) -> tuple[Array, Array]:
     """The times since their rows at which polynomials begin, turn and end, in order, and the values there, shape (4, ...).
 
     Between two of them they are monotonic. Where there is no turn, the begin takes its place.
@@ -395,7 +395,7 @@ def turns(c: Array, widths: Array) -> tuple[Array, Array]:
 
 def _tops(p: Polynomials, sign: float, curve: Indices, k: Indices) -> tuple[Array, Array]:
     """The largest values of sign times some polynomials and their times [s]; -inf where they are not known."""
-    at, values = turns(p.c[:, curve, k], p.widths[k])
+    at, values = ends_and_turns(p.c[:, curve, k], p.widths[k])
     values = np.where(np.isnan(values), -np.inf, sign * values)
     best = values.argmax(axis=0), np.arange(len(k))
     return values[best], p.t[k] + at[best]
@@ -586,12 +586,12 @@ def hidden_gaps(t: Array, x: Array) -> Mask:
         for low in range(begin, end, many):
             part = slice(max(begin, low - OVERLAP_ROWS), min(end, low + many + OVERLAP_ROWS))
             if part.stop - part.start - CUBIC_ROWS > SMOOTH_STENCILS:
-                for curve, row in _leaps(t[part], x[:, part], floor):
+                for curve, row in _unpredicted_gaps(t[part], x[:, part], floor):
                     gaps[curve, part.start + row] = True
     return gaps
 
 
-def _leaps(t: Array, x: Array, floor: Array) -> Iterator[tuple[Indices, Indices]]:
+def _unpredicted_gaps(t: Array, x: Array, floor: Array) -> Iterator[tuple[Indices, Indices]]:
     """Curves and gaps beside rows that the cubic through the next four does not predict, although it is smooth.
 
     The error of the cubic is the fourth difference of five rows, times what makes the weight of the predicted row 1:

@@ -11,7 +11,7 @@ from .engine.algorithms import find_algorithm
 from .engine.energy import find_bonds
 from .engine.settings import RunSettings
 from .json_values import Json
-from .system import ANGLE, Connection, Network, Port, obstacles, unit_exponents
+from .system import ANGLE, Connection, Network, Port, run_obstacles, unit_exponents
 from .system.graph import algebraic_loops, describe_loop, stepping_order
 
 ABILITIES = {
@@ -68,7 +68,7 @@ def info(network: Network) -> Iterator[str]:
         if lines:
             yield title
             yield from (f"  {line}" for line in lines)
-    for obstacle in obstacles(network):
+    for obstacle in run_obstacles(network):
         yield f"cannot run here: {obstacle}"
 
 

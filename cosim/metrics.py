@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .dense import Array, Curves, Polynomials, turns
+from .dense import Array, Curves, Polynomials, ends_and_turns
 from .errors import SetupError
 from .series import Column, Kind
 
@@ -137,13 +137,13 @@ class Metric:
 
     def times(self, *curves: Curves) -> Array:
         """The times [s] at which the values alone decide it, shape (times, curves); none if all do, or their slopes."""
-        each = [np.full((0, n), np.nan) if c is None else np.asarray(self.deciding(c)).reshape(-1, n)
+        each = [np.full((0, n), np.nan) if c is None else np.asarray(self.deciding_times(c)).reshape(-1, n)
                 for n, c in self.parts(*curves)]  # fmt: skip
         most = max(map(len, each))
         filled = [np.pad(t, ((0, most - len(t)), (0, 0)), constant_values=np.nan) for t in each]
         return np.concatenate(filled, axis=1)
 
-    def deciding(self, curves: Curves) -> list[Array]:
+    def deciding_times(self, curves: Curves) -> list[Array]:
         """The same for whole curves."""
         return []
 
@@ -208,7 +208,7 @@ class PointValue(Metric):
 class Last(PointValue):
     """The last value."""
 
-    def deciding(self, curves: Curves) -> list[Array]:
+    def deciding_times(self, curves: Curves) -> list[Array]:
         """The end."""
         return [np.full(len(curves), curves.t[-1])]
 
@@ -225,7 +225,7 @@ class Largest(PointValue):
         """The largest value, at or between rows."""
         return curves.largest().values
 
-    def deciding(self, curves: Curves) -> list[Array]:
+    def deciding_times(self, curves: Curves) -> list[Array]:
         """The time of the peak."""
         return [curves.largest().times]
 
@@ -238,7 +238,7 @@ class Smallest(PointValue):
         """The smallest value, at or between rows."""
         return curves.smallest().values
 
-    def deciding(self, curves: Curves) -> list[Array]:
+    def deciding_times(self, curves: Curves) -> list[Array]:
         """The time of the trough."""
         return [curves.smallest().times]
 
@@ -251,7 +251,7 @@ class Swing(PointValue):
         """The distance of the extremes, at or between rows."""
         return curves.largest().values - curves.smallest().values
 
-    def deciding(self, curves: Curves) -> list[Array]:
+    def deciding_times(self, curves: Curves) -> list[Array]:
         """Those of the peak and of the trough."""
         return [curves.largest().times, curves.smallest().times]
 
@@ -264,7 +264,7 @@ class Change(PointValue):
         """The distance of both ends."""
         return curves.x[:, -1] - curves.x[:, 0]
 
-    def deciding(self, curves: Curves) -> list[Array]:
+    def deciding_times(self, curves: Curves) -> list[Array]:
         """Both ends."""
         return [np.full(len(curves), curves.t[k]) for k in (0, -1)]
 
@@ -331,7 +331,7 @@ class Crossing(Metric):
         """Seconds."""
         return "s"
 
-    def deciding(self, curves: Curves) -> list[Array]:
+    def deciding_times(self, curves: Curves) -> list[Array]:
         """The time itself."""
         return [self.measure(curves)]
 
@@ -450,9 +450,9 @@ class LastTurn(Metric):
         """That of the metric."""
         return self.column.measure(curves)
 
-    def deciding(self, curves: Curves) -> list[Array]:
+    def deciding_times(self, curves: Curves) -> list[Array]:
         """As those of the metric."""
-        return self.column.deciding(curves)
+        return self.column.deciding_times(curves)
 
     def size(self, curves: Curves) -> Array:
         """As those of the metric."""
@@ -570,7 +570,7 @@ def passings(curves: Curves, level: float, curve: int = 0, most: int | None = No
     tolerance = ON_LEVEL * float(np.abs(x - level).max())
     for p in curves.polynomials():
         # Where each polynomial begins, turns and ends, and the row behind it: between two of these it is monotonic.
-        at, values = turns(p.c[:, curve], p.widths)
+        at, values = ends_and_turns(p.c[:, curve], p.widths)
         after = x[p.first + 1 : p.first + 1 + len(p.t)]
         since = np.concatenate([at, p.widths[None]]).T.ravel()
         above = np.concatenate([values, after[None]]).T.ravel() - level

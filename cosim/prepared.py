@@ -268,7 +268,7 @@ class Prepared:
     def _is_threaded(self) -> bool:
         """Whether each thread may have instances of its own."""
         return is_reset_trusted(self.network) and not any(
-            d.interface("coSimulation").needsExecutionTool
+            d.offered_interface("coSimulation").needsExecutionTool
             for d in self.network.descriptions.values()
         )
 

@@ -198,7 +198,7 @@ def _single_instances(network: Network) -> Iterator[str]:
         twin = by_guid.setdefault(description.guid, name)
         if (
             twin != name
-            and description.interface("coSimulation").canBeInstantiatedOnlyOncePerProcess
+            and description.offered_interface("coSimulation").canBeInstantiatedOnlyOncePerProcess
         ):
             yield f"{name}: its FMU allows only one instance per process, and {twin} is another"
 

@@ -234,7 +234,7 @@ def partial(path: Path) -> Path:
     return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
-def require_names(path: Path) -> None:
+def require_writable_names(path: Path) -> None:
     """Raise SetupError if a file that goes with a result cannot have its name.
 
     A symbolic link at such a name would lead to a file that nobody has named: it is refused.
@@ -300,7 +300,7 @@ def write_table(frame: pd.DataFrame, path: Path, facts: dict[str, Any]) -> None:
 
     Raises SetupError if a file cannot have its name or pyarrow is missing, and OSError without room.
     """
-    require_names(path)
+    require_writable_names(path)
     rows = partial(path)
     try:
         if path.suffix == ".csv":

@@ -55,12 +55,12 @@ def _folder_of(process: int) -> Path:
         if not folder.is_dir():
             continue
         with suppress(OSError):  # a full disk, which what is written next reports
-            (folder / MARK).write_text(f"{_content(folder)}{process}\n", encoding="utf-8")
+            (folder / MARK).write_text(f"{_mark_of(folder)}{process}\n", encoding="utf-8")
         Finalize(None, _remove, (folder, lock), exitpriority=-1)
         return folder
 
 
-def _content(folder: Path) -> str:
+def _mark_of(folder: Path) -> str:
     """The mark of a folder without the number of its process."""
     return f"temporary folder of cosim\n{folder.name}\n{folder.lstat().st_ino}\n"
 
@@ -100,7 +100,7 @@ def _is_marked(folder: Path) -> bool:
     mark = folder / MARK
     return _belongs_to_user(mark.lstat(), stat.S_ISREG) and mark.read_text(
         encoding="utf-8", errors="replace"
-    ).startswith(_content(folder))
+    ).startswith(_mark_of(folder))
 
 
 def _belongs_to_user(status: os.stat_result, has_kind: Callable[[int], bool]) -> bool:

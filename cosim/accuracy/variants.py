@@ -157,7 +157,7 @@ class ColumnForms:
 
     def lowered(self, begin: float, end: float) -> Array:
         """The values at the rows with the top lower and the bottom higher by their errors, times begin to end of them."""
-        return self.finest.with_top_lowered(self._error_at_rows, begin, end)
+        return self.finest.with_extremes_narrowed(self._error_at_rows, begin, end)
 
     @cached_property
     def too_slow(self) -> Array:

@@ -12,7 +12,7 @@ from tempfile import TemporaryFile, mkdtemp
 from .. import describe
 from ..engine.recorder import Stream
 from ..errors import SetupError
-from ..result import Result, require_names
+from ..result import Result, require_writable_names
 from ..result import partial as partial_file
 from ..table_file import facts_path
 from .options import require
@@ -50,7 +50,7 @@ def require_outputs(options: argparse.Namespace) -> None:
     require_image(options.plot)
     if options.out is not None:
         require_writable(options.out)
-        require_names(options.out)
+        require_writable_names(options.out)
         if options.out.suffix not in (".csv", ".parquet"):
             raise SetupError(f"{options.out} must end in .csv or .parquet")
         if options.out.suffix == ".parquet":

@@ -27,7 +27,7 @@ from ..system import (
     System,
     connect,
     describe_fmu,
-    part_name,
+    legal_part_name,
     require_cosimulation,
     value_of_text,
 )
@@ -183,7 +183,7 @@ def named_fmu(text: str) -> tuple[str, Path]:
     """
     name, equals, file = text.partition("=")
     if not equals or Path(text).is_file():
-        name, file = part_name(Path(text).stem), text
+        name, file = legal_part_name(Path(text).stem), text
     path = Path(file).expanduser()
     if not name or path.suffix != ".fmu":
         raise SetupError(

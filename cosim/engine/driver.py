@@ -146,7 +146,9 @@ class Driver:
         back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
             part.instance.go_forward_only(forward=forward)
-            part.instance.stop_at_events(stops=back and part.instance.shows_events(part.outputs))
+            part.instance.refuse_steps_across_events(
+                refuses=back and part.instance.has_event_outputs(part.outputs)
+            )
         if isinstance(plan.step, Adaptive) or steps is None or every is None:
             return
         program = lay_out(steps, row.extra)

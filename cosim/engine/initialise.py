@@ -131,7 +131,7 @@ def prepare(
     slots = _connect(network, parts, start)
     settle([parts[name] for name in sequence], start)
     for opened in instances.values():
-        opened.begin()
+        opened.leave_initialisation()
     _warn_of_other_starts(starts.values(), instances)
     return parts, slots
 
@@ -175,14 +175,14 @@ def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
         tolerance = session.description.defaultExperiment.tolerance
     stop = settings.stop if settings.stop_time_defined or session.is_told_stop else None
     try:
-        instance.set_up(tolerance, settings.start, stop)
+        instance.enter_initialisation(tolerance, settings.start, stop)
     except FmuError as failure:
         if stop is not None or session.fmu.abandoned:
             raise
         with suppress(FmuError):
             session.close()
             other = again()
-            other.set_up(tolerance, settings.start, settings.stop)
+            other.enter_initialisation(tolerance, settings.start, settings.stop)
             other.session.is_told_stop = True
             other.session.messages.warn(
                 f"the FMU does not initialise without a stop time, so it was handed over: {failure}"

@@ -9,7 +9,7 @@ from itertools import groupby, zip_longest
 
 from ..errors import FmuError
 from ..fmu.blocks import VariableBlock
-from ..fmu.buffers import Slot, working_slot
+from ..fmu.buffers import Slot, python_slot
 from ..fmu.instance import Instance
 from ..fmu.operations import Code, COperation, Operation
 from ..fmu.session import CO_SIMULATION
@@ -63,7 +63,7 @@ class Link(Operation):
     def follow(self, signal: SignalHistory | InputSource) -> None:
         """Move with a signal from now on."""
         self.signal = signal
-        self.first, self.last = working_slot(self.target.name), working_slot(self.target.name)
+        self.first, self.last = python_slot(self.target.name), python_slot(self.target.name)
 
     def taylor(self, t: float, h: float) -> list[float]:
         """What it brings over a step from t by h [s], as a polynomial."""
@@ -101,7 +101,7 @@ class InputPolynomials(Operation):
         links: Sequence[Link],
         outputs: VariableBlock | None,
     ) -> None:
-        ability = instance.session.description.interface(CO_SIMULATION)
+        ability = instance.session.description.offered_interface(CO_SIMULATION)
         self.degree, self.capable = degree, bool(ability.canInterpolateInputs)
         self.links = sorted(links, key=lambda link: link.target.element)
         by_input = groupby(self.links, lambda link: link.target.element)

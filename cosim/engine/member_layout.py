@@ -149,7 +149,7 @@ class SystemLayout:
                     tolerance=tolerance or 0.0,
                     has_stop=self.settings.stop_time_defined,
                     component=session.component.value,
-                    due=self.parts[name].instance.due_address(),
+                    due=self.parts[name].instance.next_event_address(),
                     **functions,
                 )
             )

@@ -147,7 +147,7 @@ class Members:
         for part in self._layout.parts.values():
             part.instance.connect_inputs(part.inputs)
             part.instance.go_forward_only(forward=True)
-            part.instance.stop_at_events(stops=False)
+            part.instance.refuse_steps_across_events(refuses=False)
             part.messages.on_warning = self._note
 
     def _note(self, part: str, sentence: str) -> None:

@@ -26,7 +26,7 @@ from ..result import (
     file_columns,
     open_unlinked,
     partial,
-    require_names,
+    require_writable_names,
     table_facts,
     write_json,
 )
@@ -63,7 +63,7 @@ class Recorder:
         if path is not None:
             if path.suffix != ".csv" or path.is_dir():
                 raise SetupError(f"csv = {path} must be a file that ends in .csv")
-            require_names(path)
+            require_writable_names(path)
             self._stream = Stream(partial(path))
             self._write(self.names)
             facts = {"status": "running", **table_facts(self.columns, NO_BREAKS)}

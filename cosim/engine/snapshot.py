@@ -41,7 +41,7 @@ class Snapshot:
     """One place for the state of the parts; `take` overwrites what was there."""
 
     def __init__(self, parts: Sequence[Part]) -> None:
-        self._states = [(part.instance, part.instance.state()) for part in parts]
+        self._states = [(part.instance, part.instance.new_state()) for part in parts]
         self._cells = [cells for part in parts for cells in _cells(part)]
         self._signals = [signal for part in parts for signal in _signals(part)]
         self._values: list[list[object]] = []
@@ -155,7 +155,7 @@ WHOLE = Stretch()
 def part_state(part: Part) -> PartState:
     """The state of a part at a communication point; raises FmuError."""
     instance = part.instance
-    instance.save(state := instance.state())
+    instance.save(state := instance.new_state())
     values = dict(zip(_contents(part), map(list, _cells(part))))
     nodes = [signal.nodes for signal in _signals(part)]
     can_serialize = instance.session.interface.canSerializeFMUstate

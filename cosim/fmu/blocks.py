@@ -101,7 +101,7 @@ class VariableBlock(Operation):
         """Whether a held block has values other than those that event mode took last."""
         return self.entered is not None and list(self.cells) != list(self.entered)
 
-    def mark_entered(self) -> None:
+    def remember_entered_inputs(self) -> None:
         """Note that event mode has taken the present values."""
         if self.entered is not None:
             self.entered[:] = list(self.cells)

@@ -37,6 +37,6 @@ def address(cells: Any, index: int = 0) -> int:
     return ctypes.addressof(cells) + index * ctypes.sizeof(cells._type_)
 
 
-def working_slot(name: str) -> Slot:
+def python_slot(name: str) -> Slot:
     """A slot for a number that only Python uses."""
     return Slot(name, [0.0], 0)

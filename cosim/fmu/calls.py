@@ -24,7 +24,7 @@ class Call(NamedTuple):
     allowed3: str | None
     leads_to: str = ""
 
-    def allowed(self, version: str) -> str | None:
+    def allowing_states(self, version: str) -> str | None:
         """The letters of the states that allow it, or None in a version without it."""
         return self.allowed3 if version == "3.0" else self.allowed2
 

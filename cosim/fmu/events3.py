@@ -41,10 +41,10 @@ class EventMode:
         """Know of no event, as of an instance that has been made anew."""
         self.due.value, self.held, self._clocks = math.inf, [], []
 
-    def begin(self) -> None:
+    def begin_stepping(self) -> None:
         """Begin with the clocks and events of the start, after initialisation mode has been left."""
         for block in self.held:
-            block.mark_entered()
+            block.remember_entered_inputs()
         if self.used:
             self._update(self.now)
             self.session.call("enterStepMode")
@@ -53,12 +53,12 @@ class EventMode:
     def start_clocks(self) -> None:
         """Read the clocks, while the instance is in initialisation mode."""
         self._clocks = [
-            self._ticking(v)
+            self._started_clock(v)
             for v in self.session.description.modelVariables
             if v.type == "Clock" and v.causality == "input"
         ]
 
-    def enter(self, blocks: Sequence[VariableBlock]) -> None:
+    def enter_inputs(self, blocks: Sequence[VariableBlock]) -> None:
         """Enter the inputs of these blocks, at the time of the part."""
         self._event(self.now, blocks)
 
@@ -66,12 +66,12 @@ class EventMode:
         """Enter the held inputs, which event mode takes, at time t [s], if one has changed."""
         if any(block.has_changed() for block in self.held):
             self._event(t, self.held)
-            self.mark_entered()
+            self.remember_entered_inputs()
 
-    def mark_entered(self) -> None:
+    def remember_entered_inputs(self) -> None:
         """Note that event mode has taken the present held inputs."""
         for block in self.held:
-            block.mark_entered()
+            block.remember_entered_inputs()
 
     def happen(self, t: float, *, event: bool) -> None:
         """Go through event mode at time t [s], if an event is due there, until none is; the clocks tick."""
@@ -100,7 +100,7 @@ class EventMode:
                 block.entered[:] = cells
         self._clocks = list(map(copy, state.clocks))
 
-    def _ticking(self, clock: Variable) -> IntervalClock:
+    def _started_clock(self, clock: Variable) -> IntervalClock:
         """A clock as it starts, with the interval of the description or what the FMU says."""
         counts = clock.intervalVariability == "countdown"
         interval, qualifier = clock.interval, UNCHANGED

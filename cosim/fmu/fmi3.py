@@ -97,7 +97,7 @@ class CoSimulation3(CoSimulation):
         fmu: Library,
         within: Sequence[Variable] = (),
     ) -> None:
-        interface = description.interface(CO_SIMULATION)
+        interface = description.offered_interface(CO_SIMULATION)
         shows, has_events = interface.providesIntermediateUpdate, interface.hasEventMode
         observed = [v for v in within if shows and v.intermediateUpdate and v.type == "Real"]
         self._observer = IntermediateObserver(observed)
@@ -115,13 +115,15 @@ class CoSimulation3(CoSimulation):
         self.intermediate_values = self._observer.values
         self.events = EventMode(session, used=has_events, observe=self._observer.observe)
         self._inputs: Sequence[VariableBlock] = ()
-        self._stops = False
+        self._refuses_events = False
         self._answer = StepAnswer()
         self._raised: Exception | None = None
         self._step = self._step_call()
         # for loop.c: finish a step that meets events, and take inputs that have changed
         self._finish = FINISH(
-            lambda t, h, stepped: self._status(lambda: self._go(t, h, stepped=bool(stepped)))
+            lambda t, h, stepped: self._status(
+                lambda: self._step_through_events(t, h, stepped=bool(stepped))
+            )
         )
         self._take = FINISH(lambda t, _, __: self._status(lambda: self.enter_changed_inputs(t)))
 
@@ -143,10 +145,12 @@ class CoSimulation3(CoSimulation):
 
         return call
 
-    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
+    def enter_initialisation(
+        self, tolerance: float | None, start: float, stop: float | None
+    ) -> None:
         """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
         self.events.now = start
-        super().set_up(tolerance, start, stop)
+        super().enter_initialisation(tolerance, start, stop)
 
     def connect_inputs(self, blocks: Sequence[VariableBlock]) -> None:
         """Note the blocks by which wires set inputs; event mode takes some of them."""
@@ -160,20 +164,20 @@ class CoSimulation3(CoSimulation):
             return
         block = self.session.element_block(variable, value)
         if block.held and self.session.is_stepping:
-            self.events.enter([block])
+            self.events.enter_inputs([block])
         else:
             block.move()
         name = f"{self.session.name}.{variable.name}"
         for other in self._inputs:  # which hand the whole array over once more
             if name in other.names:
                 other.put(other.names.index(name), value)
-        self.events.mark_entered()
+        self.events.remember_entered_inputs()
 
-    def begin(self) -> None:
+    def leave_initialisation(self) -> None:
         """Leave initialisation mode for the first step, with the events and ticks of the start."""
         self.events.start_clocks()
-        self.session.begin()
-        self.events.begin()
+        self.session.leave_initialisation()
+        self.events.begin_stepping()
 
     def reset(self) -> None:
         """Be as if made anew."""
@@ -183,9 +187,9 @@ class CoSimulation3(CoSimulation):
 
     def advance(self, t: float, h: float) -> None:
         """Step from t by h [s]; raises FmuError, StepDiscarded, EventReached, SimulationTerminated."""
-        self._go(t, h, stepped=False)
+        self._step_through_events(t, h, stepped=False)
 
-    def _go(self, t: float, h: float, *, stepped: bool) -> None:
+    def _step_through_events(self, t: float, h: float, *, stepped: bool) -> None:
         """Step from t by h [s] by way of its events; the first piece may have been `stepped` already."""
         begin, end, at_once = t, t + h, 0
         due = self.events.due
@@ -195,7 +199,7 @@ class CoSimulation3(CoSimulation):
         while True:
             size = h if is_reached(end, due.value) else due.value - t
             if size < h:
-                self._require_stop(due.value, begin, end)
+                self._refuse_event_within(due.value, begin, end)
             if not stepped:
                 status = self.step_status(t, size)
                 if status != OK:
@@ -206,7 +210,7 @@ class CoSimulation3(CoSimulation):
             if answer.ended:
                 raise self.session.terminated(reached)
             if answer.event:
-                self._require_stop(reached, begin, end, PAST)
+                self._refuse_event_within(reached, begin, end, PAST)
             if at_once > MOST_AT_ONCE:
                 name = self.session.name
                 raise FmuError(f"{name}: its steps make no progress from t = {t!r} s")
@@ -216,10 +220,10 @@ class CoSimulation3(CoSimulation):
                 return
             h = end - t
 
-    def _require_stop(self, t: float, begin: float, end: float, past: float = 0.0) -> None:
+    def _refuse_event_within(self, t: float, begin: float, end: float, past: float = 0.0) -> None:
         """Refuse a step in which an event is at time t [s], if all are to stop there or just past it."""
         size = end - begin
-        if self._stops and begin + NEAR * size < t < end - NEAR * size:
+        if self._refuses_events and begin + NEAR * size < t < end - NEAR * size:
             event = f"{self.session.name} has an event at t = {t!r} s"
             raise EventReached(event, t + past * size)
 
@@ -253,18 +257,18 @@ class CoSimulation3(CoSimulation):
             source=ctypes.cast(self._finish, ctypes.c_void_p).value,
         )
 
-    def due_address(self) -> int | None:
+    def next_event_address(self) -> int | None:
         """Where the time of the next event [s] stands."""
         return ctypes.addressof(self.events.due)
 
-    def shows_events(self, outputs: Sequence[VariableBlock]) -> bool:
+    def has_event_outputs(self, outputs: Sequence[VariableBlock]) -> bool:
         """Whether one of these outputs is changed by its events alone, and a step can end there."""
         variables = (v for block in outputs for v in block.variables)
         return self.events.used and any(v.variability != "continuous" for v in variables)
 
-    def stop_at_events(self, *, stops: bool) -> None:
+    def refuse_steps_across_events(self, *, refuses: bool) -> None:
         """Refuse steps across an event from now on, or take them; the system then steps to the event."""
-        self._stops = stops
+        self._refuses_events = refuses
 
     def enter_changed_inputs(self, t: float) -> None:
         """Enter the inputs that event mode takes, if one has changed."""

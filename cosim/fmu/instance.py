@@ -24,9 +24,11 @@ class Instance:
     def __init__(self, session: Session2 | Session3) -> None:
         self.session = session
 
-    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
+    def enter_initialisation(
+        self, tolerance: float | None, start: float, stop: float | None
+    ) -> None:
         """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
-        self.session.set_up(tolerance, start, stop)
+        self.session.enter_initialisation(tolerance, start, stop)
 
     def set(self, variable: Variable, value: Value) -> None:
         """Set one variable, at a time when the FMU allows it."""
@@ -35,9 +37,9 @@ class Instance:
     def connect_inputs(self, blocks: Sequence[VariableBlock]) -> None:
         """Note the blocks by which wires set inputs, if some of them take more than setting."""
 
-    def begin(self) -> None:
+    def leave_initialisation(self) -> None:
         """Leave initialisation mode for the first step."""
-        self.session.begin()
+        self.session.leave_initialisation()
 
     def reset(self) -> None:
         """Be as if made anew."""
@@ -93,15 +95,15 @@ class CoSimulation(Instance):
         """Of a discarded step: the status of the answer, the time reached [s], whether that is the end."""
         raise NotImplementedError
 
-    def due_address(self) -> int | None:
+    def next_event_address(self) -> int | None:
         """Where the time of the next event [s] that is known in advance stands, for members.c."""
         return None
 
-    def shows_events(self, outputs: Sequence[VariableBlock]) -> bool:  # noqa: ARG002
+    def has_event_outputs(self, outputs: Sequence[VariableBlock]) -> bool:  # noqa: ARG002
         """Whether one of these outputs is changed by its events alone, and a step can end there."""
         return False
 
-    def stop_at_events(self, *, stops: bool) -> None:
+    def refuse_steps_across_events(self, *, refuses: bool) -> None:
         """Refuse steps across an event from now on, or take them; the system then steps to the event."""
 
     def enter_changed_inputs(self, t: float) -> None:
@@ -111,9 +113,9 @@ class CoSimulation(Instance):
         """What loop.c does in place of `enter_changed_inputs`, if this block has changed; None if it cannot."""
         return None
 
-    def state(self) -> SavedState:
+    def new_state(self) -> SavedState:
         """A place for a state of the FMU, freed with it."""
-        return self.session.state()
+        return self.session.new_state()
 
     def save(self, state: SavedState) -> None:
         """Put the FMU's state into a place, instead of what was there."""

@@ -19,7 +19,7 @@ from fmpy.fmi3 import _FMU3, FMU3Model, FMU3Slave
 
 from ..errors import FmuError
 from ..scratch import scratch
-from ..system import file_version
+from ..system import time_and_size
 from ..system.description import ModelDescription
 
 #: FMUs that stay loaded when nothing uses them. A convention: more than a system of different machines has.
@@ -38,14 +38,14 @@ class Library:
     """
 
     def __init__(self, path: Path, description: ModelDescription) -> None:
-        self.path, self.version = path, file_version(path)
-        interface = description.interface()
+        self.path, self.version = path, time_and_size(path)
+        interface = description.offered_interface()
         self.once = bool(interface.canBeInstantiatedOnlyOncePerProcess)
         self.users = 0
         self.abandoned = False
         self.folder = Path(mkdtemp(dir=scratch()))
         try:
-            unpack(path, self.folder)
+            unpack_for_platform(path, self.folder)
             kind = KINDS[description.fmiVersion][interface is description.modelExchange]
             self._slave = _loaded(kind, self.folder, description.guid, interface)
         except BaseException:
@@ -54,15 +54,15 @@ class Library:
         handle = self._slave.dll._handle
         self.functions = ctypes.PyDLL(None, handle=handle)
         self.free = ctypes.CDLL(None, handle=handle)
-        self._unload = Finalize(None, self._go, exitpriority=0)
+        self._unload_once = Finalize(None, self._unload_now, exitpriority=0)
 
-    def slave(self, name: str) -> FMU2Slave | FMU3Slave:
+    def new_slave(self, name: str) -> FMU2Slave | FMU3Slave:
         """What makes an instance of this name and calls it."""
         slave = copy.copy(self._slave)
         slave.instanceName = name
         return slave
 
-    def model(self, name: str, description: ModelDescription) -> FMU2Model | FMU3Model:
+    def new_model(self, name: str, description: ModelDescription) -> FMU2Model | FMU3Model:
         """The same for model exchange; whoever takes it frees its library."""
         kind = KINDS[description.fmiVersion][1]
         model = _loaded(kind, self.folder, description.guid, description.modelExchange)
@@ -74,26 +74,26 @@ class Library:
         with LOCK:
             self.users -= 1
             if self.once:
-                self.unload()
-            self._go_if_unused()
+                self.forget()
+            self._unload_if_unused()
 
-    def unload(self) -> None:
+    def forget(self) -> None:
         """Let the next user load the FMU anew."""
         with LOCK:
             if LOADED.get(self.path) is self:
                 del LOADED[self.path]
-            self._go_if_unused()
+            self._unload_if_unused()
 
     def abandon(self) -> None:
         """After fmi2Fatal: call nothing in the library any more, not even to unload it."""
         self.abandoned = True
-        self.unload()
+        self.forget()
 
-    def _go_if_unused(self) -> None:
+    def _unload_if_unused(self) -> None:
         if not self.users and LOADED.get(self.path) is not self:
-            self._unload()
+            self._unload_once()
 
-    def _go(self) -> None:
+    def _unload_now(self) -> None:
         """Unload the FMU.
 
         pythonfmu's wrapper stays loaded on Linux whatever its host does, for its symbols are unique.
@@ -112,19 +112,19 @@ def borrow(path: Path, description: ModelDescription) -> Library:
     path = path.absolute()
     with LOCK:
         library = LOADED.get(path)
-        if library is None or library.version != file_version(path) or not library.folder.is_dir():
+        if library is None or library.version != time_and_size(path) or not library.folder.is_dir():
             if library is not None:
-                library.unload()
+                library.forget()
             library = Library(path, description)
         library.users += 1
         LOADED.pop(path, None)
         LOADED[path] = library
         for other in list(LOADED.values())[:-MOST_LOADED]:
-            other.unload()
+            other.forget()
     return library
 
 
-def unpack(path: Path, folder: Path) -> None:
+def unpack_for_platform(path: Path, folder: Path) -> None:
     """Unpack of an FMU what this platform runs: not its documentation, sources, other binaries."""
     platforms = {fmpy.platform, fmpy.platform_tuple}
     try:
@@ -165,7 +165,7 @@ def _loaded(kind: Any, folder: Path, guid: str, interface: Any) -> Any:
     return fmu
 
 
-def _begin_child() -> None:
+def _forget_after_fork() -> None:
     """In a forked child nothing is loaded yet, and no thread of the parent holds the lock."""
     global LOCK
     LOCK = RLock()
@@ -173,4 +173,4 @@ def _begin_child() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_begin_child)
+    os.register_at_fork(after_in_child=_forget_after_fork)

@@ -61,21 +61,21 @@ class Session:
     ) -> None:
         """Instantiate with these options of FMPy; raises FmuError, and then releases the library."""
         self.name, self.messages = messages.name, messages
-        self.description, self.interface = description, description.interface(side)
+        self.description, self.interface = description, description.offered_interface(side)
         self.fmu, self.side = fmu, side
         self.closed = False
         self._states: list[SavedState] = []
         self._worst = OK
         self._is_initialised = self.is_told_stop = False
         if side == MODEL_EXCHANGE:
-            self.binding = fmu.model(self.name, description)
+            self.binding = fmu.new_model(self.name, description)
             self.library = ctypes.PyDLL(None, handle=self.binding.dll._handle)
         else:
-            self.binding, self.library = fmu.slave(self.name), fmu.functions
+            self.binding, self.library = fmu.new_slave(self.name), fmu.functions
         try:
             self.binding.instantiate(**options)
         except Exception as error:
-            fmu.unload()
+            fmu.forget()
             fmu.release()
             tool = self.interface.needsExecutionTool
             raise FmuError(
@@ -131,7 +131,7 @@ class Session:
         if status == FATAL:
             self.fmu.abandon()
 
-    def begin(self) -> None:
+    def leave_initialisation(self) -> None:
         """Leave initialisation mode for the first step."""
         self.call("exitInitializationMode")
         self._is_initialised = True
@@ -143,7 +143,7 @@ class Session:
         self.call("reset")
         self._worst = OK
 
-    def state(self) -> SavedState:
+    def new_state(self) -> SavedState:
         """A place for a state of the FMU, freed with it."""
         self._states.append(SavedState())
         return self._states[-1]
@@ -169,7 +169,7 @@ class Session:
 
     def deserialized(self, state: SerializedState) -> SavedState:
         """A place with a state of another instance."""
-        place = self.state()
+        place = self.new_state()
         self.call(self.deserialize, state.content, place.pointer)
         place.events = state.events
         return place

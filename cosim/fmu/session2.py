@@ -68,7 +68,9 @@ class Session2(Session):
             messages, description, fmu, side, callbacks=_callbacks(messages), loggingOn=True
         )
 
-    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
+    def enter_initialisation(
+        self, tolerance: float | None, start: float, stop: float | None
+    ) -> None:
         """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
         self.call("setupExperiment", tolerance, start, stop)
         self.call("enterInitializationMode")

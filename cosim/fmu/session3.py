@@ -41,7 +41,9 @@ class Session3(Session):
             messages, description, fmu, side, loggingOn=True, logMessage=log, **options
         )
 
-    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
+    def enter_initialisation(
+        self, tolerance: float | None, start: float, stop: float | None
+    ) -> None:
         """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
         self.call("enterInitializationMode", tolerance, start, stop)
 

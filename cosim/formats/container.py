@@ -156,7 +156,7 @@ def _fill(container: FMUContainer, network: Network, sequence: Sequence[str]) ->
     for link in container.links.values():
         link.name = f"wired.{link.name}"
     for port, value in network.start:
-        container.add_start_value(_file(port.part), port.variable.name, port.text(value))
+        container.add_start_value(_file(port.part), port.variable.name, port.xml_text(value))
     for ends in container.start_values:  # of inputs, which it would set over what the host has set
         ends.port = copy(ends.port)
         ends.port.causality = "local"

@@ -366,7 +366,7 @@ def _initial(values: Element, port: Port, value: Value) -> None:
             return
         raise SetupError(f"{port} = {value!r}: libcosim cannot set an Enumeration")
     initial = SubElement(values, "InitialValue", variable=port.variable.name)
-    SubElement(initial, port.type, value=port.text(value))
+    SubElement(initial, port.type, value=port.xml_text(value))
 
 
 def _connection(

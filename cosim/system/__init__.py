@@ -24,9 +24,9 @@ from .network import (
     Network,
     connect,
     connect_for_export,
-    obstacles,
     require_cosimulation,
     require_fmi2,
+    run_obstacles,
     types_match,
 )
 from .ports import (
@@ -37,8 +37,8 @@ from .ports import (
 from .reading import (
     TERMINALS,
     describe_fmu,
-    file_version,
-    part_name,
+    legal_part_name,
+    time_and_size,
 )
 from .start_values import (
     literal,
@@ -72,14 +72,14 @@ __all__ = [
     "describe_fmu",
     "enumeration",
     "feedthrough",
-    "file_version",
     "is_continuous_input",
+    "legal_part_name",
     "literal",
-    "obstacles",
-    "part_name",
     "parts_without",
     "require_cosimulation",
     "require_fmi2",
+    "run_obstacles",
+    "time_and_size",
     "types_match",
     "unit_conversion",
     "unit_exponents",

@@ -44,11 +44,11 @@ class Scalars:
         self._types = {name: _simple_type(name, x) for name, x in declarations.types.items()}
         self._families: dict[Declared, Sequence[Variable]] = {}
         self._open: set[Declared] = set()
-        self.variables = [*self.all(declarations.variables)]
+        self.variables = [*self.elements_of_all(declarations.variables)]
         for declared, alias in aliases:
             self.variables += self._other_name(declared, alias)
 
-    def of(self, declared: Declared) -> Sequence[Variable]:
+    def elements_of(self, declared: Declared) -> Sequence[Variable]:
         """The elements of a variable, or the one variable that it is."""
         if declared not in self._families:
             if declared in self._open:
@@ -57,9 +57,9 @@ class Scalars:
             self._families[declared] = self._elements(declared)
         return self._families[declared]
 
-    def all(self, variables: Iterable[Declared]) -> tuple[Variable, ...]:
+    def elements_of_all(self, variables: Iterable[Declared]) -> tuple[Variable, ...]:
         """The elements of several variables, one after the other."""
-        return tuple(element for declared in variables for element in self.of(declared))
+        return tuple(element for declared in variables for element in self.elements_of(declared))
 
     def _elements(self, declared: Declared) -> Sequence[Variable]:
         """The elements, states before their derivatives."""
@@ -70,7 +70,7 @@ class Scalars:
             starts = _starts(declared, len(names))
         states: Sequence[Variable | None] = [None] * len(names)
         if (state := declared.attributes.get("derivative")) is not None:
-            states = self.of(self._declarations.referenced(state))
+            states = self.elements_of(self._declarations.referenced(state))
         family: list[Variable] = []
         for name, start, state in zip(names, starts, states):
             family.append(
@@ -111,7 +111,7 @@ class Scalars:
         name, text = alias.get("name"), alias.get("description")
         family: list[Variable] = []
         names = _element_names(name, self.shapes.get(name, ()))
-        for own, element in zip(names, self.of(declared)):
+        for own, element in zip(names, self.elements_of(declared)):
             description = text or element.description
             family.append(replace(element, name=own, family=family, description=description))
         return family

@@ -140,7 +140,7 @@ def unit_conversion(source: Unit, target: Unit) -> tuple[float, float]:
     return first.factor / second.factor, (first.offset - second.offset) / second.factor
 
 
-def found_unit(name: str, candidates: Iterable[Unit]) -> Unit:
+def agreed_unit(name: str, candidates: Iterable[Unit]) -> Unit:
     """The one meaning that a name has in several places; raises SetupError with both if it has two."""
     found = Unit(name)
     for unit in candidates:

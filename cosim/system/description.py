@@ -163,7 +163,7 @@ class ModelDescription:
     eventIndicators: tuple[Unknown, ...]
     numberOfEventIndicators: int
 
-    def interface(self, name: str = "") -> Interface:
+    def offered_interface(self, name: str = "") -> Interface:
         """The interface of this name, "coSimulation" or "modelExchange"; by default the first that is offered.
 
         Raises
@@ -237,7 +237,7 @@ def parts_without(descriptions: Mapping[str, ModelDescription], ability: str) ->
     return [
         name
         for name, d in descriptions.items()
-        if not getattr(d.interface("coSimulation"), ability)
+        if not getattr(d.offered_interface("coSimulation"), ability)
     ]
 
 

@@ -219,7 +219,7 @@ def wrong_starts(declarations: Declarations, scalars: Scalars) -> Iterator[tuple
     for declared in declarations.variables:
         is_free = declared.causality in SETTABLE or declared.initial == "exact"
         if "start" in declared.attributes and is_free:
-            for variable in scalars.of(declared):
+            for variable in scalars.elements_of(declared):
                 start = declared_start(variable)
                 limits = () if isinstance(start, str | None) else broken_limits(variable, start)
                 if limit := next(iter(limits), ""):

@@ -14,10 +14,10 @@ from .base_units import unit_conversion
 from .description import Fmu, ModelDescription, Value, Variable, declared_start
 from .inputs import FunctionInput, TableInput
 from .ports import Catalog, Port, size_text, split_name
-from .profiles import checked_profile, profiles_of_changes
+from .profiles import change_profiles, checked_profile
 from .reading import WANTED, XML, read_fmu
 from .start_values import checked_start
-from .wires import SHAFT, System, Wire, require_kinds
+from .wires import SHAFT, System, Wire, require_field_types
 
 Profile = TableInput | FunctionInput
 
@@ -68,14 +68,14 @@ def connect(system: System, *, runnable: bool = True) -> Network:
     finite, out of bounds or cannot be set. Parts for model exchange only are accepted; `run` refuses
     them.
     """
-    require_kinds(system)
+    require_field_types(system)
     if not system.parts:
         raise SetupError("a system needs a part")
     fmus = {
         name: read_fmu(name, path if isinstance(path, Path) else Path(path), runnable=runnable)
         for name, path in system.parts.items()
     }
-    _require_distinct(fmus)
+    _require_distinct_names(fmus)
     catalog = Catalog(system, fmus)
     written = [wire for entry in system.wires for wire in _wires(catalog, entry)]
     wires = [_connection(catalog, wire) for wire in written]
@@ -86,7 +86,7 @@ def connect(system: System, *, runnable: bool = True) -> Network:
     inputs: list[tuple[Port, Profile]] = [
         checked_profile(catalog, *item) for item in system.inputs.items()
     ]
-    inputs += profiles_of_changes(catalog, start)
+    inputs += change_profiles(catalog, start)
     for port, _ in inputs:
         if port.name in driven:
             raise SetupError(f"{port} is driven twice, by {driven[port.name]} and over time")
@@ -139,7 +139,7 @@ def _unconnected_inputs(
         for variable in description.modelVariables:
             port = Port(name, variable)
             if variable.type == "Clock":
-                if runnable and (obstacle := _silent(port, description)):
+                if runnable and (obstacle := _clock_obstacle(port, description)):
                     raise SetupError(obstacle)
             elif variable.causality == "input" and port.name not in closed:
                 value = declared_start(variable)
@@ -149,7 +149,7 @@ def _unconnected_inputs(
                     raise SetupError(f"input {port} is not connected and has no start value")
 
 
-def _silent(port: Port, description: ModelDescription) -> str:
+def _clock_obstacle(port: Port, description: ModelDescription) -> str:
     """Why this master cannot tick a clock; empty if it can or need not."""
     if port.variable.causality != "input":
         return ""
@@ -160,13 +160,13 @@ def _silent(port: Port, description: ModelDescription) -> str:
     return ""
 
 
-def obstacles(network: Network) -> Iterator[str]:
+def run_obstacles(network: Network) -> Iterator[str]:
     """Why the parts of a system that is only described cannot run here."""
     for name, fmu in network.fmus.items():
         if fmu.obstacle:
             yield f"part {name}: {network.system.parts[name]} {fmu.obstacle}"
         clocks = (v for v in fmu.description.modelVariables if v.type == "Clock")
-        reasons = (_silent(Port(name, v), fmu.description) for v in clocks)
+        reasons = (_clock_obstacle(Port(name, v), fmu.description) for v in clocks)
         yield from filter(None, reasons)
 
 
@@ -204,7 +204,7 @@ def connect_for_export(system: System, where: str, *, sums: bool = False) -> Net
     return network
 
 
-def _require_distinct(fmus: Mapping[str, Fmu]) -> None:
+def _require_distinct_names(fmus: Mapping[str, Fmu]) -> None:
     """Refuse variables of two parts that have one dotted name: a, b.c and a.b, c."""
     for inner, fmu in fmus.items():
         for outer, rest in split_name(inner):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ..errors import SetupError
 from ..names import only
 from ..series import Column, Kind
-from .base_units import BaseUnit, Unit, common_unit, found_unit, unit_conversion
+from .base_units import BaseUnit, Unit, agreed_unit, common_unit, unit_conversion
 from .description import Fmu, ModelDescription, Value, Variable
 from .wires import Name, System, dotted
 
@@ -66,7 +66,7 @@ class Port(NamedTuple):
             return Kind.DISCRETE if is_held else Kind.CONTINUOUS
         return KINDS[self.type]
 
-    def text(self, value: Value) -> str:
+    def xml_text(self, value: Value) -> str:
         """A value of it as XML spells it."""
         return str(bool(value)).lower() if self.type == "Boolean" else str(value)
 
@@ -182,7 +182,7 @@ def _meaning(catalog: Catalog, port: Port, unit: str) -> Unit:
         return own
     others = (fmu.units[unit] for fmu in catalog.fmus.values() if unit in fmu.units)
     common = common_unit(unit)
-    return found_unit(unit, others) if common.baseUnit is None else common
+    return agreed_unit(unit, others) if common.baseUnit is None else common
 
 
 def require_name(name: object) -> None:

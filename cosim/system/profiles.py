@@ -113,7 +113,7 @@ def _numbers_of(port: Port, function: Callable[[float], float]) -> Callable[[flo
     return number
 
 
-def profiles_of_changes(
+def change_profiles(
     catalog: Catalog, start: Sequence[tuple[Port, Value]]
 ) -> Iterator[tuple[Port, TableInput]]:
     """The changes of each variable as a table that begins with its start value."""

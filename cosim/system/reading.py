@@ -69,7 +69,7 @@ def read_fmu(name: str, path: Path, *, runnable: bool = True) -> Fmu:
     if not path.is_file():
         raise SetupError(f"part {name}: there is no file {path}")
     try:
-        fmu = _read(path, file_version(path))
+        fmu = _read(path, time_and_size(path))
     except SetupError as error:
         raise SetupError(f"part {name}: {path} {error}") from error
     if runnable and fmu.obstacle:
@@ -77,7 +77,7 @@ def read_fmu(name: str, path: Path, *, runnable: bool = True) -> Fmu:
     return fmu
 
 
-def part_name(name: str) -> str:
+def legal_part_name(name: str) -> str:
     """A name itself if a part may have it, else the nearest that it may have."""
     if PART.fullmatch(name):
         return name
@@ -85,7 +85,7 @@ def part_name(name: str) -> str:
     return name if PART.fullmatch(name) else f"part_{name}"
 
 
-def file_version(path: Path) -> tuple[int, int]:
+def time_and_size(path: Path) -> tuple[int, int]:
     """The time of change [ns] and the size of a file, which show whether it has been replaced."""
     file = path.stat()
     return file.st_mtime_ns, file.st_size
@@ -97,7 +97,8 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     files, content = _contents(path)
     root = _root(content)
     if (version := root.get("fmiVersion")) not in VERSIONS:
-        raise SetupError(f"is FMI {version}; {WANTED}")
+        stated = f"is FMI {version}" if version else f"has a {XML} without fmiVersion"
+        raise SetupError(f"{stated}; {WANTED}")
     declarations = Declarations(root)
     for text in unreadable(declarations):
         raise SetupError(f"is not a valid FMU: {XML}, {text}")
@@ -153,7 +154,8 @@ def _root(content: bytes) -> Element:
     try:
         root = etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        raise SetupError(f"is not a valid FMU: {XML} is not XML: {error}") from error
+        why = str(error).partition(" (<string>")[0]
+        raise SetupError(f"is not a valid FMU: {XML} is not XML: {why}") from error
     if root.getroottree().docinfo.doctype:
         raise SetupError(
             f"is not a valid FMU: {XML} has a document type, which may define entities: remove it"
@@ -185,7 +187,9 @@ def _description(declarations: Declarations, scalars: Scalars) -> ModelDescripti
             Unknown(variable, *_dependencies(declarations, scalars, element))
             for group, element in declarations.structure_entries()
             if group in groups
-            for variable in scalars.of(declarations.referenced(element.get(declarations.reference)))
+            for variable in scalars.elements_of(
+                declarations.referenced(element.get(declarations.reference))
+            )
         )
 
     indicators = unknowns("EventIndicator")
@@ -214,7 +218,9 @@ def _dependencies(
     """What an element of the model structure depends on and how; None for what it does not say."""
     texts, kinds = element.get("dependencies"), element.get("dependenciesKind")
     return (
-        None if texts is None else scalars.all(map(declarations.referenced, texts.split())),
+        None
+        if texts is None
+        else scalars.elements_of_all(map(declarations.referenced, texts.split())),
         None if kinds is None else tuple(kinds.split()),
     )
 

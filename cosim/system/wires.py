@@ -109,7 +109,7 @@ class System:
     changes: Sequence[str] = ()
 
 
-def require_kinds(system: System) -> None:
+def require_field_types(system: System) -> None:
     """Refuse what is not of the kind that a system is made of; raises SetupError with what to write."""
     _require_files(system.parts)
     for what in ("wires", "bonds", "changes"):
@@ -119,7 +119,7 @@ def require_kinds(system: System) -> None:
             raise SetupError(f"{what} must be a sequence of texts{hint}")
         for entry in entries:
             if not isinstance(entry, str | Wire if what == "wires" else str):
-                raise SetupError(f"{entry!r} in {what} must be a text{_as_wire(entry)}")
+                raise SetupError(f"{entry!r} in {what} must be a text{_wire_hint(entry)}")
     for what, example in (
         ("start", "0.05"),
         ("inputs", "Series.of({'t': [0.0, 1.0], 'T': [0.0, 2.0]})"),
@@ -149,7 +149,7 @@ def _require_files(parts: object) -> None:
             raise SetupError(f"part {name!r}: {file!r} must be the path of an FMU")
 
 
-def _as_wire(entry: object) -> str:
+def _wire_hint(entry: object) -> str:
     """How to write two names as a wire, where they are two names."""
     if isinstance(entry, tuple | list) and [type(name) for name in entry] == [str, str]:
         return f": write '{entry[0]} -> {entry[1]}'"

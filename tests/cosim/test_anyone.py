@@ -85,7 +85,7 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def clear_copies() -> None:
     """Let go of the FMUs that are kept for the next run."""
     for fmu in list(LOADED.values()):
-        fmu.unload()
+        fmu.forget()
 
 
 def system(parts: dict[str, Path], *wires: str, **settings: Any) -> System:

@@ -99,7 +99,7 @@ def test_threads_share_the_fmus(fmus: Path) -> None:
     systems = [drive(fmus / "native"), drive(fmus)]
     expected = [run(system, stop=0.01, step=1e-3).data for system in systems]
     for fmu in list(LOADED.values()):
-        fmu.unload()
+        fmu.forget()
 
     def work() -> None:
         try:
@@ -187,7 +187,7 @@ def test_the_wrapper_of_python_fmus_lets_go_before_it_is_unloaded(
     wrapper = SimpleNamespace(finalizePythonInterpreter=lambda: calls.append("let go"))
     monkeypatch.setattr(library, "free", wrapper)
     monkeypatch.setattr(library._slave, "freeLibrary", lambda: (calls.append("unloaded"), free()))
-    library.unload()
+    library.forget()
     assert calls == ["let go", "unloaded"]
 
 

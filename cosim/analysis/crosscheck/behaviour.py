@@ -58,7 +58,7 @@ def starts(s: Subject) -> str:
     with s.instance() as part:
         s.enter(part)
         values = part.session.values(outputs)
-        part.begin()
+        part.leave_initialisation()
         values |= part.session.values(parameters)
     for v in [*outputs, *parameters]:
         value, start = values[v.name], declared_start(v)

@@ -49,7 +49,7 @@ def wrong_calls(s: Subject) -> Iterator[tuple[str, str]]:
     """Calls that this FMU can be given, each with the letter of a state that forbids it."""
     states = "IMSET" if s.is_fmi3 and s.can.hasEventMode else "IMST"
     for call in CALLS.values():
-        allowed = call.allowed(s.description.fmiVersion)
+        allowed = call.allowing_states(s.description.fmiVersion)
         if allowed is not None and _has_call(s, call.name):
             yield from ((call.name, state) for state in states if state not in allowed)
 
@@ -113,7 +113,7 @@ def _reach(s: Subject, part: CoSimulation, state: str, steps: int) -> Row:
         s.enter(part)
     if state in "SET":
         s.set_inputs(part, s.inputs_at(0))
-        part.begin()
+        part.leave_initialisation()
         s.go(part, 0, steps)
     if state == "T":
         part.session.terminate()
@@ -129,7 +129,7 @@ def _effect_on_rest_of_run(s: Subject, part: CoSimulation, state: str, before: i
         s.initialise(part)
     elif state == "M":
         s.set_inputs(part, s.inputs_at(0))
-        part.begin()
+        part.leave_initialisation()
     elif state == "E":
         part.session.call("enterStepMode")
     first = before if state in "SE" else 0

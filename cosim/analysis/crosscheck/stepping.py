@@ -119,9 +119,9 @@ def stop_time(s: Subject) -> str:
     """A defined stop time, far beyond the last step, does not change the rows before it."""
     stop = max(s.stop, s.start + 2 * s.steps * s.h)
     with s.instance() as part:
-        part.set_up(s.tolerance, s.start, stop)
+        part.enter_initialisation(s.tolerance, s.start, stop)
         s.set_inputs(part, s.inputs_at(0))
-        part.begin()
+        part.leave_initialisation()
         rows = s.go(part, 0, s.steps)
     condition = f"with a stop time of {stop:g} s"
     worst = 0.0
@@ -151,9 +151,9 @@ def start_time(s: Subject) -> str:
     first = s.start + max(1, s.steps // 3) * s.h
     with s.instance() as part:
         try:
-            part.set_up(s.tolerance, first, None)
+            part.enter_initialisation(s.tolerance, first, None)
             s.set_inputs(part, s.inputs_at(0))
-            part.begin()
+            part.leave_initialisation()
         except FmuError as reason:
             raise NotOffered(f"it does not start at {first:g} s: {reason}") from reason
         for k in range(3):

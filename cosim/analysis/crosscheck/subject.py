@@ -70,7 +70,7 @@ class Subject:
         self.description: ModelDescription = describe_fmu("fmu", path)
         require_cosimulation({"fmu": self.description}, {"fmu": path})
         self.is_fmi3 = self.description.fmiVersion == "3.0"
-        self.can = self.description.interface("coSimulation")
+        self.can = self.description.offered_interface("coSimulation")
         variables = self.description.modelVariables
         self.inputs = [v for v in variables if is_continuous_input(Port("fmu", v))]
         self.observed = [
@@ -119,11 +119,11 @@ class Subject:
         """From instantiated to the first step."""
         self.enter(part)
         self.set_inputs(part, self.inputs_at(0))
-        part.begin()
+        part.leave_initialisation()
 
     def enter(self, part: CoSimulation) -> None:
         """Into initialisation mode, with the tolerance that the FMU states and without a stop time."""
-        part.set_up(self.tolerance, self.start, None)
+        part.enter_initialisation(self.tolerance, self.start, None)
 
     @staticmethod
     def size(v: Variable) -> float:

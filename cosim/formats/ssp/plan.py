@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...errors import SetupError
-from ...system import Value, Wire, enumeration, part_name
+from ...system import Value, Wire, enumeration, legal_part_name
 from ...system.base_units import Unit
 from ...system.description import ModelDescription, Variable
 from .files import ELEMENT, LINK, Budget, Element
@@ -80,7 +80,7 @@ class Plan:
 
     def add_element(self, outer: str, name: str) -> str:
         """The path of a new element, a name for a part; raises SetupError for one that is taken."""
-        if (part := part_name(name)) != name:
+        if (part := legal_part_name(name)) != name:
             log.warning("element %r becomes %s", name, part)
         path = f"{outer}.{part}" if outer else part
         self.budget.take(path, ELEMENT)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ...errors import SetupError
 from ...system import BASES, unit_conversion
-from ...system.base_units import BaseUnit, Unit, found_unit
+from ...system.base_units import BaseUnit, Unit, agreed_unit
 from ...system.description import ModelDescription, Variable
 from .files import Element, children
 
@@ -86,7 +86,7 @@ def with_definition(unit: Unit, description: ModelDescription, of_unit: str | No
     for own in (u for u in units if u.name == unit.name and u.baseUnit is not None):
         return own
     displays = ((own, d) for own in units for d in own.displayUnits if d.name == unit.name)
-    return found_unit(unit.name, (own.shown_in(display) for own, display in displays))
+    return agreed_unit(unit.name, (own.shown_in(display) for own, display in displays))
 
 
 def same(first: Unit, second: Unit) -> bool:

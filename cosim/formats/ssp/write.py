@@ -304,7 +304,7 @@ def _parameter(
 def _text(port: Port, value: Value) -> str:
     """A start value as a parameter set spells it; raises SetupError for an item without a name."""
     if port.type != "Enumeration":
-        return port.text(value)
+        return port.xml_text(value)
     for item, number in enumeration(port.variable).items():
         if number == value:
             return item

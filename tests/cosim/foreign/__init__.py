@@ -32,7 +32,7 @@ from xml.sax.saxutils import quoteattr
 import fmpy
 
 from cosim import System
-from cosim.system import part_name
+from cosim.system import legal_part_name
 from tests.cosim.compiled import binary
 
 Value = float | int | bool | str
@@ -126,7 +126,7 @@ def library() -> bytes:
 
 def single_fmu_system(path: Path) -> System:
     """A single FMU as a system; its part is named like the file as far as that is a name."""
-    return System({part_name(path.stem): path})
+    return System({legal_part_name(path.stem): path})
 
 
 def pack(path: Path, **start: Value) -> Path:
