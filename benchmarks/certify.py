@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import simpson, solve_ivp
+from scipy.integrate import OdeSolution, simpson, solve_ivp
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.optimize import brentq, minimize_scalar
 
@@ -221,13 +221,15 @@ def coupled(halved: HalvedSystem, fmu: Path) -> Case:
         return derivatives
 
     y0 = [x for half in halved.parts.values() for x in half.x]
-    solution = solved(rhs, y0, halved.stop)
+    solution = solution_over_time(rhs, y0, halved.stop)
     exact = {c: partial(state_at, solution, names.index(c)) for c in halved.columns}
     system = System(dict.fromkeys(halved.parts, fmu), wires, start)
     return Case(system, halved.stop, halved.step, exact)
 
 
-def solved(rhs: Callable[[float, Any], Any], y0: Any, stop: float, start: float = 0.0) -> Any:
+def solution_over_time(
+    rhs: Callable[[float, Any], Any], y0: Any, stop: float, start: float = 0.0
+) -> OdeSolution:
     """The solution as a function of time."""
     accuracy = {"rtol": SOLUTION_TOLERANCE, "atol": SOLUTION_TOLERANCE}
     return solve_ivp(rhs, (start, stop), y0, "DOP853", dense_output=True, **accuracy).sol
@@ -495,7 +497,7 @@ def driven_lags(
     pieces = []
     for k, u in enumerate(levels.values()):
         rates = lambda _, y, u=u: [(u - y[1] - y[0]) / first, (y[0] - y[1]) / second]
-        pieces.append(solved(rates, y, times[k + 1], times[k]))
+        pieces.append(solution_over_time(rates, y, times[k + 1], times[k]))
         y = pieces[-1](times[k + 1])
 
     def exact(k: int, t: Any) -> Any:

@@ -199,7 +199,7 @@ class Curves:
         values = np.full(times.shape, np.nan)
         row = wide[np.maximum(np.searchsorted(self.t[wide], times, side="right") - 1, 0)]
         inside = (times >= self.t[0]) & (times <= self.t[-1])
-        for p in self.polynomials():
+        for p in self.polynomials_in_chunks():
             curve, k = np.nonzero(inside & (row >= p.first) & (row < p.first + len(p.t)))
             at = row[curve, k] - p.first
             a, b, c, d = p.c[:, curve, at]
@@ -207,8 +207,8 @@ class Curves:
             values[curve, k] = ((a * s + b) * s + c) * s + d
         return values
 
-    def polynomials(self) -> Iterator[Polynomials]:
-        """The polynomials from the first row to the last, all at once or in parts that follow each other."""
+    def polynomials_in_chunks(self) -> Iterator[Polynomials]:
+        """The polynomials from the first row to the last, all at once or in chunks of rows that follow each other."""
         rows = len(self.t)
         if self.x.size <= MOST_POINTS:
             yield self._whole
@@ -235,7 +235,7 @@ class Curves:
         if not self.is_held:
             _lay_splines(c, widths, x, gaps | (widths <= 0.0))
         if gaps.any():
-            _fill(c, (t, x), gaps, self.side, broken_gaps(t, self.breaks))
+            _fill_gaps_from_side(c, (t, x), gaps, self.side, broken_gaps(t, self.breaks))
         used = slice(low - begin, high - begin)
         return Polynomials(c[:, :, used], low, t[used], widths[used])
 
@@ -268,7 +268,7 @@ class Curves:
         every, x = np.arange(len(self)), sign * self.x
         row = x.argmax(axis=1)
         values, times = x[every, row], self.t[row]
-        for p in self.polynomials():
+        for p in self.polynomials_in_chunks():
             _, b, c, d = p.c
             third = p.widths / 3.0
             inner = sign * (d + c * third)
@@ -296,7 +296,7 @@ class Curves:
         wide = np.flatnonzero(np.diff(self.t) > 0.0)
         after = np.searchsorted(wide, row)
         sides = [(after > 0, after - 1), (after < len(wide), after)]
-        for p in self.polynomials():
+        for p in self.polynomials_in_chunks():
             for there_is, interval in sides:
                 beside = wide[interval % max(len(wide), 1)] if len(wide) else interval
                 there = there_is & (beside >= p.first) & (beside < p.first + len(p.t))
@@ -309,11 +309,11 @@ class Curves:
     def integral(self) -> Array:
         """The integrals over time from the first row to the last, shape (curves,)."""
         total = np.zeros(len(self))
-        for p in self.polynomials():
+        for p in self.polynomials_in_chunks():
             total += sum(p.c[k] @ (p.widths ** (4 - k) / (4 - k)) for k in range(4))
         return total
 
-    def with_extremes(self, sign: float) -> Array:
+    def row_values_with_gap_extremes(self, sign: float) -> Array:
         """The values of the rows, of which those behind a gap may be higher (or lower, for a sign of -1).
 
         Where a polynomial that fills a gap rises above both its rows, the row behind the gap has the largest
@@ -326,7 +326,7 @@ class Curves:
             return x
         for side in (Side.AFTER, Side.BEFORE):
             filled = self.filled(side)
-            for p in filled.polynomials():
+            for p in filled.polynomials_in_chunks():
                 curve, k = np.nonzero(filled.gaps[:, p.first : p.first + len(p.t)])
                 highest, _ = _tops(p, sign, curve, k)
                 row = p.first + k
@@ -457,10 +457,12 @@ def _lay_splines(c: Array, widths: Array, x: Array, cut: Mask) -> None:
     c[:3, cut] = 0.0
 
 
-def _fill(c: Array, rows: tuple[Array, Array], gaps: Mask, side: Side, broken: Indices) -> None:
+def _fill_gaps_from_side(
+    c: Array, rows: tuple[Array, Array], gaps: Mask, side: Side, valueless: Indices
+) -> None:
     """Set the coefficients in gaps between rows, from the next piece that has a polynomial.
 
-    Without such a piece up to the next jump they keep the value of its row; but behind a `broken` gap, whose row
+    Without such a piece up to the next jump they keep the value of its row; but behind a `valueless` gap, whose row
     in front says nothing of what follows, there are no values, nan.
     """
     t, x = rows
@@ -483,7 +485,7 @@ def _fill(c: Array, rows: tuple[Array, Array], gaps: Mask, side: Side, broken: I
         nearest = np.minimum.accumulate(np.where(known, every, end)[:, ::-1], axis=1)[:, ::-1]
         first = np.minimum.accumulate(np.where(jump, every, end)[::-1])[::-1]
         of, found = nearest[curve, k], nearest[curve, k] < first[k]
-        value = np.where(np.isin(k, broken), np.nan, x[curve, k + 1])
+        value = np.where(np.isin(k, valueless), np.nan, x[curve, k + 1])
     of = np.where(found, of, 0)
     s = t[k] - t[of]
     cubic, square, slope, level = c[:, curve, of]

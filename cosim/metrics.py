@@ -137,15 +137,15 @@ class Metric:
 
     def times(self, *curves: Curves) -> Array:
         """The times [s] at which the values alone decide it, shape (times, curves); none if all do, or their slopes."""
-        each = [np.full((0, n), np.nan) if c is None else np.asarray(self.deciding_times(c)).reshape(-1, n)
+        each = [np.full((0, n), np.nan) if c is None else self.times_of_value(c)
                 for n, c in self.parts(*curves)]  # fmt: skip
         most = max(map(len, each))
         filled = [np.pad(t, ((0, most - len(t)), (0, 0)), constant_values=np.nan) for t in each]
         return np.concatenate(filled, axis=1)
 
-    def deciding_times(self, curves: Curves) -> list[Array]:
+    def times_of_value(self, curves: Curves) -> Array:
         """The same for whole curves."""
-        return []
+        return np.empty((0, len(curves)))
 
     def scale(self, *curves: Curves) -> Array:
         """The sizes that an error is compared with, shape (curves,); 0 if that is the number itself."""
@@ -208,9 +208,9 @@ class PointValue(Metric):
 class Last(PointValue):
     """The last value."""
 
-    def deciding_times(self, curves: Curves) -> list[Array]:
+    def times_of_value(self, curves: Curves) -> Array:
         """The end."""
-        return [np.full(len(curves), curves.t[-1])]
+        return np.full((1, len(curves)), curves.t[-1])
 
     def measure(self, curves: Curves) -> Array:
         """The value of the last row."""
@@ -225,9 +225,9 @@ class Largest(PointValue):
         """The largest value, at or between rows."""
         return curves.largest().values
 
-    def deciding_times(self, curves: Curves) -> list[Array]:
+    def times_of_value(self, curves: Curves) -> Array:
         """The time of the peak."""
-        return [curves.largest().times]
+        return curves.largest().times[None]
 
 
 @dataclass(frozen=True)
@@ -238,9 +238,9 @@ class Smallest(PointValue):
         """The smallest value, at or between rows."""
         return curves.smallest().values
 
-    def deciding_times(self, curves: Curves) -> list[Array]:
+    def times_of_value(self, curves: Curves) -> Array:
         """The time of the trough."""
-        return [curves.smallest().times]
+        return curves.smallest().times[None]
 
 
 @dataclass(frozen=True)
@@ -251,9 +251,9 @@ class Swing(PointValue):
         """The distance of the extremes, at or between rows."""
         return curves.largest().values - curves.smallest().values
 
-    def deciding_times(self, curves: Curves) -> list[Array]:
+    def times_of_value(self, curves: Curves) -> Array:
         """Those of the peak and of the trough."""
-        return [curves.largest().times, curves.smallest().times]
+        return np.stack([curves.largest().times, curves.smallest().times])
 
 
 @dataclass(frozen=True)
@@ -264,9 +264,9 @@ class Change(PointValue):
         """The distance of both ends."""
         return curves.x[:, -1] - curves.x[:, 0]
 
-    def deciding_times(self, curves: Curves) -> list[Array]:
+    def times_of_value(self, curves: Curves) -> Array:
         """Both ends."""
-        return [np.full(len(curves), curves.t[k]) for k in (0, -1)]
+        return np.repeat(curves.t[[0, -1], None], len(curves), axis=1)
 
 
 @dataclass(frozen=True)
@@ -331,9 +331,9 @@ class Crossing(Metric):
         """Seconds."""
         return "s"
 
-    def deciding_times(self, curves: Curves) -> list[Array]:
+    def times_of_value(self, curves: Curves) -> Array:
         """The time itself."""
-        return [self.measure(curves)]
+        return self.measure(curves)[None]
 
     def lack(self, unit: str, *curves: Curves) -> str:
         """On which side of the level it stays, and how far it gets."""
@@ -393,7 +393,7 @@ class Harmonic(Metric):
             return np.full(len(curves), np.nan)
         span = math.floor(span) / self.frequency
         total = np.zeros(len(curves), dtype=complex)
-        for p in curves.between(end - span, end).polynomials():
+        for p in curves.between(end - span, end).polynomials_in_chunks():
             for s, weights in _gauss(p):
                 turned = np.exp(-2j * math.pi * self.frequency * (p.t + s))
                 total += p.at(s) @ (weights * turned)
@@ -450,9 +450,9 @@ class LastTurn(Metric):
         """That of the metric."""
         return self.column.measure(curves)
 
-    def deciding_times(self, curves: Curves) -> list[Array]:
+    def times_of_value(self, curves: Curves) -> Array:
         """As those of the metric."""
-        return self.column.deciding_times(curves)
+        return self.column.times_of_value(curves)
 
     def size(self, curves: Curves) -> Array:
         """As those of the metric."""
@@ -506,7 +506,7 @@ class StrongestOrder(Metric):
         curve, angle = curve.between(begin, end), angle.between(begin, end)
         orders = np.arange(1, self.highest + 1)
         total = np.zeros(self.highest, dtype=complex)
-        for p in angle.polynomials():
+        for p in angle.polynomials_in_chunks():
             cubic, square, slope, _ = p.c[:, 0]
             for s, weights in _gauss(p):
                 speed = (3.0 * cubic * s + 2.0 * square) * s + slope
@@ -547,7 +547,7 @@ def _integral_until(curve: Curves, times: Array) -> Array:
     """The integral of one curve from its first row to times [s]."""
     from scipy.interpolate import PPoly
 
-    c = np.concatenate([p.c[:, 0] for p in curve.polynomials()], axis=1)
+    c = np.concatenate([p.c[:, 0] for p in curve.polynomials_in_chunks()], axis=1)
     return np.asarray(PPoly(c, curve.t).antiderivative()(times))
 
 
@@ -568,7 +568,7 @@ def passings(curves: Curves, level: float, curve: int = 0, most: int | None = No
     found: list[float] = []
     x, side = curves.x[curve], 0.0
     tolerance = ON_LEVEL * float(np.abs(x - level).max())
-    for p in curves.polynomials():
+    for p in curves.polynomials_in_chunks():
         # Where each polynomial begins, turns and ends, and the row behind it: between two of these it is monotonic.
         at, values = ends_and_turns(p.c[:, curve], p.widths)
         after = x[p.first + 1 : p.first + 1 + len(p.t)]

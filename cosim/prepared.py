@@ -15,7 +15,7 @@ import numpy as np
 
 from .engine.control import Adaptive
 from .engine.members import StepAndStop
-from .engine.process_state import ProcessState
+from .engine.process_guard import ProcessGuard
 from .engine.row_file import RowFile
 from .engine.settings import RunSettings
 from .engine.snapshot import LiveState, Stretch, SystemState
@@ -159,7 +159,7 @@ class Prepared:
         if case.begin is not None:
             require_begin(network, self.settings, case.begin)
         began = clock.perf_counter()
-        with ProcessState() as process, collect_interrupts() as interrupts, ExitStack() as stack:
+        with ProcessGuard() as process, collect_interrupts() as interrupts, ExitStack() as stack:
             file = None if all_rows is None else RowFile(all_rows)
             if file is not None:
                 stack.callback(file.close)
@@ -185,7 +185,7 @@ class Prepared:
 
     def try_begin(self) -> None:
         """Bring new instances to the start, and end them there; raises SetupError."""
-        with ProcessState() as process, ExitStack() as stack:
+        with ProcessGuard() as process, ExitStack() as stack:
             Simulation(self.network, self.settings, stack, process)
 
     def map(
@@ -304,7 +304,7 @@ class Prepared:
             require_step_and_stop(self.network, settings)
         if isinstance(span.step, Adaptive):
             return FEW_ROWS, repr(span.step)
-        every = settings.every()
+        every = settings.steps_per_row()
         if every is None and settings != self.settings:
             raise SetupError(
                 f"step = {span.step!r} s: rows must be a multiple of it apart, not {settings.output_step!r} s"

@@ -101,7 +101,7 @@ def require_pause(network: Network, settings: RunSettings, begin: float, until: 
         raise SetupError(f"{name} cannot save its state: its FMU does not have {STATE}")
     columns = [port.column for port in settings.ports(network)]
     has_events = any(column.kind is not Kind.CONTINUOUS for column in columns)
-    if settings.every() is None or (settings.output_step is not None and has_events):
+    if settings.steps_per_row() is None or (settings.output_step is not None and has_events):
         raise SetupError(
             f"output_step = {settings.output_step!r} s: rows between steps cannot be continued by another run: "
             "write output_step=None"

@@ -255,8 +255,8 @@ class Series:
             )
         return self.select(rows)
 
-    def with_values(self, load: Callable[[int], NDArray[Any]]) -> Self:
-        """The table with other values in its columns, which `load` gives by their number, shape (rows,)."""
+    def with_columns_from(self, load: Callable[[int], NDArray[Any]]) -> Self:
+        """The table with the values that `load` gives by the number of the column, 0 for the first, shape (rows,)."""
         other = copy(self)
         other.load = load
         for made in ("t", "data"):  # of the values that it has no more
@@ -265,7 +265,7 @@ class Series:
 
     def select(self, rows: slice | NDArray[Any]) -> Self:
         """The table with these rows only."""
-        return self.with_values(lambda k: self.load(k)[rows])
+        return self.with_columns_from(lambda k: self.load(k)[rows])
 
     def pieces(self) -> Iterator[Self]:
         """The stretches without equal times and without breaks, each with two rows at least."""

@@ -19,7 +19,7 @@ from .engine.driver import Driver, RowReader
 from .engine.energy import bond_warnings, energy_balance
 from .engine.initialise import initialise
 from .engine.part import Part
-from .engine.process_state import ProcessState
+from .engine.process_guard import ProcessGuard
 from .engine.recorder import Recorder
 from .engine.settings import RunSettings
 from .engine.snapshot import WHOLE, Stretch, SystemState, part_state
@@ -41,7 +41,7 @@ class Simulation:
         network: Network,
         settings: RunSettings,
         stack: ExitStack,
-        process: ProcessState,
+        process: ProcessGuard,
         *,
         used: Mapping[str, CoSimulation] = MappingProxyType({}),
         stretch: Stretch = WHOLE,
@@ -148,12 +148,12 @@ class Simulation:
         """Take all steps; status and reason of the end. Raises FmuError."""
         try:
             for fraction in driver.steps():
-                self.process.require_same_arithmetic_at_times()
+                self.process.require_unchanged_arithmetic_at_times()
                 if progress is not None:
                     progress(fraction)
                 if interrupts:
                     return "interrupted", "interrupted by the user"
-            self.process.require_same_arithmetic()
+            self.process.require_unchanged_arithmetic()
             recorder.flush()
         except SimulationTerminated as end:
             with suppress(FmuError):

@@ -17,7 +17,7 @@ from .engine.control import Adaptive
 from .engine.energy import NOTICEABLE, bond_warnings, is_noticeable
 from .engine.member_layout import EXACT, NeedsPythonError, SystemLayout
 from .engine.members import LEFT, Block, Members, Place, StepAndStop
-from .engine.process_state import ProcessState
+from .engine.process_guard import ProcessGuard
 from .engine.settings import RunSettings
 from .engine.snapshot import SystemState
 from .ensemble import Array, Case, Cases, Ensemble, Numbers
@@ -162,7 +162,7 @@ class Worker:
         self._desk = Desk.private() if desk is None else desk
         self.interrupts: Sequence[int] = ()
         self.columns = (TIME, *(port.column for port in settings.ports(network)))
-        self._stack, self._process = ExitStack(), ProcessState()
+        self._stack, self._process = ExitStack(), ProcessGuard()
         self._instances: dict[str, CoSimulation] = {}
         self._members: Members | None = None
         self._names: list[str] | None = None
@@ -281,7 +281,7 @@ class Worker:
         block.status[:] = LEFT
         for now in self._members.run(block):
             try:
-                self._process.require_same_arithmetic()
+                self._process.require_unchanged_arithmetic()
             except FmuError:
                 block.status[done:now] = LEFT
             done = now

@@ -42,9 +42,9 @@ class Answered(NamedTuple):
         return self.folder / f"{self.name}.png"
 
     @property
-    def is_live(self) -> bool:
+    def has_live_page(self) -> bool:
         """Whether its page has a live part."""
-        return self.question.is_live()
+        return self.question.has_live_page()
 
 
 def answered(name: str, folder: Path) -> Answered:

@@ -94,7 +94,7 @@ def cup_turning() -> Motion:
     system = machine.system(
         {"orientator": FMUS / "native" / "GravityOrientator.fmu"}, 4.0, 0.35, {}
     )
-    r = machine.shortened(cosim.run(system, stop=1.0, step=1e-3))
+    r = machine.until_oriented_or_jammed(cosim.run(system, stop=1.0, step=1e-3))
     spans = {span.text: span for span in machine.stages(r)}
     now = (spans["turning"].first + spans["turning"].last) / 2
     picked = np.searchsorted(r["time"], [now, spans["joint"].first, r["time"][-1]])

@@ -159,7 +159,7 @@ def question_page(answer: Answered) -> str:
     verdict = "\n".join(f"> {line}\n>" for line in content["verdict"])
     blocks = [f'<p class="way"><a class="button" href="{answer.name}/report.html">Open the full '
              "answer</a> with curves, motion, data and how it was made.</p>"]  # fmt: skip
-    if answer.is_live:
+    if answer.has_live_page:
         blocks = [live_frame(answer, "../")]
     alt = escape("; ".join(chart_titles(answer)))
     blocks.append(f'<img src="{answer.name}/{answer.picture.name}" alt="{alt}" loading="lazy">')
@@ -214,7 +214,7 @@ def machine_page(page: Path, answers: Sequence[Answered]) -> str:
         f"* [{answer.question.title}](../../questions/{answer.name}.md)" for answer in about
     )
     section = f"## Questions about this machine\n\n{links}\n"
-    for answer in [answer for answer in about if answer.is_live][:1]:
+    for answer in [answer for answer in about if answer.has_live_page][:1]:
         section = f"## Live model\n\n{MOVE}\n\n{live_frame(answer, '../../')}\n\n{section}"
     before, heading, after = text.partition("\n## ")
     return f"{before}\n{section}{heading}{after}"
@@ -254,7 +254,7 @@ def question_list(answers: Sequence[Answered], folder: Path) -> str:
         (folder / target).parent.mkdir(parents=True, exist_ok=True)
         with Image.open(answer.picture) as picture:
             thumbnail(picture).save(folder / target, optimize=True)
-        caption = answer.question.title + (" Live." if answer.is_live else "")
+        caption = answer.question.title + (" Live." if answer.has_live_page else "")
         cards.append(card(f"questions/{answer.name}.html", target, answer.name, caption))
     pages = toctree(
         "", "\n".join(f"{answer.name} <questions/{answer.name}>" for answer in by_interest(answers))

@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name, by default those of the process; return its exit code."""
     name, *rest = [*(sys.argv[1:] if arguments is None else arguments), ""]
     if name in ("", "-h", "--help"):
-        print(overview())
+        print(drive_fmus_help())
     elif name == "--version":
         print(f"drive-fmus {__version__}")
     elif name in COMMANDS:
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def overview() -> str:
+def drive_fmus_help() -> str:
     """The version, the commands, and the folder of the FMUs with their number by flavour."""
     from .fmu_files import FMUS
 

@@ -227,7 +227,10 @@ def further_records(
     `supply`. Each is there with the noise of `torque`, too, where the record is without it.
     """
     times = fit.problem.columns[0].times
-    stop, noise = float(times[-1] - times[0]), {x.name: x.noise.sigma for x in fit.problem.columns}
+    stop, noise = (
+        float(times[-1] - times[0]),
+        {x.port.name: x.noise.sigma for x in fit.problem.columns},
+    )
     last: dict[str, Value] = {name: float(fit.result[name][-1]) for name in states}
     stepped = {x: {**last, supply: share * fit.start_values[supply]} for x, share in steps.items()}
     starts = {"the same again": last, "a run-up from rest": rest, **stepped}

@@ -110,11 +110,13 @@ class Option:
         return tuple(sorted(set(values)) if self.kind is float else values)
 
     def help_text(self) -> str:
-        """Meaning, unit and default, for the help."""
+        """Meaning, unit, bounds and default, for the help."""
         unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
         default_text = f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
-        default = "" if self.default in (None, (), "", False) else f" (default: {default_text})"
-        return f"{self.meaning}{unit}{default}".replace("%", "%%")
+        facts = [f"{word} {bound:g}" for word, bound in self.bounds.items()]
+        facts += [] if self.default in (None, (), "", False) else [f"default: {default_text}"]
+        more = f" ({', '.join(facts)})" if facts else ""
+        return f"{self.meaning}{unit}{more}".replace("%", "%%")
 
     def _single(self, raw: Any, key: str) -> Any:
         """A value of the declared kind, within its bounds."""

@@ -78,7 +78,7 @@ class Project(NamedTuple):
     def wasm_modules(self, question: type[Question]) -> dict[str, Path]:
         """Return the modules for WebAssembly by part, for a question with a live part and built FMUs."""
         parts = question.parts
-        if not question.is_live() or any(fmu.endswith(FMU) for fmu in parts.values()):
+        if not question.has_live_page() or any(fmu.endswith(FMU) for fmu in parts.values()):
             return {}
         return {
             part: self.folders[MODULES] / f"{fmu}.wasm"

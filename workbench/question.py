@@ -210,7 +210,7 @@ class Question(Options):
         return self.page(figures, results) if self.sliders else None
 
     @classmethod
-    def is_live(cls) -> bool:
+    def has_live_page(cls) -> bool:
         """Whether its page has a live part."""
         return bool(cls.sliders) or cls.live is not Question.live
 

@@ -377,18 +377,18 @@ def at_angles(phi: Array, values: Array, wanted: NDArray[Any]) -> InterpolatedRo
     right, left = (np.take_along_axis(p, (at - k)[..., None], -1)[..., 0] for k in (0, 1))
     before, s, miss, slope = at - 1.0, at - right / (right - left), left, right - left
     for _ in range(ANGLE_ROUNDS):
-        value, change = (_interpolation_weights(s) * p).sum(-1), s - before
+        value, change = (_stencil_weights_at(s) * p).sum(-1), s - before
         is_apart = np.abs(change) > MOST_CHANGE
         slope = np.divide(value - miss, change, out=slope.copy(), where=is_apart)
         before, miss, s = s, value, s - value / slope
         if np.abs(s - before).max(initial=0.0) <= MOST_CHANGE:
             break
-    there = np.einsum("nak,nakc->nac", _interpolation_weights(s), values[member, around])
+    there = np.einsum("nak,nakc->nac", _stencil_weights_at(s), values[member, around])
     return InterpolatedRows(first + s, np.asarray(there))
 
 
-def _interpolation_weights(s: Array) -> Array:
-    """The weights of STENCIL rows in the value at s, by the barycentric formula; s may be a row itself."""
-    distance = s[..., None] - np.arange(STENCIL)
+def _stencil_weights_at(positions: Array) -> Array:
+    """The weights of STENCIL rows in the value at positions counted in rows, by the barycentric formula; one may be a row itself."""
+    distance = positions[..., None] - np.arange(STENCIL)
     weights = _BARYCENTRIC / np.where(distance == 0.0, NEXT_TO_A_ROW, distance)
     return np.asarray(weights / weights.sum(-1, keepdims=True))

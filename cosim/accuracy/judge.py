@@ -495,9 +495,13 @@ def _evaluations(
     thinned = {n: [numbers_of(function(r), names) for r in thinned_results(dense, n)]
                for n in THINNED}  # fmt: skip
     hidden = [
-        of({n: partial(c.finest.with_extremes, s) for n, c in columns.items()}) for s in SIGNS
+        of({n: partial(c.finest.row_values_with_gap_extremes, s) for n, c in columns.items()})
+        for s in SIGNS
     ]
-    zero = [of({n: partial(c.at_zero.with_extremes, s) for n, c in columns.items()}) for s in SIGNS]
+    zero = [
+        of({n: partial(c.at_zero.row_values_with_gap_extremes, s) for n, c in columns.items()})
+        for s in SIGNS
+    ]
     joint = {name: column for name, column in columns.items() if column.band is not None}
     beside = [of({name: partial(c.moved, s)}) for name, c in joint.items() for s in SIGNS]
     beside += [of({n: partial(c.lowered, *tilt) for n, c in joint.items()}) for tilt in TILTS]

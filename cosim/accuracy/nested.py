@@ -108,7 +108,7 @@ def nested_runs(
         )
         finest = dense = results[0]
         if path.exists():
-            dense = finest.with_values(partial(stored_column, path, len(finest.columns)))
+            dense = finest.with_columns_from(partial(stored_column, path, len(finest.columns)))
         yield NestedRuns(results, dense, ratio_of_steps(results, step), lost)
 
 

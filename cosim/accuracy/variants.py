@@ -219,7 +219,7 @@ class Forms:
 def with_columns(result: Result, changed: Mapping[str, Callable[[], Array]]) -> Result:
     """A result with other values in some columns, which are made when they are read."""
     names = result.names
-    return result.with_values(
+    return result.with_columns_from(
         lambda k: changed[names[k]]() if names[k] in changed else result.load(k)
     )
 

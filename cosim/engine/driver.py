@@ -126,7 +126,7 @@ class Driver:
         )
         self._instant = {each.output for each in context.feedthroughs if each.is_wired}
         self._first_order = [name for name in recorder.names if name in behind]
-        every = plan.every()
+        every = plan.steps_per_row()
         if plan.output_step is not None and self.row.discrete:
             every = None
         self._every = every

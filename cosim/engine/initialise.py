@@ -60,7 +60,7 @@ def initialise(
     and reset are taken, by part; others are made, and the stack closes them. Raises FmuError where an FMU refuses, SetupError where
     the start values have no solution, and for the state of another system.
     """
-    within = settings.ports(network) if settings.every() is None else ()
+    within = settings.ports(network) if settings.steps_per_row() is None else ()
 
     def opener(name: str, description: ModelDescription, fmu: Library) -> CoSimulation:
         watched = [port.variable for port in within if port.part == name]
@@ -184,7 +184,7 @@ def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
             other = again()
             other.enter_initialisation(tolerance, settings.start, settings.stop)
             other.session.is_told_stop = True
-            other.session.messages.warn(
+            other.session.messages.keep_warning(
                 f"the FMU does not initialise without a stop time, so it was handed over: {failure}"
             )
             return other
@@ -212,7 +212,7 @@ def _warn_of_other_starts(
             has = now[port.variable.name]
             real = port.type == "Real" and isclose(float(value), float(has), rel_tol=START_ROUNDING)
             if has != value and not real:
-                instance.session.messages.warn(
+                instance.session.messages.keep_warning(
                     f"{port} = {value!r} was given, but the FMU starts with {has!r}"
                 )
 

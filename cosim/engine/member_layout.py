@@ -80,7 +80,7 @@ class SystemLayout:
         key = h, stop, output_step
         if key not in self._known:
             settings = replace(self.settings, step=h, stop=stop, output_step=output_step)
-            every, count = settings.every(), settings.number()
+            every, count = settings.steps_per_row(), settings.number()
             if every is None:
                 raise NeedsPythonError("rows lie between steps")
             means = self._address_of_means(count, h, stop) if self._feeds else None

@@ -129,17 +129,17 @@ class Members:
             )  # fmt: skip
             most = most * 2 if clock.perf_counter() - began < PATIENCE else max(most // 2, 1)
             if place.steps < 0 and block.status[place.member - 1] == WARNED:
-                self._collect_warnings(block.spans[place.member - 1].h)
+                self._collect_warnings_of_last_member(block.spans[place.member - 1].h)
             yield place.member
 
-    def _collect_warnings(self, h: float) -> None:
-        """Let the parts warn of what calls of the last member, whose steps are h [s], have returned."""
+    def _collect_warnings_of_last_member(self, step: float) -> None:
+        """Let the parts warn of what calls of the last member, whose steps are `step` [s], have returned."""
         self.place.member -= 1
         for k, n in enumerate(self._layout.warned):
             if n:
                 operation, at, size = self._layout.loop.operations[k]
-                t = self._layout.settings.start + (n - 1) * h
-                operation.answered(t + at * h, size * h, WARNING)
+                t = self._layout.settings.start + (n - 1) * step
+                operation.answered(t + at * step, size * step, WARNING)
         self.place.member += 1
 
     def _take_over_instances(self) -> None:

@@ -91,7 +91,7 @@ class RunSettings:
         assert not isinstance(self.step, Adaptive)
         return max(1, math.ceil((self.stop - self.start) / self.step - LEFT_OVER))
 
-    def every(self) -> int | None:
+    def steps_per_row(self) -> int | None:
         """After how many fixed steps a row is due; None if rows lie between steps."""
         if isinstance(self.step, Adaptive):
             return 1 if self.output_step is None else None

@@ -62,17 +62,17 @@ class MessageLog:
             text = re.sub(rf"(^|; )({re.escape(self.name)}: )+", r"\1", line)
             self._lines.append(text)
             if status == WARNING:
-                self.warn(text)
+                self.keep_warning(text)
             if status in (ERROR, FATAL):
                 self._complaint = text
 
-    def warn(self, sentence: str) -> None:
+    def keep_warning(self, text: str) -> None:
         """Log a warning and keep it for the result, each sentence once."""
         if self.on_warning is not None:
-            self.on_warning(self.name, sentence)
-        if sentence not in self.warnings and len(self.warnings) < MOST_WARNINGS:
-            self.warnings.append(sentence)
-            log.warning("%s: %s", self.name, sentence)
+            self.on_warning(self.name, text)
+        if text not in self.warnings and len(self.warnings) < MOST_WARNINGS:
+            self.warnings.append(text)
+            log.warning("%s: %s", self.name, text)
 
     def last(self) -> str:
         """What the FMU last complained of, or else logged; empty if it has logged nothing."""

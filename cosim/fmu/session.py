@@ -106,7 +106,7 @@ class Session:
         if status != WARNING:
             raise self.failure(call, status)
         if not self.messages.warnings:
-            self.messages.warn(f"{call} returned Warning")
+            self.messages.keep_warning(f"{call} returned Warning")
 
     def failure(self, call: str, status: int) -> FmuError:
         """The error for a call that returned this status."""

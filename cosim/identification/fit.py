@@ -202,10 +202,12 @@ def _without_outliers(evaluator: Evaluator, minima: Sequence[Minimum], allowed: 
         outside, rows = int((~inside).sum()), len(inside)
         if outside > allowed * rows:
             rejections.append(
-                f"{column.name}: {outside} of {rows} rows lie beyond {OUTLIER_DEVIATIONS:g} times the noise"
+                f"{column.port.name}: {outside} of {rows} rows lie beyond {OUTLIER_DEVIATIONS:g} times the noise"
             )
             inside[:] = True
         elif outside:
-            notes.append(f"{column.name}: {outside} of {rows} rows are outliers and are left out.")
+            notes.append(
+                f"{column.port.name}: {outside} of {rows} rows are outliers and are left out."
+            )
         columns.append(replace(column, times=column.times[inside], values=column.values[inside]))
     return Fit(replace(problem, columns=columns), minima, notes, rejections, evaluator.runs)

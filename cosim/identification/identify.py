@@ -229,7 +229,7 @@ def _solve(problem: Problem, plan: SearchPlan, outliers: float) -> Identified:
         ]
     for column in refined.problem.columns:
         notes.append(
-            f"Noise of {column.name}: {column.noise.sigma:.3g} {column.port.unit}, {column.noise.source}."
+            f"Noise of {column.port.name}: {column.noise.sigma:.3g} {column.port.unit}, {column.noise.source}."
         )
     # one run is that of the guess
     return Identified(

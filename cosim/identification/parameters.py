@@ -100,7 +100,7 @@ def free_parameters(
     requested = list(dict.fromkeys([*names, *prior.names]))
     if not requested:
         raise SetupError("no value is free")
-    measured = {column.name: column for column in columns}
+    measured = {column.port.name: column for column in columns}
     prior_values = dict(zip(prior.names, zip(prior.mean.tolist(), prior.deviations.tolist())))
     bounds = names if isinstance(names, Mapping) else {}
     parameters = []

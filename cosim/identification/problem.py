@@ -119,12 +119,15 @@ class Problem:
         predictions = []
         for column in self.columns:
             gain, delay, zero = (
-                values.get(f"{kind}({column.name})", ideal) for kind, (ideal, _) in SENSOR.items()
+                values.get(f"{kind}({column.port.name})", ideal)
+                for kind, (ideal, _) in SENSOR.items()
             )
-            t, x = result["time"], result[column.name]
+            t, x = result["time"], result[column.port.name]
             times = column.times - delay
             same = len(t) == len(times) and np.abs(t - times).max() < SAME_TIME * (t[1] - t[0])
-            predictions.append(gain * (x if same else shown(result, column.name, times)) + zero)
+            predictions.append(
+                gain * (x if same else shown(result, column.port.name, times)) + zero
+            )
         return predictions
 
     def residual_vector(self, p: Array, predictions: Sequence[Array]) -> Array:
@@ -165,7 +168,7 @@ class Evaluator:
         key = step, all_outputs
         if key not in self._ready:
             problem = self.problem
-            measured = list(dict.fromkeys(column.name for column in problem.columns))
+            measured = list(dict.fromkeys(column.port.name for column in problem.columns))
             first, last = problem.span
             record = None if all_outputs else measured
             settings = {k: v for k, v in problem.settings.items() if v is not None}
@@ -301,7 +304,7 @@ def prepare(
     delays = {parameter.name: (parameter.low, parameter.high) for parameter in parameters}
     covered = []
     for column in columns:
-        low, high = delays.get(f"delay({column.name})", (0.0, 0.0))
+        low, high = delays.get(f"delay({column.port.name})", (0.0, 0.0))
         inside = (column.times - high >= span[0]) & (column.times - low <= span[1])
         covered.append(replace(column, times=column.times[inside], values=column.values[inside]))
     spacing = min(float(np.median(np.diff(column.times))) for column in columns)

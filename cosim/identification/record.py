@@ -27,11 +27,6 @@ class Measurement:
     values: Samples
     noise: Noise
 
-    @property
-    def name(self) -> str:
-        """The name of the variable, "part.variable"."""
-        return self.port.name
-
 
 def measured(
     path: Path | str, columns: Mapping[str, str], *, time: str | None = "time", gaps: bool = False

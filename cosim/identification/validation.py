@@ -64,7 +64,7 @@ def column_residuals(problem: Problem, predictions: Sequence[Array]) -> dict[str
     for column, x in zip(problem.columns, predictions):
         noise = column.noise
         power = spectrum(column.times, (x - column.values) / noise.sigma)
-        residuals[column.name] = ColumnResidual(
+        residuals[column.port.name] = ColumnResidual(
             column.port.unit, column.times, column.values, x, noise.sigma, noise.source, *power
         )
     return residuals
@@ -90,7 +90,7 @@ def _misfits(
             f"begins at {band.low:.4g}: the noise is smaller"
         )
     for column in problem.columns:
-        for finding in locate_misfit(column, residuals[column.name]):
+        for finding in locate_misfit(column, residuals[column.port.name]):
             if finding.is_certain or chi2 > band.high:
                 yield finding.sentence
     yield from _far_from_prior(problem, linearisation)
@@ -131,7 +131,7 @@ def locate_misfit(column: Measurement, residual: ColumnResidual) -> Iterator[Res
     The power of white noise at a frequency is exponentially distributed, so that its maximum over n frequencies
     exceeds log(n / SIGNIFICANCE) in a share SIGNIFICANCE of all records.
     """
-    name, normalised = column.name, residual.normalised
+    name, normalised = column.port.name, residual.normalised
     k = int(np.argmax(residual.power * (residual.frequencies <= residual.motion_bandwidth)))
     if residual.power[k] > math.log(len(residual.power) / SIGNIFICANCE):
         f = float(residual.frequencies[k])

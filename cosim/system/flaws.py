@@ -57,7 +57,7 @@ def each(reader: Reader) -> Reader:
     return lambda text: [reader(piece) for piece in text.split()]
 
 
-def start_values(reader: Reader) -> Reader:
+def one_or_more(reader: Reader) -> Reader:
     """What reads the start values of an array, of which there is one at least."""
     return lambda text: [reader(piece) for piece in text.split() or [text]]
 
@@ -118,7 +118,7 @@ def attribute_readers(kind: str, version: str) -> Mapping[str, Reader]:
     readers = OF_VARIABLES | OF_TYPES
     if (own := value_reader(kind, version)) is not None:
         readers |= {} if kind == "Boolean" else {"min": own, "max": own}
-        readers["start"] = start_values(own) if version == "3.0" else own
+        readers["start"] = one_or_more(own) if version == "3.0" else own
     return readers
 
 

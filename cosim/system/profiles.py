@@ -31,7 +31,7 @@ def checked_profile(
     column = profile.signal
     factor, offset = conversion_to(catalog, port, column.unit, "follow a table")
     try:
-        times, values = _times(profile), _cells(port, profile)
+        times, values = _times(profile), _parsed_cells(port, profile)
     except SetupError as error:
         raise SetupError(f"{port.name}: {error}") from error
     if (factor, offset) != (1.0, 0.0):
@@ -78,7 +78,7 @@ def _times(table: Series) -> list[float]:
     return times
 
 
-def _cells(port: Port, table: Series) -> list[Value]:
+def _parsed_cells(port: Port, table: Series) -> list[Value]:
     """The values of a table for a port, of which texts may be truth values and numbers; raises SetupError."""
     if port.type == "Real" and table.signal.kind is not Kind.BOOLEAN:
         return list(table.numbers().tolist())

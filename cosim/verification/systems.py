@@ -153,9 +153,11 @@ def couple(
             f"{m}[{i},{j}]": 0.0 for m in "ABCD" for i in SIZE for j in SIZE
         }
         values |= {f"{v}[{i}]": 0.0 for v in "xu" for i in SIZE}
-        values |= dict(_entries("A", unit.A)) | dict(_entries("B", unit.B))
-        values |= dict(_entries("C", unit.C)) | dict(_entries("D", unit.feedthrough))
-        values |= dict(_entries("x", unit.x)) | {"input_hold": input_hold}
+        values |= dict(_one_based_entries("A", unit.A)) | dict(_one_based_entries("B", unit.B))
+        values |= dict(_one_based_entries("C", unit.C)) | dict(
+            _one_based_entries("D", unit.feedthrough)
+        )
+        values |= dict(_one_based_entries("x", unit.x)) | {"input_hold": input_hold}
         for i, source in enumerate(unit.u, 1):
             if isinstance(source, str):
                 wires.append(f"{output(source)} -> {name}.u[{i}]")
@@ -172,7 +174,7 @@ def states(units: Mapping[str, LinearPart]) -> list[str]:
     return [f"{name}.x[{i + 1}]" for name, unit in units.items() for i in range(len(unit.x))]
 
 
-def _entries(name: str, values: ArrayLike) -> Iterator[tuple[str, float]]:
+def _one_based_entries(name: str, values: ArrayLike) -> Iterator[tuple[str, float]]:
     """Names M[1,1], M[1,2] and values of a matrix, v[1], v[2] of a vector."""
     for indices, value in np.ndenumerate(np.array(values, float)):
         yield f"{name}[{','.join(str(i + 1) for i in indices)}]", float(value)

@@ -213,19 +213,28 @@ class Drive:
         )
         return Orbits.of(turns).spread(run)
 
-    def require_enough_steps(self, machine: Machine, nu: float, multiple: int = 1) -> None:
-        """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
+    def require_enough_steps_per_rev(
+        self, machine: Machine, mean_speed: float, coarsening: int = 1
+    ) -> None:
+        """Raise SetupError for too few steps per revolution to fit orders or to stay stable at a mean speed [rad/s].
+
+        The longest steps are `coarsening` times as long as those of the drive.
+        """
         setting, most = f"{self.steps_per_rev} steps per revolution", STEP_MULTIPLES[-1]
         longest = longest_step(machine, self.algorithm)
-        fewest = multiple * TURN / (nu * longest)
-        why = f", because runs with {multiple} times fewer give the errors" if multiple > 1 else ""
-        if self.steps_per_rev // multiple < FEWEST_STEPS:
-            raise SetupError(f"{setting} must be at least {multiple * FEWEST_STEPS}{why}")
+        fewest = coarsening * TURN / (mean_speed * longest)
+        why = (
+            f", because runs with {coarsening} times fewer give the errors"
+            if coarsening > 1
+            else ""
+        )
+        if self.steps_per_rev // coarsening < FEWEST_STEPS:
+            raise SetupError(f"{setting} must be at least {coarsening * FEWEST_STEPS}{why}")
         if self.steps_per_rev <= fewest:
-            slowest = nu * fewest / self.steps_per_rev
+            slowest = mean_speed * fewest / self.steps_per_rev
             raise SetupError(
-                f"{setting} are unstable with {self.algorithm} at {nu:g} rad/s: the step must stay below "
-                f"{longest / multiple:.3g} s, and a revolution takes {TURN / nu:.4g} s{why}. Take "
+                f"{setting} are unstable with {self.algorithm} at {mean_speed:g} rad/s: the step must stay below "
+                f"{longest / coarsening:.3g} s, and a revolution takes {TURN / mean_speed:.4g} s{why}. Take "
                 f"{most * math.ceil((math.floor(fewest) + 1) / most)} or more steps per revolution, or a speed above "
                 f"{slowest:.3g} rad/s"
             )
@@ -238,7 +247,7 @@ class Drive:
     def with_stable_multiples(self, machine: Machine, nu: float) -> Drive:
         """Return how to run with 1, 2 and 4 times the step; with 1 alone where 4 times is not stable at nu."""
         try:
-            self.require_enough_steps(machine, nu, STEP_MULTIPLES[-1])
+            self.require_enough_steps_per_rev(machine, nu, STEP_MULTIPLES[-1])
         except SetupError:
             return replace(self, multiples=1)
         return self

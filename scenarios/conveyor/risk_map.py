@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from workbench import Chart, Curve, Mark, Panel
 from workbench.charts import model as colors
-from workbench.charts.model import Field, GridAxis, Level, Look, Span
+from workbench.charts.model import GridAxis, HeatMap, Level, Look, Span
 
 from .drive_orbits import Drive
 from .parameter_plane import Plane
@@ -75,7 +75,7 @@ def stretches(along: GridAxis, good: NDArray[np.bool_]) -> str:
     return " and ".join(texts)
 
 
-def maps(r: Map, limit: float) -> list[Field]:
+def maps(r: Map, limit: float) -> list[HeatMap]:
     """The gain in colour with the ridges over it; the probability of too much ripple; on both the
     line of the limit [N.m], and the operating range where the map is over the speed.
     """
@@ -86,9 +86,9 @@ def maps(r: Map, limit: float) -> list[Field]:
     bounds = [Span(*r.within, "operating range", "green")] if r.within else []
     formula = [curve for curve in over if curve.look == "theory"]
     return [
-        Field("Gain: torque ripple over load ripple", x, y,
+        HeatMap("Gain: torque ripple over load ripple", x, y,
               "torque ripple over load ripple", r.field("gain"), over, log=True, levels=line, spans=bounds),
-        Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
+        HeatMap(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
               "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,
               scale="risk"),
     ]  # fmt: skip

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from workbench import Chart, Curve, Mark, Panel
 from workbench.charts import model as colors
-from workbench.charts.model import Field, GridAxis, Level, SecondUnit
+from workbench.charts.model import GridAxis, HeatMap, Level, SecondUnit
 
 from .drive_orbits import Drive, Orbits
 from .first_order import NODE_ANGLES, Machine
@@ -109,7 +109,7 @@ def over_speed(r: RodForceData) -> Chart:
     )  # fmt: skip
 
 
-def maps(r: RodForceData, limit: float) -> list[Field]:
+def maps(r: RodForceData, limit: float) -> list[HeatMap]:
     """Rod force and torque ripple over speed and spring, with the springs that unload the rod, and the limit of
     the torque ripple [N.m].
     """
@@ -134,8 +134,8 @@ def maps(r: RodForceData, limit: float) -> list[Field]:
         title = f"With the springs that unload the rod the torque ripple is at most {max(along):.3g} N.m "
         title += f"by theory; on the map it is up to {np.nanmax(ripple):.3g} N.m"
     return [
-        Field(f"A spring of the map unloads the rod at {len(valley)} of {len(r.speeds)} speeds", x, y, "largest rod force [kN]",
+        HeatMap(f"A spring of the map unloads the rod at {len(valley)} of {len(r.speeds)} speeds", x, y, "largest rod force [kN]",
               1e-3 * r.field("f_rod"), curves, log=True, marks=mark),
-        Field(title, x, y,
+        HeatMap(title, x, y,
               "torque ripple [N.m]", ripple, curves, log=True, levels=level, marks=mark),
     ]  # fmt: skip

@@ -32,7 +32,7 @@ def system(fmus: Mapping[str, Path], w: float, mu: float, start: Mapping[str, Va
     return System(fmus, start={**dropped, **start})
 
 
-def shortened(r: Result) -> Result:
+def until_oriented_or_jammed(r: Result) -> Result:
     """The rows up to the first one after the end."""
     over = np.flatnonzero(r["orientator.stage"] >= ORIENTED)
     return r.select(slice(over[0] + 1)) if len(over) else r

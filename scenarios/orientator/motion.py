@@ -12,7 +12,7 @@ from workbench.charts.model import Span
 from workbench.charts.motion import Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion, moved
 
-from .machine import STAGES, shortened
+from .machine import STAGES, until_oriented_or_jammed
 
 #: Angles and their multiples by which points turn, and places.
 COORDINATES: Mapping[str, tuple[float, ...]] = {"phi1": (1.0,), "phi2": (1.0,), "xc": (), "yc": ()}
@@ -22,7 +22,7 @@ COLUMNS = (*COORDINATES, "stage")
 def motion(title: str, runs: Mapping[str, Result], ghosts: Sequence[Span] = ()) -> Motion:
     """Catcher and cup of several runs of the same step side by side, until the last product ends."""
     results = [*runs.values()]
-    last = max(float(shortened(result)["time"][-1]) for result in results)
+    last = max(float(until_oriented_or_jammed(result)["time"][-1]) for result in results)
     moving = moved(live_motion(title, results[0], 20.0), *results, names=[*runs], last=last)
     if not ghosts:
         return moving

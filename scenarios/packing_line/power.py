@@ -219,13 +219,15 @@ def with_supply_power(both: Sequence[LastTurns]) -> list[Order]:
     return [
         x._replace(
             supply=x.order_power
-            + sum(y.order_power for y in orders if y.drive != x.drive and nearly_meet(x, y))
+            + sum(
+                y.order_power for y in orders if y.drive != x.drive and are_close_in_frequency(x, y)
+            )
         )
         for x in orders
     ]
 
 
-def nearly_meet(x: Order, y: Order) -> bool:
+def are_close_in_frequency(x: Order, y: Order) -> bool:
     """Whether they are less than half a turn of the slower drive apart."""
     slower = min(z.frequency / z.order for z in (x, y))
     return abs(x.frequency - y.frequency) < slower / 2

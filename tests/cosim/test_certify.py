@@ -363,7 +363,7 @@ def test_what_a_tenth_of_the_tolerance_changes_is_in_the_error_and_what_ignores_
 
     def inexact(system: System, *, tolerance: float, **more: Any) -> Result:
         result = run(system, tolerance=tolerance, **more)
-        return result.with_values(lambda k: result.load(k) + (k > 0) * tolerance)
+        return result.with_columns_from(lambda k: result.load(k) + (k > 0) * tolerance)
 
     figures = {"end": Last("motor.tau"), "own": lambda r: float(r["motor.tau"][-1])}
     plain, solver = (certify(system, figures, runner=r, **settings) for r in (run, inexact))

@@ -218,7 +218,7 @@ def test_the_measured_drive_is_its_fmus_but_where_its_belt_slips(fmus: Path) -> 
             column
         )
     assert comparison["motor.w"].unit == "rpm"
-    stale = result.with_values(lambda k: result.load(k) * [1.0, 1.03, 1.0][k])
+    stale = result.with_columns_from(lambda k: result.load(k) * [1.0, 1.03, 1.0][k])
     stale.provenance = {}
     misfit = compare(
         stale, drive.record(), columns={"motor.w": "speed"}, errors={"motor.w": "8rpm"}

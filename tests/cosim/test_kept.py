@@ -24,7 +24,7 @@ import pytest
 from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
 from cosim.cli.commands import run as run_command
 from cosim.cli.main import main
-from cosim.engine import driver, process_state
+from cosim.engine import driver, process_guard
 from cosim.table_file import facts_path
 from tests.conftest import ROOT, restore_ctrl_c, until
 from tests.cosim.conftest import CommandOutput
@@ -205,7 +205,7 @@ def test_an_fmu_that_changes_the_folder_does_not_move_the_rows(
 @pytest.fixture
 def watched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder to be in, and a master that looks after every step."""
-    monkeypatch.setattr(process_state, "BETWEEN", 0.0)
+    monkeypatch.setattr(process_guard, "BETWEEN", 0.0)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -10,6 +10,7 @@ from scenarios import ask
 from tests.conftest import fmus_of
 from workbench import Figure, Number
 from workbench.catalog import QuestionError
+from workbench.options import Option
 from workbench.question import follows, load
 from workbench.run import found
 
@@ -195,6 +196,13 @@ def test_a_mistake_in_a_question_of_tables_is_one_line(
     with pytest.raises((SetupError, QuestionError), match=message) as caught:
         ask(str(page), stop=0.05, start={"motor.T": 0.03})
     assert "\n" not in str(caught.value)
+
+
+def test_the_help_of_an_option_states_its_bounds() -> None:
+    bounded = Option(
+        "share", float, False, 40.0, "share of all", "%", {"above": 0.0, "at most": 1e2}
+    )
+    assert bounded.help_text() == "share of all [%%] (above 0, at most 100, default: 40)"
 
 
 def test_a_number_is_in_its_unit_and_records_its_column(page: Path) -> None:

@@ -43,7 +43,7 @@ from workbench.charts.model import (
     Arrow,
     Chart,
     Curve,
-    Field,
+    HeatMap,
     Lanes,
     Mark,
     Panel,
@@ -98,7 +98,7 @@ def named(plotted: Any, screen: str = "wide") -> dict[str, Any]:
     }
 
 
-def curves(picture: Chart | Field) -> Values:
+def curves(picture: Chart | HeatMap) -> Values:
     """The values of plotly's traces by label of their panel and name; the last of those of a name."""
     plotted = plotly.figure(picture)
     labels = {axis["key"].replace("axis", ""): label for label, axis in named(plotted).items()}
@@ -277,15 +277,17 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     y = pictures.GridAxis("T", "s", np.arange(1.0, 3.0), True)
     ridge = Curve("ridge", [0.5], [1.5], "grey", "theory")
     limit = pictures.Level(2.0, "limit", np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]]))
-    field = Field("Gain", x, y, "gain", values, [ridge], True, [limit], [Span(0.5, 1.5, "range")])
-    assert curves(field)["T [s]", "ridge"].tolist() == [1.5]
-    heat, rim, line, *_ = plotly.figure(field)["data"]
+    heat_map = HeatMap(
+        "Gain", x, y, "gain", values, [ridge], True, [limit], [Span(0.5, 1.5, "range")]
+    )
+    assert curves(heat_map)["T [s]", "ridge"].tolist() == [1.5]
+    heat, rim, line, *_ = plotly.figure(heat_map)["data"]
     assert heat["z"] == [[-1.0, 0.0, None], [1.0, 2.0, -2.0]]
     assert heat["customdata"] == [[0.1, 1.0, None], [10.0, 100.0, 0.01]]
-    bar = plotly.figure(field)["wide"]["coloraxis"]["colorbar"]
+    bar = plotly.figure(heat_map)["wide"]["coloraxis"]["colorbar"]
     assert (bar["tickvals"][0], bar["ticktext"][0], bar["ticktext"][-1]) == (-2.0, "0.01", "100")
     assert [set(trace["x"]) - {None} for trace in (rim, line)] == [{0.5}, {0.5}]
-    rendered = mpl.render([field], "")
+    rendered = mpl.render([heat_map], "")
     axes, colors = rendered.subfigs[0].axes
     assert axes.collections[0].get_clim() == (-2.0, 2.0)
     assert axes.get_yscale() == "log"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .model import Field, GridAxis, Lanes, Panel, Picture, Samples
+from .model import GridAxis, HeatMap, Lanes, Panel, Picture, Samples
 from .style import STYLE
 
 #: Widest ratio of the ends of a logarithmic axis whose ticks need steps between 1, 2 and 5; chosen: with
@@ -53,7 +53,7 @@ class Axis:
 
 def x_axis(picture: Picture) -> Axis:
     """Return the x axis of a picture, with free length beside points; texts are at 0, 1, 2 and so on."""
-    if isinstance(picture, Field):
+    if isinstance(picture, HeatMap):
         return grid_axis(picture.x)
     curves = [c for panel in picture.panels if isinstance(panel, Panel) for c in panel.curves]
     if names := next((curve.categories for curve in curves if curve.categories), None):
@@ -77,10 +77,10 @@ def grid_axis(direction: GridAxis) -> Axis:
     return _axis(direction.label, *ends, is_log=direction.log, values=values.tolist())
 
 
-def color_axis(field: Field) -> Axis:
-    """Return the axis of a field's colours."""
-    low, high = float(np.nanmin(field.values)), float(np.nanmax(field.values))
-    return _axis(field.quantity, low, high, is_log=field.log)
+def color_axis(heat_map: HeatMap) -> Axis:
+    """Return the axis of a heat map's colours."""
+    low, high = float(np.nanmin(heat_map.values)), float(np.nanmax(heat_map.values))
+    return _axis(heat_map.quantity, low, high, is_log=heat_map.log)
 
 
 def y_axis(panel: Panel, ranges: Sequence[Samples]) -> Axis:

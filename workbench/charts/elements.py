@@ -10,7 +10,7 @@ from itertools import count, cycle
 import numpy as np
 
 from .axes import Axis, color_axis, grid_axis, y_axis
-from .model import Arrow, Curve, Field, Lanes, Panel, Samples
+from .model import Arrow, Curve, HeatMap, Lanes, Panel, Samples
 from .style import (
     COLOR_SCALES,
     COLORS,
@@ -132,15 +132,15 @@ class DrawnRow:
         return [x for x in self.elements if x.is_named and not isinstance(x, Heat)]
 
 
-def drawn_row(part: Panel | Lanes | Field, x: Axis, height_px: float) -> DrawnRow:
+def drawn_row(part: Panel | Lanes | HeatMap, x: Axis, height_px: float) -> DrawnRow:
     """Return what is drawn of a part of a picture over an x axis; only a panel takes the height."""
     match part:
         case Panel():
             return drawn_panel(part, x, height_px)
         case Lanes():
             return drawn_lanes(part, x)
-        case Field():
-            return drawn_field(part)
+        case HeatMap():
+            return drawn_heat_map(part)
 
 
 def drawn_panel(panel: Panel, x: Axis, height_px: float) -> DrawnRow:
@@ -202,18 +202,18 @@ def drawn_lanes(lanes: Lanes, x: Axis) -> DrawnRow:
     return DrawnRow(y, tuple(elements), STYLE.lane_px * len(lanes.rows), may_shrink=False)
 
 
-def drawn_field(field: Field) -> DrawnRow:
+def drawn_heat_map(heat_map: HeatMap) -> DrawnRow:
     """Draw levels and curves over a quantity in colour, with a rim that shows them on every colour."""
-    elements: list[Element] = [_heat(field)]
-    for level in field.levels:
-        x, y = contour(field, level.at, level.values)
+    elements: list[Element] = [_heat(heat_map)]
+    for level in heat_map.levels:
+        x, y = contour(heat_map, level.at, level.values)
         rim = Line(level.text, x, y, COLORS["black"], STYLE.rim_width_px)
         elements += [
             rim,
             replace(rim, color=COLORS["white"], width_px=STYLE.line_width_px, is_named=False),
         ]
-    for curve in field.curves:
-        line, *_ = _curve(curve, "solid", f"{{y:.5g}} {field.y.unit}")
+    for curve in heat_map.curves:
+        line, *_ = _curve(curve, "solid", f"{{y:.5g}} {heat_map.y.unit}")
         assert isinstance(line, Line)
         size = STYLE.plane_marker_px if line.marker_px else 0.0
         width = STYLE.plane_line_width_px if line.width_px else 0.0
@@ -228,15 +228,15 @@ def drawn_field(field: Field) -> DrawnRow:
             )
         )
         elements.append(replace(line, width_px=width, marker_px=size))
-    return DrawnRow(grid_axis(field.y), tuple(elements), STYLE.plane_px)
+    return DrawnRow(grid_axis(heat_map.y), tuple(elements), STYLE.plane_px)
 
 
-def contour(field: Field, at: float, values: Samples | None) -> Samples:
-    """Return the contour line of values over a field's plane, shape (2, n), with NaN between its pieces."""
+def contour(heat_map: HeatMap, at: float, values: Samples | None) -> Samples:
+    """Return the contour line of values over a heat map's plane, shape (2, n), with NaN between its pieces."""
     from contourpy import LineType, contour_generator
 
-    over = np.ma.masked_invalid(np.asarray(field.values if values is None else values, float))
-    x, y = (np.asarray(side.values, float) for side in (field.x, field.y))
+    over = np.ma.masked_invalid(np.asarray(heat_map.values if values is None else values, float))
+    x, y = (np.asarray(side.values, float) for side in (heat_map.x, heat_map.y))
     drawer = contour_generator(x, y, over, line_type=LineType.ChunkCombinedNan)
     (line,), *_ = drawer.lines(at)
     return np.empty((2, 0)) if line is None else np.asarray(line, float).T
@@ -304,13 +304,13 @@ def _undetermined(panel: Panel, y: Axis) -> list[Element]:
     return [Line(UNDETERMINED, x, foot, color, 0.0, marker="cross", marker_px=size, hover=hover)]
 
 
-def _heat(field: Field) -> Heat:
-    """Draw the values of a field in colour."""
-    values = np.asarray(field.values, float)
-    sides = zip("xy", (field.x, field.y))
+def _heat(heat_map: HeatMap) -> Heat:
+    """Draw the values of a heat map in colour."""
+    values = np.asarray(heat_map.values, float)
+    sides = zip("xy", (heat_map.x, heat_map.y))
     hover = [f"{side.quantity} {{{name}:.4g}} {side.unit}" for name, side in sides]
-    hover.append(f"{field.quantity} {{value:.4g}}")
-    x, y = (np.asarray(side.values, float) for side in (field.x, field.y))
-    levels = np.log10(values) if field.log else values
-    colors, text = COLOR_SCALES[field.scale], "<br>".join(hover)
-    return Heat(field.quantity, x, y, levels, values, colors, color_axis(field), hover=text)
+    hover.append(f"{heat_map.quantity} {{value:.4g}}")
+    x, y = (np.asarray(side.values, float) for side in (heat_map.x, heat_map.y))
+    levels = np.log10(values) if heat_map.log else values
+    colors, text = COLOR_SCALES[heat_map.scale], "<br>".join(hover)
+    return Heat(heat_map.quantity, x, y, levels, values, colors, color_axis(heat_map), hover=text)

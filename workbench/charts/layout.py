@@ -12,7 +12,7 @@ import numpy as np
 from .axes import Axis, x_axis
 from .elements import DrawnRow, drawn_row
 from .labels import Label, Name, labels_above, lines_of, names_of, width_px
-from .model import Chart, Field, Mark, Picture, SecondUnit
+from .model import Chart, HeatMap, Mark, Picture, SecondUnit
 from .style import LETTERS_BY_SCREEN, NAME_LETTERS, STYLE, Screen
 
 
@@ -69,12 +69,12 @@ class ChartLayout:
     @property
     def is_plane(self) -> bool:
         """Whether it is a plane, over which spans have only edges."""
-        return isinstance(self.picture, Field)
+        return isinstance(self.picture, HeatMap)
 
     @property
     def second(self) -> SecondUnit | None:
         """The unit of a second axis below the first."""
-        return None if isinstance(self.picture, Field) else self.picture.second
+        return None if isinstance(self.picture, HeatMap) else self.picture.second
 
     @property
     def height_px(self) -> float:
@@ -108,10 +108,10 @@ def layout_of(
     """
     letters = LETTERS_BY_SCREEN[screen]
     x = with_wrapped_ticks(x_axis(picture), letters)
-    parts = [picture] if isinstance(picture, Field) else picture.panels
+    parts = [picture] if isinstance(picture, HeatMap) else picture.panels
     panel_px = {1: STYLE.single_panel_px, 2: STYLE.double_panel_px}.get(len(parts), STYLE.panel_px)
     rows = [drawn_row(part, x, panel_px) for part in parts]
-    is_plane = isinstance(picture, Field)
+    is_plane = isinstance(picture, HeatMap)
     names = [lines for row in rows for lines in lines_of(row, NAME_LETTERS[screen])]
     names_px = 0.0 if is_plane else max(map(width_px, names), default=0.0)
     beside = names_px / STYLE.name_letter_px

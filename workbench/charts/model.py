@@ -224,14 +224,14 @@ class GridAxis(NamedTuple):
 
 
 class Level(NamedTuple):
-    """A contour line of values over a plane, by default those of its field."""
+    """A contour line of values over a plane, by default those of its heat map."""
 
     at: float
     text: str
     values: Samples | None = None
 
 
-class Field(NamedTuple):
+class HeatMap(NamedTuple):
     """Values of shape (len(y), len(x)), NaN where there is none, with what is drawn over them.
 
     The colours are those of a scale, and follow the logarithm of the values where `log` is set,
@@ -251,4 +251,4 @@ class Field(NamedTuple):
     marks: Sequence[Mark] = ()
 
 
-Picture = Chart | Field
+Picture = Chart | HeatMap

@@ -51,7 +51,7 @@ class Symbol(NamedTuple):
 
 def svg(motion: Motion) -> str:
     """The motion again and again over its ghosts, with letters of a size for wide and narrow screens."""
-    size, _, shapes = placed_drawing(motion)
+    size, _, shapes = scaled_to_drawing(motion)
     since = motion.times - motion.times[0]
     times = ";".join(f"{share:.6g}" for share in since / since[-1])
     clock = f'dur="{since[-1] * motion.slow:.6g}s" repeatCount="indefinite" keyTimes="{times}"'
@@ -72,7 +72,7 @@ def svg(motion: Motion) -> str:
 
 def still(motion: Motion, frame: int, pixels: float) -> str:
     """A frame below its caption as a picture, on its longer side so many pixels long."""
-    size, _, shapes = placed_drawing(motion)
+    size, _, shapes = scaled_to_drawing(motion)
     unit = max(size) / pixels
     now = [(shape, placed[[min(frame, len(placed) - 1)]]) for shape, placed in shapes]
     lines = [_line(shape, placed, "", thick=unit) for shape, placed in now]
@@ -92,7 +92,7 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
 
     The ghosts have words beside them; symbols take the place of the names of their shapes.
     """
-    size, _, shapes = placed_drawing(motion)
+    size, _, shapes = scaled_to_drawing(motion)
     unit = (1.2 if motion.ghosts else 1.0) * size[0] / DRAWING_WIDTH
     tall, symbolic = round(size[1] / unit) + DRAWING_TOP, {symbol.shape for symbol in symbols}
     lines = [
@@ -127,7 +127,7 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
     )
 
 
-class PlacedDrawing(NamedTuple):
+class ScaledDrawing(NamedTuple):
     """A drawing: width and height, units in a metre, and every shape with its points, shape (frames or 1, n, 2)."""
 
     size: Samples
@@ -135,13 +135,13 @@ class PlacedDrawing(NamedTuple):
     shapes: list[tuple[Shape, Samples]]
 
 
-def placed_drawing(motion: Motion) -> PlacedDrawing:
+def scaled_to_drawing(motion: Motion) -> ScaledDrawing:
     """Return a motion in the units of its drawing."""
     low, high = motion.bounds
     scale = float(UNITS_ACROSS / (high[0] - low[0]))
     corner, directions = np.array([low[0], high[1]]), np.array([scale, -scale])
     placed = [(shape, (shape.points - corner) * directions + EDGE) for shape in motion.shapes]
-    return PlacedDrawing(scale * (high - low) + 2 * EDGE, scale, placed)
+    return ScaledDrawing(scale * (high - low) + 2 * EDGE, scale, placed)
 
 
 def font_size_css(size: Sequence[float] | Samples) -> str:

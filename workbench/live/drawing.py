@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..charts.motion import Columns, Motion, Shape
 from ..charts.style import COLORS
-from ..charts.svg import placed_drawing
+from ..charts.svg import scaled_to_drawing
 from .declare import Coordinate, LiveMotion
 
 Samples = NDArray[np.float64]
@@ -111,6 +111,6 @@ def _placed(
     shapes = list(motion.draw(columns))
     far = np.array(motion.offset) * (runs - 1)
     room = [*shapes, *(shape._replace(points=shape.points + far) for shape in shapes)]
-    size, scale, placed = placed_drawing(Motion(motion.title, np.zeros(1), 1.0, [], room))
+    size, scale, placed = scaled_to_drawing(Motion(motion.title, np.zeros(1), 1.0, [], room))
     points = [(shape, xy[..., 0] + 1j * xy[..., 1]) for shape, xy in placed[: len(shapes)]]
     return [round(float(x), 1) for x in size], scale, points

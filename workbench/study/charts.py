@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from ..charts.model import SERIES, Chart, Curve, Field, GridAxis, Look, Panel, Picture
+from ..charts.model import SERIES, Chart, Curve, GridAxis, HeatMap, Look, Panel, Picture
 from .file import Study
 
 #: Figures of a study that are drawn; chosen: as many panels as a page shows.
@@ -91,14 +91,14 @@ def _spread(table: pd.DataFrame, name: str) -> Curve:
     return Curve(name, 100 * (np.arange(len(y)) + 0.5) / len(y), y, "blue", "step")
 
 
-def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> Field:
+def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> HeatMap:
     """A figure over two inputs."""
     square = table.pivot_table(index=grid[1], columns=grid[0], values=name, dropna=False)
     x, y = (
         GridAxis(at, units.get(at) or "1", values.to_numpy(dtype=float))
         for at, values in zip(grid, (square.columns, square.index))
     )
-    return Field(name, x, y, _label(name, units), square.to_numpy())
+    return HeatMap(name, x, y, _label(name, units), square.to_numpy())
 
 
 def sensitivity(study: Study, indices: pd.DataFrame, units: Units) -> list[Picture]:

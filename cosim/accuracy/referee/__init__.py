@@ -159,7 +159,7 @@ def _in_seconds(table: Series, stop: float | None) -> tuple[Series, Cause | None
     ((unit, scale),) = fits
     times = scale * table.t
     text = f"the times are in {unit}, not in s: the last is {table.t[-1]:g}, not {stop:g}"
-    in_seconds = table.with_values(lambda k: table.load(k) if k else times)
+    in_seconds = table.with_columns_from(lambda k: table.load(k) if k else times)
     return in_seconds, Cause("time unit", text, math.inf, ())
 
 

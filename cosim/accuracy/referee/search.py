@@ -257,7 +257,7 @@ def find_causes(search: CauseSearch) -> list[Cause]:
     finders: tuple[Callable[[], Iterator[Cause]], ...] = (
         lambda: coupling_causes(search),
         lambda: _step_late_causes(search),
-        lambda: _euler_causes(search),
+        lambda: _whole_system_euler_causes(search),
         lambda: _variant_causes(search, scores),
         lambda: _number_causes(search),
         lambda: _late_input_causes(search),
@@ -325,7 +325,7 @@ def _run_couplings(search: CauseSearch, system: System) -> Iterator[tuple[Coupli
             yield replace(coupling, early_parts=tuple(early)), mixed
 
 
-def _euler_causes(search: CauseSearch) -> Iterator[Cause]:
+def _whole_system_euler_causes(search: CauseSearch) -> Iterator[Cause]:
     """Euler's methods over the whole system, with the steps of a row and shorter ones."""
     for name, method in EULERS.items():
         best: tuple[float, Array | None] = math.inf, None

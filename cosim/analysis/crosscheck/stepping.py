@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from ...errors import FmuError, SimulationTerminated, StepDiscarded
 from ...fmu.messages import DISCARD, STATUS, WARNING
@@ -25,7 +26,7 @@ def step_sizes(s: Subject) -> str:
     s.needs("canHandleVariableCommunicationStepSize")
     for h in (s.h * multiple for multiple in STEP_MULTIPLES):
         try:
-            differences, changes = split(s, h)
+            differences, changes = step_halving(s, h)
         except FmuError:
             if h == s.h:
                 raise
@@ -49,13 +50,18 @@ def step_sizes(s: Subject) -> str:
     return f"no difference above {NO_CHANGE:g} of the range: exact, or smaller internal steps"
 
 
-def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
-    """Compare one step with two of half its length, by Real output.
+class StepHalving(NamedTuple):
+    """One step against two of half its length, by Real output: for a step of 4 h, then for one of 2 h.
 
-    The differences are in units of the output's range and summed over three points: that between one
-    step of 4 h and two of 2 h, then that between one of 2 h and two of h. Beside them stands how far
-    the one step moves the output.
+    Differences, and changes of the output over the one step, are in units of its range and summed over three points.
     """
+
+    differences: dict[str, list[float]]
+    changes: dict[str, list[float]]
+
+
+def step_halving(s: Subject, h: float) -> StepHalving:
+    """Compare one step with two of half its length."""
     differences, changes = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
     for n in (1, s.steps // 3, 2 * s.steps // 3):
         u = s.inputs_at(n)
@@ -65,7 +71,7 @@ def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[
             for name, span in s.ranges.items():
                 differences[name][level] += abs(single[name] - double[name]) / span
                 changes[name][level] += abs(single[name] - begin[name]) / span
-    return differences, changes
+    return StepHalving(differences, changes)
 
 
 def discards(s: Subject) -> str:

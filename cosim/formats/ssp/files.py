@@ -28,7 +28,7 @@ NAMESPACES = {
 }
 BOND = "{urn:cosim}Bond"
 FMU = "application/x-fmu-sharedlibrary"
-ROOT = "SystemStructure.ssd"
+ROOT_SSD = "SystemStructure.ssd"
 SCHEMAS = {
     f"{{{NAMESPACES['ssd']}}}SystemStructureDescription": "SystemStructureDescription.xsd",
     f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",

@@ -23,7 +23,7 @@ from .files import (
     FMU,
     NAMELESS,
     NAMESPACES,
-    ROOT,
+    ROOT_SSD,
     Budget,
     Element,
     children,
@@ -161,15 +161,15 @@ def read_ssp(path: Path, folder: Path) -> Package:
 
 
 def _read(path: Path, folder: Path) -> Package:
-    ssd = path / ROOT if path.is_dir() else path
+    ssd = path / ROOT_SSD if path.is_dir() else path
     plan = Plan(Budget(path.stat().st_size if path.is_file() else 0))
     if ssd.suffix == ".ssd":
         document = Document.open(ssd.resolve(), Path(ssd.absolute().anchor), folder, {})
         document = document.nested((str(document.path), ""), path.name)
     else:
         unpack(path, folder, plan.budget)
-        document = Document.open(folder / ROOT, folder, folder, {})
-        document = document.nested((_digest(path), ROOT), path.name)
+        document = Document.open(folder / ROOT_SSD, folder, folder, {})
+        document = document.nested((_digest(path), ROOT_SSD), path.name)
     (outermost,) = children(document.content, "ssd:System")
     _system(plan, document, outermost, "")
     system = System(plan.fmus, plan.wires(), plan.starts(), plan.bonds)
@@ -285,10 +285,10 @@ def _nested(
         return document, matches[0]
     file = locate(source, document.path.parent, document.root)
     if kind == PACKAGE:
-        key, scratch = (_digest(file), name or ROOT), Path(mkdtemp(dir=document.scratch))
+        key, scratch = (_digest(file), name or ROOT_SSD), Path(mkdtemp(dir=document.scratch))
         nesting = document.nested(key, file.name).nesting
         unpack(file, scratch, plan.budget)
-        inner = Document.open(locate(name or ROOT, scratch, scratch), scratch, scratch, nesting)
+        inner = Document.open(locate(name or ROOT_SSD, scratch, scratch), scratch, scratch, nesting)
     elif fragment:
         raise SetupError(f"an id in another file, {name!r}, is not supported")
     else:

@@ -16,7 +16,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from ...errors import SetupError
 from .files import (
-    ROOT,
+    ROOT_SSD,
     SCHEMAS,
     Budget,
     Element,
@@ -71,7 +71,7 @@ def check_standard(path: Path | str) -> StandardReport:
             findings += _check_folder(Path(scratch))
     else:
         raise SetupError(
-            f"{path} must be an .ssp, a folder with {ROOT}, or one of {', '.join(SSP_SUFFIXES)}"
+            f"{path} must be an .ssp, a folder with {ROOT_SSD}, or one of {', '.join(SSP_SUFFIXES)}"
         )
     return StandardReport(str(path), tuple(dict.fromkeys(findings)))
 
@@ -103,8 +103,8 @@ def _check_archive(path: Path) -> Iterator[Finding]:
 
 def _check_folder(folder: Path) -> Iterator[Finding]:
     """The rules for the entries of a package, and for each file of SSP in it."""
-    if not (folder / ROOT).is_file():
-        yield CheckedFile(ROOT).finding("package", 0, f"there is no {ROOT} at the root")
+    if not (folder / ROOT_SSD).is_file():
+        yield CheckedFile(ROOT_SSD).finding("package", 0, f"there is no {ROOT_SSD} at the root")
     names: dict[str, str] = {}
     has_version_2 = False
     for file in sorted(folder.glob("*.ssd")):

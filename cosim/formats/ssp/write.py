@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
 from ...system import Connection, Network, Port, System, Value, connect_for_export, enumeration
-from .files import BOND, FMU, NAMESPACES, ROOT, qualified
+from .files import BOND, FMU, NAMESPACES, ROOT_SSD, qualified
 from .geometry import Geometry
 
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
@@ -81,7 +81,7 @@ def write_ssp(
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         package = Path(folder) / path.name
         with zipfile.ZipFile(package, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr(ROOT, structure)
+            archive.writestr(ROOT_SSD, structure)
             for fmu, name in files.items():
                 archive.write(fmu, f"resources/{name}")
         package.replace(path)

@@ -243,7 +243,7 @@ def lag_speeds(drive: Drive, machines: Sequence[tuple[Machine, Samples]]) -> lis
     """The speeds of 90 degrees lag of machines, each sought from orbits at some speeds around [rad/s]."""
     for machine, nus in machines:
         for nu in nus[[0, -1]].tolist():
-            drive.require_enough_steps(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
+            drive.require_enough_steps_per_rev(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
     each, guides = zip(*machines)
     lines = MachineLines.of(Machine.of(each), dict(enumerate(guides)))
     responses = [sweep.response for sweep in run_sweeps(replace(drive, multiples=1), lines)]

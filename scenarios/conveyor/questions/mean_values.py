@@ -82,9 +82,9 @@ class MeanValues(Question, SweepOptions):
         nus = self.speeds or speeds_of(SPEEDS[self.set])
         operating = self.speed or float(machine.nu_res)
         for nu in nus:
-            drive.require_enough_steps(machine, nu)
+            drive.require_enough_steps_per_rev(machine, nu)
         drive = drive.with_stable_multiples(machine, nus[0])
-        drive.require_enough_steps(machine, operating, STEP_MULTIPLES[drive.multiples - 1])
+        drive.require_enough_steps_per_rev(machine, operating, STEP_MULTIPLES[drive.multiples - 1])
         rows = mean_figures(drive, machine, sorted({*nus, operating}))
         units = {"nu": "rad/s"}
         for name, (unit, _) in MEANT.items():

@@ -287,7 +287,7 @@ def planned(o: Resonance, context: Context, base: Machine, why: str) -> SweepPla
     drive = Drive(context, o.algorithm, o.steps_per_rev)
     every = sorted({*speeds, speed})
     for nu in every if has_kloss_characteristic(base) else every[:1]:
-        drive.require_enough_steps(linearised(base, nu), nu)
+        drive.require_enough_steps_per_rev(linearised(base, nu), nu)
     return SweepPlan(
         o, base, drive.with_stable_multiples(linearised(base, every[0]), every[0]), speeds, speed
     )

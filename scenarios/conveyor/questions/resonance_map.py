@@ -116,7 +116,7 @@ class ResonanceMap(Question, RippleOptions):
         drive = Drive(context, self.algorithm, self.steps_per_rev)
         machine, nu = plane.points()
         worst = int(np.argmax(machine.nu_res / nu))
-        drive.require_enough_steps(
+        drive.require_enough_steps_per_rev(
             picked(machine, nu.shape, worst), float(nu[worst]), STEP_MULTIPLES[-1]
         )
 

@@ -103,7 +103,7 @@ class RodForce(Question, RippleOptions):
         held = {key: parameter.value for key, parameter in parameters(system).items()}
         length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
         drive = Drive(context, self.algorithm, self.steps_per_rev)
-        drive.require_enough_steps(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
+        drive.require_enough_steps_per_rev(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
         across = GridAxis("operating speed", "rad/s", np.array(self.speeds))
         up = GridAxis("stiffness of the spring", "N/m", np.array(self.springs))
         plane = Plane(ParameterAxis(SPEED_NAME, across), ParameterAxis(SPRING, up), present, nu)

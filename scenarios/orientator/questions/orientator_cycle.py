@@ -161,7 +161,7 @@ class OrientatorCycle(Question, RunOptions):
 
     def show(self, f: Mapping[str, Figure], r: Data) -> Show:
         """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
-        until_end = orientator.shortened(r[0])
+        until_end = orientator.until_oriented_or_jammed(r[0])
         stages = orientator.stages(until_end)
         spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
         chart = drawn(CHART, until_end)._replace(spans=spans)

@@ -231,7 +231,7 @@ def figures(product_data: IdentifiedOrientator, limit: Figure) -> dict[str, Figu
 
 def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
     """What as many products at these speeds [rpm] would leave of the interval of friction."""
-    noise = {column.name: column.noise.sigma for column in fit.problem.columns}
+    noise = {column.port.name: column.noise.sigma for column in fit.problem.columns}
     stop = PERIOD * count
     experiments = {"the same products again": Experiment({}, noise, stop)}
     for n in tried:

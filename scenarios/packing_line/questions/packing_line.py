@@ -52,9 +52,9 @@ from ..power import (
     HIGHEST,
     MEASURED,
     ORDER_UNITS,
+    are_close_in_frequency,
     cycle_figures,
     nearest,
-    nearly_meet,
     releases,
     turns_of_drives,
     with_supply_power,
@@ -161,7 +161,7 @@ class PackingLine(Question, RunOptions):
                         distance,
                     )
                 ]
-                if nearly_meet(cam, crank)
+                if are_close_in_frequency(cam, crank)
                 else []
             ),
         ]
@@ -171,7 +171,7 @@ class PackingLine(Question, RunOptions):
         window, _ = r
         first, last = releases(window)[-2:]
         zero = float(window["time"][first])
-        result = window.with_values(lambda k: window.load(k) - zero * (k == 0))
+        result = window.with_columns_from(lambda k: window.load(k) - zero * (k == 0))
         t, bars = result["time"], lanes(result, first, last)
         period = float(t[last])
         in_window = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)

@@ -22,8 +22,8 @@ ENVIRONMENT_BYTES = 256
 C = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
-class ProcessState:
-    """Keeps them as they were when this was made, at the latest as a context ends; `warnings` reports what had to be restored."""
+class ProcessGuard:
+    """Keeps these as they were when it was made, at the latest as a context ends; `warnings` reports what had to be restored."""
 
     def __init__(self) -> None:
         self.warnings: list[str] = []
@@ -60,13 +60,13 @@ class ProcessState:
             C.fesetenv(self._environment)
             self._warn("the treatment of subnormal floating-point numbers (FTZ, DAZ)")
 
-    def require_same_arithmetic_at_times(self) -> None:
+    def require_unchanged_arithmetic_at_times(self) -> None:
         """Look now and then during a run; raises FmuError if its numbers are computed otherwise."""
         if clock.perf_counter() > self._looked + BETWEEN:
-            self.require_same_arithmetic()
+            self.require_unchanged_arithmetic()
 
-    def require_same_arithmetic(self) -> None:
-        """Look now; raises FmuError."""
+    def require_unchanged_arithmetic(self) -> None:
+        """Restore all that FMUs have changed; raises FmuError if numbers were computed otherwise."""
         arithmetic = C.fegetround(), _flushes()
         self.restore()
         if arithmetic != (self._rounding, self._flushes):
