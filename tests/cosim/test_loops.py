@@ -52,6 +52,35 @@ def test_a_difference_of_large_signals_counts_as_solved_within_their_rounding() 
     assert solve_fixed_point(rounds, z, np.array([1e9, 1e9, 1e-12]), ["p", "q", "d"]) == ""
 
 
+@pytest.mark.parametrize(("drift", "start"), [(1e-12, 0.0), (1e-3, 0.0), (1e-3, 1.0)])
+def test_a_signal_that_only_adds_to_itself_has_no_solution(drift: float, start: float) -> None:
+    """z = z + drift: the difference quotient of the residual is rounding; it led to z = -36 227."""
+    places: list[Any] = []
+
+    def drifting(z: Any) -> Any:
+        places.append(z)
+        return z + drift
+
+    worst = solve_fixed_point(drifting, np.array([start]), np.array([1.0]), ["z"])
+    is_within_tolerance = drift <= 1e-10  # of the nominal value
+    assert (worst == "") == is_within_tolerance
+    assert places[-1].tolist() == [start]
+
+
+@pytest.mark.parametrize("start", [0.0, 1e-3])
+def test_the_system_is_left_where_the_iteration_ends(start: float) -> None:
+    """Two signals that hand each other's value on: a singular loop, which is as good as solved at its start."""
+    places: list[Any] = []
+
+    def crossed(z: Any) -> Any:
+        places.append(z)
+        return np.array([z[1] + 1e-12, z[0]])
+
+    guess = np.array([start, start])
+    assert solve_fixed_point(crossed, guess, np.ones(2), ["a", "b"]) == ""
+    assert places[-1].tolist() == guess.tolist()
+
+
 class Block:
     """Real inputs whose cells are those of the loop."""
 
