@@ -50,12 +50,17 @@ class Cases:
         Raises
         ------
         SetupError
-            For a name that the system does not have, columns of several lengths, and without a member.
+            For what has no names, a name that the system does not have, columns of several lengths, and without a member.
         """
         if isinstance(cases, Cases):
             return cases
         if isinstance(cases, int):
             return cls((), (), cases)
+        if not hasattr(cases, "keys"):
+            raise SetupError(
+                f"cases must be columns of start values by name, {{'motor.T': [0.04, 0.05]}}, or a number of runs, not a "
+                f"{type(cases).__name__}; a run that begins with a state is one by itself: write run(Case(begin=state))"
+            )
         ports = tuple(network.port(str(name)) for name in cases)
         columns = tuple(np.asarray(cases[name]) for name in cases)
         lengths = {str(port.name): column.shape for port, column in zip(ports, columns)}
@@ -172,6 +177,9 @@ class Ensemble:
         """The numbers of the members that did not come to their end."""
         wrong = [bool(reason) for reason in self.reasons]
         return np.asarray(self.members[np.array(wrong, dtype=bool)])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
 
     def __getitem__(self, name: str) -> Array:
         """A column of all members, shape (members, rows); raises KeyError for one that was not recorded."""

@@ -125,7 +125,7 @@ class Prepared:
         handed it out would have had. Steps are counted from the `start` of the settings, of which
         one must end where the state is. Parameters and exceptions are those of `cosim.run`.
         """
-        return self._run(case, math.inf, csv, progress, all_rows)[0]
+        return self._run(case, None, csv, progress, all_rows)[0]
 
     def run_until(
         self,
@@ -140,8 +140,6 @@ class Prepared:
         Raises what `run` does, and SetupError where no run can go on from there: all FMUs must be able to save their
         state, and rows must be at communication points.
         """
-        begin = self.settings.start if case.begin is None else case.begin.time
-        require_pause(self.network, self.settings, begin, time)
         result, state = self._run(case, time, csv, progress, None)
         if state is None:
             raise SimulationError(f"{result.provenance['reason']}: there is no state", result)
@@ -150,7 +148,7 @@ class Prepared:
     def _run(
         self,
         case: Case,
-        until: float,
+        until: float | None,
         csv: Path | str | None,
         progress: Callable[[float], None] | None,
         all_rows: Path | None,
@@ -158,19 +156,22 @@ class Prepared:
         network, state = with_case(self.network, case), None
         if case.begin is not None:
             require_begin(network, self.settings, case.begin)
+        if until is not None:
+            begin = self.settings.start if case.begin is None else case.begin.time
+            require_pause(network, self.settings, begin, until)
         began = clock.perf_counter()
         with ProcessGuard() as process, collect_interrupts() as interrupts, ExitStack() as stack:
             file = None if all_rows is None else RowFile(all_rows)
             if file is not None:
                 stack.callback(file.close)
-            stretch = Stretch(case.begin, until, file)
+            stretch = Stretch(case.begin, math.inf if until is None else until, file)
             simulation = Simulation(network, self.settings, stack, process, stretch=stretch)
             path = None if csv is None else Path(csv).absolute()
             result = simulation.run(interrupts, began, csv=path, progress=progress)
             ran = result.provenance
             if ran["status"] == "complete" and simulation.driver.is_there:
                 try:
-                    state = simulation.state()
+                    state = simulation.state(self.network.system.start)
                 except FmuError as error:
                     raise SimulationError(str(error), result) from error
                 if any(isinstance(part.fmu, LiveState) for part in state.parts.values()):
@@ -207,7 +208,7 @@ class Prepared:
         ----------
         cases : mapping, pandas frame, Cases or int
             Columns of start values by name, a row for each member; or how many members there are, if only their
-            steps differ.
+            steps differ. No member begins with a state: `run` does that.
         jobs : int
             Threads if FMUs of fmukit are all that runs, else processes, in which a crash costs one member.
         steps : sequence of float or Adaptive, optional

@@ -113,7 +113,8 @@ def require_begin(network: Network, settings: RunSettings, state: SystemState) -
     start, stop, time = settings.start, settings.stop, state.time
     if not start <= time < stop:
         raise SetupError(
-            f"the state is at t = {time!r} s, which must be from start = {start!r} s on and before stop = {stop!r} s"
+            f"the run from start = {start!r} s to stop = {stop!r} s must contain the state at t = {time!r} s: "
+            f"give {'a stop after it' if start <= time else f'start={state.start!r}'}"
         )
     if not isinstance(settings.step, Adaptive):
         steps = round((time - start) / settings.step)
@@ -121,6 +122,11 @@ def require_begin(network: Network, settings: RunSettings, state: SystemState) -
             raise SetupError(
                 f"the state is at t = {time!r} s, where no step of {settings.step!r} s from start = {start!r} s "
                 f"ends: write start={time!r}"
+            )
+        if settings.step != state.step and settings.step > (stop - time) * (1.0 + LEFT_OVER):
+            raise SetupError(
+                f"step = {settings.step!r} s must be at most the time from the state at t = {time!r} s to "
+                f"stop = {stop!r} s"
             )
     if stop > state.stop_told:
         raise SetupError(

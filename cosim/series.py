@@ -173,6 +173,9 @@ class Series:
                 return k
         raise KeyError(f"{name} was not recorded, {only(name, self.names)}")
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
     def __getitem__(self, name: str) -> NDArray[Any]:
         """The values of a column in their own type, shape (rows,); raises KeyError for one that there is not."""
         return self.load(self._index(name))

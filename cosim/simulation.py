@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from .engine.changes import discrete_changes, held_inputs
+from .engine.control import Adaptive
 from .engine.driver import Driver, RowReader
 from .engine.energy import bond_warnings, energy_balance
 from .engine.initialise import initialise
@@ -26,7 +27,7 @@ from .engine.snapshot import WHOLE, Stretch, SystemState, part_state
 from .errors import FmuError, SetupError, SimulationTerminated
 from .fmu.instance import CoSimulation
 from .result import Result
-from .system import Network
+from .system import Network, Value
 from .system.graph import stepping_order
 
 
@@ -124,17 +125,17 @@ class Simulation:
             result = recorder.finish(provenance, driver.breaks)
         return result
 
-    def state(self) -> SystemState:
-        """The state of the system where the driver has come to; raises FmuError."""
+    def state(self, system_start: Mapping[str, Value]) -> SystemState:
+        """The state where the driver has come to, of a system with these start values but for the case; raises FmuError."""
         settings, driver = self.settings, self.driver
         is_told = any(part.instance.session.is_told_stop for part in self.parts.values())
         stop_told = settings.stop if settings.stop_time_defined or is_told else math.inf
-        start = settings.start
+        start, step = settings.start, settings.step
         if self._begin is not None:
             stop_told, start = min(stop_told, self._begin.stop_told), self._begin.start
         return SystemState(
-            driver.t, start, stop_told, dict(self.network.system.start),
-            held_inputs(self.network, start, driver.t),
+            driver.t, start, stop_told, None if isinstance(step, Adaptive) else step,
+            dict(self.network.system.start), dict(system_start), held_inputs(self.network, start, driver.t),
             {name: part_state(part) for name, part in self.parts.items()}, driver.memory,
         )  # fmt: skip
 

@@ -25,7 +25,8 @@ from .errors import FmuError, SetupError
 from .fmu.instance import CoSimulation
 from .series import NO_BREAKS, TIME
 from .simulation import Simulation
-from .system import Network, Value, connect
+from .system import Network, Value, connect, declared_start
+from .system.start_values import checked_start
 
 #: Members of a chunk. Chosen: of members without rows, it is the work of a tenth of a second.
 MOST_IN_CHUNK = 4096
@@ -121,6 +122,11 @@ def is_reset_trusted(network: Network) -> bool:
 
 def with_case(network: Network, case: Case) -> Network:
     """A checked system with other start values, or those of a state; raises SetupError for those that it cannot have."""
+    if not isinstance(case, Case):
+        raise SetupError(
+            f"a run takes a Case, not a {type(case).__name__}: write Case(start) for start values by name, "
+            "or Case(begin=state) for the state that run_until hands out"
+        )
     if case.begin is not None:
         if not isinstance(case.begin, SystemState):
             raise SetupError(
@@ -132,12 +138,31 @@ def with_case(network: Network, case: Case) -> Network:
                 f"a case has start values or a begin, and this one has both: leave out start ({names}), "
                 "since the state brings all values"
             )
-        if other := sorted(case.begin.parts.keys() ^ network.descriptions.keys()):
-            raise SetupError(f"the state is of a system with other parts: {', '.join(other)}")
-        return connect(replace(network.system, start=case.begin.start_values))
+        theirs, ours = (", ".join(sorted(x)) for x in (case.begin.parts, network.descriptions))
+        if theirs != ours:
+            raise SetupError(f"the state has the parts {theirs}; this system has {ours}")
+        return _with_start_values_of(network, case.begin)
     if not case.start:
         return network
     return connect(replace(network.system, start={**network.system.start, **case.start}))
+
+
+def _with_start_values_of(network: Network, state: SystemState) -> Network:
+    """The system with the start values of a state; raises SetupError for one of its own that the state does not have."""
+    begun = connect(replace(network.system, start=state.start_values))
+    begun_with = {port.name: value for port, value in begun.start}
+    for name, value in network.system.start.items():
+        port, ours = checked_start(network, network.port(name), value)
+        theirs = begun_with.get(port.name, declared_start(port.variable))
+        if ours == theirs or state.system_start.get(name) == value:
+            continue
+        change = f"changes=['at {state.time!r} s {name} = {value!r}']"
+        can_change = port.variable.causality == "input" or port.variable.variability == "tunable"
+        raise SetupError(
+            f"{name} = {ours!r} in the system, and {theirs!r} at the start of the run that handed the state out: "
+            f"leave it out{f', or change it with {change}' if can_change else ''}"
+        )
+    return begun
 
 
 class First(NamedTuple):

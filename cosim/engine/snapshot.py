@@ -118,8 +118,12 @@ class SystemState:
         The start [s] from which its communication steps are counted.
     stop_told
         The stop time [s] that FMUs know; infinite if none does.
+    step
+        The communication step of its run [s]; None if steps were adaptive.
     start_values
         The start values of its run, by name.
+    system_start
+        Those of the system that was run, which a case may have replaced.
     held_inputs
         The values of inputs and parameters that change between steps, by name.
     parts
@@ -131,7 +135,9 @@ class SystemState:
     time: float
     start: float
     stop_told: float
+    step: float | None
     start_values: Mapping[str, Value]
+    system_start: Mapping[str, Value] = field(repr=False)
     held_inputs: Mapping[str, Value] = field(repr=False)
     parts: Mapping[str, PartState] = field(repr=False)
     memory: StepMemory | None = field(repr=False)
@@ -181,9 +187,8 @@ def resume(part: Part, state: PartState) -> None:
             f"{part.name}: the state is of a system with other wires or inputs over time: {other[0]}"
         )
     if len(signals) != len(state.nodes):
-        raise SetupError(
-            f"{part.name}: the state is of a run whose input_order was {'' if state.nodes else 'not '}above 0"
-        )
+        text = "above 0, and this run has 0" if state.nodes else "= 0: write input_order=0"
+        raise SetupError(f"{part.name}: the state was made with input_order {text}")
     session = part.instance.session
     if isinstance(state.fmu, LiveState):
         session.messages.clear()

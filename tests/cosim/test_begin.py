@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,11 @@ def test_what_cannot_go_on_is_refused(fmus: Path, tmp_path: Path) -> None:
         paused = prepared.run_until(0.02)
         state = paused.state
         assert "begin=paused.state" in refused(lambda: prepared.run(Case(begin=paused)))  # type: ignore[arg-type]
+        for case in (paused, state, {"motor.A": 8e3}):
+            assert "write Case(start)" in refused(partial(prepared.run, case))
+            assert "write Case(start)" in refused(partial(prepared.run_until, 0.03, case))
+        for cases in ([Case(begin=state)], Case(begin=state), state):
+            assert "write run(Case(begin=state))" in refused(partial(prepared.map, cases))
         assert "a time in s" in refused(lambda: prepared.run_until("20 ms"))  # type: ignore[arg-type]
         both = Case({"motor.A": 8e3}, begin=state)
         assert "leave out start (motor.A)" in refused(lambda: prepared.run(both))
@@ -148,12 +154,13 @@ def test_what_cannot_go_on_is_refused(fmus: Path, tmp_path: Path) -> None:
             return refused(lambda: prepared.run(Case(begin=state)))
 
     assert "write start=0.02" in reason(system, step=0.003)
-    assert "before stop = 0.01 s" in reason(system, stop=0.01)
-    assert "motor: the state is of a run whose input_order was not above 0" in reason(
-        system, input_order=1
-    )
+    assert "contain the state at t = 0.02 s: give a stop after it" in reason(system, stop=0.02)
+    assert "contain the state at t = 0.02 s: give start=0.0" in reason(system, start=0.03)
+    assert "at most the time from the state" in reason(system, step=0.02, stop=0.03)
+    assert "motor: the state was made with input_order = 0" in reason(system, input_order=1)
     assert "motor: the state is of another FMU" in reason(drive(fmus / "fmi3", "pair"))
-    assert "other parts: conveyor" in reason(drive(fmus / "native", "motor alone"))
+    alone = reason(drive(fmus / "native", "motor alone"))
+    assert "the parts conveyor, motor; this system has motor" in alone
     assert "motor: the state is of a system with other wires" in reason(
         drive(fmus / "native", "table")
     )
@@ -179,10 +186,39 @@ def test_what_cannot_go_on_is_refused(fmus: Path, tmp_path: Path) -> None:
         assert "B cannot save its state" in refused(lambda: prepared.run_until(0.5))
 
 
+def test_no_start_value_of_the_system_is_passed_over(fmus: Path) -> None:
+    """The state brings them all: other ones are refused, but where a case of the same system has replaced them."""
+    system, plan = drive(fmus / "native", "pair"), RunSettings(0.04, H)
+    with Prepared.open(system, plan) as prepared:
+        usual = Case(begin=prepared.run_until(0.02).state)
+        varied = Case(begin=prepared.run_until(0.02, Case({"motor.A": 7e3, "motor.T": 0.05})).state)
+        assert prepared.run(varied).provenance["start_values"]["motor.A"] == 7e3
+
+    def reason(case: Case, **start: float) -> str:
+        changed = {f"motor.{name}": value for name, value in start.items()}
+        with Prepared.open(replace(system, start={**system.start, **changed}), plan) as prepared:
+            return refused(lambda: prepared.run(case))
+
+    assert "motor.A = 7000.0 in the system, and 8000.0 at the start" in reason(usual, A=7e3)
+    declared = reason(usual, T=0.2)
+    assert "motor.T = 0.2 in the system, and 0.0625 at the start" in declared
+    assert "changes=['at 0.02 s motor.T = 0.2']" in declared
+    assert "motor.A = 9000.0 in the system, and 7000.0 at the start" in reason(varied, A=9e3)
+    fewer = {name: value for name, value in system.start.items() if name != "motor.A"}
+    with Prepared.open(replace(system, start=fewer | {"motor.T": 0.0625}), plan) as prepared:
+        assert prepared.run(usual).provenance["start_values"]["motor.A"] == 8e3
+
+
+def test_the_last_step_of_the_same_run_may_be_longer_than_what_is_left(fmus: Path) -> None:
+    with Prepared.open(drive(fmus / "native", "pair"), RunSettings(0.04, 0.03)) as prepared:
+        require_rest(prepared, 0.03, lambda state: state)
+
+
 def test_steps_are_counted_from_where_the_state_is(fmus: Path) -> None:
     """Other steps from the time of the state on; the conveyor has turned to where it was."""
     with Prepared.open(drive(fmus / "native", "pair"), RunSettings(0.04, H)) as prepared:
         first, state = prepared.run_until(0.02)
+        assert "motor.tau" in first and "tau" not in first
         whole = prepared.run()
     with Prepared.open(
         drive(fmus / "native", "pair"), RunSettings(0.04, H / 3, start=0.02)
