@@ -385,7 +385,7 @@ def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
 
 
 def first_change(t: Any, state: Any) -> float:
-    """The first time [s] of a row whose state is another one than at the begin; nan without one."""
+    """The first time [s] of a row whose state is another one than at the start; nan without one."""
     other = state != state[0]
     return float(t[np.argmax(other)]) if other.any() else math.nan
 

@@ -380,7 +380,7 @@ def _around_top(x: Array) -> slice:
 def ends_and_turns(c: Array, widths: Array) -> tuple[Array, Array]:
     """The times since their rows at which polynomials begin, turn and end, in order, and the values there, shape (4, ...).
 
-    Between two of them they are monotonic. Where there is no turn, the begin takes its place.
+    Between two of them they are monotonic. Where there is no turn, the beginning takes its place.
     """
     a, b, slope, d = c
     with np.errstate(all="ignore"):

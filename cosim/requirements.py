@@ -91,10 +91,10 @@ def require_step_and_stop(network: Network, settings: RunSettings) -> None:
 
 
 def require_pause(network: Network, settings: RunSettings, begin: float, until: float) -> None:
-    """Raise SetupError if there is no state at a time [s] with which another run can go on, after a begin [s]."""
+    """Raise SetupError if there is no state at a time [s] with which another run can go on, after a run began [s]."""
     if not isinstance(until, float | Real) or not begin < until <= settings.stop:
         raise SetupError(
-            f"run_until({until!r}) must get a time in s, after the begin at {begin!r} s and at most "
+            f"run_until({until!r}) must get a time in s, after the start at {begin!r} s and at most "
             f"stop = {settings.stop!r} s"
         )
     for name in parts_without(network.descriptions, STATE):

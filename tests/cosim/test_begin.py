@@ -145,7 +145,7 @@ def test_what_cannot_go_on_is_refused(fmus: Path, tmp_path: Path) -> None:
         both = Case({"motor.A": 8e3}, begin=state)
         assert "leave out start (motor.A)" in refused(lambda: prepared.run(both))
         assert "at most stop = 0.04 s" in refused(lambda: prepared.run_until(0.05))
-        assert "after the begin at 0.02 s" in refused(
+        assert "after the start at 0.02 s" in refused(
             lambda: prepared.run_until(0.02, Case(begin=state))
         )
 

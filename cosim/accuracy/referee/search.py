@@ -67,7 +67,7 @@ UNSTABLE = 10.0
 SHOWN = 0.1
 #: Share of the difference that the first rows of a guess may leave to be looked at any further.
 ALIKE = 0.5
-#: Fewest rows that are looked at of a table that becomes unstable, or of the begin of any: a convention.
+#: Fewest rows that are looked at of a table that becomes unstable, or of the beginning of any: a convention.
 FEWEST_STABLE_ROWS = 20
 HELD = {
     "jacobi": "all parts step at once with inputs that are one step old (Jacobi)",
@@ -449,10 +449,10 @@ def _delayable(search: CauseSearch) -> list[Wire]:
 
 
 def _step_late_causes(search: CauseSearch) -> Iterator[Cause]:
-    """All inputs of a step are what their sources were a step before its begin."""
+    """All inputs of a step are what their sources were a step before it began."""
     step = search.request.step or search.request.output_step()
     text = (
-        f"inputs come a step late: over each step of {step:.4g} s they hold what their sources were at the begin "
+        f"inputs come a step late: over each step of {step:.4g} s they hold what their sources were at the start "
         "of the step before"
     )
     if cause := search.cause(
