@@ -70,7 +70,7 @@ class RippleLimit:
         answers = [is_above(self.limit, row) for row in self.sweep.rows]
         counts = {
             "above its limit": answers.count(Holds.YES),
-            "below": answers.count(Holds.NO),
+            "below its limit": answers.count(Holds.NO),
             "not determined": answers.count(Holds.OPEN),
         }
         rows = ", ".join(f"{text} at {count}" for text, count in counts.items() if count)

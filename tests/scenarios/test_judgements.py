@@ -41,7 +41,7 @@ TURNS: list[tuple[str, str, dict[Holds, dict[str, Any]]]] = [
     ("iron_cycle", "", {YES: {"speed": 7.0, "samples": 180}, NO: {"speed": 9.0, "samples": 180}}),
     ("iron_cycle", "", {YES: {"samples": 180}, NO: {"samples": 180, "start": LIFTED}}),
     ("iron_start", "the cam completes", {YES: {"stop": 1.5}, NO: {"motor_A": -4.0, "step": 2e-3}}),
-    ("iron_start", "the motor turns the cam slowly", {YES: {"motor_A": 0.35, "stop": 0.1}, NO: {"motor_A": 0.05}}),
+    ("iron_start", "the stall torque of the motor", {YES: {"motor_A": 0.35, "stop": 0.1}, NO: {"motor_A": 0.05}}),
     ("iron_bounce", "", {YES: {"speeds": "70rpm", "speed": "70rpm", "samples": 360},
                          NO: {"speeds": "70rpm", "speed": "80rpm", "samples": 360}}),
     ("iron_orders", "with a motor lag of 80 ms", {YES: {"speeds": "2"}, NO: {"speeds": "5"},

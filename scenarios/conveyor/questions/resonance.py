@@ -192,9 +192,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
                 is_wanted=False,
                 also=[
                     Judgement("lag", f["lag_operating"], *BAND),
-                    Judgement(
-                        "ripple over that of the load", operating_amplification(f, r), least=1.0
-                    ),
+                    Judgement("torque over load ripple", f["gain_operating"], least=1.0),
                     *[damping] * (not has_peak),
                 ],
             ),
@@ -405,7 +403,11 @@ def formula_figures(machine: Machine) -> dict[str, Figure]:
 
 
 def operating_figures(r: ResonanceData) -> dict[str, Figure]:
-    """Return torque ripple and lag at the operating speed."""
+    """Return torque ripple, lag and mean speed at the operating speed, and the ripple over that of the load.
+
+    The larger load counts, there or of a slow turn: where spring and inertia of the trough nearly cancel, a ripple
+    may be many times that of the load and yet small.
+    """
     (row,), why = r.operating.rows, r.operating.no_orbit()
     meaning = "lag of the torque ripple behind its load at the operating speed"
     lag = row_figure(row, "lag", meaning, why)
@@ -415,20 +417,19 @@ def operating_figures(r: ResonanceData) -> dict[str, Figure]:
         lag = Figure.undetermined("deg", PHASE_UNDEFINED.format(f"at {r.speed:g} rad/s"), meaning)
     ripple = row_figure(row, "tau2", "torque ripple at the operating speed", why)
     mean = row_figure(row, "w_mean", "mean speed of the orbit at the operating speed", why)
-    return {"tau2_operating": ripple, "lag_operating": lag, "w_operating": mean}
-
-
-def operating_amplification(f: Mapping[str, Figure], r: ResonanceData) -> Figure:
-    """Return the torque ripple at the operating speed over that of its load, there or of a slow turn.
-
-    The larger of both loads counts: where spring and inertia of the trough nearly cancel, a ripple may be many
-    times that of the load and yet small.
-    """
-    ripple, machine, nu = f["tau2_operating"], r.at(r.speed), r.speed
     load = max(abs(machine.load_ripple(nu)), abs(machine.load_ripple(0.0)))
-    if not load:
-        return Figure.undetermined("1", "the load has no ripple")
-    return scaled(ripple, 1.0 / load, "1", "")
+    meaning = "torque ripple over load ripple at the operating speed"
+    gain = (
+        scaled(ripple, 1.0 / load, "1", meaning)
+        if load
+        else Figure.undetermined("1", "the load has no ripple", meaning)
+    )
+    return {
+        "tau2_operating": ripple,
+        "gain_operating": gain,
+        "lag_operating": lag,
+        "w_operating": mean,
+    }
 
 
 def resonance_side_and_distance(gap: Figure) -> str:
@@ -437,7 +438,7 @@ def resonance_side_and_distance(gap: Figure) -> str:
         return ""
     if abs(gap.value) <= gap.error:
         return "that is the operating speed, within its error"
-    return f"{gap._replace(value=abs(gap.value)).brief()} {'above' if gap.value > 0.0 else 'below'} the operating speed"
+    return f"{gap._replace(value=abs(gap.value)).brief()} {'above' if gap.value > 0.0 else 'below'} the nominal operating speed"
 
 
 def stalls(r: ResonanceData) -> list[Judgement]:
@@ -464,8 +465,8 @@ def fed_with(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> list[Ju
         return [Judgement(what, f["w_operating"], note=note)]
     told = "given" if "motor.kloss.w_s" in o.start else "of the FMU"
     note = (
-        f"in place of the {given:.4g} rad/s {told}, as an inverter sets it for each speed; {slip_text}; with "
-        "--supply mains it stays, and the speed follows"
+        f"in place of the {given:.4g} rad/s {told}, as an inverter sets it for each speed; {slip_text}; "
+        f"--supply mains keeps {given:.4g} rad/s, and the operating speed follows from it"
     )
     synchronous = Figure(r.speed + float(slips.under_load), "rad/s", 0.0)
     return [Judgement("synchronous speed at the operating speed", synchronous, note=note)]

@@ -212,7 +212,7 @@ class Sommerfeld(Question):
                 most=top.supply,
                 is_so=True if early else None,
                 note=where,
-                yes=yes,
+                yes=yes if early else f"The motor passes {resonance}; supply needed, raised slowly",
                 no=no,
             ),
             *from_rest(f, observed),

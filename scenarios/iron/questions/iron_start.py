@@ -94,11 +94,11 @@ class IronStart(Question, RunOptions):
         return Start(system, slow_torque(system))
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
-        """Return the torques at the cam of a slow turn and at rest, cycles per minute, and what the ledger lacks."""
+        """Return the stall torque at the cam beside that of a slow turn, cycles per minute, and what the ledger lacks."""
         result, mean = r[0], f["w_cam_mean"]
         gear = result.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
         motor = float(result["motor.tau_static"][0])
-        meaning = "torque of the motor at the start, at the cam"
+        meaning = "stall torque of the motor, referred to the cam"
         at_rest = Figure(gear * motor, r[1].slow_torque.unit, 0.0, meaning)
         cycles = scaled(mean, iron.PER_MINUTE, "1/min", "cycles per minute in the second half")
         if abs(f["turns"].value) < 1.0:
@@ -125,7 +125,7 @@ class IronStart(Question, RunOptions):
         elif f["w_cam_mean"].value < 0.0:
             why = f"the cam turns backwards, {turns.brief()} turns up to {self.stop:g} s"
         weak = Judgement(
-            "the motor turns the cam slowly through a whole turn, by its torque at the start",
+            "the stall torque of the motor, referred to the cam, turns it slowly through a whole turn",
             f["tau_cam_rest"],
             least=f["tau_cam_max"],
         )

@@ -140,16 +140,16 @@ class OrientatorCycle(Question, RunOptions):
         wall = Judgement(
             "the wall pushes at all times, as a real one must", f["wall_least"], least=0.0
         )
-        held = ", if the cup stays at its wall, which has to pull on it"
-        after = f"after {f['orientation_time'].brief()}{held * (wall.answer is Holds.NO)}"
+        only = " only if its wall can pull on the cup, which a real wall cannot"
+        claim = f"the product is oriented{only * (oriented and wall.answer is Holds.NO)}"
         return [
             Judgement(
-                "the product is oriented",
+                claim,
                 f["orientation_time"],
                 is_so=oriented,
-                yes="The product is oriented",
+                yes=claim,
                 no="The product is not oriented",
-                note=after if oriented else ending(r[0]),
+                note=f"after {f['orientation_time'].brief()}" if oriented else ending(r[0]),
             ),
             wall,
             *(
