@@ -76,7 +76,7 @@ def values_after_probing_steps(
 ) -> Values | None:
     """What `read` gives right after a jump, from steps that are taken back; None if a part discards one.
 
-    All parts must be able to restore their state and to vary their step. From the begin of the `step`, begin and
+    All parts must be able to restore their state and to vary their step. From the start of the `step`, begin and
     size [s], so many steps of PROBE times its size are taken that values come over all wires, and as many of half
     that. Values other than those of the columns `held` are extrapolated to steps of length zero.
     """
