@@ -321,7 +321,8 @@ def parts_exponentially(t: Array, distance: Array) -> bool:
     The logarithm of the distance is then correlated more closely with the time than with the logarithm of the time.
     """
     grown = np.maximum.accumulate(distance)
-    t, grown = t[grown > 0.0], grown[grown > 0.0]
+    has_both = (grown > 0.0) & (t > 0.0)
+    t, grown = t[has_both], grown[has_both]
     if len(t) <= RUNS or not grown[-1] > grown[0]:
         return False
     by_time, by_power = np.corrcoef([np.log(grown), t, np.log(t)])[0, 1:]

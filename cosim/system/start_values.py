@@ -86,7 +86,7 @@ def _checked_number(catalog: Catalog, port: Port, value: Value) -> Value:
         expected = "a finite number" if is_number else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {expected}")
     limits = broken_limits(port.variable, number)
-    if not math.isfinite(number):
+    if port.type == "Real" and not math.isfinite(number):
         limits = iter(["a finite number"])
     for limit in limits:
         unit = "" if port.unit in ("", "1") else f" {port.unit}"

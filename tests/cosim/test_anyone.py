@@ -716,8 +716,8 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "no binary": (lambda files: files.update({"binaries/win32/foreign.dll": files.pop(BINARY)}), f"has no binary for this platform, {BINARY}; it is for win32"),
     "no library": (lambda files: files.update({BINARY: b"no library"}), "A: Failed to load shared library"),
     "no description": (lambda files: files.pop(DESCRIPTION), "is not a valid FMU: it has no modelDescription.xml"),
-    "malformed XML": (described(("</ModelVariables>", "")), "is not a valid FMU: modelDescription.xml: Opening and ending tag mismatch"),
-    "two of a name": (described(('name="integer_in"', 'name="u"')), "is not a valid FMU: it has two variables named u"),
+    "malformed XML": (described(("</ModelVariables>", "")), "is not a valid FMU: modelDescription.xml is not XML: Opening and ending tag mismatch"),
+    "two of a name": (described(('name="integer_in"', 'name="u"')), "it has two variables named u"),
 }  # fmt: skip
 DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "truncated": (lambda data: data[: len(data) // 2], "is not a valid FMU: it cannot be opened as a zip file: File is not a zip file"),

@@ -115,7 +115,7 @@ UNREADABLE = {
 
 @pytest.mark.parametrize(
     ("name", "command"),
-    [("Real abc", "info"), ("Real abc", "run"), *((name, "check") for name in UNREADABLE)],
+    [("Real", "info"), ("Real", "run"), *((name, "check") for name in UNREADABLE)],
 )
 def test_what_is_no_number_is_refused_with_its_line(
     name: str, command: str, fmi2: Edited, command_output: CommandOutput

@@ -249,7 +249,7 @@ def test_going_back_brings_back_the_elements_of_an_array_that_no_wire_brings(thi
         snapshot.take()
         instance.set(element, 7)
         snapshot.restore()
-        instance.events.enter(parts["A"].inputs)
+        instance.events.enter_inputs(parts["A"].inputs)
         assert instance.session.values([shown])["Int8_outs[1,2]"] == 0
 
 

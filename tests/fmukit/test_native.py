@@ -122,11 +122,15 @@ def test_builds_that_end_immediately_keep_a_complete_module(
     content = b"x" * 200_000
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "work"))
     (tmp_path / "work").mkdir()
-    unit = package.hashed_build(MODELS["DriveMotor"])
     path = tmp_path / "wasm" / "DriveMotor.wasm"
 
+    def write(file: Path) -> None:
+        file.write_bytes(content)
+
+    product = make.Product("wasm/DriveMotor.wasm", "", (), write)
+
     def keep(_: int) -> int:
-        make.make_file(path, unit, lambda _, file: file.write_bytes(content), force=True)
+        make.make_file(tmp_path, product, force=True)
         return len(path.read_bytes())
 
     with ThreadPoolExecutor(4) as pool:

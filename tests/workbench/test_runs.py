@@ -313,7 +313,7 @@ def test_an_option_without_effect_is_refused() -> None:
 def test_no_process_for_runs_is_a_sentence(
     worker: CallWorker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cosim.child._begin", sys.exit)
+    monkeypatch.setattr("cosim.child._live", sys.exit)
     with pytest.raises(SetupError, match="no process for runs can be started: "):
         worker.do(plane.be, ("good", "/dev/null"), None)
 
