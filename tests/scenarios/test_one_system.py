@@ -62,15 +62,20 @@ def of_iron(p: Any) -> dict[str, float]:
 
 def agree(*comparisons: Comparison) -> None:
     """At least 19 of 20 within their error, which is what the Grid Convergence Index promises (Roache,
-    J. Fluids Eng. 116, 1994), and none off by twice as much.
+    J. Fluids Eng. 116, 1994), and none off by twice as much. At most one of 20 has no error, since its steps are too
+    long for one.
     """
-    outside = {}
+    outside, refused = {}, []
     for number, (stated, wanted) in enumerate(comparisons):
         for name, value in wanted.items():
             error, difference = stated[name].error, abs(stated[name].value - value)
-            assert error is not None, name
+            if error is None:
+                assert stated[name].reason.startswith("not converged: "), stated[name]
+                refused.append((name, number))
+                continue
             ratio = difference / error if error else math.inf if difference else 0.0
             outside[name, number] = ratio
+    assert len(refused) <= (len(outside) + len(refused)) / 20, refused
     assert max(outside.values()) <= 2.0, outside
     assert sum(x > 1.0 for x in outside.values()) <= len(outside) / 20, outside
 
