@@ -125,7 +125,9 @@ def referee(
             f"{table.label} ends at {table.t[-1]:g} s: it has no rows after {start:g} s"
         )
     names = [port.name for port in ports]
-    request = Request(names, table.t[rows], start, PRECISION * tolerance, step, timeout)
+    request = Request(
+        names, table.t[rows], start, PRECISION * tolerance, step, timeout, table.breaks[:, 0]
+    )
     notes = tuple(_notes(table, matches, rows))
     if reference is not None:
         solution = exact_rows(reference, request)
@@ -160,6 +162,7 @@ def _in_seconds(table: Series, stop: float | None) -> tuple[Series, Cause | None
     times = scale * table.t
     text = f"the times are in {unit}, not in s: the last is {table.t[-1]:g}, not {stop:g}"
     in_seconds = table.with_columns_from(lambda k: table.load(k) if k else times)
+    in_seconds.breaks = scale * table.breaks
     return in_seconds, Cause("time unit", text, math.inf, ())
 
 

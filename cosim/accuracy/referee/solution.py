@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +72,8 @@ class Request:
     """What of a system is wanted: columns at times, how exactly, and for how long to try.
 
     `precision` is the error that runs aim at, as a share of the range of each column. `step` [s] is where they begin.
-    `timeout` [s] is the longest time that an integration may take.
+    `timeout` [s] is the longest time that an integration may take. `jumps` are those of the times that stand for the
+    moment after a jump [s].
     """
 
     names: list[str]
@@ -81,6 +82,7 @@ class Request:
     precision: float
     step: float | None = None
     timeout: float = 120.0
+    jumps: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def stop(self) -> float:
@@ -121,14 +123,23 @@ class Request:
             return rows[nearest].T
         return np.asarray(CubicSpline(times, rows)(np.clip(self.times, times[0], times[-1])).T)
 
+    def with_jumps_at(self, events: Array) -> Request:
+        """The request with each jump at the event [s] that it is but for rounding: a time that is printed may lie before it."""
+        if not len(events):
+            return self
+        k, is_jump = self.nearest(events)
+        is_jump &= np.isin(self.times, self.jumps)
+        return replace(self, times=np.where(is_jump, events[k], self.times))
+
     def read_columns(self, result: Result) -> tuple[dict[str, Array], dict[str, Array]]:
         """The columns of a result at the wanted times, and how far off what is between its rows may be.
 
         That is the distance from what every second row gives.
         """
-        times = np.clip(self.times, result.t[0], result.t[-1])
+        wanted = self.with_jumps_at(result.t[1:][np.diff(result.t) == 0.0])
+        times = np.clip(wanted.times, result.t[0], result.t[-1])
         rows = np.append(np.diff(result.t) > 0.0, True)
-        nearest, exact = self.nearest(result.t[rows])
+        nearest, exact = wanted.nearest(result.t[rows])
         values, errors = {}, {}
         for name in self.names:
             column = result.solution(name)

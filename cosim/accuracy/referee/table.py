@@ -49,8 +49,8 @@ class MatchedColumn:
 def read_foreign(source: Source) -> Series:
     """Read what another master wrote: the time [s], and its columns but those that count steps.
 
-    Rows without a time at the end are left out, and of rows with the same time the last one counts. Raises SetupError
-    if it cannot be read, has fewer than two rows, or has times that fall.
+    Rows without a time at the end are left out, and of rows with the same time the last one counts, which is after a
+    break. Raises SetupError if it cannot be read, has fewer than two rows, or has times that fall.
     """
     if isinstance(source, Result):
         whole = Series(source.columns, source.load, label="the result")
@@ -79,10 +79,12 @@ def read_foreign(source: Source) -> Series:
             raise
         reason = f"no column is called time, so that the first, {clock}, is taken for it"
         raise SetupError(f"{error}; {reason}") from error
+    jumps = time[1:][np.diff(time) == 0.0]
     kept = [c for c in whole.columns if c.name != clock and c.name.lower() not in COUNTERS]
     return Series(
         [TIME, *kept],
         lambda k: (whole[kept[k - 1].name][finite] if k else time)[rows],
+        breaks=np.column_stack([jumps, jumps]),
         label=label,
     )
 
