@@ -357,7 +357,8 @@ class Integral(Metric):
 
     def unit(self, of_column: str) -> str:
         """That of the column times seconds."""
-        return f"{of_column}.s" if of_column not in ("", "1") else "s"
+        above, slash, below = of_column.partition("/")
+        return f"{above}.s{slash}{below}" if of_column not in ("", "1") else "s"
 
 
 @dataclass(frozen=True)

@@ -74,10 +74,15 @@ def with_error(
     'below 430 N.m in size'
     """
     unit = "" if unit in ("", "1") else f" {unit}"
-    if 0.0 < error < math.inf and error >= abs(value):
+    if not has_digit(value, error) and math.isfinite(error):
         return f"below {rounded(0.0, abs(value) + error)[1]}{unit} in size"
     number, of_number = rounded(value, error, digits)
     return f"{number} {sign} {of_number}{unit}"
+
+
+def has_digit(value: float, error: float) -> bool:
+    """Whether an error leaves a digit of a value; else only a bound of its size is known."""
+    return not (error > 0.0 and error >= abs(value))
 
 
 def _units(value: float, error: float, digit: int) -> int:

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import SetupError
-from cosim.rounding import LEAST_POWER, with_error
-from cosim.units import multiples
+from cosim.rounding import LEAST_POWER, has_digit, with_error
 
 if TYPE_CHECKING:
     from cosim.dense import Array
@@ -101,7 +100,7 @@ class Figure(NamedTuple):
     @property
     def has_digit(self) -> bool:
         """Whether the error leaves a digit of the value; else only a bound of its size is known."""
-        return self.error is not None and (self.error == 0.0 or self.error < abs(self.value))
+        return self.error is not None and has_digit(self.value, self.error)
 
     def brief(self, unit: str = "") -> str:
         """Write the figure for a sentence, in SENTENCE_DIGITS digits where its error allows.
@@ -187,16 +186,6 @@ def scaled(figure: Figure, factor: float, unit: str, meaning: str) -> Figure:
     """Return a multiple of a figure, in this unit; one that is not determined stays so."""
     error = None if figure.error is None else abs(factor) * figure.error
     return Figure(factor * figure.value, unit, error, meaning, figure.reason)
-
-
-def conversion(from_unit: str, to_unit: str, what: str) -> float:
-    """Return the factor from a unit, "" for none, to another; raises SetupError if there is none."""
-    factor = 1.0 if from_unit in ("", to_unit) else multiples(to_unit).get(from_unit)
-    if factor is None:
-        raise SetupError(
-            f"{what} is in {from_unit}, which does not convert to {to_unit}; write {' or '.join(multiples(from_unit))}"
-        )
-    return factor
 
 
 def checked_figures(

@@ -11,7 +11,7 @@ import ast
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache, reduce
@@ -114,10 +114,23 @@ class Formula:
         """Compute the formula with values by name."""
         return float(self.over(values))
 
-    def over(self, values: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Compute the formula with values and columns by name; raises SetupError for a name that there is not."""
+    def numbers(self) -> list[float]:
+        """Return the numbers that it contains, in their order; pi is one."""
+        constants = (x for x in ast.walk(ast.parse(self.source)) if isinstance(x, ast.Constant))
+        ordered = sorted(constants, key=lambda x: x.col_offset)
+        return [x.value for x in ordered if isinstance(x.value, float)]
+
+    def over(
+        self, values: Mapping[str, Any], numbers: Iterable[Any] | None = None
+    ) -> NDArray[np.float64]:
+        """Compute the formula with values and columns by name; raises SetupError for a name that there is not.
+
+        Other `numbers` take the place of its own.
+        """
         calls = {name: function.call for name, function in FUNCTIONS.items()}
-        known = {"__builtins__": {}, "number": np.float64, "pow": _power, **calls}
+        known: dict[str, Any] = {"__builtins__": {}, "truth": np.float64, "pow": _power, **calls}
+        other = iter(numbers or ())
+        known["number"] = np.float64 if numbers is None else lambda _: next(other)
         for name in sorted(self.names - values.keys()):
             near = get_close_matches(name, list(values), 1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; it may use {', '.join(values)}"
@@ -161,9 +174,10 @@ class _Ieee(ast.NodeTransformer):
     def generic_visit(self, node: ast.AST) -> ast.AST:
         """Wrap a node where Python has a type of its own."""
         node = super().generic_visit(node)
-        is_number = isinstance(node, ast.Constant) and isinstance(node.value, float)
-        if isinstance(node, ast.expr) and (is_number or isinstance(node, ast.Compare)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, float):
             return ast.Call(ast.Name("number", ast.Load()), [node], [])
+        if isinstance(node, ast.Compare):
+            return ast.Call(ast.Name("truth", ast.Load()), [node], [])
         return node
 
 

@@ -19,18 +19,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 from cosim import Result, SetupError, System
 from cosim.metrics import Metric
 from cosim.system import connect
-from cosim.units import multiples
 
 from . import catalog
 from .answer import Findings, Show, Table, parameters
 from .charts.style import hex_color
-from .dimensions import check_unit, known_units
+from .dimensions import check_unit, conversion, known_units
 from .figure import (
     ERROR_SCOPE,
     Figure,
     NamedFigures,
     checked_figures,
-    conversion,
     figure_of_figures,
     scaled,
 )
@@ -352,10 +350,12 @@ class Question(Options):
         where = f"{self.path}: number {x.name!r}"
         try:
             meaning = x.meaning.format(**vars(self))
-        except (LookupError, ValueError) as error:
+        except LookupError as error:
             raise SetupError(
                 f"{self.path}: the meaning of {x.name!r} names {error}, no option"
             ) from error
+        except ValueError as error:
+            raise SetupError(f"{self.path}: the meaning of {x.name!r}: {error}") from error
         factor: float = 1.0
         formula: str | float | None = None
         if isinstance(x.value, Reader):
@@ -367,7 +367,7 @@ class Question(Options):
                 formula = x.value.column
         elif not isinstance(x.value, Metric):
             formula = x.value
-        elif len(multiples(figure.unit)) > 1:
+        else:
             factor = conversion(figure.unit, x.unit or figure.unit, where)
         stated = x.unit or figure.unit
         if formula is not None and (unknown := check_unit(formula, stated, units, where)):

@@ -321,6 +321,7 @@ def test_metrics_of_turns() -> None:
 
 def test_metrics_know_their_units() -> None:
     assert Integral("x").unit("N") == "N.s"
+    assert Integral("x").unit("rad/s") == "rad.s/s"
     assert Crossing("x", level=1.0).unit("N") == TimeOfLargest("x").unit("N") == "s"
     assert LastTurn(Swing("x"), over="phi").unit("N") == "N"
     assert StrongestOrder("x", over="phi").unit("N") == ""

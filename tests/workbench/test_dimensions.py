@@ -25,9 +25,25 @@ def test_a_product_has_the_unit_of_its_terms_and_no_other() -> None:
             check_unit(f"{text} + t * {text}", unit, UNITS, "here")
 
 
-def test_numbers_convert_and_what_is_not_known_is_named() -> None:
-    assert not check_unit("w * 30 / pi", "rpm", UNITS, "here")
+@pytest.mark.parametrize(
+    ("right", "wrong", "unit"),
+    [
+        ("0.5 * 1000 * l", "0.5 * l", "mm"), ("1000 * l - x", "l - x", "mm"), ("w * 30 / pi - n", "60 * w", "rpm"),
+        ("w * 60 / (2 * pi)", "w / 2", "rpm"), ("60 / n", "1 / n", "s"), ("cos(p * pi / 180)", "cos(p)", "1"),
+        ("mod(a * 180 / pi - p, 360)", "0.95 * a", "deg"), ("100 * (1 - e)", "2 * e", "%"), ("1000 * P * t", "P * t", "J"),
+        ("57.3 * a", "60 * a", "deg"), (f"w * {30 / np.pi}", "50 * w", "1/min"), ("n / 60", "n / 50", "1/s"),
+    ],
+)  # fmt: skip
+def test_numbers_convert_where_they_are_the_factor_between_the_units(
+    right: str, wrong: str, unit: str
+) -> None:
+    units = UNITS | {"l": "m", "n": "rpm", "p": "deg", "a": "rad"}
+    assert not check_unit(right, unit, units, "here")
+    with pytest.raises(SetupError, match=f"here: .* is not in {unit}, with "):
+        check_unit(wrong, unit, units, "here")
+
+
+def test_what_is_not_known_is_named() -> None:
     assert not check_unit("5", "N", UNITS, "here")
+    assert check_unit("sqrt(x - 5)", "mm", UNITS, "here") == ["sqrt(x - 5)"]
     assert check_unit("odd * t + gone", "m.s", UNITS, "here") == ["gone", "odd"]
-    with pytest.raises(SetupError, match="is not in rpm, with w in rad/s"):
-        check_unit("w / 2", "rpm", UNITS, "here")

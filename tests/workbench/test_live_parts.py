@@ -384,6 +384,11 @@ def test_a_declaration_that_does_not_fit_is_a_clear_line() -> None:
     assert "'median' must be one of last, change, max" in text
     text = refused(numbers=with_number(Reader("amplitude", "orientator.w1")))
     assert "amplitude needs the window 'revolution'" in text
+    text = refused(
+        angle="orientator.phi1",
+        numbers=[Number("lag", Reader("phase", "orientator.w1", REVOLUTION), "rad", "lag")],
+    )
+    assert "phase is an angle in deg, not in rad" in text
     text = refused(numbers=with_number(Reader("mean", "orientator.w1", REVOLUTION)))
     assert "a revolution needs `angle`" in text
     text = refused(numbers=with_number(Reader("last", "orientator.w1", run="second")))

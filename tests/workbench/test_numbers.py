@@ -34,6 +34,8 @@ class Turning(Question, RunOptions):
         Number("late", Reader("min", "conveyor.w", "stop / 2")),
         Number("turned", Reader("change", "conveyor.phi / (2 * pi)"), "1"),
         Number("whole", Integral("conveyor.w"), "rad"),
+        Number("work", Integral("motor.P"), "kJ"),
+        Number("same_work", Integral("motor.P")),
         Number("turn", Reader("mean", "conveyor.w", "revolution", angle="conveyor.phi")),
         Number("half_turn", "figures.turn / 2", "rad/s"),
         Number("never", Reader("first_crossing", "conveyor.w", level="10 * speed")),
@@ -84,6 +86,7 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
     assert fine["half_turn"].error == pytest.approx(fine["turn"].error / 2, rel=1e-9)
     assert coarse["largest"].meaning == "up to 0.5 s"
     assert fine["whole"].value == pytest.approx(2 * math.pi * fine["turned"].value, rel=1e-6)
+    assert fine["work"].value == pytest.approx(fine["same_work"].value / 1000, rel=1e-9)
     assert [fine[x].unit for x in ("late", "turned", "time")] == ["rad/s", "1", "s"]
 
 
@@ -106,6 +109,8 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
         ('Reader("phase", "motor.tau"), "deg"', "must be one of last, change, max"),
         ('Reader("max", "abs(motor.tau)"), "W"', "'x': 'abs(motor.tau)' is not in W, with motor"),
         ('"motor.T * speed", "s"', "is not in s, with motor.T in s, speed in rad/s"),
+        ('Integral("motor.P"), "N"', "is in W.s, which does not convert to N"),
+        ('Reader("max", "motor.tau"), "", "up to {"', "the meaning of 'x': "),
         ('"speed / 2"', "is not in 1, with speed in rad/s"),
         ('Reader("first_crossing", "motor.tau", level="speed")', "level: 'speed' is not in N.m"),
     ],

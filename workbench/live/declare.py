@@ -27,7 +27,7 @@ from cosim.metrics import (
 
 from ..charts.model import CurveLook, NamedLook
 from ..charts.motion import Columns, Shape
-from ..figure import conversion
+from ..dimensions import conversion
 from ..formula import Formula
 
 Text = str | float
@@ -115,11 +115,12 @@ class Reader:
         return kind(self.column, **level, **begin)
 
     def factor(self, from_unit: str, to_unit: str, where: str) -> float:
-        """Return the factor between units of a column, where it has one; raises SetupError if there is none."""
+        """Return the factor between units of a column; raises SetupError where there is none, and for a time or phase in another."""
         if self.kind in UNIT_OF_COLUMN:
             return conversion(from_unit, to_unit or from_unit, f"{where}: {self.column}")
-        if self.kind != "phase" and to_unit not in ("", "s"):
-            raise SetupError(f"{where}: {self.kind} is a time in s, not in {to_unit}")
+        quantity, own = ("an angle", "deg") if self.kind == "phase" else ("a time", "s")
+        if to_unit not in ("", own):
+            raise SetupError(f"{where}: {self.kind} is {quantity} in {own}, not in {to_unit}")
         return 1.0
 
 

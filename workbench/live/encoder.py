@@ -23,8 +23,7 @@ from ..answer import parameters
 from ..charts.model import Chart, Curve, Mark, Panel
 from ..charts.plotly import figure
 from ..charts.svg import font_size_css
-from ..dimensions import check_unit, known_units
-from ..figure import conversion
+from ..dimensions import check_unit, conversion, known_units
 from ..formula import DOTTED, Formula
 from ..options import Options, declared
 from . import drawing

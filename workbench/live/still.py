@@ -12,8 +12,8 @@ from cosim import Result
 
 from ..charts.model import Chart, Curve, Mark, Panel, Rows, Samples
 from ..charts.motion import FRAMES, Motion, Shape, rows, shifted
-from ..dimensions import check_unit, known_units
-from ..figure import Figure, conversion
+from ..dimensions import check_unit, conversion, known_units
+from ..figure import Figure
 from ..formula import Formula
 from ..options import Options
 from .declare import REVOLUTION, Caption, LiveMotion, LiveRun, RunChart
