@@ -10,8 +10,9 @@ from numbers import Real
 from typing import Any
 
 from cosim import SetupError
+from cosim.rounding import rounded
 
-from .figure import Figure
+from .figure import MOST_DIGITS, Figure
 
 
 class Holds(StrEnum):
@@ -125,13 +126,15 @@ class Judgement:
         if self.figure is None:
             return ""
         least, most = bounded(self.least, self.figure), bounded(self.most, self.figure)
-        text = self.figure.brief()
         if (math.isinf(least.value) and math.isinf(most.value)) or self.figure.error is None:
-            return text
+            return self.figure.brief()
+        text = signed(self.figure)
         if math.isinf(most.value):
             return f"{text} (at least {bare(least)})"
         if not math.isinf(least.value):
             return f"{text} ({bare(least)} to {bare(most)})"
+        if abs(self.figure.value) + self.figure.error <= most.value:
+            text = self.figure.brief()
         if most.value <= 0.0 or self.figure.value < 0.0:
             return f"{text} (at most {bare(most)})"
         if self.figure.unit == "%" or not self.figure.has_digit:
@@ -177,9 +180,17 @@ def share_text(share: float) -> str:
     return f"{percent:.2g} %" if len(f"{percent:.0f}") == 1 else f"{percent:.0f} %"
 
 
+def signed(figure: Figure) -> str:
+    """Return a figure for a sentence with its sign: with value and error where only a bound of its size is known."""
+    if figure.error is None or figure.has_digit:
+        return figure.brief()
+    value, error = rounded(figure.value, figure.error, MOST_DIGITS)
+    return f"{value} ± {error} {figure.unit}".removesuffix(" 1")
+
+
 def bare(figure: Figure) -> str:
     """Return a figure for a sentence without its unit."""
-    return figure._replace(unit="1").brief()
+    return signed(figure._replace(unit="1"))
 
 
 def bounded(bound: Figure | float, figure: Figure | None) -> Figure:

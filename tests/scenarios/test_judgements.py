@@ -146,6 +146,24 @@ def decided_with_reasons(x: Judgement) -> str:
     return decided(x)
 
 
+@pytest.mark.parametrize(
+    ("value", "error", "bounds", "told"),
+    [
+        (1.0, 1.5, {"most": -1.0}, "no, 1.0 ± 1.5 N (at most -1)"),
+        (-200.0, 230.0, {"most": 100.0}, "yes, -200 ± 230 N (at most 100)"),
+        (1.0, 1.5, {"least": 3.0}, "no, 1.0 ± 1.5 N (at least 3)"),
+        (-1.0, 1.5, {"least": -3.0}, "yes, -1.0 ± 1.5 N (at least -3)"),
+        (1.0, 1.5, {"least": -1.0, "most": 3.0}, "yes, 1.0 ± 1.5 N (-1 to 3)"),
+        (1.0, 1.5, {"most": 3.0}, "yes, below 2.5 N in size (limit 3 N)"),
+        (-1.0, 1.5, {"most": 3.0}, "yes, below 2.5 N in size (at most 3)"),
+    ],
+)
+def test_what_decides_is_told_with_its_sign(
+    value: float, error: float, bounds: dict[str, float], told: str
+) -> None:
+    assert Judgement("a force", Figure(value, "N", error), **bounds).text() == f"A force: {told}"
+
+
 def test_all_that_must_hold_holds_together() -> None:
     value = Figure(2.0, "1", 0.1)
     yes, no = Judgement("a", value, most=3.0), Judgement("b", value, most=1.0)
