@@ -169,7 +169,7 @@ class Prepared:
             path = None if csv is None else Path(csv).absolute()
             result = simulation.run(interrupts, began, csv=path, progress=progress)
             ran = result.provenance
-            if ran["status"] == "complete" and simulation.driver.is_there:
+            if ran["status"] == "complete" and simulation.driver.is_paused:
                 try:
                     state = simulation.state(self.network.system.start)
                 except FmuError as error:

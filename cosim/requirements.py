@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from numbers import Integral, Real
 
 from .engine.algorithms import REGISTRY, find_algorithm
-from .engine.changes import continuous_profiles, held_inputs
+from .engine.changes import continuous_profiles, inputs_before
 from .engine.control import Adaptive
 from .engine.energy import find_bonds
 from .engine.initialise import outputs_read_each_step
@@ -21,6 +22,7 @@ from .system import (
     VARIABLE_STEP,
     Network,
     declared_start,
+    is_continuous_input,
     parts_without,
     require_cosimulation,
 )
@@ -111,6 +113,9 @@ def require_pause(network: Network, settings: RunSettings, begin: float, until: 
 def require_begin(network: Network, settings: RunSettings, state: SystemState) -> None:
     """Raise SetupError for a state with which a run of this system cannot begin."""
     start, stop, time = settings.start, settings.stop, state.time
+    for name, part in state.parts.items():
+        if network.descriptions[name].guid != part.guid:
+            raise SetupError(f"{name}: the state is of another FMU, with the GUID {part.guid}")
     if not start <= time < stop:
         raise SetupError(
             f"the run from start = {start!r} s to stop = {stop!r} s must contain the state at t = {time!r} s: "
@@ -138,13 +143,29 @@ def require_begin(network: Network, settings: RunSettings, state: SystemState) -
                 f"{name}: its FMU does not have canSerializeFMUstate, so that its state can begin one run, while the "
                 "`Prepared` that handed it out is open: hand it out again by run_until"
             )
-    ports = {port.name: port for port, _ in network.inputs}
-    for name, value in held_inputs(network, state.start, time).items():
-        before = state.start_values.get(name, declared_start(ports[name].variable))
-        before = state.held_inputs.get(name, before)
-        if value != before:
+    _require_held_values(network, state)
+
+
+def _require_held_values(network: Network, state: SystemState) -> None:
+    """Raise SetupError for an input or parameter that changes between steps, and that the state has with another value.
+
+    It may have any where the system changes it at the time of the state.
+    """
+    time, ours = state.time, inputs_before(network, state.time)
+    starts = {port.name: value for port, value in network.start}
+    jumping = {
+        port.name
+        for port, profile in network.inputs
+        if any(coincide(jump, time) for jump in profile.jumps(-math.inf, math.inf))
+    }
+    for name in sorted(state.inputs_before.keys() | ours.keys()):
+        port = network.port(name)
+        begun = starts.get(name, declared_start(port.variable))
+        before, now = (values.get(name, begun) for values in (state.inputs_before, ours))
+        if before != now and name not in jumping and not is_continuous_input(port):
             raise SetupError(
-                f"{name} is {before!r} in the state at t = {time!r} s, and {value!r} by its input over time"
+                f"{name} is {before!r} in the state at t = {time!r} s, and {now!r} in this system: write "
+                f"changes=['at {time!r} s {name} = {before!r}'] to keep it"
             )
 
 

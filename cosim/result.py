@@ -130,7 +130,10 @@ class Result(Series):
 
     @property
     def energy(self) -> dict[str, dict[str, float]]:
-        """By power bond: the energy `given` and `taken`, their `residual`, and the energy exchanged [J]."""
+        """By power bond: the energy `given` and `taken`, their `residual`, and the energy exchanged [J].
+
+        All counted from the initialisation on: of a run that begins with a state, before the state too.
+        """
         bonds: dict[str, dict[str, float]] = self.provenance["bonds"]
         return bonds
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from .engine.changes import discrete_changes, held_inputs
+from .engine.changes import discrete_changes, inputs_before
 from .engine.control import Adaptive
 from .engine.driver import Driver, RowReader
 from .engine.energy import bond_warnings, energy_balance
@@ -62,16 +62,19 @@ class Simulation:
 
     def _setup(self) -> dict[str, Any]:
         """What is run, complete enough to run it again: the first entries of the JSON file beside the rows."""
-        system, settings = self.network.system, self.settings
+        system, settings, begin = self.network.system, self.settings, self._begin
+        tolerance = settings.tolerance if begin is None else begin.tolerance
+        begun = {} if begin is None else {"begin": {"time": begin.time, "start": begin.start}}
         return {
             "algorithm": settings.algorithm,
             "communication": settings.stepping_text(),
             "order": self.sequence,
             "input_order": settings.input_order,
             "substeps": settings.substeps,
-            "start": settings.start if self._begin is None else self._begin.time,
+            "start": settings.start if begin is None else begin.time,
             "stop": settings.stop,
-            "tolerance": settings.tolerance,
+            **begun,
+            "tolerance": tolerance,
             "stop_time_defined": settings.stop_time_defined,
             "wires": [str(wire) for wire in system.wires],
             "inputs": {port.name: profile.provenance() for port, profile in self.network.inputs},
@@ -80,7 +83,7 @@ class Simulation:
             "open_inputs": {port.name: value for port, value in self.network.open},
             "unrecorded": settings.unrecorded_texts(self.network),
             "parts": {
-                name: _identity(part, self.network.fmus[name].path.name, settings.tolerance)
+                name: _identity(part, self.network.fmus[name].path.name, tolerance)
                 for name, part in self.parts.items()
             },
             "versions": versions(),
@@ -135,7 +138,8 @@ class Simulation:
             stop_told, start = min(stop_told, self._begin.stop_told), self._begin.start
         return SystemState(
             driver.t, start, stop_told, None if isinstance(step, Adaptive) else step,
-            dict(self.network.system.start), dict(system_start), held_inputs(self.network, start, driver.t),
+            dict(self.network.system.start), dict(system_start), self.setup["tolerance"],
+            inputs_before(self.network, driver.t), driver.broken_until,
             {name: part_state(part) for name, part in self.parts.items()}, driver.memory,
         )  # fmt: skip
 
@@ -161,8 +165,8 @@ class Simulation:
                 driver.add_end_row(end.reached)
             recorder.flush()
             return "complete", f"{end}; the last row is at t = {driver.t!r} s"
-        is_paused = driver.is_there and driver.t < self.settings.stop
-        return "complete", f"paused at t = {driver.t!r} s" if is_paused else ""
+        is_before_stop = driver.is_paused and driver.t < self.settings.stop
+        return "complete", f"paused at t = {driver.t!r} s" if is_before_stop else ""
 
     def _energy_and_warnings(self) -> dict[str, Any]:
         """What the coupling made of the energy, and all warnings."""

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.changes import known_jumps
+from ..engine.changes import known_jumps, source_jumps
 from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
 from ..fmu.exchange import Array
@@ -321,7 +321,7 @@ def _rows(
     start, stop = ode.t, ode.stop
     last = [start, *read()]
     yield last
-    known = {jump.time for jump in known_jumps(ode.changes, ode.feeds, start, stop)}
+    known = {jump.time for jump in known_jumps(ode.changes, source_jumps(ode.feeds, start, stop))}
     waiting = iter(times[(times > start) & (times <= stop)].tolist())
     due = next(waiting, math.inf)
     before: list[float] = []

@@ -44,44 +44,41 @@ def discrete_changes(
     return sorted(changes, key=lambda change: change.time)
 
 
-def held_inputs(network: Network, start: float, t: float) -> dict[str, Value]:
-    """The values just before t [s] of the inputs and parameters that change between steps, by name."""
-    values = {}
-    for port, profile in network.inputs:
-        if not is_continuous_input(port):
-            changes = [time for time in profile.jumps(start, t) if not coincide(time, t)]
-            values[port.name] = profile.at(changes[-1] if changes else start)
-    return values
+def value_before(profile: TableInput | FunctionInput, t: float) -> Value:
+    """The value just before t [s], where a jump may be."""
+    jumps = (time for time in profile.jumps(-math.inf, t) if coincide(time, t))
+    value: Value = profile.before(next(jumps, t))
+    return value
+
+
+def inputs_before(network: Network, t: float) -> dict[str, Value]:
+    """The values just before t [s] of inputs over time and of parameters that change, by name."""
+    return {port.name: value_before(profile, t) for port, profile in network.inputs}
 
 
 class Jump(NamedTuple):
-    """What happens at once at a time [s]: changes, and jumps of the inputs that follow `sources`."""
+    """What happens at once at a time [s]: changes; with none of them, an input over time jumps."""
 
     time: float
-    changes: Sequence[TimedChange]
-    sources: Sequence[InputSource]
+    changes: list[TimedChange]
 
 
-def known_jumps(
-    changes: Sequence[TimedChange], sources: Iterable[InputSource], start: float, stop: float
-) -> list[Jump]:
-    """The jumps between start and stop [s], in their order; times that differ by rounding are one."""
-    events: list[tuple[float, TimedChange | InputSource]] = [(each.time, each) for each in changes]
-    events += [(t, source) for source in sources for t in source.profile.jumps(start, stop)]
-    groups: list[list[tuple[float, TimedChange | InputSource]]] = []
-    for event in sorted(events, key=lambda event: event[0]):
-        if groups and coincide(groups[-1][0][0], event[0]):
-            groups[-1].append(event)
+def source_jumps(sources: Iterable[InputSource], start: float, stop: float) -> list[float]:
+    """The times [s] between start and stop at which inputs over time jump."""
+    return [t for source in sources for t in source.profile.jumps(start, stop)]
+
+
+def known_jumps(changes: Sequence[TimedChange], times: Iterable[float]) -> list[Jump]:
+    """The changes, and the jumps of inputs at these times [s], in their order; times that differ by rounding are one."""
+    events: list[tuple[float, list[TimedChange]]] = [(each.time, [each]) for each in changes]
+    events += [(t, []) for t in times]
+    jumps: list[Jump] = []
+    for time, at_once in sorted(events, key=lambda event: event[0]):
+        if jumps and coincide(jumps[-1].time, time):
+            jumps[-1].changes.extend(at_once)
         else:
-            groups.append([event])
-    return [
-        Jump(
-            group[0][0],
-            [each for _, each in group if isinstance(each, TimedChange)],
-            [each for _, each in group if isinstance(each, InputSource)],
-        )
-        for group in groups
-    ]
+            jumps.append(Jump(time, at_once))
+    return jumps
 
 
 def with_jumps(

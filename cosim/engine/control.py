@@ -148,6 +148,7 @@ class Controller:
         self.t = t
         if memory is not None and memory.control == self.control:
             _, self.h, self.before, self.largest = memory
+            self.h = min(self.h, self.settings.longest)
 
     def memory(self) -> StepMemory:
         """What another run goes on with."""

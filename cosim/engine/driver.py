@@ -18,7 +18,7 @@ from ..series import Column, Kind
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
 from .algorithms import find_algorithm
-from .changes import Jump, TimedChange, known_jumps, with_jumps
+from .changes import Jump, TimedChange, known_jumps, source_jumps, value_before, with_jumps
 from .control import Adaptive, Controller, step_ends_by_doubling, step_ends_by_energy
 from .iteration import Iteration
 from .loop import Loop, lay_out
@@ -81,7 +81,8 @@ class Driver:
     """The parts of a system on their way; `t` is the last communication point they reached [s].
 
     `breaks` are the intervals, begin and end [s], in which columns may jump, see `Result`. It goes on from the time of
-    `begin`, if that is given, and ends at the first communication point from `until` [s] on.
+    `begin`, if that is given, where inputs that were other ones jump, and ends at the first communication point from
+    `until` [s] on; it `is_paused` there, in a break that ends at `broken_until` if that is later.
     """
 
     def __init__(
@@ -110,11 +111,26 @@ class Driver:
         steps = None if algorithm.is_implicit else schedule(algorithm.stages([*by_name]), by_name)
         self._advance: Advance = Iteration(algorithm, parts) if steps is None else explicit(steps)
         sources = [feed for part in parts for feed in part.feeds]
-        since = plan.start if begin is None else begin.start
-        self._jumps = known_jumps(changes, sources, since, plan.stop)
+        self.breaks: list[tuple[float, float]] = []
+        if begin is None:
+            self._jumps = known_jumps(changes, source_jumps(sources, plan.start, plan.stop))
+        else:
+            times = source_jumps(sources, begin.start, plan.stop)
+            times += [
+                self.t
+                for each in sources
+                if value_before(each.profile, begin.time) != begin.inputs_before[each.name]
+            ]
+            self._jumps = [
+                jump
+                for jump in known_jumps(changes, times)
+                if jump.time > self.t or coincide(jump.time, self.t)
+            ]
+            if begin.broken_until > self.t:
+                self.breaks.append((self.t, begin.broken_until))
+        self.is_paused, self.broken_until = False, self.t
         self._plain_advance = self._advance
         self._advance = with_jumps(self._advance, self._jumps, self._occur)
-        self.breaks: list[tuple[float, float]] = []
         self._add: Callable[[Sequence[float]], None] = recorder.add
         # times of the last rows, of the result and of the file of all, and of the last jump
         self._shown = self._kept = self._jumped = math.nan
@@ -179,8 +195,9 @@ class Driver:
                 yield from self._adaptive(self.plan.step)
             else:
                 yield from self._fixed(self.plan.step)
-            if self.is_there:
+            if self._is_there:
                 self._pause()
+            self.breaks = [(b, min(end, self.t)) for b, end in self.breaks if b < self.t]
         finally:
             if grid is not None:
                 grid.flush()
@@ -288,7 +305,7 @@ class Driver:
             self._end_break(t)
             self._add_row(row)
             yield (t - start) / (stop - start)
-            if self.is_there:
+            if self._is_there:
                 return
 
     def _fixed(self, step: float) -> Iterator[ShareDone]:
@@ -346,10 +363,11 @@ class Driver:
         return n if coincide(self.plan.start + n * step, self._until) else n + 1
 
     def _pause(self) -> None:
-        """Show where it has come to, if no row does, and break no column beyond."""
+        """Show where it has come to, if no row does, and note whether a break goes on."""
         if not coincide(self.t, self._shown):
             self._add_row(self.row(self.t))
-        self.breaks = [(begin, min(end, self.t)) for begin, end in self.breaks if begin < self.t]
+        self.broken_until = max([self.t, *(end for begin, end in self.breaks if begin < self.t)])
+        self.is_paused = True
 
     @property
     def loop_for_all_steps(self) -> Loop | None:
@@ -370,17 +388,15 @@ class Driver:
         outputs show at its end is made of that.
         """
         start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
+        # beyond the stop, another run may go on with the break
         for jump in self._jumps:
             n = min(self._step_number(jump.time, step), count - 1)
             begin = start + n * step
             if jump.changes or coincide(begin, jump.time):
                 yield n
             else:
-                broken = (
-                    max(begin, self.t),
-                    stop if n + 2 >= count else start + (n + 2) * step,
-                )
-                if broken[1] > self.t and broken not in self.breaks[-1:]:
+                broken = (begin, stop if n + 2 == count else start + (n + 2) * step)
+                if broken not in self.breaks[-1:]:
                     self.breaks.append(broken)
 
     def _step_number(self, time: float, step: float) -> int:
@@ -437,7 +453,7 @@ class Driver:
         return go
 
     @property
-    def is_there(self) -> bool:
+    def _is_there(self) -> bool:
         """Whether it has come to where it is to end."""
         return is_reached(self._until, self.t)
 

@@ -28,7 +28,7 @@ from .links import CastLink, InputPolynomials, Link
 from .newton import solve_fixed_point
 from .part import I, Part, WiredPart
 from .settings import RunSettings
-from .snapshot import LiveState, SystemState, resume
+from .snapshot import LiveState, SystemState, require_same_buffers, resume
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
@@ -81,10 +81,13 @@ def initialise(
     if settings.input_order:
         _interpolate_inputs(parts, settings.input_order)
     _add_bond_sides(network, parts, slots)
-    for name, part in parts.items():
-        if begin is not None:
+    if begin is not None:
+        for name, part in parts.items():
+            require_same_buffers(part, begin.parts[name])
+        for name, part in parts.items():
             resume(part, begin.parts[name])
-            continue
+        return parts
+    for part in parts.values():
         for operation in part.read_operations():
             operation(settings.start, 0.0)
         for side in part.bond_sides:

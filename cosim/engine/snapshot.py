@@ -124,8 +124,12 @@ class SystemState:
         The start values of its run, by name.
     system_start
         Those of the system that was run, which a case may have replaced.
-    held_inputs
-        The values of inputs and parameters that change between steps, by name.
+    tolerance
+        The tolerance that FMUs were told; None where each was told its own.
+    inputs_before
+        The values just before `time` of inputs over time and of parameters that change, by name.
+    broken_until
+        The end [s] of a break in which the state lies, see `Result`; `time` if it lies in none.
     parts
         What is known of each part, by name.
     memory
@@ -138,7 +142,9 @@ class SystemState:
     step: float | None
     start_values: Mapping[str, Value]
     system_start: Mapping[str, Value] = field(repr=False)
-    held_inputs: Mapping[str, Value] = field(repr=False)
+    tolerance: float | None
+    inputs_before: Mapping[str, Value] = field(repr=False)
+    broken_until: float
     parts: Mapping[str, PartState] = field(repr=False)
     memory: StepMemory | None = field(repr=False)
 
@@ -169,26 +175,19 @@ def part_state(part: Part) -> PartState:
     return PartState(part.description.guid, fmu, values, nodes)
 
 
-def resume(part: Part, state: PartState) -> None:
-    """Bring a part that has not been initialised to a state.
-
-    Raises
-    ------
-    SetupError
-        For the state of another FMU, or of one with other wires, inputs over time or moving inputs.
-    FmuError
-        If the FMU does not take it.
-    """
-    cells, signals = dict(zip(_contents(part), _cells(part))), _signals(part)
-    if part.description.guid != state.guid:
-        raise SetupError(f"{part.name}: the state is of another FMU, with the GUID {state.guid}")
-    if other := sorted(cells.keys() ^ state.values.keys()):
+def require_same_buffers(part: Part, state: PartState) -> None:
+    """Raise SetupError for the state of a part with other wires, inputs over time or moving inputs."""
+    if other := sorted(set(_contents(part)) ^ state.values.keys()):
         raise SetupError(
             f"{part.name}: the state is of a system with other wires or inputs over time: {other[0]}"
         )
-    if len(signals) != len(state.nodes):
+    if len(_signals(part)) != len(state.nodes):
         text = "above 0, and this run has 0" if state.nodes else "= 0: write input_order=0"
         raise SetupError(f"{part.name}: the state was made with input_order {text}")
+
+
+def resume(part: Part, state: PartState) -> None:
+    """Bring a part that has not been initialised to a state with the same buffers; raises FmuError."""
     session = part.instance.session
     if isinstance(state.fmu, LiveState):
         session.messages.clear()
@@ -196,7 +195,7 @@ def resume(part: Part, state: PartState) -> None:
         session.drop(state.fmu.state)
     else:
         part.instance.restore(session.deserialized(state.fmu))
-    for name, values in state.values.items():
-        cells[name][:] = values
-    for signal, nodes in zip(signals, state.nodes):
+    for name, cells in zip(_contents(part), _cells(part)):
+        cells[:] = state.values[name]
+    for signal, nodes in zip(_signals(part), state.nodes):
         signal.nodes = nodes

@@ -40,6 +40,10 @@ class TableInput:
         """The value at time t [s], after a jump there."""
         return self._on(bisect_right(self.times, t) - 1, t)
 
+    def before(self, t: float) -> Any:
+        """The value at time t [s], before a jump there."""
+        return self._on(bisect_left(self.times, t) - 1, t)
+
     def mean(self, t: float, h: float) -> float:
         """The mean value from t to t + h [s]."""
         times, end = self.times, t + h
@@ -99,7 +103,7 @@ class FunctionInput:
     held = False
 
     def __init__(self, function: Callable[[float], float]) -> None:
-        self.at = function
+        self.at = self.before = function
 
     def mean(self, t: float, h: float) -> float:
         """The mean value from t to t + h [s], by Gauss' rule of two points."""

@@ -13,7 +13,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from cosim import Adaptive, Case, Prepared, RunSettings, SetupError, System
+from cosim import (
+    Adaptive,
+    Case,
+    Prepared,
+    RunSettings,
+    Series,
+    SetupError,
+    SimulationError,
+    System,
+)
 from tests.cosim import foreign, third
 from tests.cosim.test_members import WIRES, H, drive, pairwise
 
@@ -207,6 +216,108 @@ def test_no_start_value_of_the_system_is_passed_over(fmus: Path) -> None:
     fewer = {name: value for name, value in system.start.items() if name != "motor.A"}
     with Prepared.open(replace(system, start=fewer | {"motor.T": 0.0625}), plan) as prepared:
         assert prepared.run(usual).provenance["start_values"]["motor.A"] == 8e3
+
+
+def two_decays(folder: Path, rate: float) -> dict[str, Path]:
+    """A decays by this rate [1/s] and B by 1 / s; neither can serialise its state."""
+    return {
+        "A": foreign.pack(folder / f"A{rate}.fmu", a=-rate),
+        "B": foreign.pack(folder / "B.fmu"),
+    }
+
+
+def test_a_refused_begin_leaves_states_that_can_begin_once(tmp_path: Path) -> None:
+    """Another FMU, and another input over time of the part that comes last, are seen before any part has taken its state."""
+    parts, plan = two_decays(tmp_path, 1.0), RunSettings(1.0, 0.1)
+    other = [
+        (System(two_decays(tmp_path, 5.0)), "A: the state is of another FMU"),
+        (System(parts, inputs={"B.u": lambda _: 0.0}), "B: the state is of a system with"),
+    ]
+    with Prepared.open(System(parts), plan) as prepared:
+        state = prepared.run_until(0.5).state
+        for system, text in other:
+            with Prepared.open(system, plan) as changed:
+                assert text in refused(partial(changed.run, Case(begin=state)))
+        assert prepared.run(Case(begin=state))["time"][-1] == 1.0
+
+
+@pytest.mark.parametrize("until", [0.42, 0.45])
+def test_no_run_goes_on_where_an_fmu_has_ended_the_simulation(until: float, tmp_path: Path) -> None:
+    one = foreign.single_fmu_system(foreign.pack(tmp_path / "A.fmu", end_at=0.47))
+    with Prepared.open(one, RunSettings(1.0, 0.1)) as prepared:
+        with pytest.raises(SimulationError, match="there is no state"):
+            prepared.run_until(until)
+        assert prepared.run_until(0.4).state.time == pytest.approx(0.4)
+
+
+def test_steps_after_a_state_are_those_of_the_new_settings(fmus: Path) -> None:
+    """The longest step holds from the first one on; FMUs keep the tolerance that they were told, and the result says it."""
+    pair = drive(fmus / "native", "pair")
+    with Prepared.open(pair, RunSettings(0.04, Adaptive(1e-1))) as prepared:
+        begin = Case(begin=prepared.run_until(0.02).state)
+    with Prepared.open(pair, RunSettings(0.04, Adaptive(1e-3, longest=1e-4))) as prepared:
+        rest = prepared.run(begin)
+    assert np.diff(rest["time"]).max() <= 1e-4 * (1 + 1e-9)
+    assert rest.provenance["tolerance"] == rest.provenance["parts"]["motor"]["tolerance"] == 0.1
+    assert begin.begin is not None
+    assert rest.provenance["begin"] == {"time": begin.begin.time, "start": 0.0}
+
+
+def followed(folder: Path, *rows: tuple[float, float]) -> System:
+    """The conveyor alone, whose torque follows a table: times [s] and torques [N.m]."""
+    t, tau = zip(*rows)
+    return replace(drive(folder, "table"), inputs={"conveyor.tau": Series.of({"t": t, "tau": tau})})
+
+
+def test_an_input_with_another_past_jumps_at_the_state(fmus: Path) -> None:
+    """There, not within the step behind it, as where its own table jumps; one with the same past does not."""
+    native, plan = fmus / "native", RunSettings(0.04, H, record=["conveyor.tau", "conveyor.w"])
+    slow, fast = (followed(native, (0.0, w), (0.04, w)) for w in (1.0, 50.0))
+    with Prepared.open(slow, plan) as prepared:
+        begin = Case(begin=prepared.run_until(0.02).state)
+        unchanged = prepared.run(begin)
+    assert unchanged.breaks.size == 0 and (np.diff(unchanged["time"]) > 0.0).all()
+    jumping = followed(native, (0.0, 1.0), (0.02, 1.0), (0.02, 50.0), (0.04, 50.0))
+    results = []
+    for system in (fast, jumping):
+        with Prepared.open(system, plan) as prepared:
+            results.append(prepared.run(begin))
+    other, own = results
+    assert other["conveyor.tau"][:3].tolist() == [1.0, 50.0, 50.0]
+    assert other.breaks.tolist() == [[0.02, 0.02]]
+    assert_array_equal(other.data, own.data)
+
+
+def test_a_parameter_keeps_what_the_state_has_only_if_the_system_says_so(fmus: Path) -> None:
+    """A change before the state that the new system does not make is refused; at the state it may change to anything."""
+    system, plan = drive(fmus / "native", "pair"), RunSettings(0.04, H)
+    changed = replace(system, changes=["at 0.01 s motor.T = 0.04"])
+    with Prepared.open(changed, plan) as prepared:
+        begin = Case(begin=prepared.run_until(0.02).state)
+        own = prepared.run(begin)
+    for start in ({}, {"motor.T": 0.0625}):
+        usual = replace(system, start={**system.start, **start})
+        with Prepared.open(usual, plan) as prepared:
+            text = refused(partial(prepared.run, begin))
+        assert "motor.T is 0.04 in the state at t = 0.02 s, and 0.0625 in this system" in text
+    kept = replace(system, changes=["at 0.02 s motor.T = 0.04"])
+    with Prepared.open(kept, replace(plan, start=0.02)) as prepared:
+        rest = prepared.run(begin)
+    assert rest["motor.tau"][-1] == pytest.approx(own["motor.tau"][-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("step", [1e-3, 5e-3, 2e-3, 1e-4])
+@pytest.mark.parametrize("stop", [0.04, 0.021])
+def test_a_break_goes_on_to_its_end_with_any_steps(step: float, stop: float, fmus: Path) -> None:
+    """The input jumps inside the step from 0.02 to 0.021 s, which breaks the next one too."""
+    rows = ((0.0, 1.0), (0.0203, 1.0), (0.0203, 50.0), (0.05, 50.0))
+    system = followed(fmus / "native", *rows)
+    with Prepared.open(system, RunSettings(stop, 1e-3)) as prepared:
+        first, state = prepared.run_until(0.0205)
+    assert first.breaks == pytest.approx(np.array([[0.02, 0.021]]))
+    with Prepared.open(system, RunSettings(0.041, step, start=state.time)) as prepared:
+        rest = prepared.run(Case(begin=state))
+    assert rest.breaks == pytest.approx(np.array([[0.021, 0.022]]))
 
 
 def test_the_last_step_of_the_same_run_may_be_longer_than_what_is_left(fmus: Path) -> None:
