@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import KW_ONLY, dataclass, replace
-from difflib import get_close_matches
+from dataclasses import KW_ONLY, dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from .dense import Array, Curves, Polynomials, ends_and_turns
 from .errors import SetupError
+from .names import only
 from .series import Column, Kind
 
 if TYPE_CHECKING:
@@ -54,6 +54,9 @@ class TurnMean:
     def columns(self) -> tuple[str, ...]:
         """The columns whose curves it takes."""
         return (self.column, self.over)
+
+    def __str__(self) -> str:
+        return f"the mean of {self.column} over a turn of {self.over}"
 
     def __call__(self, curve: Curves, angle: Curves) -> Curves | None:
         """The curve of the means of one curve and its angle; None if there is no whole turn."""
@@ -165,10 +168,12 @@ class Metric:
         return "it has no value in its stretch of the run"
 
     def __str__(self) -> str:
-        """What it is in words, "time of largest of motor.tau from 2 to 3 s"."""
+        """What it is in words, "crossing of motor.tau from 2 to 3 s, level 10"."""
         kind = re.sub(r"(?<=.)([A-Z])", r" \1", type(self).__name__).lower()
-        ends = [f" {word} {t:g} s" for word, t in (("from", self.begin), ("to", self.end)) if math.isfinite(t)]  # fmt: skip
-        return f"{kind} of {self.column if isinstance(self.column, Metric) else self.columns[0]}{''.join(ends)}"
+        ends = [f" {word} {t:g}" for word, t in (("from", self.begin), ("to", self.end)) if math.isfinite(t)]  # fmt: skip
+        stretch = f"{''.join(ends)} s" if ends else ""
+        own = {each.name for each in fields(self)} - {each.name for each in fields(Metric)}
+        return f"{kind} of {self.column}{stretch}{''.join(f', {name} {getattr(self, name)}' for name in sorted(own))}"
 
     def check(self, columns: Mapping[str, Column], start: float, stop: float) -> None:
         """Refuse columns that a run does not have, and a stretch outside it.
@@ -180,11 +185,7 @@ class Metric:
         """
         for name in self.columns:
             if name not in columns:
-                near = get_close_matches(name, columns, 1)
-                hint = f"; did you mean {near[0]!r}?" if near else "."
-                raise SetupError(
-                    f"{self}: there is no column {name!r}{hint} The columns are {', '.join(columns)}"
-                )
+                raise SetupError(f"{self}: there is no column {name!r}, {only(name, columns)}")
             if columns[name].kind is Kind.TEXT:
                 raise SetupError(f"{self}: the column {name!r} is text and has no such number")
         if not max(self.begin, start) < min(self.end, stop):

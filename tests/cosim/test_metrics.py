@@ -327,10 +327,19 @@ def test_metrics_know_their_units() -> None:
     assert StrongestOrder("x", over="phi").unit("N") == ""
 
 
+def test_words_tell_metrics_apart() -> None:
+    stretch = Crossing("a.b", level=3, begin=2.0, end=3.0)
+    assert str(stretch) == "crossing of a.b from 2 to 3 s, level 3"
+    turn = Largest(TurnMean("w", over="phi"), end=1.0)
+    assert str(turn) == "largest of the mean of w over a turn of phi to 1 s"
+    last = LastTurn(Swing("w", begin=1.0), over="phi", turns=2)
+    assert str(last) == "last turn of swing of w from 1 s, over phi, turns 2"
+
+
 @pytest.mark.parametrize(
     ("metric", "message"),
     [
-        (Largest("motor.tua"), "there is no column 'motor.tua'; did you mean 'motor.tau'?"),
+        (Largest("motor.tua"), "there is no column 'motor.tua', only "),
         (LastTurn(Swing("motor.tau"), over="phi"), "there is no column 'phi'"),
         (Last("motor.tau", begin=5.0), "its stretch must lie in the run, from 0 to 0.1 s"),
         (Mean("motor.tau", begin=0.05, end=0.05), "its stretch must lie in the run"),

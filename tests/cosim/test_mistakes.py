@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from cosim import Series, SetupError, System, Wire, run
+from cosim.names import only
 from tests.cosim.conftest import CommandOutput
 
 WIRES = ["m.tau -> c.tau", "c.w -> m.w"]
@@ -150,3 +151,13 @@ def test_the_step_of_a_file_is_no_longer_than_the_run(
     fmu = fmus / "DriveMotor.fmu"
     assert "step" in command_output("run", fmu, "--stop", "0.5", "--step", "2", code=2)
     assert "1 step" in command_output("run", fmu, "--stop", "1e-5", "--set", "DriveMotor.w=1")
+
+
+@pytest.mark.parametrize(("right", "wrong"), [("robot", "mobot"), ("gear", "gaer"), (".T", ".K")])
+def test_of_very_many_names_the_nearest_is_found(right: str, wrong: str) -> None:
+    """Whether its beginning, its middle or its end is wrong."""
+    names = [f"robot.joint[{i}].gear.bearing{j}.T" for i in range(100) for j in range(200)]
+    near = names[7 * 200 + 9]
+    text = only(near.replace(right, wrong), names)
+    assert text.startswith(f"only {near}, ")
+    assert text.endswith(f"and 19988 more; did you mean {near}?")

@@ -99,7 +99,7 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
         ),
         ('Reader("first_crossing", "motor.tau", level="2 * sped")', "'sped'.*did you mean 'speed'"),
         ('Reader("max", "motor.tau"), "", "up to {stopp:g} s"', "the meaning of 'x' names 'stopp'"),
-        ('Reader("max", "motor.torque")', "there is no column 'motor.torque'; did you mean"),
+        ('Reader("max", "motor.torque")', "there is no column 'motor.torque', only"),
         ('Reader("max", "abs(motor.tau)")', "needs a unit"),
         ('Reader("max", "motor.tau"), "kg"', "number 'x': motor.tau is in N.m.*convert to kg"),
         (
