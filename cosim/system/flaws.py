@@ -93,8 +93,8 @@ ATTRIBUTES: tuple[tuple[str, tuple[str, ...], Mapping[str, Reader]], ...] = (
     ("ModelVariables/*/Dimension", (), {"start": unsigned64, "valueReference": unsigned64}),
     ("ModelVariables/*/Alias", ("name",), {}),
 )  # fmt: skip
-#: What reads the attributes of any variable, and of any type, too.
-OF_VARIABLES: dict[str, Reader] = {
+#: What reads the attributes of any variable and of any type.
+OF_ANY_KIND: dict[str, Reader] = {
     "valueReference": unsigned,
     "causality": CAUSALITIES,
     "variability": VARIABILITIES,
@@ -104,8 +104,6 @@ OF_VARIABLES: dict[str, Reader] = {
     **dict.fromkeys(("intervalDecimal", "shiftDecimal"), real),
     **dict.fromkeys(("intervalCounter", "shiftCounter"), unsigned64),
     "resolution": resolution,
-}
-OF_TYPES: dict[str, Reader] = {
     "derivative": unsigned,
     "nominal": real,
     **dict.fromkeys(("relativeQuantity", "unbounded", "reinit"), truth),
@@ -115,7 +113,7 @@ OF_TYPES: dict[str, Reader] = {
 @cache
 def attribute_readers(kind: str, version: str) -> Mapping[str, Reader]:
     """What reads the attributes of a variable or a type of this kind, so far as they are no texts."""
-    readers = OF_VARIABLES | OF_TYPES
+    readers = dict(OF_ANY_KIND)
     if (own := value_reader(kind, version)) is not None:
         readers |= {} if kind == "Boolean" else {"min": own, "max": own}
         readers["start"] = one_or_more(own) if version == "3.0" else own

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from zipfile import ZipFile
+from zipfile import BadZipFile, ZipFile
 
 import fmpy
 from lxml import etree
@@ -46,6 +47,10 @@ OF_FMI3 = {
     "canSerializeFMUstate": "canSerializeFMUState",
     "providesDirectionalDerivative": "providesDirectionalDerivatives",
 }
+#: What a file within a zip file is that is none, is damaged, encrypted or packed otherwise, or is no XML.
+UNREADABLE = (
+    OSError, RuntimeError, ValueError, LookupError, BadZipFile, zlib.error, ElementTree.ParseError,
+)  # fmt: skip
 PIECE = r"[^\W\d][\w\[\]-]*"
 PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
@@ -154,7 +159,7 @@ def _root(content: bytes) -> Element:
     try:
         root = etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        why = str(error).partition(" (<string>")[0]
+        why = " ".join(str(error).partition(" (<string>")[0].split())
         raise SetupError(f"is not a valid FMU: {XML} is not XML: {why}") from error
     if root.getroottree().docinfo.doctype:
         raise SetupError(
@@ -293,7 +298,7 @@ def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], list[str]]:
     try:
         with ZipFile(path) as archive:
             root = ElementTree.fromstring(archive.open(TERMINALS).read(MOST_BYTES))
-    except (OSError, ElementTree.ParseError) as error:
+    except UNREADABLE as error:
         return {}, [f"{TERMINALS} cannot be read: {error}"]
     return {
         terminal.get("name", ""): {

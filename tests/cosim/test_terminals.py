@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import pytest
 
@@ -100,6 +101,10 @@ def test_terminals_that_cannot_be_read_hinder_nobody(
     }
     system = joined(broken, "motor", "conveyor", wires=("motor.tau -> conveyor.tau",))
     assert TERMINALS in connect(system).flaws["motor"][0]
+    with ZipFile(broken["motor"], "a") as archive:
+        archive.getinfo(TERMINALS).CRC += 1
+        archive.writestr("more.txt", "")
+    assert "Bad CRC-32" in connect(system).flaws["motor"][0]
     other = (
         b'<a><Terminals><Terminal name="flange"><TerminalMemberVariable memberName="torque" '
         b'variableName="tau"/></Terminal></Terminals></a>'
