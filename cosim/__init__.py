@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
     from .engine.control import Adaptive
     from .engine.settings import RunSettings
+    from .engine.snapshot import SystemState
     from .ensemble import Case, Ensemble
     from .errors import FmuError, SetupError
     from .fmu.messages import quiet
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from .isolated import run_isolated
     from .master import run
     from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
-    from .prepared import How, Prepared
+    from .prepared import How, Paused, Prepared
     from .result import Interrupted, Result, SimulationError
     from .scoreboards import scoreboard
     from .series import Column, Kind, Series
@@ -65,6 +66,7 @@ _HOMES = {
         "engine.algorithms": "ALGORITHMS, CONVERGENCE_ORDERS",
         "engine.control": "Adaptive",
         "engine.settings": "RunSettings",
+        "engine.snapshot": "SystemState",
         "ensemble": "Case, Ensemble",
         "errors": "FmuError, SetupError",
         "fmu.messages": "quiet",
@@ -80,7 +82,7 @@ _HOMES = {
         "isolated": "run_isolated",
         "master": "run",
         "metrics": "crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest",
-        "prepared": "How, Prepared",
+        "prepared": "How, Paused, Prepared",
         "result": "Interrupted, Result, SimulationError",
         "simulation": "versions",
         "scoreboards": "scoreboard",
@@ -120,6 +122,7 @@ __all__ = [
     "Linear",
     "Network",
     "Package",
+    "Paused",
     "Port",
     "Prepared",
     "RefereeReport",
@@ -132,6 +135,7 @@ __all__ = [
     "SimulationError",
     "Standing",
     "System",
+    "SystemState",
     "Wire",
     "advise",
     "certify",

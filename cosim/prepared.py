@@ -137,6 +137,7 @@ class Prepared:
     ) -> Paused:
         """Run to the first communication point from a time [s] on, and hand out the state there.
 
+        `progress` is called with the share of the run up to the stop of the settings.
         Raises what `run` does, and SetupError where no run can go on from there: all FMUs must be able to save their
         state, and rows must be at communication points.
         """
@@ -222,7 +223,7 @@ class Prepared:
         Raises
         ------
         SetupError
-            For cases that are no columns of start values, and for steps without common rows.
+            For cases that are no columns of start values, for steps without common rows, and for `jobs` below 1.
         Interrupted
             With the members that are done, after Ctrl-C.
         """
@@ -240,7 +241,9 @@ class Prepared:
         After Ctrl-C there are no more of them; exceptions are those of `map`.
         """
         cases = Cases.of(cases, self.network)
-        jobs = how.jobs or (available_cores() if self._is_threaded() else 1)
+        if how.jobs is not None and how.jobs < 1:
+            raise SetupError(f"jobs = {how.jobs!r} must be at least 1")
+        jobs = (available_cores() if self._is_threaded() else 1) if how.jobs is None else how.jobs
         with quiet(), collect_interrupts() as interrupts:
             batch = Batch(
                 self.network, self.settings, cases, self._chunks(cases, how, jobs), jobs,

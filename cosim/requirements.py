@@ -16,7 +16,6 @@ from .engine.snapshot import LiveState, SystemState
 from .errors import SetupError
 from .fmu.times import coincide
 from .names import only
-from .series import Kind
 from .system import (
     STATE,
     VARIABLE_STEP,
@@ -64,7 +63,7 @@ def _wrong_times(network: Network, settings: RunSettings) -> Iterator[str]:
                 f"step = {settings.step!r} s must be at most the time from start to stop: "
                 f"write step={span!r}"
             )
-        yield from _times_where_no_step_ends(network, settings, settings.step)
+        yield from _times_where_no_step_ends(network, settings)
     for text in network.system.changes:
         time, _, _ = parse_change(text)
         if not settings.start <= time <= settings.stop:
@@ -101,9 +100,12 @@ def require_pause(network: Network, settings: RunSettings, begin: float, until: 
         )
     for name in parts_without(network.descriptions, STATE):
         raise SetupError(f"{name} cannot save its state: its FMU does not have {STATE}")
-    columns = [port.column for port in settings.ports(network)]
-    has_events = any(column.kind is not Kind.CONTINUOUS for column in columns)
-    if settings.steps_per_row() is None or (settings.output_step is not None and has_events):
+    _require_rows_at_steps(network, settings)
+
+
+def _require_rows_at_steps(network: Network, settings: RunSettings) -> None:
+    """Raise SetupError where rows lie between steps, which are made of rows of two runs if one goes on with the other."""
+    if settings.steps_per_row(port.column for port in settings.ports(network)) is None:
         raise SetupError(
             f"output_step = {settings.output_step!r} s: rows between steps cannot be continued by another run: "
             "write output_step=None"
@@ -122,8 +124,7 @@ def require_begin(network: Network, settings: RunSettings, state: SystemState) -
             f"give {'a stop after it' if start <= time else f'start={state.start!r}'}"
         )
     if not isinstance(settings.step, Adaptive):
-        steps = round((time - start) / settings.step)
-        if not coincide(start + steps * settings.step, time):
+        if settings.steps_until(time) is None:
             raise SetupError(
                 f"the state is at t = {time!r} s, where no step of {settings.step!r} s from start = {start!r} s "
                 f"ends: write start={time!r}"
@@ -143,6 +144,7 @@ def require_begin(network: Network, settings: RunSettings, state: SystemState) -
                 f"{name}: its FMU does not have canSerializeFMUstate, so that its state can begin one run, while the "
                 "`Prepared` that handed it out is open: hand it out again by run_until"
             )
+    _require_rows_at_steps(network, settings)
     _require_held_values(network, state)
 
 
@@ -262,9 +264,7 @@ def _missing_for_control(network: Network, step: Adaptive) -> Iterator[str]:
             yield f"absolute tolerance of {name}: only {', '.join(monitored)} can have one"
 
 
-def _times_where_no_step_ends(
-    network: Network, settings: RunSettings, step: float
-) -> Iterator[str]:
+def _times_where_no_step_ends(network: Network, settings: RunSettings) -> Iterator[str]:
     """Times at which a step must end, and cannot, since a part takes no other steps."""
     fixed = parts_without(network.descriptions, VARIABLE_STEP)
     if not fixed:
@@ -276,9 +276,8 @@ def _times_where_no_step_ends(
             times[port.name] = profile.jumps(start, stop)
     for name, ends in times.items():
         for time in ends:
-            steps = max(1, round((time - start) / step))
-            if not coincide(start + steps * step, time):
+            if settings.steps_until(time) is None:
                 yield (
-                    f"{name} = {time!r} s must be a whole number of steps of {step!r} s "
+                    f"{name} = {time!r} s must be a whole number of steps of {settings.step!r} s "
                     f"after start, since {fixed[0]} cannot vary its step"
                 )

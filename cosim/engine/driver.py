@@ -12,8 +12,7 @@ import numpy as np
 
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.buffers import Slot
-from ..fmu.clocks import is_reached
-from ..fmu.times import coincide
+from ..fmu.times import coincide, is_reached
 from ..series import Column, Kind
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
@@ -103,7 +102,7 @@ class Driver:
         if begin is not None:
             self.t = begin.time
             if not isinstance(plan.step, Adaptive):
-                self.accepted = round((begin.time - plan.start) / plan.step)
+                self.accepted = plan.steps_until(begin.time) or 0
                 self.t = plan.start + self.accepted * plan.step
         self._first = self.accepted
         self.controller: Controller | None = None
@@ -121,11 +120,8 @@ class Driver:
                 for each in sources
                 if value_before(each.profile, begin.time) != begin.inputs_before[each.name]
             ]
-            self._jumps = [
-                jump
-                for jump in known_jumps(changes, times)
-                if jump.time > self.t or coincide(jump.time, self.t)
-            ]
+            jumps = known_jumps(changes, times)
+            self._jumps = [jump for jump in jumps if is_reached(self.t, jump.time)]
             if begin.broken_until > self.t:
                 self.breaks.append((self.t, begin.broken_until))
         self.is_paused, self.broken_until = False, self.t
@@ -142,10 +138,7 @@ class Driver:
         )
         self._instant = {each.output for each in context.feedthroughs if each.is_wired}
         self._first_order = [name for name in recorder.names if name in behind]
-        every = plan.steps_per_row()
-        if plan.output_step is not None and self.row.discrete:
-            every = None
-        self._every = every
+        self._every = every = plan.steps_per_row(row.recorded)
         self._checkpoint: tuple[int, Snapshot] | None = None
         self._loop: Loop | None = None
         self.control = "fixed"

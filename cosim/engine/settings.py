@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..errors import SetupError
+from ..fmu.times import coincide
+from ..series import Column, Kind
 from ..system import NUMERIC, Network, Port
 from .control import Adaptive
 
@@ -91,8 +93,16 @@ class RunSettings:
         assert not isinstance(self.step, Adaptive)
         return max(1, math.ceil((self.stop - self.start) / self.step - LEFT_OVER))
 
-    def steps_per_row(self) -> int | None:
-        """After how many fixed steps a row is due; None if rows lie between steps."""
+    def steps_until(self, time: float) -> int | None:
+        """How many fixed steps end at a time [s]; None if no step ends there."""
+        assert not isinstance(self.step, Adaptive)
+        steps = round((time - self.start) / self.step)
+        return steps if coincide(self.start + steps * self.step, time) else None
+
+    def steps_per_row(self, columns: Iterable[Column] = ()) -> int | None:
+        """After how many fixed steps a row is due; None if rows lie between steps, or at events of held columns too."""
+        if self.output_step is not None and any(c.kind is not Kind.CONTINUOUS for c in columns):
+            return None
         if isinstance(self.step, Adaptive):
             return 1 if self.output_step is None else None
         ratio = 1.0 if self.output_step is None else self.output_step / self.step

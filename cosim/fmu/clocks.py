@@ -6,12 +6,6 @@ import math
 from dataclasses import dataclass
 
 from ..system.description import Variable
-from .times import coincide
-
-
-def is_reached(time: float, t: float) -> bool:
-    """Whether a time [s] is not after t, but for rounding."""
-    return time <= t or (time < math.inf and coincide(time, t))
 
 
 @dataclass(frozen=True)

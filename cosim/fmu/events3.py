@@ -10,8 +10,9 @@ from copy import copy
 from ..errors import FmuError
 from ..system.description import Variable
 from .blocks import VariableBlock
-from .clocks import EventState, IntervalClock, is_reached
+from .clocks import EventState, IntervalClock
 from .session import Session
+from .times import is_reached
 
 #: The interval of a clock is known and as it was: fmi3IntervalUnchanged, a convention of FMI 3.0.
 UNCHANGED = 1

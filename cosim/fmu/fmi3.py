@@ -11,7 +11,6 @@ from ..system.description import ModelDescription, Value, Variable
 from .blocks import VariableBlock
 from .blocks3 import block3
 from .buffers import address
-from .clocks import is_reached
 from .events3 import MOST_AT_ONCE, EventMode
 from .instance import CoSimulation
 from .library import Library
@@ -19,7 +18,7 @@ from .messages import DISCARD, OK
 from .operations import Code, COperation
 from .session import CO_SIMULATION, SavedState, Session
 from .session3 import Session3
-from .times import coincide
+from .times import coincide, is_reached
 
 #: The status of a function of ours that raised, for loop.c. A convention: FMI has none below 0.
 RAISED = -1

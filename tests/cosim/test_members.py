@@ -310,3 +310,17 @@ def test_each_member_has_its_own_step_and_stop(
         rows = run(single, stop=stop, step=h, output_step=output_step).data
         assert ensemble.rows[k, : ensemble.counts[k]].tobytes() == rows.tobytes()
         assert np.isnan(ensemble.rows[k, ensemble.counts[k] :]).all()
+
+
+def test_warnings_of_bonds_are_of_the_members_whose_runs_have_them(fmus: Path) -> None:
+    system, steps = drive(fmus / "native", "pair"), [2e-3, 2e-4, 1e-3, 2e-3]
+    settings: dict[str, Any] = {"stop": 0.5, "algorithm": "jacobi"}
+    plan = RunSettings(step=2e-3, output_step=2e-3, **settings)
+    with Prepared.open(replace(system, start={}), plan) as prepared:
+        ((text, members),) = prepared.map(4, steps=steps).warnings.items()
+        for jobs in (0, -1):
+            with pytest.raises(SetupError, match="must be at least 1"):
+                prepared.map(4, jobs=jobs)
+    assert "created or removed" in text
+    runs = [run(replace(system, start={}), step=step, **settings) for step in steps]
+    assert members == [k for k, result in enumerate(runs) if result.warnings] == [0, 3]
