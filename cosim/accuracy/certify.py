@@ -18,12 +18,20 @@ from ..engine.settings import RunSettings
 from ..engine.sources import largest_change_within_steps
 from ..master import run
 from ..metrics import Largest, Last, Mean, Metric, Smallest
-from ..result import Result, SimulationError
+from ..result import Interrupted, Result, SimulationError
 from ..system import System, connect
 from .estimate import Estimate
-from .judge import Function, estimates_of_rows, judge_function, judge_metrics, numbers_of
+from .judge import (
+    OTHER_ROWS,
+    RUNS_DISAGREE,
+    Function,
+    estimates_of_rows,
+    judge_function,
+    judge_metrics,
+    numbers_of,
+)
 from .limit import LOWEST_ORDER, RUNS, STEP_RATIO
-from .nested import NestedRuns, longer_step, nested_runs, without_log
+from .nested import NestedRuns, longer_step, nested_runs, report_share, without_log
 from .trajectories import Divergence, find_divergence
 
 #: The metrics of `summary`, by what follows the name of a column.
@@ -35,7 +43,7 @@ SUMMARY: dict[str, Callable[[str], Metric]] = {
 }
 #: What `certify` takes: metrics or functions of a result by name, or one function to several numbers.
 Metrics = Mapping[str, Metric | Callable[[Result], float] | Function] | Function
-#: Share of the tolerance of the FMUs in one more run. Derived: nine tenths of an error in proportion to it are then in the difference.
+#: Share of the tolerance of the FMUs in one more run. Derived: an error in proportion to it is the difference over nine tenths.
 SHARPER = 0.1
 #: Most times that a step is halved for the sake of an error: the run then has a thousand times as many steps.
 MOST_HALVINGS = 10
@@ -163,14 +171,23 @@ def certify(
     else:
         runner = partial(_derived, derive, runner)
     lacks = partial(_lacks, error)
+    tolerance = _sharper_tolerance(system, step, settings)
+    report = settings.pop("progress", None) or (lambda _: None)
+    cost = sum(STEP_RATIO**-k for k in range(RUNS))
+    share = cost / (cost + (tolerance is not None))
+    three = settings | {"progress": partial(report_share, report, 0.0, share)}
+    one = {k: x for k, x in settings.items() if k != "csv"}
+    one |= {"progress": partial(report_share, report, share, 1.0), "tolerance": tolerance}
     known: dict[int, Result] = {}
     errors: list[dict[str, float]] = []
     while True:
-        with nested_runs(system, step, runner, settings, known=known) as runs:
+        with nested_runs(system, step, runner, three, known=known) as runs:
             every = metrics or summary_metrics(column.name for column in runs.finest.columns[1:])
             figures = estimates_of(every, runs, system)
-        sharper = run_at_tighter_tolerance(system, step, runner, settings)
-        covers, figures = _with_solvers(every, figures, runs.finest, sharper)
+        covers = COVERS
+        if tolerance is not None:
+            sharper = _beside(runs.finest, partial(runner, system, step=step, **one))
+            covers, figures = _with_solvers(every, figures, runs.finest, sharper)
         unmet = {name: reason for name, x in figures.items() if (reason := lacks(name, x))}
         errors.append({n: math.inf if (e := figures[n].error) is None else e for n in unmet})
         if not unmet or not _is_worth_halving(errors):
@@ -186,46 +203,62 @@ def _derived(
     return derive(runner(*args, **settings))
 
 
-def run_at_tighter_tolerance(
-    system: System,
-    step: float | Adaptive,
-    runner: Callable[..., Result],
-    settings: Mapping[str, Any],
-) -> Result | None:
-    """The run with a tenth of the smallest tolerance of the FMUs; None where none is known, where steps adapt, and if it fails."""
+def _sharper_tolerance(
+    system: System, step: float | Adaptive, settings: Mapping[str, Any]
+) -> float | None:
+    """A tenth of the smallest tolerance of the FMUs; None where none is known, and where steps adapt."""
     if isinstance(step, Adaptive) or not system.parts:
         return None
     known = [d.defaultExperiment.tolerance for d in connect(system).descriptions.values()]
-    if not (tolerance := settings.get("tolerance") or min(filter(None, known), default=None)):
-        return None
-    others = {k: x for k, x in settings.items() if k not in ("csv", "progress")}
-    others["tolerance"] = SHARPER * float(tolerance)
+    tolerance = settings.get("tolerance") or min(filter(None, known), default=None)
+    return SHARPER * float(tolerance) if tolerance else None
+
+
+def _beside(finest: Result, again: Callable[[], Result]) -> Result | None:
+    """The result of one more run, None if it fails; Ctrl-C in it leaves the rows of the finest run."""
     try:
         with without_log():
-            result = runner(system, step=step, **others)
+            return again()
     except SimulationError:
         return None
-    return result if result.provenance.get("tolerance") == others["tolerance"] else None
+    except Interrupted as interrupt:
+        interrupt.result = finest
+        raise
 
 
 def _with_solvers(
     metrics: Metrics, figures: Mapping[str, Estimate], finest: Result, sharper: Result | None
 ) -> tuple[str, dict[str, Estimate]]:
-    """What errors cover, and figures whose errors have what a sharper run changes added.
+    """What errors cover, and figures whose errors have what the solvers add, which a sharper run shows.
 
     FMUs that ignore their tolerance give the same rows, which say nothing of their solvers.
     """
     if sharper is None or all(np.array_equal(finest[n], sharper[n]) for n in finest.names):
         return COVERS, dict(figures)
-    before, after = (
-        numbers_of(evaluate(metrics, result), [*figures]) for result in (finest, sharper)
-    )
+    named = metrics if isinstance(metrics, Mapping) else {}
+    plain = {name: metric for name, metric in named.items() if isinstance(metric, Metric)}
+    functions = [{n: m} for n, m in named.items() if n not in plain] if named else [metrics]
+    changes: dict[str, float] = {}
+    reason = LOST_BY_SOLVERS
+    for some in (plain, *functions):
+        try:
+            before, after = evaluate(some, finest), evaluate(some, sharper)
+        except Exception as error:  # noqa: BLE001 - whatever the function of a person raises
+            reason = OTHER_ROWS.format(error)
+        else:
+            changes |= {n: abs(after.get(n, math.nan) - x) for n, x in before.items()}
     every = {}
-    for (name, x), change in zip(figures.items(), np.abs(after - before).tolist()):
-        if x.error is not None:
-            x = x._replace(error=x.error + change)
-            x = x if math.isfinite(change) else x._replace(error=None, reason=LOST_BY_SOLVERS)
-        every[name] = x
+    for name, x in figures.items():
+        change = changes.get(name, math.inf)
+        if x.error is None:
+            every[name] = x
+        elif not math.isfinite(change):
+            why = LOST_BY_SOLVERS if name in changes else reason
+            every[name] = x._replace(error=None, reason=why)
+        elif change > 0.0 and name in plain and plain[name].is_count:
+            every[name] = x._replace(error=None, reason=RUNS_DISAGREE)
+        else:
+            every[name] = x._replace(error=x.error + change / (1.0 - SHARPER))
     return COVERS_SOLVERS, every
 
 
@@ -341,12 +374,12 @@ def evaluate(metrics: Metrics, result: Result) -> dict[str, float]:
     curves = {
         c: result.solution(c) for m in metrics.values() if isinstance(m, Metric) for c in m.columns
     }
-    values: dict[str, Any] = {}
+    values: dict[str, float] = {}
     for name, metric in metrics.items():
         if isinstance(metric, Metric):
             values[name] = float(metric(*(curves[column] for column in metric.columns))[0])
         else:
-            values |= _by_name(name, metric, result)
+            values |= evaluate(partial(_by_name, name, metric), result)
     return values
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..engine.control import Adaptive
 from ..engine.row_file import stored_column
-from ..result import Result, SimulationError
+from ..result import Interrupted, Result, SimulationError
 from ..scratch import scratch
 from ..system import System
 from .limit import RUNS, STEP_RATIO
@@ -131,7 +131,7 @@ def _results(
     for k in range(RUNS):
         if k in known:
             continue
-        progress = partial(_report, report, *(ends[k : k + 2] / ends[-1]).tolist())
+        progress = partial(report_share, report, *(ends[k : k + 2] / ends[-1]).tolist())
         longer = longer_step(step, k)
         if k and not isinstance(longer, Adaptive) and longer > span * (1.0 + STEP_ROUNDING):
             return [known[n] for n in range(k)], TOO_LONG.format(longer)
@@ -140,6 +140,9 @@ def _results(
                 known[k] = runner(
                     system, step=longer, **settings, progress=progress, **({} if k else finest_only)
                 )
+        except Interrupted as interrupt:
+            interrupt.result = known.get(0, interrupt.result)
+            raise
         except SimulationError as error:
             if k == 0:
                 raise
@@ -181,6 +184,8 @@ def without_log() -> Iterator[None]:
         log.disabled = before
 
 
-def _report(progress: Callable[[float], None], begin: float, end: float, fraction: float) -> None:
-    """Report the progress of all runs from that of one."""
+def report_share(
+    progress: Callable[[float], None], begin: float, end: float, fraction: float
+) -> None:
+    """Report the progress of all runs from that of one, which is the share from `begin` to `end` of them."""
     progress(begin + fraction * (end - begin))

@@ -14,7 +14,16 @@ from scipy.integrate import solve_ivp
 from cosim import Result, System, certify, diagnose, limit, run, smallest
 from cosim.accuracy.trajectories import find_divergence
 from cosim.analysis.coupling_theory import Ideal
-from cosim.metrics import Largest, Last, Mean, Smallest, TimeOfLargest, TimeOfSmallest
+from cosim.metrics import (
+    Largest,
+    Last,
+    Mean,
+    Smallest,
+    StrongestOrder,
+    TimeOfLargest,
+    TimeOfSmallest,
+)
+from cosim.result import Interrupted
 from cosim.series import TIME, Column, Kind
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
@@ -372,4 +381,55 @@ def test_what_a_tenth_of_the_tolerance_changes_is_in_the_error_and_what_ignores_
     for name, figure in solver.figures.items():
         before = plain.figures[name]
         assert figure.error is not None and before.error is not None
-        assert figure.error - before.error == pytest.approx(0.9e-3, rel=1e-6)
+        assert figure.error - before.error == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_a_number_that_the_sharper_run_does_not_have_or_counts_differently_is_refused_alone(
+    native: Path,
+) -> None:
+    """With a tenth of the tolerance the column turns three times as fast, and functions fail."""
+    system = System({"motor": native / "DriveMotor.fmu"})
+    names = ["motor.tau", "motor.P"]
+
+    def runner(system: System, *, tolerance: float, **more: Any) -> Result:
+        result = run(system, tolerance=tolerance, record=names, **more)
+        t, order = result["time"], 1 if tolerance == 1e-3 else 3
+        return result.with_columns_from([t, np.sin(2 * math.pi * order * t), t * 7.0].__getitem__)
+
+    def raising(r: Result) -> float:
+        if r.provenance["tolerance"] < 1e-3:
+            raise ValueError("no peak")
+        return float(r["motor.P"][-1])
+
+    figures: Any = {
+        "order": StrongestOrder("motor.tau", over="motor.P"), "end": Last("motor.P"),
+        "raising": raising,
+        "lost": lambda r: {"a": float(r["motor.P"][-1])} if r.provenance["tolerance"] == 1e-3 else {},
+    }  # fmt: skip
+    settings: dict[str, Any] = {"stop": 1.0, "step": 1e-3, "tolerance": 1e-3}
+    got = certify(system, figures, runner=runner, **settings)
+    reasons = {name: x.reason for name, x in got.figures.items() if x.error is None}
+    assert set(reasons) == {"order", "raising", "a"}
+    assert "count" in reasons["order"] and "no peak" in reasons["raising"]
+    assert "tolerance" in reasons["a"]
+
+
+@pytest.mark.parametrize("which", [1, 3])
+def test_a_run_for_comparison_that_is_interrupted_leaves_the_rows_of_the_finest(
+    native: Path, which: int
+) -> None:
+    system = System({"motor": native / "DriveMotor.fmu"})
+    done: list[Result] = []
+    shares: list[float] = []
+
+    def runner(system: System, **more: Any) -> Result:
+        done.append(run(system, **more))
+        if len(done) > which:
+            raise Interrupted("stopped", done[-1])
+        return done[-1]
+
+    with pytest.raises(Interrupted) as interrupt:
+        certify(system, {"end": Last("motor.tau")}, runner=runner, progress=shares.append,
+                stop=0.1, step=1e-3, tolerance=1e-3)  # fmt: skip
+    assert interrupt.value.result is done[0]
+    assert shares == sorted(shares) and (max(shares) == 1.0) == (which == 3)

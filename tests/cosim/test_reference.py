@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks import certify as benchmark
 from cosim import (
+    Result,
     Series,
     SetupError,
     SimulationError,
@@ -23,7 +24,9 @@ from cosim import (
     run,
     true_errors,
 )
+from cosim.accuracy.reference import _distances
 from cosim.fmu.exchange import ModelExchange
+from cosim.series import TIME, Column
 from scenarios.packing_line.questions import packing_line
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import conveyor, looped, two_masses
@@ -248,6 +251,29 @@ def test_a_nominal_value_of_0_is_taken_as_1(
     monkeypatch.setattr(ModelExchange, "array", zero)
     reference = oracle(drive, stop=0.1, method=method, timeout=600.0)
     assert reference.data == pytest.approx(usual.data, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("events", "error"),
+    [
+        ((2.0, 2.0000001), 0.0),  # the row at 2 s is before the event in one of them only
+        ((2.0, 4.5), 5.0),  # another event
+        (([1.0, 2.0, 8.0], [1.0, 8.0]), 5.0),  # which of them are the same is not known
+    ],
+)
+def test_only_a_row_at_an_event_does_not_count_in_the_error_of_the_oracle(
+    events: Any, error: float
+) -> None:
+    t = np.arange(11.0)
+
+    def result(x: Any, times: Any) -> Result:
+        return Result([TIME, Column("x")], {"events": np.atleast_1d(times)}, [t, x].__getitem__)
+
+    tight, loose = events
+    end = 3.0 if error == 0.0 else 7.0
+    moved = result(5.0 * ((t >= 2.0) & (t < end)), tight)
+    still = result(5.0 * ((t > 2.0) & (t < end)) if error == 0.0 else 0.0 * t, loose)
+    assert _distances(moved, still)[1] == error
 
 
 def test_an_oracle_that_takes_too_long_ends(native: Path) -> None:

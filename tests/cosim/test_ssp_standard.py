@@ -123,6 +123,19 @@ def test_a_broken_clause_is_named(tmp_path: Path, name: str, version: str) -> No
     assert all(f.line > 0 for f in errors)
 
 
+def test_a_finding_names_an_element_with_braces_and_a_folder_is_no_parameter_source(
+    tmp_path: Path,
+) -> None:
+    old = '<ssd:Component name="a" source="gone.fmu"><ssd:Connectors>'
+    double = '<ssd:Connector name="in" kind="input"><ssc:Real/></ssd:Connector>'
+    text = SYSTEM.replace(old, old.replace('"a"', '"a{b}"') + double)
+    text = text.replace("<ssd:ParameterBinding><", '<ssd:ParameterBinding source="set"><')
+    (tmp_path / "set").mkdir()
+    report = check_standard(written(tmp_path, HEAD.format("1.0") + text))
+    assert "a{b} has 2 connectors named 'in'" in report.text()
+    assert "a{b}: there is no file 'set'" in report.text()
+
+
 def test_what_is_written_keeps_the_standard(
     native: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:

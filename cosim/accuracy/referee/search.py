@@ -327,9 +327,10 @@ def _run_couplings(search: CauseSearch, system: System) -> Iterator[tuple[Coupli
 
 def _whole_system_euler_causes(search: CauseSearch) -> Iterator[Cause]:
     """Euler's methods over the whole system, with the steps of a row and shorter ones."""
+    longest = max(search.request.output_step(), search.request.step or 0.0)
     for name, method in EULERS.items():
         best: tuple[float, Array | None] = math.inf, None
-        for step in search.steps()[: -len(ROWS_PER_STEP)]:
+        for step in (step for step in search.steps() if step <= longest):
             if search.is_over:
                 continue
             columns = by_method(search.network, search.request, method, step)

@@ -250,6 +250,8 @@ def _refined(network: Network, request: Request, algorithm: str, refusal: str) -
     solution, reason = None, ""
     with quiet(), Prepared.open(network.system, settings) as prepared:
         for halvings in range(MOST_STEP_HALVINGS):
+            if halvings and clock.monotonic() > deadline:
+                break
             steps = step / 2.0**halvings * np.array([1.0, 2.0, 4.0])
             runs = prepared.map(len(steps), steps=steps.tolist())
             reason = runs.reasons[0]
@@ -264,12 +266,12 @@ def _refined(network: Network, request: Request, algorithm: str, refusal: str) -
                 extent = float(np.ptp(x[0]))
                 noise = RELATIVE_ROUNDING * max(1.0, float(np.abs(x[0]).max()))
                 found = limit(x, finest.column(name).order or 1.0, noise=noise, scale=extent)
-                envelope = _envelope(np.nan_to_num(found.error, nan=math.inf))
+                envelope = _envelope(np.where(found.is_stated, found.error, math.inf))
                 is_met = is_met and envelope.max() <= request.precision * extent
                 errors[name] += envelope[nearest]
             method = f"runs by {algorithm} with steps down to {steps[0]:g} s, since {refusal}"
             solution = ReferenceSolution(request.times, values, errors, method)
-            if is_met or clock.monotonic() > deadline:
+            if is_met:
                 break
     if solution is None:
         raise SetupError(reason)

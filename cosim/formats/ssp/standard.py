@@ -27,7 +27,7 @@ from .files import (
     without_namespaces,
 )
 from .second import downgrade_to_1_0
-from .standard_report import ALLOWED_ROOTS, CheckedFile, Finding, Severity, StandardReport
+from .standard_report import ALLOWED_ROOTS, Finding, Severity, StandardReport, doubles, finding_in
 from .standard_structure import check_structure
 from .standard_tools import check_tools
 
@@ -78,7 +78,6 @@ def check_standard(path: Path | str) -> StandardReport:
 
 def _check_archive(path: Path) -> Iterator[Finding]:
     """The rules for the ZIP file."""
-    place = CheckedFile(path.name)
     if not path.is_file():
         raise SetupError(f"there is no file {path}")
     try:
@@ -95,16 +94,16 @@ def _check_archive(path: Path) -> Iterator[Finding]:
         }
         for text, is_so in flaws.items():
             if is_so:
-                yield place.finding("package", 0, f"{entry.filename} {text}")
+                yield finding_in(path.name, "package", 0, f"{entry.filename} {text}")
     for name, count in Counter(entry.filename for entry in entries).items():
         if count > 1:
-            yield place.finding("package", 0, f"{name} is in the archive {count} times")
+            yield finding_in(path.name, "package", 0, f"{name} is in the archive {count} times")
 
 
 def _check_folder(folder: Path) -> Iterator[Finding]:
     """The rules for the entries of a package, and for each file of SSP in it."""
     if not (folder / ROOT_SSD).is_file():
-        yield CheckedFile(ROOT_SSD).finding("package", 0, f"there is no {ROOT_SSD} at the root")
+        yield finding_in(ROOT_SSD, "package", 0, f"there is no {ROOT_SSD} at the root")
     names: dict[str, str] = {}
     has_version_2 = False
     for file in sorted(folder.glob("*.ssd")):
@@ -117,16 +116,16 @@ def _check_folder(folder: Path) -> Iterator[Finding]:
         name = root.get("name")
         if has_version_2 and name in names:
             text = f"the name {name!r} is also that of {names[name]}"
-            yield CheckedFile(file.name).finding("package", root, text)
+            yield finding_in(file.name, "package", root, text)
         names.setdefault(name, file.name)
     documentation = folder / "documentation"
     if has_version_2 and documentation.is_dir() and not (documentation / "index.html").is_file():
         text = "documentation/ has no index.html"
-        yield CheckedFile("documentation").finding("package", 0, text)
+        yield finding_in("documentation", "package", 0, text)
     for entry in sorted(folder.iterdir()):
         if entry.name not in ALLOWED_ROOTS and entry.suffix != ".ssd":
             text = "only resources/, extra/, documentation/ and .ssd files are at the root; others are reserved"
-            yield CheckedFile(entry.name).finding("package", 0, text, Severity.ADVICE)
+            yield finding_in(entry.name, "package", 0, text, Severity.ADVICE)
 
 
 def _check_file(file: Path) -> Iterator[Finding]:
@@ -141,7 +140,7 @@ def _check_file(file: Path) -> Iterator[Finding]:
         try:
             root = load(path)
         except SetupError as error:
-            yield CheckedFile(path.name).finding("xml", 0, str(error))
+            yield finding_in(path.name, "xml", 0, str(error))
             continue
         yield from _check_document(root, path)
         if local_name(root) == "SystemStructureDescription":
@@ -165,17 +164,16 @@ def _references(root: Element, path: Path) -> Iterator[Path]:
 
 def _check_document(root: Element, path: Path) -> Iterator[Finding]:
     """Encoding, namespace, version and schema of a file; units and enumerations that it refers to."""
-    place = CheckedFile(path.name)
     encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
     if encoding not in ("UTF-8", "ASCII", "US-ASCII"):
-        yield place.finding("xml", 1, f"the encoding is {encoding}, not UTF-8")
+        yield finding_in(path.name, "xml", 1, f"the encoding is {encoding}, not UTF-8")
     space, version = root.tag.rpartition("}")[0][1:] or "none", root.get("version")
     if root.tag not in SCHEMAS:
         text = f"{local_name(root)} in the namespace {space} is not the root of an SSP file"
-        yield place.finding("xml", root, text)
+        yield finding_in(path.name, "xml", root, text)
         return
     if version not in VERSIONS:
-        yield place.finding("version", root, f"the version is {version!r}, not 1.0 or 2.0")
+        yield finding_in(path.name, "version", root, f"the version is {version!r}, not 1.0 or 2.0")
         return
     candidate = deepcopy(root)
     try:
@@ -184,14 +182,14 @@ def _check_document(root: Element, path: Path) -> Iterator[Finding]:
         schema = load_schema(SCHEMAS[root.tag])
         if not schema.validate(candidate):
             for error in list(schema.error_log)[:MOST_SCHEMA_ERRORS]:
-                yield place.finding("xml", error.line, without_namespaces(error.message))
+                yield finding_in(path.name, "xml", error.line, without_namespaces(error.message))
     except SetupError as error:
         text = f"the schema is not checked: {error}"
-        yield place.finding("xml", 0, text, Severity.UNCHECKED)
-    yield from _check_definitions(place, root)
+        yield finding_in(path.name, "xml", 0, text, Severity.UNCHECKED)
+    yield from _check_definitions(path.name, root)
 
 
-def _check_definitions(place: CheckedFile, root: Element) -> Iterator[Finding]:
+def _check_definitions(file: str, root: Element) -> Iterator[Finding]:
     """Units and enumerations have distinct names and are defined where they are referred to."""
     inner = (e for e in root.iter("{*}ParameterSet", "{*}SignalDictionary") if e is not root)
     scopes = [root, *inner]
@@ -208,9 +206,14 @@ def _check_definitions(place: CheckedFile, root: Element) -> Iterator[Finding]:
         for scope in scopes:
             names = [e.get("name") for e in scope.iterfind(f"{{*}}{kind}s/{{*}}{kind}")]
             defined.update(names)
-            text = f"{kind} {{name}} is defined {{count}} times"
-            yield from place.doubles(clause, scope, names, text)
+            yield from doubles(
+                file,
+                clause,
+                scope,
+                names,
+                lambda n, count, kind=kind: f"{kind} {n} is defined {count} times",
+            )
         for element, name in referring:
             if name and name not in defined:
                 text = f"the {kind.lower()} {name!r} is not defined in the file"
-                yield place.finding(clause, element, text)
+                yield finding_in(file, clause, element, text)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -59,26 +59,25 @@ class Finding:
     text: str
 
 
-@dataclass(frozen=True)
-class CheckedFile:
-    """A file in which findings are."""
+def finding_in(
+    file: str, clause: str, where: Element | int, text: str, severity: Severity = Severity.ERROR
+) -> Finding:
+    """A clause that an element of a file, or a line of it, breaks."""
+    line = where if isinstance(where, int) else where.sourceline
+    return Finding(CLAUSES[clause], severity, file, line, text)
 
-    file: str
 
-    def finding(
-        self, clause: str, where: Element | int, text: str, severity: Severity = Severity.ERROR
-    ) -> Finding:
-        """A clause that an element, or a line of the file, breaks."""
-        line = where if isinstance(where, int) else where.sourceline
-        return Finding(CLAUSES[clause], severity, self.file, line, text)
-
-    def doubles(
-        self, clause: str, where: Element | int, names: Iterable[object], text: str
-    ) -> Iterator[Finding]:
-        """Names that there are several times; the text says so of {name!r}, which there is {count} times."""
-        for name, count in Counter(names).items():
-            if count > 1:
-                yield self.finding(clause, where, text.format(name=repr(name), count=count))
+def doubles(
+    file: str,
+    clause: str,
+    where: Element | int,
+    names: Iterable[object],
+    text: Callable[[str, int], str],
+) -> Iterator[Finding]:
+    """Names that there are several times; `text` makes a sentence of a quoted name and how often there is one."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            yield finding_in(file, clause, where, text(repr(name), count))
 
 
 @dataclass(frozen=True)

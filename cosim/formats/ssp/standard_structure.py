@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 from ...errors import SetupError
 from ...system import describe_fmu
 from .files import FMU, Element, children, local_name
-from .standard_report import CheckedFile, Finding, Severity
+from .standard_report import Finding, Severity, doubles, finding_in
 
 ELEMENTS = ("Component", "System", "SignalDictionaryReference")
 INWARD = ("structuralParameter", "parameter", "input", "inout")
@@ -47,19 +47,12 @@ NO_CONTENT = ("Annotations", "MetaData")
 
 
 @dataclass(frozen=True)
-class Structure(CheckedFile):
+class Structure:
     """An open SSD: where its findings and its files are."""
 
+    file: str
     folder: Path
     version: str
-
-    def missing_file(
-        self, clause: str, element: Element, owner: Element, source: str
-    ) -> Iterator[Finding]:
-        """A file that an element names and that is not there; only a file in the package can be told to be missing."""
-        if not (self.folder / unquote(urlsplit(source).path)).exists():
-            text = f"{owner.get('name')}: there is no file {source!r}"
-            yield self.finding(clause, element, text, Severity.MISSING)
 
 
 def check_structure(root: Element, path: Path) -> Iterator[Finding]:
@@ -84,11 +77,15 @@ def _check_system(
         dictionaries[dictionary.get("name")] = entries if is_known else {"*"}
     elements = [e for e in children(system, "ssd:Elements", "*") if local_name(e) in ELEMENTS]
     names = [element.get("name") for element in elements]
-    text = "{count} elements of a system are named {name}"
-    yield from structure.doubles("name", system, names, text)
+    yield from doubles(
+        structure.file, "name", system, names,
+        lambda name, count: f"{count} elements of a system are named {name}",
+    )  # fmt: skip
     for element in elements:
         if element.get("name") == "":
-            yield structure.finding("name", element, "the name of an element must not be empty")
+            yield finding_in(
+                structure.file, "name", element, "the name of an element must not be empty"
+            )
         yield from _check_element(structure, element)
         if local_name(element) == "Component":
             yield from _check_component(structure, element)
@@ -100,14 +97,18 @@ def _check_system(
     for geometry in children(system, "ssd:SystemGeometry"):
         x1, y1, x2, y2 = (float(geometry.get(key) or "nan") for key in ("x1", "y1", "x2", "y2"))
         if x1 >= x2 or y1 >= y2:
-            yield structure.finding("geometry", geometry, "x1 must be below x2, and y1 below y2")
+            yield finding_in(
+                structure.file, "geometry", geometry, "x1 must be below x2, and y1 below y2"
+            )
 
 
 def _check_element(structure: Structure, element: Element) -> Iterator[Finding]:
     """What components and systems have in common: connectors and parameter bindings."""
     names = [connector.get("name") for connector in _connectors(element)]
-    text = f"{element.get('name')} has {{count}} connectors named {{name}}"
-    yield from structure.doubles("connectors", element, names, text)
+    yield from doubles(
+        structure.file, "connectors", element, names,
+        lambda name, count: f"{element.get('name')} has {count} connectors named {name}",
+    )  # fmt: skip
     for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
         inline = children(binding, "ssd:ParameterValues")
         yield from _check_source(structure, binding, "bindings", inline, element)
@@ -115,12 +116,16 @@ def _check_element(structure: Structure, element: Element) -> Iterator[Finding]:
             inline = [e for e in mapping.iterchildren("*") if local_name(e) not in NO_CONTENT]
             yield from _check_source(structure, mapping, "mapping", inline, element)
             targets = [entry.get("target") for entry in mapping.iter("{*}MappingEntry")]
-            text = "{count} parameters are mapped to {name}"
-            yield from structure.doubles("entries", mapping, targets, text)
+            yield from doubles(
+                structure.file, "entries", mapping, targets,
+                lambda name, count: f"{count} parameters are mapped to {name}",
+            )  # fmt: skip
         for values in binding.iter("{*}Parameters"):
             names = [parameter.get("name") for parameter in values.iterfind("{*}Parameter")]
-            text = "the parameter {name} is in a parameter set {count} times"
-            yield from structure.doubles("parameters", values, names, text)
+            yield from doubles(
+                structure.file, "parameters", values, names,
+                lambda name, count: f"the parameter {name} is in a parameter set {count} times",
+            )  # fmt: skip
 
 
 def _check_source(
@@ -130,12 +135,25 @@ def _check_source(
     source, what = element.get("source"), local_name(element)
     if source is None and not inline:
         text = f"{what} has neither a source nor its content inline"
-        yield structure.finding(clause, element, text)
+        yield finding_in(structure.file, clause, element, text)
     if source and inline:
         text = f"{what} has both a source and its content inline"
-        yield structure.finding(clause, element, text)
+        yield finding_in(structure.file, clause, element, text)
     if source and element.get("sourceBase", "SSD") == "SSD" and _is_local(source):
-        yield from structure.missing_file(clause, element, owner, source)
+        yield from _missing_file(structure, clause, element, owner, source)
+
+
+def _missing_file(
+    structure: Structure, clause: str, element: Element, owner: Element, source: str
+) -> Iterator[Finding]:
+    """A file that an element names and that is not there; only a file in the package can be told to be missing.
+
+    A component may also be a folder.
+    """
+    path = structure.folder / unquote(urlsplit(source).path)
+    if not (path.exists() if clause == "component" else path.is_file()):
+        text = f"{owner.get('name')}: there is no file {source!r}"
+        yield finding_in(structure.file, clause, element, text, Severity.MISSING)
 
 
 def _is_local(source: str) -> bool:
@@ -146,15 +164,17 @@ def _is_local(source: str) -> bool:
 def _check_component(structure: Structure, component: Element) -> Iterator[Finding]:
     name, source = component.get("name"), component.get("source")
     if source == "" and structure.version == "2.0":
-        yield structure.finding("component", component, f"{name}: an empty source is not allowed")
+        yield finding_in(
+            structure.file, "component", component, f"{name}: an empty source is not allowed"
+        )
     if source and source.startswith("#"):
         identifiers = component.xpath("//*[local-name()='System']/@id")
         if unquote(source[1:]) not in identifiers:
             text = f"{name}: no system of this file has the id {source[1:]!r}"
-            yield structure.finding("component", component, text)
+            yield finding_in(structure.file, "component", component, text)
     if source is None or not _is_local(source):
         return
-    yield from structure.missing_file("component", component, component, source)
+    yield from _missing_file(structure, "component", component, component, source)
     path = structure.folder / unquote(urlsplit(source).path)
     if component.get("type", FMU) == FMU and path.is_file() and path.suffix == ".fmu":
         yield from _check_fmu(structure, component, path)
@@ -167,7 +187,7 @@ def _check_fmu(structure: Structure, component: Element, path: Path) -> Iterator
         description = describe_fmu("fmu", path.absolute(), runnable=False)
     except SetupError as error:
         text = f"{name}: its FMU is not read: {error}"
-        yield structure.finding("connectors", component, text, Severity.UNCHECKED)
+        yield finding_in(structure.file, "connectors", component, text, Severity.UNCHECKED)
         return
     variables = {v.name: v for v in description.modelVariables}
     arrays = {v.name.partition("[")[0] for v in description.modelVariables if "[" in v.name}
@@ -176,12 +196,12 @@ def _check_fmu(structure: Structure, component: Element, path: Path) -> Iterator
         if variable not in variables:
             if variable not in arrays:
                 text = f"{name}: the FMU has no variable {variable!r}"
-                yield structure.finding("connectors", connector, text)
+                yield finding_in(structure.file, "connectors", connector, text)
             continue
         causality = variables[variable].causality
         if kind in CAUSALITIES and causality != kind:
             text = f"{name}.{variable} is of kind {kind}, and of causality {causality} in the FMU"
-            yield structure.finding("connectors", connector, text)
+            yield finding_in(structure.file, "connectors", connector, text)
 
 
 def _check_reference(
@@ -191,13 +211,13 @@ def _check_reference(
     dictionary = element.get("dictionary")
     if dictionary not in dictionaries:
         text = f"no enclosing system has a signal dictionary {dictionary!r}"
-        yield structure.finding("reference", element, text)
+        yield finding_in(structure.file, "reference", element, text)
         return
     entries = dictionaries[dictionary]
     for connector in _connectors(element):
         if "*" not in entries and connector.get("name") not in entries:
             text = f"the dictionary {dictionary!r} has no entry {connector.get('name')!r}"
-            yield structure.finding("reference", connector, text)
+            yield finding_in(structure.file, "reference", connector, text)
 
 
 def _check_connections(
@@ -213,13 +233,13 @@ def _check_connections(
             owner, name = connection.get(f"{end}Element") or None, connection.get(f"{end}Connector")
             if owner is not None and owner not in owners:
                 text = f"the system has no element {owner!r}"
-                yield structure.finding("connections", connection, text)
+                yield finding_in(structure.file, "connections", connection, text)
                 continue
             declared = _connectors(owners[owner] if owner else system)
             kinds = [c.get("kind") for c in declared if c.get("name") == name]
             if not kinds:
                 text = f"{owner or 'the system'} declares no connector {name!r}"
-                yield structure.finding("connectors", connection, text)
+                yield finding_in(structure.file, "connectors", connection, text)
                 continue
             ends.append((owner or "", str(name), kinds[0]))
         if len(ends) > 1 and not {ends[0][0], ends[1][0]} & dictionaries:
@@ -227,7 +247,7 @@ def _check_connections(
     for (owner, name), count in driven.items():
         if count > 1:
             text = f"{owner}.{name} is driven by {count} connections".removeprefix(".")
-            yield structure.finding("allowed", system, text)
+            yield finding_in(structure.file, "allowed", system, text)
 
 
 def _check_ends(
@@ -243,8 +263,11 @@ def _check_ends(
     forth, back = _is_allowed(first, second), _is_allowed(second, first)
     if not forth and not back:
         texts = [f"{kind} {owner}.{name}".replace(" .", " ") for owner, name, kind in ends]
-        yield structure.finding(
-            "allowed", connection, f"{texts[0]} and {texts[1]} must not be connected"
+        yield finding_in(
+            structure.file,
+            "allowed",
+            connection,
+            f"{texts[0]} and {texts[1]} must not be connected",
         )
     elif forth != back:
         sink = second if forth else first

@@ -12,18 +12,17 @@ from pathlib import Path
 from lxml.etree import QName
 
 from .files import NAMESPACES, Element, children
-from .standard_report import CheckedFile, Finding, Severity
+from .standard_report import Finding, Severity, finding_in
 
 LITERAL_PREFIXES = {NAMESPACES[prefix]: prefix for prefix in ("ssd", "ssc", "ssv")}
 
 
 def check_tools(root: Element, path: Path) -> Iterator[Finding]:
     """What of a system structure description a tool cannot read."""
-    place = CheckedFile(path.name)
 
     def notes(tools: str, element: Element, text: str) -> Iterator[Finding]:
         for tool in tools.split():
-            yield place.finding(tool, element, text, Severity.TOOL)
+            yield finding_in(path.name, tool, element, text, Severity.TOOL)
 
     if root.get("version") == "2.0":
         yield from notes("Ecos", root, "it reads version 1.0 only")
