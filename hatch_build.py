@@ -16,11 +16,14 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
+from unittest.mock import patch
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 #: The variable of the environment with which release.py asks for all platforms: "all", else "host".
 PLATFORMS = "DRIVE_FMUS_PLATFORMS"
+#: The variable with the folder in which the compiler keeps what it has compiled.
+KEPT = "ZIG_GLOBAL_CACHE_DIR"
 
 
 class CustomBuildHook(BuildHookInterface[Any]):
@@ -37,8 +40,10 @@ class CustomBuildHook(BuildHookInterface[Any]):
         command += ["--platforms", platforms]
         compiler = _compiler(root)
         # what the compiler keeps, 45 MB, goes with the folder
-        with TemporaryDirectory(ignore_cleanup_errors=True) as cache:
-            os.environ["ZIG_GLOBAL_CACHE_DIR"] = cache
+        with (
+            TemporaryDirectory(ignore_cleanup_errors=True) as cache,
+            patch.dict(os.environ, {KEPT: os.environ.get(KEPT, cache)}),
+        ):
             done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise RuntimeError(f"the FMUs cannot be built:\n{done.stderr}")

@@ -1,4 +1,4 @@
-"""Backs *What answers and many runs cost* of docs/speed.md: here, in another checkout and by other masters.
+"""What runs, answers and studies cost here, in another checkout and by other masters.
 
 All drive motor and conveyor by native FMUs in fixed steps; each line is processor time of a process of its own, child
 processes included, for one run, answer or study after a first one, the median of some rounds. `--against` names a folder
@@ -27,6 +27,9 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks import coupling
 from cosim import Prepared, RunSettings, System
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/speed.md", "What answers and many runs cost")
 
 #: Steps of a run, and their size [s].
 STEPS, H = 1000, 3e-4

@@ -1,4 +1,4 @@
-"""Backs *What `certify` promises* of docs/certify.md: how often a stated error holds the true one.
+"""How often a stated error holds the true one.
 
 Coupled systems whose solution is known, linear ones by the matrix exponential, nonlinear ones by
 DOP853 at 1e-12, and the machines of the scenarios by the oracle, are certified with three algorithms
@@ -60,6 +60,9 @@ from scenarios.exciter.questions import sommerfeld as exciter
 from scenarios.iron import machine as iron
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line as line
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/certify.md", "What `certify` promises")
 
 FMUS = ROOT / "fmus"
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")

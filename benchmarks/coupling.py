@@ -1,4 +1,4 @@
-"""Backs *What a communication step costs* of docs/speed.md: time per communication step of motor and conveyor.
+"""Time per communication step of motor and conveyor.
 
 All ways of running the same drive with Jacobi and 1 ms steps, side by side: every way in a process
 of its own, round after round, free and pinned to one core. Shown are medians of the wall time per
@@ -22,6 +22,9 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/speed.md", "What a communication step costs")
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))

@@ -1,4 +1,4 @@
-"""Backs *Which step does my system need?* of docs/micron_steps.md: how often `diagnose` is right.
+"""How often `diagnose` is right.
 
 Linear systems, centres and conveyors are drawn at random. Each case is shown, and added to the file, as soon as it is judged: a run that is cut loses none.
 
@@ -33,6 +33,9 @@ sys.path.insert(0, str(ROOT))
 from cosim import Diagnosis, SetupError, System, diagnose
 from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
 from cosim.verification.systems import couple
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/micron_steps.md", "Which step does my system need?")
 
 NATIVE = ROOT / "fmus" / "native"
 #: Sidebands of a Floquet exponent that may be stated: a convention.

@@ -1,4 +1,4 @@
-"""Backs *Third-party FMUs* of docs/foreign.md: anybody's FMUs in the master and in FMPy.
+"""Anybody's FMUs in the master and in FMPy.
 
 Every FMI 2.0 co-simulation FMU below the folder is run alone over its default experiment, at most 1000
 steps, by the master and by FMPy, each in a process of its own. The table tells the largest deviation of an
@@ -25,6 +25,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/foreign.md", "Third-party FMUs")
 
 #: Longest time of an FMU in one of both [s]. Chosen: far above what a run takes.
 PATIENCE = 60.0

@@ -1,4 +1,4 @@
-"""Backs *How far it can be trusted* of docs/identify.md: how often the interval of a resonance holds the truth.
+"""How often the interval of a resonance holds the truth.
 
 Machines of four kinds are drawn at random, integrated by DOP853 from equations that no FMU shares, and
 recorded for a second at 1 kHz with noise and on the grid of an encoder. Each is identified from first
@@ -29,6 +29,9 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import Identified, Series, System, identify
 from cosim.system import Value
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/identify.md", "How far it can be trusted")
 
 FMUS = ROOT / "fmus/native"
 CONVEYOR = {"motor": FMUS / "DriveMotor.fmu", "conveyor": FMUS / "CrankConveyor.fmu"}

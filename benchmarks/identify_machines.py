@@ -1,4 +1,4 @@
-"""Backs *The iron and the orientator* of docs/identify.md: how often their questions hold the truth.
+"""How often the questions of the iron and the orientator hold the truth.
 
 Machines are drawn at random, recorded by `examples/measured_iron.py` and `examples/measured_orientator.py`,
 which share no equation with the FMUs, and asked about by the question, with no guess of its own. Shown
@@ -28,6 +28,9 @@ from scenarios.orientator.products import simulated_limit
 from scenarios.project import PROJECT
 from workbench.question import Question
 from workbench.run import answer
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/identify.md", "The iron and the orientator")
 
 STAGES = [f"t_{stage}" for stage in measured_orientator.STAGES]
 #: Lowest speed at which the orientator is recorded [rpm]. Chosen: a slow line.

@@ -1,4 +1,4 @@
-"""Backs *Compare with other tools* of docs/masters.md: co-simulation masters on the reference systems.
+"""Co-simulation masters on the reference systems.
 
 FOLDER gets the reference systems, unless it has them. Each master of the package index runs in an environment of its own
 that uv makes (`--environments` takes ready ones instead), all with the same FMUs, start values, wires and steps. The
@@ -27,6 +27,9 @@ sys.path.insert(0, str(ROOT))
 from cosim import Result, SimulationError, run, scoreboard, write_ssp
 from reference_systems.make import write_all, write_rows
 from reference_systems.systems import SYSTEMS, ReferenceSystem, build_fmus
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/masters.md", "Compare with other tools")
 
 CLIENTS = Path(__file__).with_name("masters_clients.py")
 #: what uv installs for each master; FMPy is needed in the version that CoFMuPy asks for

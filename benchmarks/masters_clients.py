@@ -1,4 +1,4 @@
-"""Backs *Repeat it* of docs/masters.md: another co-simulation master, asked for one run after the other.
+"""Another co-simulation master, asked for one run after the other.
 
 Each line of standard input is a task. It names FMUs (`parts`), `wires`, `start` values, those of the wired `inputs`, `step` [s], the number of `steps`, an `ssp` of the same
 system, and the outputs to `record`. The answer on standard output is JSON: `rows` of the time [s] and the
@@ -17,6 +17,9 @@ from collections.abc import Callable, Mapping
 from importlib import metadata
 from types import SimpleNamespace
 from typing import Any
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/masters.md", "Repeat it")
 
 Task = dict[str, Any]
 Rows = list[list[float]]

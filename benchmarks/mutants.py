@@ -1,4 +1,4 @@
-"""Backs *Contributing* of CONTRIBUTING.md: thirty wrong equations, each of which a test must notice.
+"""Thirty wrong equations, each of which a test must notice.
 
 They are wrong signs, factors and wires, set one at a time. A mutant is set in a copy of the project, and the tests that should notice it run there until one fails. Where
 code has moved, the words say how to set it again. Exit status 1 if a mutant survives, or cannot be set.
@@ -14,6 +14,9 @@ from pathlib import Path
 from shutil import copytree, ignore_patterns
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
+
+#: The page that this backs, and its heading.
+CLAIM = ("CONTRIBUTING.md", "Contributing")
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -1,4 +1,4 @@
-"""Backs *Comparison with published results* of docs/speed.md: coupling error against cost.
+"""Coupling error against cost, compared with published results.
 
 Two systems whose equations are made into FMUs here, from benchmarks/models: the quarter car of Schierz,
 Arnold and Clauß (2012) on a step of the road, 4 s, rms error of all states; and the predators and prey
@@ -23,6 +23,9 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import Adaptive, System, run
 from fmukit.fmu.make import make_all
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/speed.md", "Comparison with published results")
 
 MODELS = Path(__file__).with_name("models")
 #: Relative and absolute tolerance of the exact motion. Chosen: far below the least of TOLERANCES.

@@ -1,4 +1,4 @@
-"""Backs *How far the errors can be trusted* of docs/scenarios.md: do the stated errors of `resonance` hold?
+"""Do the stated errors of `resonance` hold?
 
 Draws drives, asks the scenario for a sweep of each, many drives in one batch, and compares its figures with the exact
 orbits of tests/scenarios/orbit_oracle.py. Rows are printed as they come; with --out they are kept as lines of JSON, and
@@ -46,6 +46,9 @@ from tests.scenarios.orbit_oracle import (
     random_drive,
 )
 from workbench import Context
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/scenarios.md", "How far the errors can be trusted")
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 #: Error of an exact figure, relative: a convention, which limits the stated errors that are tested.

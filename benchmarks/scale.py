@@ -1,4 +1,4 @@
-"""Backs *Large systems* of docs/speed.md: what a large system costs, and many small runs.
+"""What a large system costs, and many small runs.
 
 First, systems of 2 to 1 000 parts, pairs of native motor and conveyor under Jacobi: milliseconds to
 describe, check, connect and start them, microseconds per step, per part and against two parts.
@@ -33,6 +33,9 @@ from cosim.engine import loop
 from cosim.engine.settings import RunSettings
 from cosim.requirements import setup_problems
 from cosim.system import connect
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/speed.md", "Large systems")
 
 FMUS, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"
 #: Communication step [s]. Chosen: that of the FMUs' default experiment.

@@ -3,6 +3,7 @@
 import re
 import runpy
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -79,9 +80,7 @@ def test_a_command_explains_itself_and_refuses_what_it_does_not_know_and_does_no
 @pytest.mark.parametrize("script", BENCHMARKS)
 def test_a_benchmark_says_which_claim_it_backs_and_the_page_names_it(script: str) -> None:
     file = f"{script.replace('.', '/')}.py"
-    first = (ROOT / file).read_text(encoding="utf-8").partition("\n")[0]
-    claim = re.match(r'"""Backs \*(.+)\* of ([\w./]+\.md): .+[.?]$', first)
-    assert claim, first
-    page = (ROOT / claim[2]).read_text(encoding="utf-8")
-    assert re.search(rf"^#+ {re.escape(claim[1])}$", page, re.MULTILINE)
+    path, heading = import_module(script).CLAIM
+    page = (ROOT / path).read_text(encoding="utf-8")
+    assert re.search(rf"^#+ {re.escape(heading)}$", page, re.MULTILINE)
     assert file in page

@@ -37,7 +37,7 @@ RUNS_DISAGREE = "the runs count differently"
 
 #: The directions in which columns are moved.
 SIGNS = (1.0, -1.0)
-#: By how much of its error a peak is lowered at its begin and at its end: all of it or either end. Derived: the top of
+#: By how much of its error a peak is lowered at its start and at its end: all of it or either end. Derived: the top of
 #: a plateau lies at one end of it.
 TILTS = ((1.0, 1.0), (0.0, 1.0), (1.0, 0.0))
 #: A function from a result to numbers by name; an `Estimate` brings the error of its rows.

@@ -316,7 +316,7 @@ def find_divergence(results: Sequence[Result], ratio: float = STEP_RATIO) -> Div
 
 
 def parts_exponentially(t: Array, distance: Array) -> bool:
-    """Whether the largest distance so far [any unit] grows over times from a start [s] as an exponential rather than as a power.
+    """Whether the largest distance up to each time after the start [s] grows exponentially with time, not as a power of it.
 
     The logarithm of the distance is then correlated more closely with the time than with the logarithm of the time.
     """

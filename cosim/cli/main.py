@@ -52,11 +52,11 @@ def parser(program: str = "cosim") -> Parser:
     top.add_argument("--version", action="version", version=f"cosim {__version__}")
     subparsers = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for name, command in COMMANDS.items():
-        text = str(command.__doc__).partition(": ")[2]
+        text = command.SUMMARY
         subparser = subparsers.add_parser(
             name,
-            help=text.rstrip("."),
-            description=f"{text[0].upper()}{text[1:]}",
+            help=f"{text[0].lower()}{text[1:]}".rstrip("."),
+            description=text,
             formatter_class=Help,
         )
         command.add_options(subparser)

@@ -7,7 +7,9 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from zipfile import ZipFile
@@ -21,9 +23,15 @@ from components.DC_motor import model as DC_motor
 from components.drive_motor import model as drive_motor
 from components.unbalance_exciter import model as unbalance_exciter
 from cosim import SetupError, System, oracle, referee, run, write_ssp
+from cosim.accuracy.limit import Reason, limit
+from cosim.accuracy.referee import search as causes_by_runs
+from cosim.accuracy.referee import solution
+from cosim.accuracy.referee.conversions import units_of
 from cosim.accuracy.referee.signals import Verdict
 from cosim.accuracy.referee.table import read_foreign
+from cosim.accuracy.referee.variants import variants
 from cosim.fmu.reference_rows import ReferenceRows
+from cosim.system import Port, connect
 from fmukit.declare.record import declarations
 from tests.cosim.conftest import CommandOutput
 from tests.oracle import monolithic, part
@@ -424,6 +432,45 @@ def test_units_of_headings_are_converted(native: Path) -> None:
     frame = frame.rename(columns={"conveyor.w [rpm]": "n"})
     report = referee(drive(native), frame, columns={"conveyor.w": "n:rpm"})
     assert report["conveyor.w"].verdict is Verdict.AGREES
+
+
+def test_a_temperature_in_the_other_unit_is_off_by_273_15(
+    native: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = connect(drive(native))
+    start = "the wire from motor.tau to conveyor.tau brings its source"
+    for unit, other, offset in (("K", "degC", -273.15), ("degC", "K", 273.15)):
+        monkeypatch.setattr(Port, "unit", unit)
+        assert (other, 1.0, offset) in units_of(network.port("motor.tau"), network)
+        shifts = {v.text: v.system.wires[0].offset for v in variants(network) if "degC" in v.text}
+        said = f"{start} {{:+.6g}}: degC for K, or K for degC?"
+        assert {said.format(x): x for x in (273.15, -273.15)}.items() <= shifts.items()
+
+
+def test_euler_is_tried_with_all_steps_up_to_a_row_in_a_table_of_few_rows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[float] = []
+    monkeypatch.setattr(causes_by_runs, "by_method", lambda *how: tried.append(how[3]))
+    request = SimpleNamespace(output_step=lambda: 0.1, step=None, start=0.0, stop=0.3)
+    search: Any = SimpleNamespace(
+        request=request, network=SimpleNamespace(system=None), is_over=False, cause=lambda *_: None
+    )
+    search.steps = partial(causes_by_runs.CauseSearch.steps, search)
+    assert not list(causes_by_runs._whole_system_euler_causes(search))
+    assert {*tried} == {0.1 / n for n in causes_by_runs.STEPS_PER_ROW}
+
+
+def test_runs_whose_error_cannot_be_stated_bound_nothing(
+    native: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unstated(*runs: Any, **more: Any) -> Any:
+        return replace(limit(*runs, **more), reason=np.full(runs[0].shape[1:], Reason.GROWING))
+
+    monkeypatch.setattr(solution, "limit", unstated)
+    request = solution.Request(["motor.tau"], np.linspace(0.0, 0.1, 11), 0.0, 1e-6, timeout=1e-9)
+    got = solution._refine(connect(drive(native)), request, "it is not asked")
+    assert np.isinf(got.errors["motor.tau"]).all()
 
 
 EXCITER_START = {

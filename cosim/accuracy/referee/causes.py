@@ -93,13 +93,13 @@ def table_causes(
         return
     before = root_mean_square(signal.values - signal.reference)
     is_found = False
-    for kind, text, reproduced, least in _candidates(signal, network, references):
+    for kind, text, reproduced, least, is_fitted in _candidates(signal, network, references):
         distance = root_mean_square(signal.values - reproduced)
         # A column of zeros is close to everything that is small: it must be close as measured by itself.
         is_close = LEAST_REDUCTION * distance < root_mean_square(reproduced)
         better = ratio(before, distance)
         # a number that is fitted, the last, fits at least as well as a listed one
-        if better >= least and is_close and not (is_found and least == DECISIVE_REDUCTION):
+        if better >= least and is_close and not (is_found and is_fitted):
             is_found = True
             yield Cause(kind, f"{signal.column} {text}", better, (signal.name,))
 
@@ -111,6 +111,7 @@ class Candidate(NamedTuple):
     text: str
     column: Array
     least_reduction: float
+    is_fitted: bool = False
 
 
 def _candidates(
@@ -142,7 +143,8 @@ def _candidates(
         yield from _with_one_event_missed(signal)
     if port.type == "Real" and signal.varies:
         fit = float(signal.values @ x) / float(x @ x)
-        yield Candidate("scale", f"is {fit:.6g} times the reference", fit * x, DECISIVE_REDUCTION)
+        text = f"is {fit:.6g} times the reference"
+        yield Candidate("scale", text, fit * x, DECISIVE_REDUCTION, is_fitted=True)
 
 
 def _delay(signal: SignalJudgement) -> Candidate:

@@ -40,7 +40,7 @@ ROWS_PER_STEP = (2, 4, 5, 10)
 MOST_RUN_STEPS = 1_000_000
 #: Most parts whose stepping orders are all tried: 3! = 6 orders.
 MOST_ORDERED_PARTS = 3
-#: Shortest steps, in rows, whose rows may be a step early: a convention; of shorter ones a row shows no begin.
+#: Shortest steps, in rows, whose rows may be a step early: a convention; of shorter ones a row shows no start.
 EARLY_STEP = 0.5
 #: Longest time of the processor for a variant [s]: limits systems that a lost wire makes unstable.
 VARIANT_SECONDS = 0.5
@@ -80,7 +80,7 @@ HELD = {
 class Coupling:
     """How a master steps: algorithm, communication step [s], stepping order.
 
-    Rows of `early_parts` show the end of a step at the time of its begin, as some masters write them.
+    Rows of `early_parts` show the end of a step at the time of its start, as some masters write them.
     """
 
     algorithm: str

@@ -121,7 +121,7 @@ def late(
     """The wanted columns if what these wires bring arrives a time [s] later; None if that cannot be computed.
 
     If it is `held`, the delay is a communication step, over each of which inputs hold what their sources were at the
-    begin of the one before.
+    start of the one before.
     """
     step = delay / (STEPS_WITHIN if held else math.ceil(delay / min(request.output_step(), delay)))
     sources = list(dict.fromkeys(str(wire.source) for wire in wires))

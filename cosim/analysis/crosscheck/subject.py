@@ -311,7 +311,7 @@ def bounded(v: Variable, value: float) -> float:
     return min(max(value, low), high)
 
 
-def nudged(v: Variable, share: float = CHANGE) -> Value | None:
+def nudged(v: Variable) -> Value | None:
     """Another value that a variable may have, near its start; None for a text, or where there is none."""
     start = declared_start(v)
     if v.type == "Boolean":
@@ -321,7 +321,7 @@ def nudged(v: Variable, share: float = CHANGE) -> Value | None:
     if v.type not in ("Real", "Integer"):
         return None
     value = float(start or 0.0)
-    change = share * Subject.size(v) if v.type == "Real" else 1.0
+    change = CHANGE * Subject.size(v) if v.type == "Real" else 1.0
     for candidate in (bounded(v, value + change), bounded(v, value - change)):
         if candidate != value:
             return candidate if v.type == "Real" else round(candidate)

@@ -1,1 +1,1 @@
-"""The commands of `cosim`, a module each: its first line is the help, `add_options` the arguments, `execute` the work."""
+"""The commands of `cosim`, a module each: `SUMMARY` is the help, `add_options` the arguments, `execute` the work."""

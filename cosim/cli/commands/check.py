@@ -1,4 +1,4 @@
-"""cosim check: check whether a system can run, without running it."""
+"""The command `cosim check`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from ...isolated import begin_isolated
 from ...requirements import setup_problems
 from ..options import Parser
 from ..system_file import add_stepping_options, add_system_options, open_system
+
+SUMMARY = "Check whether a system can run, without running it."
 
 
 def execute(options: argparse.Namespace) -> int:

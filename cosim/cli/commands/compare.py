@@ -1,4 +1,4 @@
-"""cosim compare: check whether a result stays close to a reference."""
+"""The command `cosim compare`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import math
 from ...analysis.compare import SHARE, compare
 from ..options import Parser, assignment
 from ..output import require_image
+
+SUMMARY = "Check whether a result stays close to a reference."
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""cosim crosscheck: check whether an FMU keeps its promises."""
+"""The command `cosim crosscheck`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from ...analysis.crosscheck import crosscheck
 from ...analysis.crosscheck.report import Crosscheck
 from ..options import Parser
 from ..output import require_writable
+
+SUMMARY = "Check whether an FMU keeps its promises."
 
 
 def execute(options: argparse.Namespace) -> int:

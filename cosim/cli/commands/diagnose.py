@@ -1,4 +1,4 @@
-"""cosim diagnose: measure how the coupling changes the damping."""
+"""The command `cosim diagnose`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import argparse
 
 from ..options import Parser
 from ..system_file import add_shared_options, add_system_options, open_system
+
+SUMMARY = "Measure how the coupling changes the damping."
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""cosim export: write a system in another format."""
+"""The command `cosim export`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from ...formats.ssp.write import write_ssp
 from ..options import Parser
 from ..output import require_writable
 from ..system_file import add_system_options, open_system
+
+SUMMARY = "Write a system in another format."
 
 FORMATS = ("ssp", "osp", "container")
 #: The length [s] of a container's experiment where the system states no stop time: a convention of FMI,

@@ -1,4 +1,4 @@
-"""cosim info: show the parts, wires and start values of a system."""
+"""The command `cosim info`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import argparse
 from ... import describe
 from ..options import Parser
 from ..system_file import add_system_options, open_system
+
+SUMMARY = "Show the parts, wires and start values of a system."
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -23,5 +25,5 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: Parser) -> None:
-    """Add nothing: the file is enough."""
+    """Add the file."""
     add_system_options(parser)

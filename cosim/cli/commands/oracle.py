@@ -1,4 +1,4 @@
-"""cosim oracle: compute the true errors of a run by model exchange."""
+"""The command `cosim oracle`."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from ..output import (
 )
 from ..system_file import add_shared_options, add_system_options, open_system
 
+SUMMARY = "Compute the true errors of a run by model exchange."
+
 
 def execute(options: argparse.Namespace) -> int:
     """Print the metrics of a run beside those of the reference solution, or these alone for parts that no run can step."""
@@ -33,7 +35,7 @@ def execute(options: argparse.Namespace) -> int:
             figures = summary_of_rows(result, result.provenance["errors"])
             rows = [(name, str(figure)) for name, figure in figures.items()]
             parts = ", ".join(not_stepped)
-            title = f"the oracle's figures, with no run to compare: {parts} offers no co-simulation"
+            title = f"the oracle's figures, with no run to compare: no co-simulation in {parts}"
         else:
             settings, step = file.settings(options), file.step(options.step)
             judged = true_errors(

@@ -1,4 +1,4 @@
-"""cosim referee: judge the result of another master."""
+"""The command `cosim referee`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from ...standings import Scoreboard
 from ..options import Parser, assignment
 from ..output import require_writable
 from ..system_file import add_shared_options, add_system_options, open_system
+
+SUMMARY = "Judge the result of another master."
 
 
 def execute(options: argparse.Namespace) -> int:

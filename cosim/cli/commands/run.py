@@ -1,4 +1,4 @@
-"""cosim run: run a system and write its results."""
+"""The command `cosim run`."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ from ..output import (
     write_result,
 )
 from ..system_file import SystemFile, add_stepping_options, add_system_options, open_system
+
+SUMMARY = "Run a system and write its results."
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""cosim sweep: run many cases of a system and make a table of figures."""
+"""The command `cosim sweep`."""
 
 from __future__ import annotations
 
@@ -33,6 +33,8 @@ from ...threads import available_cores
 from ..options import Parser, assignment, parse_time
 from ..output import new_folders, print_table, print_written_files, require_outputs
 from ..system_file import add_stepping_options, add_system_options, open_system
+
+SUMMARY = "Run many cases of a system and make a table of figures."
 
 if TYPE_CHECKING:
     import pandas as pd

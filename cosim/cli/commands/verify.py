@@ -1,4 +1,4 @@
-"""cosim verify: test the master against closed-form solutions."""
+"""The command `cosim verify`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 
 from ...errors import SetupError
 from ..options import Parser
+
+SUMMARY = "Test the master against closed-form solutions."
 
 ROOT = Path(__file__).resolve().parents[3]
 CANDIDATES = (

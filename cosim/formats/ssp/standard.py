@@ -6,7 +6,6 @@ standard, the checker knows what OMSimulator, libcosim and Ecos cannot read alth
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from copy import deepcopy
 from pathlib import Path
@@ -27,7 +26,7 @@ from .files import (
     without_namespaces,
 )
 from .second import downgrade_to_1_0
-from .standard_report import ALLOWED_ROOTS, Finding, Severity, StandardReport, doubles, finding_in
+from .standard_report import ALLOWED_ROOTS, Finding, Severity, StandardReport, doubled, finding_in
 from .standard_structure import check_structure
 from .standard_tools import check_tools
 
@@ -95,9 +94,8 @@ def _check_archive(path: Path) -> Iterator[Finding]:
         for text, is_so in flaws.items():
             if is_so:
                 yield finding_in(path.name, "package", 0, f"{entry.filename} {text}")
-    for name, count in Counter(entry.filename for entry in entries).items():
-        if count > 1:
-            yield finding_in(path.name, "package", 0, f"{name} is in the archive {count} times")
+    for name, count in doubled(entry.filename for entry in entries).items():
+        yield finding_in(path.name, "package", 0, f"{name} is in the archive {count} times")
 
 
 def _check_folder(folder: Path) -> Iterator[Finding]:
@@ -206,13 +204,9 @@ def _check_definitions(file: str, root: Element) -> Iterator[Finding]:
         for scope in scopes:
             names = [e.get("name") for e in scope.iterfind(f"{{*}}{kind}s/{{*}}{kind}")]
             defined.update(names)
-            yield from doubles(
-                file,
-                clause,
-                scope,
-                names,
-                lambda n, count, kind=kind: f"{kind} {n} is defined {count} times",
-            )
+            for name, count in doubled(names).items():
+                text = f"{kind} {name!r} is defined {count} times"
+                yield finding_in(file, clause, scope, text)
         for element, name in referring:
             if name and name not in defined:
                 text = f"the {kind.lower()} {name!r} is not defined in the file"

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TypeVar
 
 from ...describe import table
 from .files import Element
 
 #: Entries that the root of a package may have, beside .ssd files: a clause of the standard.
 ALLOWED_ROOTS = ("resources", "extra", "documentation")
+
+
+T = TypeVar("T")
 
 
 class Severity(StrEnum):
@@ -67,17 +71,9 @@ def finding_in(
     return Finding(CLAUSES[clause], severity, file, line, text)
 
 
-def doubles(
-    file: str,
-    clause: str,
-    where: Element | int,
-    names: Iterable[object],
-    text: Callable[[str, int], str],
-) -> Iterator[Finding]:
-    """Names that there are several times; `text` makes a sentence of a quoted name and how often there is one."""
-    for name, count in Counter(names).items():
-        if count > 1:
-            yield finding_in(file, clause, where, text(repr(name), count))
+def doubled(names: Iterable[T]) -> dict[T, int]:
+    """The names that there are several times, and how often."""
+    return {name: count for name, count in Counter(names).items() if count > 1}
 
 
 @dataclass(frozen=True)

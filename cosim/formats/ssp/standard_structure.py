@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from urllib.parse import unquote, urlsplit
 from ...errors import SetupError
 from ...system import describe_fmu
 from .files import FMU, Element, children, local_name
-from .standard_report import Finding, Severity, doubles, finding_in
+from .standard_report import Finding, Severity, doubled, finding_in
 
 ELEMENTS = ("Component", "System", "SignalDictionaryReference")
 INWARD = ("structuralParameter", "parameter", "input", "inout")
@@ -77,10 +76,9 @@ def _check_system(
         dictionaries[dictionary.get("name")] = entries if is_known else {"*"}
     elements = [e for e in children(system, "ssd:Elements", "*") if local_name(e) in ELEMENTS]
     names = [element.get("name") for element in elements]
-    yield from doubles(
-        structure.file, "name", system, names,
-        lambda name, count: f"{count} elements of a system are named {name}",
-    )  # fmt: skip
+    for name, count in doubled(names).items():
+        text = f"{count} elements of a system are named {name!r}"
+        yield finding_in(structure.file, "name", system, text)
     for element in elements:
         if element.get("name") == "":
             yield finding_in(
@@ -105,10 +103,9 @@ def _check_system(
 def _check_element(structure: Structure, element: Element) -> Iterator[Finding]:
     """What components and systems have in common: connectors and parameter bindings."""
     names = [connector.get("name") for connector in _connectors(element)]
-    yield from doubles(
-        structure.file, "connectors", element, names,
-        lambda name, count: f"{element.get('name')} has {count} connectors named {name}",
-    )  # fmt: skip
+    for name, count in doubled(names).items():
+        text = f"{element.get('name')} has {count} connectors named {name!r}"
+        yield finding_in(structure.file, "connectors", element, text)
     for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
         inline = children(binding, "ssd:ParameterValues")
         yield from _check_source(structure, binding, "bindings", inline, element)
@@ -116,16 +113,14 @@ def _check_element(structure: Structure, element: Element) -> Iterator[Finding]:
             inline = [e for e in mapping.iterchildren("*") if local_name(e) not in NO_CONTENT]
             yield from _check_source(structure, mapping, "mapping", inline, element)
             targets = [entry.get("target") for entry in mapping.iter("{*}MappingEntry")]
-            yield from doubles(
-                structure.file, "entries", mapping, targets,
-                lambda name, count: f"{count} parameters are mapped to {name}",
-            )  # fmt: skip
+            for name, count in doubled(targets).items():
+                text = f"{count} parameters are mapped to {name!r}"
+                yield finding_in(structure.file, "entries", mapping, text)
         for values in binding.iter("{*}Parameters"):
             names = [parameter.get("name") for parameter in values.iterfind("{*}Parameter")]
-            yield from doubles(
-                structure.file, "parameters", values, names,
-                lambda name, count: f"the parameter {name} is in a parameter set {count} times",
-            )  # fmt: skip
+            for name, count in doubled(names).items():
+                text = f"the parameter {name!r} is in a parameter set {count} times"
+                yield finding_in(structure.file, "parameters", values, text)
 
 
 def _check_source(
@@ -226,7 +221,7 @@ def _check_connections(
     """Both ends of each connection are there, may be joined, and no connector is driven twice."""
     owners = {element.get("name"): element for element in elements}
     dictionaries = {e.get("name") for e in elements if local_name(e) == ELEMENTS[2]}
-    driven: Counter[tuple[str, str]] = Counter()
+    driven: list[tuple[str, str]] = []
     for connection in children(system, "ssd:Connections", "ssd:Connection"):
         ends = []
         for end in ("start", "end"):
@@ -244,17 +239,16 @@ def _check_connections(
             ends.append((owner or "", str(name), kinds[0]))
         if len(ends) > 1 and not {ends[0][0], ends[1][0]} & dictionaries:
             yield from _check_ends(structure, connection, ends, driven)
-    for (owner, name), count in driven.items():
-        if count > 1:
-            text = f"{owner}.{name} is driven by {count} connections".removeprefix(".")
-            yield finding_in(structure.file, "allowed", system, text)
+    for (owner, name), count in doubled(driven).items():
+        text = f"{owner}.{name} is driven by {count} connections".removeprefix(".")
+        yield finding_in(structure.file, "allowed", system, text)
 
 
 def _check_ends(
     structure: Structure,
     connection: Element,
     ends: list[tuple[str, str, str | None]],
-    driven: Counter[tuple[str, str]],
+    driven: list[tuple[str, str]],
 ) -> Iterator[Finding]:
     """The kinds of both ends, in either direction: start and end do not say from where data flows."""
     if any(kind in WILD for _, _, kind in ends):
@@ -271,7 +265,7 @@ def _check_ends(
         )
     elif forth != back:
         sink = second if forth else first
-        driven[sink[0], sink[1]] += 1
+        driven.append(sink[:2])
 
 
 def _is_allowed(source: tuple[str, str, str | None], sink: tuple[str, str, str | None]) -> bool:
