@@ -73,11 +73,16 @@ def with_error(
     >>> with_error(200.0, 230.0, "N.m")
     'below 430 N.m in size'
     """
-    unit = "" if unit in ("", "1") else f" {unit}"
+    unit = unit_suffix(unit)
     if not has_digit(value, error) and math.isfinite(error):
         return f"below {rounded(0.0, abs(value) + error)[1]}{unit} in size"
     number, of_number = rounded(value, error, digits)
     return f"{number} {sign} {of_number}{unit}"
+
+
+def unit_suffix(unit: str) -> str:
+    """A unit as it follows its number, after a space; "" for none and for 1."""
+    return "" if unit in ("", "1") else f" {unit}"
 
 
 def has_digit(value: float, error: float) -> bool:

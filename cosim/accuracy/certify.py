@@ -19,6 +19,7 @@ from ..engine.sources import largest_change_within_steps
 from ..master import run
 from ..metrics import Largest, Last, Mean, Metric, Smallest
 from ..result import Interrupted, Result, SimulationError
+from ..rounding import unit_suffix
 from ..system import System, connect
 from .estimate import Estimate
 from .judge import (
@@ -285,8 +286,7 @@ def _lacks(error: float | Mapping[str, float] | None, name: str, x: Estimate) ->
     most = error[name] if isinstance(error, Mapping) else error * abs(x.value)
     if x.error is None:
         return f"it has no error: {x.reason}"
-    unit = "" if x.unit in ("", "1") else f" {x.unit}"
-    return "" if x.error <= most else f"its error is still above {most:.2g}{unit}"
+    return "" if x.error <= most else f"its error is still above {most:.2g}{unit_suffix(x.unit)}"
 
 
 def _is_worth_halving(errors: Sequence[Mapping[str, float]]) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ..rounding import with_error
+from ..rounding import unit_suffix, with_error
 
 
 class Estimate(NamedTuple):
@@ -25,7 +25,6 @@ class Estimate(NamedTuple):
     def __str__(self) -> str:
         """The value with two digits of its error, rounded up, and its unit; or the reason against it."""
         if self.error is None:
-            unit = "" if self.unit in ("", "1") else f" {self.unit}"
-            value = "" if math.isnan(self.value) else f"{self.value:.5g}{unit} "
+            value = "" if math.isnan(self.value) else f"{self.value:.5g}{unit_suffix(self.unit)} "
             return f"{value}({self.reason or 'not determined'})"
         return with_error(self.value, self.error, self.unit)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..describe import table
 from ..errors import SetupError
 from ..result import Result, Rows
+from ..rounding import unit_suffix
 from ..series import Reading, Series
 from ..units import QUANTITY, multiples
 
@@ -371,7 +372,7 @@ def _notes(ours: _Record, theirs: _Record, pairs: Mapping[str, str]) -> Iterator
 
 def _line(column: Deviation) -> tuple[str, ...]:
     """A row of the text."""
-    unit = f" {column.unit}" if column.unit not in ("", "1") else ""
+    unit = unit_suffix(column.unit)
     name = column.name if column.name == column.reference else f"{column.name} = {column.reference}"
     verdict = "pass"
     if not column.passed:

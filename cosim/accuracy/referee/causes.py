@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import pluralize
+from ...rounding import unit_suffix
 from ...system import Network
 from .conversions import units_of, wrong_factors
 from .signals import SignalJudgement
@@ -136,7 +137,7 @@ def _candidates(
     yield _delay(signal)
     offset = float(np.mean(rest))
     if abs(offset) > LEAST_REDUCTION * np.finfo(float).eps * signal.scale:
-        number = f"{offset:+.6g} {signal.unit}".rstrip()
+        number = f"{offset:+.6g}{unit_suffix(signal.unit)}"
         text = f"is {number} off from the first row on: its start value or zero"
         yield Candidate("offset", text, x + offset, LEAST_REDUCTION)
     if port.kind.is_held:

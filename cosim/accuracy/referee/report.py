@@ -21,6 +21,7 @@ from ...report_files import (
     paragraphs,
     picture,
 )
+from ...rounding import unit_suffix
 from .causes import Cause
 from .signals import SignalJudgement, Verdict
 
@@ -129,7 +130,7 @@ class RefereeReport(ReportFile):
             for f in s.figures:
                 if all_of_them or abs(f.deviation) > s.allowed + f.error:
                     reference, off = (
-                        f"{x:.6g} +- {f.error:.1g} {s.unit}".rstrip()
+                        f"{x:.6g} +- {f.error:.1g}{unit_suffix(s.unit)}"
                         for x in (f.reference, f.deviation)
                     )
                     yield s.name, f.name, _quantity(f.value, s.unit), reference, off
@@ -241,7 +242,7 @@ def _severity(signal: SignalJudgement) -> float:
 
 
 def _quantity(value: float, unit: str) -> str:
-    return f"{value:.6g} {'' if unit == '1' else unit}".rstrip()
+    return f"{value:.6g}{unit_suffix(unit)}"
 
 
 def _distance(signal: SignalJudgement) -> str:
@@ -254,7 +255,7 @@ def _distance(signal: SignalJudgement) -> str:
 def _deviation(signal: SignalJudgement) -> str:
     if not math.isfinite(signal.deviation):
         return "no finite value"
-    return f"{signal.deviation:.4g} +- {signal.error:.1g} {signal.unit}".rstrip()
+    return f"{signal.deviation:.4g} +- {signal.error:.1g}{unit_suffix(signal.unit)}"
 
 
 def _times_smaller(cause: Cause) -> str:
