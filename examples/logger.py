@@ -24,12 +24,12 @@ def row_ends_and_middles(first: float, stop: float) -> Samples:
 
 
 def mean_speed(angle: Samples, counts: int = COUNTS) -> Samples:
-    """What an encoder shows over each row [rpm], from the angles [rad] at all row_ends_and_middles."""
+    """What an encoder shows over each row [rpm], from the angles [rad] at the ends and middles of all rows."""
     return np.diff(np.floor(angle[::2] * counts / (2 * pi))) / counts / SAMPLE * 60
 
 
 def percent(torque: Samples, rated: float, noise: float, seed: int) -> Samples:
-    """What an inverter shows in the middle of each row [%], from the torques [N.m] at all row_ends_and_middles."""
+    """What an inverter shows in the middle of each row [%], from the torques [N.m] at the ends and middles of all rows."""
     shown = 100 * torque[1::2] / rated
     shown = shown + np.random.default_rng(seed).normal(0.0, noise, len(shown))
     return RESOLUTION * (shown / RESOLUTION).round()

@@ -262,7 +262,7 @@ def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> J
 
 
 def charts(fit: Identified, labels: Mapping[str, tuple[str, str]]) -> list[Chart]:
-    """Each column measured, fitted and what is between them; `drawn` are their words and colors."""
+    """Each column measured, fitted and what is between them; `labels` are their words and colors."""
     pictures = []
     for name, residual in fit.residuals.items():
         what, color = labels[name]

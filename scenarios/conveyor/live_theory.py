@@ -1,4 +1,4 @@
-"""First-order theory of `theory` as formulas of a live page, in the same symbols; a test compares both."""
+"""First-order theory of `first_order` as formulas of a live page, in the same symbols; a test compares both."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .first_order import Machine
 from .machine import has_kloss_characteristic
 
 LINEAR = {"B": "motor.B"}
-#: the slope of Kloss's characteristic at the load of the mean speed, as `drive.linearised` has it
+#: the slope of Kloss's characteristic at the load of the mean speed, as `machine.linearised` has it
 KLOSS_LINE = {
     "share": "load_slope * speed / motor.kloss.tau_b",
     "b": "motor.kloss.s_b * motor.kloss.w_s",

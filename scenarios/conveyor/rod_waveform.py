@@ -31,7 +31,7 @@ def waveform(
     machine: Machine, length: float, nu: float, *, at_constant_speed: bool = False
 ) -> NDArray[np.float64]:
     """The force of a rod of that length [m] at NODE_ANGLES [N], to first order in the ripple of the speed;
-    without it at a `steady` speed. The length may be infinite.
+    without it at a constant speed. The length may be infinite.
     """
     position = crank(machine.r, length)
     motion = (

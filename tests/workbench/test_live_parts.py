@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result, SetupError, System
-from cosim.metrics import TURN
+from cosim.metrics import TURN, Integral
 from scenarios.conveyor import live_theory
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive, linearised
@@ -376,7 +376,7 @@ def test_a_declaration_that_does_not_fit_is_a_clear_line() -> None:
     assert "has no variable 'phi9'" in text and "did you mean phi2?" in text
     assert "is in rad, which does not convert to mm" in refused(charts=with_panel(unit="mm"))
     text = refused(charts=with_panel(curves={"2 * orientator.phi1": "red"}, unit=""))
-    assert text == "chart 'A': the panel 'angle' needs a unit, as in unit='m'"
+    assert text == "chart 'A': panel 'angle' needs a unit, as in unit='m'"
     assert "crank_angle needs `angle`" in refused(
         charts=[replace(PLAIN.charts[0], x="crank_angle")]
     )
@@ -393,6 +393,35 @@ def test_a_declaration_that_does_not_fit_is_a_clear_line() -> None:
     assert "a revolution needs `angle`" in text
     text = refused(numbers=with_number(Reader("last", "orientator.w1", run="second")))
     assert "there is no run 'second'" in text
+    text = refused(numbers=with_number(Reader("max", "abs(orientator.w1)")))
+    assert "'abs(orientator.w1)' is not in s, with orientator.w1 in rad/s" in text
+    text = refused(numbers=with_number(Reader("first_crossing", "orientator.w1", level="stop")))
+    assert "level: 'stop' is not in rad/s" in text
+    text = refused(numbers=with_number(Integral("orientator.w1")))
+    assert "a page has no metric; write a Reader" in text
+    first, second = Number("one", "figures.two", "s", "one"), Number("two", "stop", "s", "two")
+    assert "uses 'figures.two', which is no number of this page" in refused(numbers=[first, second])
+    assert "uses 'figures.two'" in refused(until="figures.two")
+    assert "until must be a time" in refused(until=REVOLUTION)
+    text = refused(charts=[replace(PLAIN.charts[0], window="figures.two")])
+    assert "chart 'A': the formula 'figures.two'" in text
+    swept = RunChart(
+        "S", "speed", [RunPanel("x", {"figures.two": "red"}, "s", {"level": "figures.two"})]
+    )
+    sweep = LiveSweep("speed", [1.0, 2.0], "step", [second], swept)
+    assert "uses 'figures.two'" in refused(numbers=[second], sweep=sweep)
+    assert built(
+        replace(
+            PLAIN,
+            numbers=[
+                second,
+                first,
+                replace(second, name="three", when="figures.four"),
+                replace(second, name="four"),
+            ],
+            until="figures.one",
+        )
+    )
     text = refused(numbers=with_number("1", unit="ms"))
     assert "has the unit 'ms', its figure 's'" in text
     text = refused(numbers=[Number("new", "1")])

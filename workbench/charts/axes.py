@@ -106,7 +106,7 @@ def y_axis(panel: Panel, ranges: Sequence[Samples]) -> Axis:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Return the ticks of a logarithmic axis, closer where it spans less than two log_ticks."""
+    """Return the ticks of a logarithmic axis, closer where the ratio of its ends is at most NARROW_RATIO."""
     is_narrow = high / low <= NARROW_RATIO
     steps = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if is_narrow else (1.0, 2.0, 5.0)
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)

@@ -29,7 +29,6 @@ POWER = "purple"
 THEORY = "grey"
 #: Colours of one quantity for several machines or settings, in this order.
 SERIES = ("purple", "gold", "sky", "green", "red", "blue")
-#: Factors from a unit of the FMUs to one that is read more easily.
 
 
 class Curve(NamedTuple):

@@ -27,12 +27,12 @@ from cosim.metrics import (
 
 from ..charts.model import CurveLook, NamedLook
 from ..charts.motion import Columns, Shape
-from ..dimensions import conversion
+from ..dimensions import check_unit, conversion
 from ..formula import Formula
 
 Text = str | float
 Formulas = Mapping[str, Text]
-#: Formulas by what they may name, as `content` encodes them: values; numbers read before, too; columns; and a window,
+#: Formulas by what they may name, as `encoder` encodes them: values; numbers read before, too; columns; and a window,
 #: which is a time, `REVOLUTION`, or empty.
 ValuesText = Annotated[Text, "formula_of_values"]
 NumbersText = Annotated[Text, "formula_of_numbers"]
@@ -185,6 +185,31 @@ class RunPanel:
         return [
             look._replace(name=x.name, color=x.color or look.color) for x in runs for look in looks
         ]
+
+    def units(
+        self, columns: Mapping[str, str], known: Mapping[str, str], where: str
+    ) -> tuple[str, dict[str, float]]:
+        """Return the unit of the axis, and by curve the factor to it: that of a column alone, or 1.
+
+        Parameters
+        ----------
+        columns, known
+            The units of columns, and of all that formulas may name.
+        where
+            What messages begin with.
+
+        Raises
+        ------
+        SetupError
+            If there is no unit, and for what is in another one.
+        """
+        unit = self.unit or columns.get(next(iter(self.curves)), "")
+        if not unit:
+            raise SetupError(f"{where} needs a unit, as in unit='m'")
+        for formula in (*self.levels.values(), *(x for x in self.curves if x not in columns)):
+            check_unit(formula, unit, known, where)
+        own = {text: columns.get(text, "") for text in self.curves}
+        return unit, {text: conversion(x, unit, f"{where}: {text}") for text, x in own.items()}
 
 
 @dataclass(frozen=True)

@@ -23,20 +23,21 @@ from ..answer import parameters
 from ..charts.model import Chart, Curve, Mark, Panel
 from ..charts.plotly import figure
 from ..charts.svg import font_size_css
-from ..dimensions import check_unit, conversion, known_units
+from ..dimensions import check_unit, known_units
 from ..formula import DOTTED, Formula
 from ..options import Options, declared
 from . import drawing
 from .declare import (
     READERS,
     REVOLUTION,
+    UNIT_OF_COLUMN,
     Live,
     LiveMotion,
     LiveRun,
+    LiveSweep,
     Number,
     Reader,
     RunChart,
-    RunPanel,
     Slider,
 )
 
@@ -45,11 +46,19 @@ if TYPE_CHECKING:
 
 #: what a formula of columns may use besides outputs
 CLOCK = ("time", "crank_angle")
+#: Fields that no script reads.
+NOT_SENT = ("factors", "algorithm", "panels", "label", "draw")
 
 
 def numeric(start: Iterable[tuple[Port, Value]]) -> dict[str, float]:
     """Return start values that are numbers, by name; the modules take no texts."""
     return {port.name: float(x) for port, x in start if not isinstance(x, str)}
+
+
+def require_angle_for_window(x: Reader | RunChart | LiveMotion, where: str, angle: str) -> None:
+    """Refuse a revolution of no angle."""
+    if x.window == REVOLUTION and not angle:
+        raise SetupError(f"{where}: a revolution needs `angle`, the output of the crank angle")
 
 
 @dataclass
@@ -61,6 +70,7 @@ class LiveEncoder:
     findings: Findings
     live: Live
     values: dict[str, float] = field(default_factory=dict)
+    numbers_read: set[str] = field(default_factory=set)
     sources: list[str] = field(default_factory=list)
     columns: list[str] = field(default_factory=list)
 
@@ -88,7 +98,10 @@ class LiveEncoder:
         self.check_sweep()
         sequence = stepping_order(self.network, None)
         chosen = find_algorithm(live.algorithm or getattr(self.options, "algorithm", "strang"))
-        return self.encoded(live, "live", sliders=sliders, values=values) | {
+        if live.until == REVOLUTION:
+            raise SetupError(f"until must be a time, not {REVOLUTION!r}")
+        numbers = self.numbers(live.numbers)  # before the charts, which may use all of them
+        return self.encoded(live, "live", sliders=sliders, values=values, numbers=numbers) | {
             "scope": scope, "base": numeric(self.network.start), "wires": self.wires(), "sequence": sequence,
             "schedule": {"stages": chosen.stages(sequence), "end_weight": chosen.end_weight}, "columns": self.columns,
         }  # fmt: skip
@@ -101,6 +114,7 @@ class LiveEncoder:
             if f.name in known
             else self.field(getattr(x, f.name), hints[f.name], where)
             for f in fields(x)
+            if f.name not in NOT_SENT
         }
 
     def field(self, x: Any, hint: Any, where: str) -> Any:
@@ -110,8 +124,8 @@ class LiveEncoder:
                 return self.chart(x)
             case LiveMotion():
                 return self.motion(x)
-            case Number():
-                return self.number(x)
+            case LiveSweep():
+                return self.encoded(x, "sweep", numbers=self.numbers(x.numbers))
             case _ if is_dataclass(x):
                 return self.encoded(x, where)
             case Mapping():
@@ -201,21 +215,22 @@ class LiveEncoder:
         ]  # fmt: skip
 
     def formula_of_values(self, text: Any, where: str, more: Iterable[str] = ()) -> int:
-        """Return the number of a formula of values, of numbers read before where `more` has their prefix."""
+        """Return the number of a formula of values, and of what is named besides."""
         formula = Formula.read(text)
         for name in sorted(formula.names - self.values.keys() - {*more}):
-            if not ("figures" in more and name.startswith("figures.")):
-                raise SetupError(
-                    f"{where}: the formula {text!r} uses {name!r}, which is no option, start value "
-                    "or value of this page"
-                )
+            what = (
+                "number of this page that is read before"
+                if name.startswith("figures.")
+                else "option, start value or value of this page"
+            )
+            raise SetupError(f"{where}: the formula {text!r} uses {name!r}, which is no {what}")
         if formula.source not in self.sources:
             self.sources.append(formula.source)
         return self.sources.index(formula.source)
 
     def formula_of_numbers(self, text: Any, where: str) -> int:
         """Return the number of a formula of values and of numbers that were read before."""
-        return self.formula_of_values(text, where, more=("figures",))
+        return self.formula_of_values(text, where, more=self.numbers_read)
 
     def formula_of_columns(self, text: Any, where: str, factor: float = 1.0) -> dict[str, Any]:
         """Return a formula of columns: its number, and the columns that it uses."""
@@ -226,7 +241,7 @@ class LiveEncoder:
         for name in columns:
             if name not in CLOCK:
                 self.record(name, where)
-        number = self.formula_of_values(formula.text, where, more=("figures", *columns))
+        number = self.formula_of_values(formula.text, where, more=(*self.numbers_read, *columns))
         return {"formula": number, "columns": columns}
 
     def window_formula(self, window: Any, where: str) -> Any:
@@ -234,13 +249,6 @@ class LiveEncoder:
         if window in ("", REVOLUTION):
             return window or None
         return self.formula_of_numbers(window, where)
-
-    def require_angle_for_window(
-        self, x: Reader | RunChart | LiveMotion, where: str, angle: str
-    ) -> None:
-        """Refuse a revolution of no angle."""
-        if x.window == REVOLUTION and not angle:
-            raise SetupError(f"{where}: a revolution needs `angle`, the output of the crank angle")
 
     def formula_functions(self) -> str:
         """Return the formulas as functions of JavaScript."""
@@ -267,8 +275,18 @@ class LiveEncoder:
         if name not in self.columns:
             self.columns.append(name)
 
-    def number(self, number: Number) -> dict[str, Any]:
-        """Return a live number, with unit, meaning and value of the figure beside it."""
+    def numbers(self, numbers: Sequence[Number]) -> list[dict[str, Any]]:
+        """Return the numbers of a run, each of which may use those before, and all of them in `when`."""
+        encoded, self.numbers_read = [], set()
+        names = [f"figures.{x.name}" for x in numbers]
+        for x, name in zip(numbers, names):
+            when = self.formula_of_values(x.when, f"number {x.name!r}: when", more=names)
+            encoded.append(self.number(x, when))
+            self.numbers_read.add(name)
+        return encoded
+
+    def number(self, number: Number, when: int) -> dict[str, Any]:
+        """Return a live number with the number of its formula `when`, and with unit, meaning and value of the figure beside it."""
         figure, where = self.findings.figures.get(number.name), f"number {number.name!r}"
         if figure is None and not (number.unit and number.meaning):
             raise SetupError(
@@ -276,11 +294,16 @@ class LiveEncoder:
             )
         if figure and number.unit and number.unit != figure.unit:
             raise SetupError(f"{where} has the unit {number.unit!r}, its figure {figure.unit!r}")
-        told: dict[str, Any] = {"unit": figure.unit, "meaning": figure.meaning} if figure else {}
+        told: dict[str, Any] = {"when": when}
+        told |= {"unit": figure.unit, "meaning": figure.meaning} if figure else {}
         unit = number.unit or (figure.unit if figure else "")
         if isinstance(number.value, Reader):
             told["value"] = self.reader(number.value, where, unit)
-        elif not isinstance(number.value, Metric):
+        elif isinstance(number.value, Metric):
+            raise SetupError(
+                f"{where}: a page has no metric; write a Reader, or leave it to the answer"
+            )
+        else:
             check_unit(number.value, unit, self.units_of_terms, where)
         original = figure.text() if figure else ""
         return self.encoded(number, where, **told) | {"original": original}
@@ -295,25 +318,38 @@ class LiveEncoder:
         if reader.kind in ("amplitude", "phase") and reader.window != REVOLUTION:
             raise SetupError(f"{where}: {reader.kind} needs the window {REVOLUTION!r}")
         angle = reader.angle or self.live.angle
-        self.require_angle_for_window(reader, where, angle)
+        require_angle_for_window(reader, where, angle)
         if angle:
             self.record(angle, where)
         run = names.index(reader.run) if reader.run else 0
         is_alone = reader.column in self.fmu_outputs
         own = str(self.network.port(reader.column).unit) if is_alone else ""
+        check_unit(reader.level, own, self.units_of_terms, f"{where}: level")
+        if not is_alone and reader.kind in UNIT_OF_COLUMN:
+            check_unit(reader.column, unit, self.units_of_terms, where)
         column = self.formula_of_columns(reader.column, where, reader.factor(own, unit, where))
         return self.encoded(reader, where, column=column, run=run, angle=angle)
 
     def chart(self, chart: RunChart) -> dict[str, Any]:
         """Return a chart of runs, or over a sweep: what its traces are, and how plotly draws them."""
         where, sweep = f"chart {chart.title!r}", self.live.sweep
-        self.require_angle_for_window(chart, where, self.live.angle)
+        require_angle_for_window(chart, where, self.live.angle)
         is_swept = sweep is not None and chart is sweep.chart
         runs = [LiveRun()] if is_swept else self.live.runs
+        of_value = self.formula_of_values if is_swept else self.formula_of_numbers
         traces: list[dict[str, Any]] = []
         panels = []
         for panel in chart.panels:
-            unit, factors = self.units(panel, where)
+            for text in panel.curves:
+                is_known = text in (*CLOCK, *self.values) or text.startswith("figures.")
+                if DOTTED.fullmatch(text) and not is_known:
+                    self.record(text, where)
+            columns = {
+                x: str(self.network.port(x).unit) for x in panel.curves if x in self.fmu_outputs
+            }
+            unit, factors = panel.units(
+                columns, self.units_of_terms, f"{where}: panel {panel.quantity!r}"
+            )
             if is_swept:
                 traces += [
                     {"formula": self.formula_of_numbers(text, where), "sweep": "figures." in text}
@@ -325,7 +361,7 @@ class LiveEncoder:
                     for run in range(len(runs))
                     for text, factor in factors.items()
                 ]
-            traces += [{"level": self.formula_of_numbers(x, where)} for x in panel.levels.values()]
+            traces += [{"level": of_value(x, where)} for x in panel.levels.values()]
             # from 0 to 2, since what steps between 0 and 1 is no and yes
             curves = [
                 Curve(x.name, [0.0, 1.0], [0.0, 2.0], x.color, x.look) for x in panel.looks(runs)
@@ -333,32 +369,15 @@ class LiveEncoder:
             levels = [Mark(0.5, text) for text in panel.levels]
             panels.append(Panel(panel.quantity, unit, curves, levels, panel.includes))
         marks = [
-            {"text": text, "unit": unit, "value": self.formula_of_numbers(value, where)}
+            {"text": text, "unit": unit, "value": of_value(value, where)}
             for text, (value, unit) in chart.marks.items()
         ]
         empty = [Mark(math.nan, text) for text in chart.marks]
-        known = {"panels": None, "marks": marks, **({"x": None} if is_swept else {})}
+        known = {"marks": marks, **({"x": None} if is_swept else {})}
         return self.encoded(chart, where, **known) | {
             "traces": traces, "picture": figure(Chart(chart.title, chart.label, panels, empty), has_data=False),
             "includes": [list(panel.includes) for panel in chart.panels],
         }  # fmt: skip
-
-    def units(self, panel: RunPanel, where: str) -> tuple[str, dict[str, float]]:
-        """Return the unit of a panel, and by curve the factor to it from that of a column alone."""
-        for text in panel.curves:
-            is_known = text in (*CLOCK, *self.values) or text.startswith("figures.")
-            if DOTTED.fullmatch(text) and not is_known:
-                self.record(text, where)
-        units = {x: str(self.network.port(x).unit) for x in panel.curves if x in self.fmu_outputs}
-        target = panel.unit or units.get(next(iter(panel.curves)), "")
-        if not target:
-            raise SetupError(f"{where}: the panel {panel.quantity!r} needs a unit, as in unit='m'")
-        factors = dict.fromkeys(panel.curves, 1.0)
-        for formula in (*panel.levels.values(), *panel.curves.keys() - units.keys()):
-            check_unit(formula, target, self.units_of_terms, f"{where}: panel {panel.quantity!r}")
-        for text, unit in units.items():
-            factors[text] = conversion(unit, target, f"{where}: panel {panel.quantity!r}: {text}")
-        return target, factors
 
     def motion(self, motion: LiveMotion) -> dict[str, Any] | None:
         """Return the table of a motion, and what stands below it; None where its drawing has no table.
@@ -366,7 +385,7 @@ class LiveEncoder:
         A start value of the user may be the reason, which must not cost the answer, so it is a warning.
         """
         where = f"motion {motion.title!r}"
-        self.require_angle_for_window(motion, where, self.live.angle)
+        require_angle_for_window(motion, where, self.live.angle)
         for coordinate in motion.coordinates:
             self.record(coordinate.column, where)
         try:
@@ -378,7 +397,7 @@ class LiveEncoder:
             "In real time." if motion.slow == 1 else f"{motion.slow:g} times slower than real time."
         )
         note = f"{pace} {motion.note}".strip()
-        known = table | {"draw": None, "note": note, "letters": font_size_css(table["size"])}
+        known = table | {"note": note, "letters": font_size_css(table["size"])}
         return known | self.encoded(motion, where, **known)
 
     def check_sweep(self) -> None:

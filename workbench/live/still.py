@@ -12,7 +12,7 @@ from cosim import Result
 
 from ..charts.model import Chart, Curve, Mark, Panel, Rows, Samples
 from ..charts.motion import FRAMES, Motion, Shape, rows, shifted
-from ..dimensions import check_unit, conversion, known_units
+from ..dimensions import known_units
 from ..figure import Figure
 from ..formula import Formula
 from ..options import Options
@@ -52,7 +52,7 @@ def drawn(
     KeyError
         For a column that does not exist.
     SetupError
-        For a unit that it does not convert to.
+        For a unit that it does not convert to, and a panel without one.
     ValueError
         For a look that does not exist.
     """
@@ -63,15 +63,11 @@ def drawn(
     scopes = [_formula_scope(result, chart, values, angle) for result in results]
     panels = []
     for panel in chart.panels:
-        unit = panel.unit or results[0].units[next(iter(panel.curves))]
-        where = f"panel {panel.quantity!r}"
-        for text in (*panel.levels.values(), *panel.curves.keys() - results[0].units.keys()):
-            check_unit(text, unit, known, where)
+        unit, factors = panel.units(results[0].units, known, f"panel {panel.quantity!r}")
         looks, curves = iter(panel.looks(runs)), []
         for scope in scopes:
             x = Formula.read(chart.x).over(scope)
-            for text in panel.curves:
-                factor = conversion(results[0].units.get(text, ""), unit, f"{where}: {text}")
+            for text, factor in factors.items():
                 y, look = factor * Formula.read(text).over(scope), next(looks)
                 curves.append(Curve(look.name, x, y, look.color, look.look))
         levels = [Mark(Formula.read(at)(values), text) for text, at in panel.levels.items()]
