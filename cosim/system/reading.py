@@ -159,7 +159,7 @@ def _root(content: bytes) -> Element:
     try:
         root = etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        why = " ".join(str(error).partition(" (<string>")[0].split())
+        why = str(error).partition(" (<string>")[0].replace("\n", "")
         raise SetupError(f"is not a valid FMU: {XML} is not XML: {why}") from error
     if root.getroottree().docinfo.doctype:
         raise SetupError(

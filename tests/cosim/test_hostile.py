@@ -249,6 +249,7 @@ def test_an_array_with_too_many_elements_is_named(
     ("swap", "message"),
     [
         (('<Float64 name="h"', "<Float64"), "there is no name"),
+        (('name="h"', f'name="{11_000_000 * "h"}"'), "limit exceeded, try XML_PARSE_HUGE, line 1"),
         (('stepSize="[^"]*"', 'stepSize="ten"'), "modelDescription.xml, line 8: stepSize: 'ten' is not a number"),
         ((r"(?s)<ModelVariables>.*</ModelVariables>", ""), "is not a valid FMU: modelDescription.xml"),
         ((r'valueReference="\d+"', 'valueReference="-"'), "valueReference of Float32_ins: '-' is not a whole number"),
