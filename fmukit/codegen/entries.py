@@ -91,7 +91,7 @@ def c_source(interface: Interface, functions: list[Function], indicators: int) -
     }
     return "\n".join(
         [
-            f"/* {class_name(interface.model)}: written by build_fmus.py. */",
+            f"/* {class_name(interface.model)}: written by fmukit. */",
             *(f"#define {name} {value}" for name, value in defined.items()),
             f"#define LIBM_FUNCTIONS(F) {' '.join(f'F({name})' for name, n in libm_functions().items() if n == 1)}",
             f"#define LIBM_FUNCTIONS_2(F) {' '.join(f'F({name})' for name, n in libm_functions().items() if n == 2)}",
@@ -117,7 +117,7 @@ def c_variable(v: Variable) -> str:
 
 LIMITS: dict[str, tuple[float, float]] = {
     "Real": (-sys.float_info.max, sys.float_info.max),
-    "Integer": (1 - 2.0**31, 2.0**31 - 1),
+    "Integer": (-(2.0**31), 2.0**31 - 1),
     "Boolean": (0.0, 1.0),
 }
 
@@ -154,8 +154,8 @@ def trace_all(interface: Interface) -> list[Function]:
         return model.outputs(p, t, x, u)
 
     def initial(p: Any, t: Any, x: Any, u: Any) -> Any:
-        settled = model.complete_state(p, x)
-        return settled, model.outputs(p, t, settled, u)
+        completed = model.complete_state(p, x)
+        return completed, model.outputs(p, t, completed, u)
 
     def derivatives(p: Any, t: Any, x: Any, u: Any) -> Any:
         return hybrid.continuous_values(
@@ -183,8 +183,8 @@ def trace_all(interface: Interface) -> list[Function]:
         return new
 
     def initial_values(p: Any, t: Any, x: Any, u: Any) -> Any:
-        settled = model.complete_state(p, x)
-        return settled, model.outputs(p, t, settled, u), derivatives(p, t, settled, u)
+        completed = model.complete_state(p, x)
+        return completed, model.outputs(p, t, completed, u), derivatives(p, t, completed, u)
 
     def present_values(p: Any, t: Any, x: Any, u: Any) -> Any:
         return x, model.outputs(p, t, x, u), derivatives(p, t, x, u)

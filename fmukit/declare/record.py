@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from enum import IntEnum
 from functools import cache
 from itertools import islice
+from math import inf
 from operator import itemgetter
 from typing import (
     TYPE_CHECKING,
@@ -223,7 +224,7 @@ def record(cls: type[R]) -> type[R]:
         if isinstance(declared, list):
             body[name] = _array_view(len(fields), declared)
         for index, element in _elements(declared):
-            _require_sense(f"{cls.__name__}.{name}{index}", element)
+            _require_consistent(f"{cls.__name__}.{name}{index}", element)
             fields[name + index] = element._replace(quantity=quantity)
     names = [name.translate(IDENTIFIER) for name in fields]
     record_type = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
@@ -255,10 +256,15 @@ def _declared(cls: Any, name: str) -> Any:
     return value
 
 
-def _require_sense(name: str, d: Declaration) -> None:
+def _require_consistent(name: str, d: Declaration) -> None:
     """Raise ValueError or TypeError for what no variable can have, with what to write."""
     if isinstance(d.feedthrough, str):
         raise TypeError(f'{name}: write feedthrough=("{d.feedthrough}",), a tuple of names')
+    for bound, value in {"min": d.min, "max": d.max, "nominal": d.nominal}.items():
+        if value is not None and not (isinstance(value, int | float) and abs(value) < inf):
+            raise ValueError(
+                f"{name} has {bound}={value!r}: write a finite number, or leave it out"
+            )
     if d.nominal is not None and not d.nominal > 0.0:
         raise ValueError(f"{name} has nominal={d.nominal!r}: write its order of magnitude, above 0")
     if d.min is not None and d.max is not None and not d.min <= d.max:

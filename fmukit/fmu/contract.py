@@ -48,20 +48,26 @@ def require_parts(model: Model) -> None:
         )
     for name, expected in FUNCTIONS.items():
         if function := vars(model)[name]:
-            _require_arguments(name, signature(function), expected.split(", "))
+            constants = name == "derivatives" and model.step_constants
+            optional = ["constants"] if constants else []
+            _require_arguments(name, signature(function), expected.split(", "), optional)
 
 
-def _require_arguments(name: str, actual: Signature, expected: list[str]) -> None:
+def _require_arguments(
+    name: str, actual: Signature, expected: list[str], optional: list[str]
+) -> None:
     names = list(actual.parameters)
     swapped = names[: len(expected)] != expected and sorted(names[: len(expected)]) == sorted(
         expected
     )
     try:
         actual.bind(*expected)
+        actual.bind(*expected, *optional)
     except TypeError:
         swapped = True
     if swapped:
-        raise TypeError(f"{name} takes {', '.join(names)}: write def {name}({', '.join(expected)})")
+        form = ", ".join([*expected, *(f"{argument}=None" for argument in optional)])
+        raise TypeError(f"{name} takes {', '.join(names)}: write def {name}({form})")
 
 
 def require_spelling(path: Path, module: ModuleType) -> None:

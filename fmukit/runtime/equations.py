@@ -34,8 +34,8 @@ def functions(interface: Interface) -> SimpleNamespace:
         bounds.check_start(interface, v)
 
     def model_initial(note: Note, v: Numbers, t: float, x: Numbers, u: Numbers) -> Numbers:
-        settled = model.complete_state(parameters(v), state(x))
-        return *settled, *model.outputs(parameters(v), t, settled, inputs(u))
+        completed = model.complete_state(parameters(v), state(x))
+        return *completed, *model.outputs(parameters(v), t, completed, inputs(u))
 
     def model_begin(note: Note, v: Numbers, t: float, x: Numbers, now: Numbers) -> Any:
         return hybrid.sample(model, parameters(v), t, state(x), None, inputs(now), note)
