@@ -73,6 +73,8 @@ def test_motor_steps_exactly(h: float) -> None:
         y = motor.outputs(p, 0.0, x, u0)
         assert y.P_el == v0 * i
         assert (y.E_mag, y.P) == pytest.approx((p.L * i * i / 2, y.tau * w0), rel=1e-12)
+        stored = p.L * i * motor.derivatives(p, 0.0, x, u0).i
+        assert v0 * i == pytest.approx(y.P + p.R * i * i + stored, rel=1e-9, abs=1e-9)
 
 
 def controlled(J: float, w_ref: float, stop: float, **values: Any) -> tuple[Any, Any]:

@@ -36,8 +36,7 @@ def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -
     """All that the equations say at a state; without M at constant speed."""
     at, sense = geometry.position(p, phi), math.copysign(1, w)
     (_, H_1, H_2), K = at.H, dynamics.friction_coefficient(p, at, sense)
-    A, B = at.J + K * p.iron.m * H_1**2, at.J_1 / 2 + K * p.iron.m * H_1 * H_2
-    C = K * at.W_0 * H_1 - at.Pi_1
+    B, C = at.J_1 / 2 + K * p.iron.m * H_1 * H_2, K * at.W_0 * H_1 - at.Pi_1
     M = B * w * w - C if M is None else M
     y: Any = iron.outputs(
         p, 0.0, start(iron.State, phi=phi, w_cam=w), iron.Inputs(M / p.reducer.i_g)
@@ -45,7 +44,7 @@ def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -
     d = dynamics.dynamics(p, at, w, sense, M)
     return at._asdict() | d._asdict() | y._asdict() | {
         "alpha_1": at.alpha.first, "alpha_2": at.alpha.second, "H_1": H_1, "H_2": H_2, "M": M,
-        "A_1": A, "B_1": B, "C_load": C, "F_spring": p.spring.c * at.e,
+        "C_load": y.C_1, "F_spring": p.spring.c * at.e,
         "R": geometry.cam_at(p, phi).R.value,
     }  # fmt: skip
 

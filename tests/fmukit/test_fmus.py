@@ -28,6 +28,7 @@ from fmukit import VERSION
 from fmukit.declare.interface import Interface, Variable, class_name
 from fmukit.declare.model import complete_model
 from fmukit.declare.record import Declaration, declarations, fill, start
+from fmukit.fmu import plot
 from fmukit.fmu.native import package as compiled
 from fmukit.fmu.python import package as python
 from fmukit.fmu.validate import problems
@@ -326,6 +327,27 @@ def test_the_pages_of_the_machines_are_up_to_date(tree: Path, fmus: Path) -> Non
     assert written_page == stored_page
     written_papers, stored_papers = ((x / "docs" / "papers.md").read_text() for x in (tree, ROOT))
     assert written_papers == stored_papers
+
+
+def test_the_picture_of_the_default_experiment_has_its_labels_and_larger_values_further_up() -> (
+    None
+):
+    interface = Interface(importlib.import_module("components.drive_motor.model"))
+    rows = [[0.0, 1.0, -2.0, 5.0], [0.5, 4.0, -2.0, 7.0], [1.0, 2.0, -2.0, 6.0]]
+    picture = ElementTree.fromstring(plot.svg(interface, rows))
+    svg = "{http://www.w3.org/2000/svg}"
+    dots = [line.get("points", "").split() for line in picture.iter(f"{svg}polyline")]
+    assert [[line[0], line[-1]] for line in dots] == [
+        ["60,96", "250,76"], ["310,66", "500,66"], ["560,96", "750,66"],
+    ]  # fmt: skip
+    heights = {text.text: float(text.get("y", "")) for text in picture.iter(f"{svg}text")}
+    assert [name for name in heights if "[" in str(name)] == [
+        "tau [N.m]",
+        "tau_static [N.m]",
+        "P [W]",
+    ]
+    assert heights["4"] < heights["1"] and heights["7"] < heights["5"]
+    assert "time from 0 to 1 s" in heights
 
 
 @each_fmu

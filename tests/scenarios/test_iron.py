@@ -24,6 +24,7 @@ from tests.components.iron_oracle import (
     DIMENSIONS,
     Reference,
     by_material_points,
+    tables,
     transfer,
 )
 from tests.conftest import QUICK, ask
@@ -81,6 +82,17 @@ def test_iron_kinematics_and_its_shares_are_those_of_the_papers_formulas(dimensi
         assert row["change_error"] < 1e-3 * row["change"] + 1e-8
         wanted = largest(slope, last) / top
         assert abs(row["change"] - wanted) <= row["change_error"] + 1e-8
+
+
+def test_iron_kinematics_agrees_with_every_reference_row() -> None:
+    """Also A_1, out of which the rotor that keeps the turn even is taken."""
+    rows = ask("iron_kinematics", samples=360).tables["iron_kinematics.csv"].frame
+    for degrees, wanted in tables().items():
+        row = rows.iloc[round(degrees)]
+        assert row["phi"] == degrees
+        for name in ("H_1", "H_2", "A_1", "B_1", "C_1"):
+            value = wanted["C_load" if name == "C_1" else name]
+            assert row[name] == pytest.approx(value, rel=1e-6, abs=1e-7), (degrees, name)
 
 
 @pytest.mark.parametrize("name", ["iron_kinematics", "iron_bounce"])
