@@ -83,7 +83,6 @@ def build_fmus(platforms: str = "host", fmus: Path = ROOT / "fmus") -> list[str]
     files = [MODELS / f"{name}.py" for name in sorted(names)]
     own = [file for file in files if file.is_file()]
     rest = [ROOT / "components" / file.stem / "model.py" for file in files if file not in own]
-    fmus = fmus.absolute()  # validation needs a URI
     return [
         error
         for flavour in ("native", "fmi3")

@@ -20,6 +20,7 @@ from components.crank_conveyor import model as crank_conveyor
 from components.drive_motor import model as drive_motor
 from fmukit.declare.record import declarations, start
 from fmukit.fmu.load import load
+from fmukit.runtime import hybrid
 from fmukit.trace.modules import modules
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
@@ -33,6 +34,20 @@ def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
         if getattr(module, name, None) is getattr(math, name):
             setattr(module, name, function)
     return copy
+
+
+def events_and_end(
+    model: Any, p: Any, t: float, x: Any, u: Any, h: float
+) -> list[tuple[float, Any, Any]]:
+    """The events of a step with constant inputs: time in the step, state before and after; last its end, twice."""
+    events, s = [], 0.0
+    while True:
+        at = hybrid.run_to_event(model, p, t + s, x, hybrid.InputTrajectory(u, u, h - s))
+        s += at.s
+        if at.which < 0:
+            return [*events, (h, at.x, at.x)]
+        x = model.event_update(p, t + s, at.x, u, at.which)
+        events.append((s, at.x, x))
 
 
 def random_parameters(model: ModuleType, draw: random.Random, spread: float, **fixed: Any) -> Any:

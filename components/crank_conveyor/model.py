@@ -149,8 +149,8 @@ def trough_and_rod(p: Parameters, crank: direction.Direction) -> tuple[Jet, floa
     if not p.rod.finite:
         return Jet(s, c, -s), 1.0
     R = sqrt(l * l - c * c)
-    bend = -s + (c * c - s * s) / R - (s * c) ** 2 / R**3
-    return Jet(s + R - l, c * (1 + s / R), bend), l / R
+    ddx = -s + (c * c - s * s) / R - (s * c) ** 2 / R**3
+    return Jet(s + R - l, c * (1 + s / R), ddx), l / R
 
 
 def inertia_and_load_torque(

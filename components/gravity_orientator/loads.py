@@ -47,7 +47,7 @@ def anchored_spring(p: Parameters, phi1: float) -> tuple[float, float]:
 
 
 def inverse_speed(p: Parameters, vx: float, vy: float) -> float:
-    """Coulomb friction over normal force and the velocity that it opposes; a stuck contact creeps.
+    """Times mu N and a velocity it is the Coulomb friction that opposes this velocity; a stuck contact creeps.
 
     The square root regularises friction at rest, far below the speed `neglected.creep`.
     """

@@ -7,20 +7,28 @@ The functions take the position along any angle that the iron follows, so that t
 from __future__ import annotations
 
 from collections import namedtuple
+from typing import NamedTuple
 
 from fmukit.runtime.jet import sin, sqrt
 
 from .declarations import Parameters
 from .geometry import Position, slip_per_cam_speed
 
-#: Acceleration along the position, friction K, second derivative of H by time, load W of the guide.
-Dynamics = namedtuple("Dynamics", "eps K H_tt W")
 #: Torque that is left to start forwards, and to start backwards: g_+ and g_- of *Motion*.
 StartTorques = namedtuple("StartTorques", "forwards backwards")
 #: What acceleration and squared speed multiply in the equation of motion: A_1 and B_1.
 ReducedInertia = namedtuple("ReducedInertia", "A_1 B_1")
 #: Pulls of the chain, torque of the cam on the rocker, and force between cam and follower.
 Forces = namedtuple("Forces", "T_iron T_hang T_span M_rocker N")
+
+
+class Dynamics(NamedTuple):
+    """Acceleration along the position, friction K, second derivative of H by time, load W of the guide."""
+
+    eps: float
+    K: float
+    H_tt: float
+    W: float
 
 
 def friction_coefficient(p: Parameters, at: Position, direction: float) -> float:
@@ -31,9 +39,9 @@ def friction_coefficient(p: Parameters, at: Position, direction: float) -> float
 
 def torques_to_start(p: Parameters, at: Position, M: float) -> StartTorques:
     """The generalised force of paper (40) at rest, where the paper leaves friction open."""
-    rest, weight = M - at.Pi_1, at.W_0 * at.H.first
-    forth, back = friction_coefficient(p, at, 1), friction_coefficient(p, at, -1)
-    return StartTorques(rest + forth * weight, rest + back * weight)
+    K_plus, K_minus = friction_coefficient(p, at, 1), friction_coefficient(p, at, -1)
+    balance, load = M - at.Pi_1, at.W_0 * at.H.first
+    return StartTorques(balance + K_plus * load, balance + K_minus * load)
 
 
 def direction_of_motion(p: Parameters, at: Position, w: float, M: float) -> int:

@@ -26,8 +26,7 @@ def shaft_inertia(p: Parameters) -> float:
 def cam_acceleration(p: Parameters, x: State, d: Dynamics, M: float) -> float:
     """Acceleration of the cam, which in flight is coupled only to the motor: first equation of *Flight*."""
     if not x.flying:
-        eps: float = d.eps
-        return eps
+        return d.eps
     return (M - cam_weight(p, x.phi) - p.joints.cam * x.w_cam) / shaft_inertia(p)
 
 

@@ -173,15 +173,15 @@ def _products(model: ModuleType, flavour: str, platforms: tuple[str, ...]) -> It
     if flavour == "python" or model.PYTHON_ONLY:
         return
     versions = {"fmi3": (3,), "all": (2, 3)}.get(flavour, (2,))
-    for second_or_third in (native.hashed_build(model, fmi, platforms) for fmi in versions):
-        guid, libraries = second_or_third.guid, second_or_third.targets_by_library
-        write = partial(native.write_fmu, second_or_third)
-        if second_or_third.fmi == 3:
+    for compiled in (native.hashed_build(model, fmi, platforms) for fmi in versions):
+        guid, libraries = compiled.guid, compiled.targets_by_library
+        write = partial(native.write_fmu, compiled)
+        if compiled.fmi == 3:
             yield Product(f"fmi3/{name}.fmu", guid, libraries, write)
             continue
         if flavour != "wasm":
             yield Product(f"native/{name}.fmu", guid, libraries, write)
-        yield Product(f"wasm/{name}.wasm", guid, (), partial(native.write_wasm, second_or_third))
+        yield Product(f"wasm/{name}.wasm", guid, (), partial(native.write_wasm, compiled))
 
 
 class _NotMadeError(Exception):

@@ -134,23 +134,6 @@ def note_change(model: Model, p: Any, t: float, old: Any, new: Any, u: Any, note
         note(sentence)
 
 
-class Event(NamedTuple):
-    """An event of a step: time since the beginning of the step, state before and after."""
-
-    s: float
-    before: Any
-    after: Any
-
-
-def events_and_end(model: Model, p: Any, t: float, x: Any, inputs: InputTrajectory) -> list[Event]:
-    """The events of a step, and last its end, where nothing changes; raises what `integrate_through_events` raises."""
-    recorded: list[Event] = []
-    end = integrate_through_events(
-        model, p, t, x, inputs, ignore_sentence, lambda *event: recorded.append(Event(*event))
-    )
-    return [*recorded, Event(inputs.h, end, end)]
-
-
 class Until(Enum):
     """Where an integration ends."""
 
@@ -177,7 +160,7 @@ def run_to_event(model: Model, p: Any, t: float, x: Any, inputs: InputTrajectory
 
 
 class HybridState(NamedTuple):
-    """Within a step: the triggered indicator or -1, the state, the integration from it, events so far."""
+    """Within a step: the index of the event indicator below zero or -1, the state, the integration from it, events so far."""
 
     which: int
     x: Any
@@ -192,9 +175,9 @@ def integrate_through_events(
     x: Any,
     inputs: InputTrajectory,
     note: Note,
-    on_event: Callable[[float, Any, Any], None] | Until | None = None,
+    until: Until | None = None,
 ) -> Any:
-    """The state at the end of a step, through its events, which `on_event` may record.
+    """The state at the end of a step, through its events.
 
     With Until.FIRST_EVENT it is the HybridState at the first event, or of the end. Raises ArithmeticError for
     a system that chatters, and what `ode.substep` raises.
@@ -212,7 +195,7 @@ def integrate_through_events(
     def body(at: HybridState) -> tuple[bool, HybridState]:
         which, x, progress, events = at
         if model.event_update and which >= 0:
-            if on_event is Until.FIRST_EVENT:
+            if until is Until.FIRST_EVENT:
                 return True, at
             if events >= MOST_EVENTS:
                 raise ArithmeticError(
@@ -220,8 +203,6 @@ def integrate_through_events(
                 )
             new = model.event_update(p, t + progress.s, x, inputs.at(progress.s), which)
             note_change(model, p, t + progress.s, x, new, inputs.at(progress.s), note)
-            if callable(on_event):
-                on_event(progress.s, x, new)
             which = first_negative_indicator(model, p, t, progress.s, new, inputs)
             progress = begin(progress.s, new) if which < 0 else progress
             return which < 0 and progress.s >= h, HybridState(which, new, progress, events + 1)
@@ -242,7 +223,7 @@ def integrate_through_events(
 
     which = first_negative_indicator(model, p, t, 0.0, x, inputs)
     end = repeat(body, HybridState(which, x, begin(0.0, x), 0))
-    return end if on_event is Until.FIRST_EVENT else end.x
+    return end if until is Until.FIRST_EVENT else end.x
 
 
 def smaller(a: float, b: float) -> float:

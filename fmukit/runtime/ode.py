@@ -12,7 +12,7 @@ from math import inf
 from operator import add
 from typing import NamedTuple
 
-from .flow import attempted, repeat
+from .flow import attempted
 
 Vector = Sequence[float]
 RightHandSide = Callable[[float, Vector], Vector]
@@ -54,16 +54,6 @@ class Substep(NamedTuple):
     succeeded: bool
     size: float
     further: IntegratorState
-
-
-def integrate(f: RightHandSide, x: Vector, h: float, tolerance: Vector) -> Vector:
-    """Carry x from s = 0 to s = h; raises what `substep` raises."""
-
-    def body(at: IntegratorState) -> tuple[bool, IntegratorState]:
-        further = substep(f, at, h, tolerance).further
-        return further.s >= h, further
-
-    return repeat(body, IntegratorState(0.0, x, f(0.0, x), h, 0)).x
 
 
 def substep(

@@ -83,13 +83,13 @@ def joined(condition: Operation, true: Leaf, false: Leaf) -> tuple[list[Join], l
 
 def phi_of(a: Any, b: Any) -> Phi:
     """A new value for two: of the type that both have, else a Real; one of their values where those are known."""
-    kinds, values = {type_of(a).kind, type_of(b).kind}, [possible_values(x) for x in (a, b)]
+    kinds, values = {type_of(a).kind, type_of(b).kind}, [values_by_type(x) for x in (a, b)]
     all_values = tuple(sorted({*values[0], *values[1]})) if all(values) else ()
     return new_phi(NumberType(kinds.pop() if len(kinds) == 1 else "Real", all_values))
 
 
-def possible_values(number: Any) -> tuple[int, ...]:
-    """What a number can be, as far as that is known: itself, or the values of its enumeration."""
+def values_by_type(number: Any) -> tuple[int, ...]:
+    """What a number can be by its type: itself, or the values of its enumeration."""
     is_integer = isinstance(number, int) and not isinstance(number, bool)
     return (number,) if is_integer else type_of(number).enumeration
 

@@ -24,7 +24,7 @@ from fmukit.runtime import hybrid as motion
 from fmukit.trace.modules import source_files
 from tests.components import orientator_oracle as reference
 from tests.hosts.host import MESSAGES, Unit
-from tests.oracle import by_name, random_parameters
+from tests.oracle import by_name, events_and_end, random_parameters
 
 FMU = "GravityOrientator.fmu"
 RPM = pi / 30
@@ -69,9 +69,7 @@ def passage(n: Any, mu: Any, h: float = 1e-3, component: Any = model) -> Any:
         u = model.Inputs(RPM * (n(k * h) if callable(n) else n), True)
         x, before = motion.sample(component, p, k * h, x, before, u), u
         if x.stage in MOVING:
-            for s, old, new in motion.events_and_end(
-                component, p, k * h, x, motion.InputTrajectory(u, u, h)
-            ):
+            for s, old, new in events_and_end(component, p, k * h, x, u, h):
                 recorded += [(k * h + s, old, new)] if new is not old else []
             x = component.complete_state(p, new)
     return p, x, recorded

@@ -17,10 +17,9 @@ from components.iron_drive.declarations import Side
 from cosim import System, run
 from fmukit.declare.model import complete_model
 from fmukit.declare.record import start
-from fmukit.runtime import hybrid
 from tests.components.iron_oracle import DIMENSIONS, Reference, transfer
 from tests.hosts.host import Unit
-from tests.oracle import by_name, random_parameters
+from tests.oracle import by_name, events_and_end, random_parameters
 
 FLIES: dict[str, Any] = {"follower.lifts": True}
 RUBS = {"joints.cam": 0.05, "joints.rocker": 0.1, "joints.link": 0.02, "joints.sprocket": 0.01}
@@ -160,8 +159,7 @@ def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
     u, gap = iron.Inputs(0.0), 1e-6
     x = iron.sample(p, 0.0, start(iron.State, phi=5.0, gap=gap), None, u)
     fall = -iron.derivatives(p, 0.0, x, u).w_gap
-    trajectory = hybrid.InputTrajectory(u, u, 2e-3)
-    events = hybrid.events_and_end(complete_model(iron), p, 0.0, x, trajectory)
+    events = events_and_end(complete_model(iron), p, 0.0, x, u, 2e-3)
     recorded = [(t, old, new) for t, old, new in events if new.landings > old.landings]
     first, v = math.sqrt(2 * gap / fall), math.sqrt(2 * gap * fall)
     times, bounces = [t for t, _, _ in recorded], [-old.w_gap for _, old, _ in recorded]

@@ -26,6 +26,7 @@ from fmukit.runtime import hybrid
 from tests.conftest import ROOT
 from tests.fmukit.test_native import MODELS, NAMES, compare_derivatives, each, reals
 from tests.hosts.host import Unit, unpacked
+from tests.oracle import events_and_end
 
 STUCK = {"phi": 0.3, "w_cam": 3.0, "friction.K_up": 0.6, "friction.K_down": -0.9, "on_invalid": 1}
 FLYING = {"stage": 3, "phi1": 0.7, "phi2": 5.8, "w1": -1.0, "w2": 15.0, "vyc": 1.0, "w": 2.0}
@@ -66,9 +67,7 @@ def events_of(name: str, start: dict[str, Any], stop: float, step: float) -> lis
     x = hybrid.sample(model, p, 0.0, model.complete_state(p, x), None, u)
     actual = []
     for n in range(round(stop / step)):
-        *events, (_, x, _) = hybrid.events_and_end(
-            model, p, n * step, x, hybrid.input_trajectory(0, u, u, step, step)
-        )
+        *events, (_, x, _) = events_and_end(model, p, n * step, x, u, step)
         actual += [n * step + s for s, *_ in events]
         x = model.complete_state(p, x)
     return actual

@@ -232,7 +232,7 @@ INLINE int is_up_to_date(const State *s, const char *kind, fmi2ValueReference re
 
 /* Refuse references that are not of this type; bring the outputs up to date. */
 static int require_type_and_refresh(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n) {
-    const int is_initialised = i->state.phase != INITIALIZING; /* until then the state is to be settled */
+    const int is_initialised = i->state.phase != INITIALIZING; /* until then the state is to be completed */
     int is_held = !strcmp(kind, "Real"), is_derived = 0;
     for (size_t k = 0; k < n; k++) {
         if (!variable(&i->context, kind, vr[k])) return 0;

@@ -30,7 +30,7 @@ typedef struct {
 } Fmi3Instance;
 
 /* From the state x at t to the first event, or to the end of the input trajectory: its time since t,
-   the index of the triggered indicator or -1, and the state. */
+   the index of the event indicator below zero or -1, and the state. */
 #if INDICATORS
 static void model_run_to_event(Context *c, const double *p, double t, const double *x,
                         const double *inputs, double *result);
