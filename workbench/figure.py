@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,6 +23,11 @@ MOST_DIGITS = 6
 SENTENCE_DIGITS = 4
 #: Significant digits of a difference in percent in a sentence, a convention of this project.
 SHARE_DIGITS = 3
+#: Shares of errors at which a function of figures is looked at: even ones, and such as come ever closer to the end, since
+#: a pole may lie just before it. Chosen: a pole or a peak between two of them is higher at one of them than at the end.
+ON_THE_WAY = sorted({k / 16 for k in range(1, 17)} | {1.0 - 0.5**k for k in range(5, 21)})
+#: Largest change there, over that at the ends; a convention, so that the rounding of a small change is no peak.
+MOST_BETWEEN = 1.01
 #: What stands under the figures of a question that does not say itself what its errors are.
 ERROR_SCOPE = (
     "The error is numerical only: coupling, steps and rows. Tolerances of the parameters and the model's own "
@@ -164,22 +170,32 @@ def figure_of_columns(
 
 
 def figure_of_figures(
-    function: Callable[..., float], *figures: Figure, unit: str, meaning: str = ""
+    function: Callable[..., Any], *figures: Figure, unit: str, meaning: str = ""
 ) -> Figure:
-    """Return the number that a function makes of figures; its error adds the larger change that each error up and down makes."""
+    """Return the number that a function of arrays makes of figures; its error is the largest change that theirs make.
+
+    Each goes to either end of its error alone, and all go to every corner together. The number is not determined where
+    the function has no value on the way there, or changes more than at the ends: at a pole, or around a peak.
+    """
+    import numpy as np
+
     refused = next((x for x in figures if x.error is None), None)
     if refused:
         return Figure.undetermined(unit, refused.reason, meaning)
-    values = [x.value for x in figures]
-    value, error = float(function(*values)), 0.0
-    for k, x in enumerate(figures):
-        ends = (x.value - (x.error or 0.0), x.value + (x.error or 0.0))
-        changed = [float(function(*values[:k], end, *values[k + 1 :])) for end in ends]
-        if not all(map(math.isfinite, (value, *changed))):
-            reason = "it has no value within the errors of what it follows from"
-            return Figure.undetermined(unit, reason, meaning)
-        error += max(abs(y - value) for y in changed)
-    return Figure(value, unit, error, meaning)
+    signs = [(-1.0, 1.0) if x.error else (0.0,) for x in figures]
+    one = np.eye(len(figures))
+    ways = np.concatenate([one, -one, np.array([*product(*signs)])])
+    shifts = np.multiply.outer([0.0, *ON_THE_WAY], ways)
+    with np.errstate(all="ignore"):
+        at = (x.value + (x.error or 0.0) * shifts[..., k] for k, x in enumerate(figures))
+        y = np.broadcast_to(function(*at), shifts.shape[:2])
+        changes = abs(y - y[0])
+    value, error, why = float(y[0, 0]), float(changes.max()), ""
+    if not math.isfinite(error):
+        why = "it has no value within the errors of what it follows from"
+    elif error > MOST_BETWEEN * changes[-1].max() + ROUNDING * abs(value):
+        why = "it changes more between the ends of the errors of what it follows from than at them"
+    return Figure.undetermined(unit, why, meaning) if why else Figure(value, unit, error, meaning)
 
 
 def scaled(figure: Figure, factor: float, unit: str, meaning: str) -> Figure:

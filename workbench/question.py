@@ -378,13 +378,13 @@ class Question(Options):
 
 
 def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]) -> Figure:
-    """Return the figure of a formula, `figures.speed / 2`; its error adds the larger effect of each figure's error up and down."""
+    """Return the figure of a formula, `figures.speed / 2`, see `figure_of_figures`."""
     known = {f"figures.{name}": x for name, x in figures.items()}
     formula = Formula.read(number.value)
     used = sorted(formula.names & known.keys())
     at = {**values, **{name: x.value for name, x in known.items()}}
     return figure_of_figures(
-        lambda *x: formula({**at, **dict(zip(used, x))}),
+        lambda *x: formula.over({**at, **dict(zip(used, x))}),
         *(known[name] for name in used),
         unit=number.unit or "1",
     )

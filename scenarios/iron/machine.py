@@ -100,5 +100,6 @@ def limits(system: System) -> dict[str, Figure]:
 
 
 def first_limit(f: Mapping[str, Figure]) -> tuple[Figure, str]:
-    """The lowest of these speeds, and what happens there."""
-    return min((f[f"{name}_limit"], event) for name, (_, event, _) in LETS_GO.items())
+    """The lowest of these speeds, and what happens there; one that is not determined may be the lowest."""
+    limits = ((f[f"{name}_limit"], event) for name, (_, event, _) in LETS_GO.items())
+    return min(limits, key=lambda x: -math.inf if x[0].error is None else x[0].value)

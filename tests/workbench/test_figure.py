@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from workbench.export import finite
-from workbench.figure import Figure, checked_figures
+from workbench.figure import Figure, checked_figures, figure_of_figures
 
 
 @pytest.mark.parametrize(
@@ -50,3 +53,27 @@ def test_a_figure_whose_error_has_no_bound_is_undetermined_and_json_has_no_infin
 
 def test_a_refused_figure_says_why_in_a_sentence() -> None:
     assert Figure.undetermined("N", "it jams").brief() == "not determined (it jams)"
+
+
+@pytest.mark.parametrize(
+    ("function", "of", "error"),
+    [
+        (lambda x, y: x / y, [(1.0, 0.1), (1.0, 0.9)], 10.0),
+        (lambda x, y: x * y, [(0.0, 1.0), (0.0, 2.0)], 2.0),
+        (np.cos, [(0.0, 1.0)], 1.0 - math.cos(1.0)),
+        (lambda x, y: x - y, [(3.0, 0.0), (2.0, 0.0)], 0.0),
+        (lambda x: 1.0 / x, [(1.0, 1.5)], None),
+        (lambda x: 1.0 / x, [(1.0, 1.001)], None),
+        (lambda x: 1.0 / x, [(1.0, 1.0)], None),
+        (lambda x, y: 1.0 / (x - y), [(1.0, 0.3), (0.5, 0.3)], None),
+        (np.cos, [(0.0, 2.0 * math.pi)], None),
+        (np.sqrt, [(1.0, 2.0)], None),
+        (lambda x: x**-0.5, [(1.0, 2.0)], None),
+    ],
+)
+def test_the_error_of_a_number_of_figures_reaches_all_that_they_may_be(
+    function: Callable[..., Any], of: list[tuple[float, float]], error: float | None
+) -> None:
+    told = figure_of_figures(function, *(Figure(x, "N", e) for x, e in of), unit="N")
+    assert told.error == (None if error is None else pytest.approx(error, rel=1e-9))
+    assert bool(told.reason) == (error is None)

@@ -25,9 +25,14 @@ from workbench import (
     Findings,
     Judgement,
     Mark,
+    Number,
     Panel,
     Question,
+    Reader,
+    RunChart,
+    RunPanel,
     Show,
+    Slider,
     Table,
     option,
 )
@@ -35,18 +40,7 @@ from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
 from workbench.figure import ROUNDING, figure_of_figures, scaled
 from workbench.judgement import Holds
-from workbench.live import (
-    REVOLUTION,
-    Live,
-    LiveMotion,
-    Number,
-    Reader,
-    RunChart,
-    RunPanel,
-    Slider,
-    drawn,
-    moved,
-)
+from workbench.live import REVOLUTION, Live, LiveMotion, drawn, moved
 
 from .. import machine as iron
 from .. import motion
@@ -175,7 +169,7 @@ class IronBounce(Question):
             )
         figures["force"] = (
             figure_of_figures(  # on a spring, sqrt(c m) v, with the mass that has this impulse
-                lambda v, S: math.sqrt(max(0.0, self.stiffness * v * S / (1.0 + e))),
+                lambda v, S: np.sqrt(np.maximum(0.0, self.stiffness * v * S / (1.0 + e))),
                 figures["speed"],
                 figures["impulse"],
                 unit="N",

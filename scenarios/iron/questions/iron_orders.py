@@ -264,13 +264,13 @@ def figures(machine: MeasuredDrive, orders: Frame, runs: Frame) -> dict[str, Fig
         T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
         of_lag = {
             "w_n": figure_of_figures(
-                lambda x, T=T: math.sqrt(B / (x * T)),
+                lambda x, T=T: np.sqrt(B / (x * T)),
                 theta,
                 unit="rad/s",
                 meaning="frequency of a lag of 90 deg, by formula",
             ),
             "zeta": figure_of_figures(
-                lambda x, T=T: math.sqrt(x / (B * T)) / 2,
+                lambda x, T=T: np.sqrt(x / (B * T)) / 2,
                 theta,
                 unit="1",
                 meaning="damping ratio of the ripple",
