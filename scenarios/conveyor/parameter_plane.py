@@ -16,12 +16,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, qmc
+from scipy.stats import qmc
 
 from cosim import SetupError
 from workbench.answer import GivenValue, Table, parameters
 from workbench.charts.model import GridAxis
 from workbench.options import at_least
+from workbench.study.words import interval
 
 from .drive_orbits import AT_ONCE, Drive, Orbits, at_zero_step, picked
 from .first_order import FIELDS, Machine
@@ -32,8 +33,6 @@ Real = NDArray[np.float64]
 SPEED_NAME = "speed"
 #: Seed of the scrambled Sobol points, a convention: the same machines in every run.
 SEED = 1
-#: Level of the interval of a counted share, a convention.
-CONFIDENCE = 0.95
 #: Probabilities between which the outcome at a point is open.
 OPEN = (0.05, 0.95)
 #: Points along either axis at which the coupling error of a map is sampled.
@@ -146,9 +145,8 @@ class BuiltMachines(NamedTuple):
         for sample in samples:
             machines, nu = self.at(sample.row, sample.x[:runs], slice(runs))
             speeds = np.broadcast_to(nu, (1, runs))
-            (orbits,) = drive.orbits(machines, speeds, "check of the probability").torque
-            if np.isfinite(orbits).any():
-                checks.append(compared_with_orbits(sample, orbits, limit))
+            (torques,) = drive.orbits(machines, speeds, "check of the probability").torque
+            checks.append(compared_with_orbits(sample, torques, limit))
         return checks
 
 
@@ -199,21 +197,16 @@ def run_plane(
     return table, orbits
 
 
-def coupling_error(
+def coupling_errors(
     plane: Plane,
     drive: Drive,
     quantity: Callable[[Orbits], Real] = torque_ripple,
     order: float | None = None,
-) -> float:
-    """Return the largest relative coupling error of a quantity of orbits, by runs with longer steps.
+) -> Real:
+    """Return relative coupling errors of a quantity of orbits, by runs with longer steps, shape (orbits,).
 
     The runs are spread over the plane, ERROR_GRID by ERROR_GRID. The error vanishes with the order of the
-    algorithm, unless another one is given.
-
-    Raises
-    ------
-    SetupError
-        If none of these orbits is steady with all step multiples.
+    algorithm, unless another one is given. What is not known is nan; where there is no orbit, there is none.
     """
     x, y = (
         np.unique(np.linspace(0, len(axis.along.values) - 1, ERROR_GRID).round().astype(int))
@@ -223,13 +216,8 @@ def coupling_error(
     machine, nu = plane.points()
     machine = picked(machine, nu.shape, some)
     values = quantity(drive.orbits(machine, drive.for_each_step(nu[some]), "coupling error"))
-    runs = values[:, np.isfinite(values).all(axis=0)]
-    if not runs.size:
-        raise SetupError(
-            "no orbit is steady with a quarter of the steps per revolution: take more steps"
-        )
-    of_runs = at_zero_step(runs, order or drive.convergence_order)
-    return float((of_runs.error / of_runs.value).max())
+    of_runs = at_zero_step(values[:, np.isfinite(values[0])], order or drive.convergence_order)
+    return np.where(of_runs.is_stated, of_runs.error / of_runs.value, math.nan)
 
 
 def on_edge(probabilities: Any, count: int) -> list[int]:
@@ -242,7 +230,7 @@ def on_edge(probabilities: Any, count: int) -> list[int]:
 def compared_with_orbits(sample: Sample, torques: Any, limit: float) -> dict[str, Any]:
     """What co-simulation makes of the first machines of a sample, by their torque ripple; without an orbit it is nan.
 
-    By brute force the probability lies in the interval with CONFIDENCE.
+    By brute force the probability lies in the interval. Where no machine has an orbit, all but the counts is nan.
     """
     steady = np.isfinite(torques)
     expected = sample.expected[: len(torques)][steady]
@@ -252,21 +240,15 @@ def compared_with_orbits(sample: Sample, torques: Any, limit: float) -> dict[str
     return {
         "place": sample.position,
         "probability": sample.probability(limit),
-        "brute_force": hits / total,
-        "interval": interval(hits, total),
+        "brute_force": hits / total if total else math.nan,
+        "interval": interval(hits, total) if total else (math.nan, math.nan),
         "samples": total,
         "judged_above": int(((ripples > limit) & (expected <= limit)).sum()),
         "judged_below": int(((ripples <= limit) & (expected > limit)).sum()),
         "not_steady": len(torques) - total,
-        "off_rms": float(np.sqrt(np.mean(deviation**2))),
-        "off_max": float(np.abs(deviation).max()),
+        "off_rms": float(np.sqrt(np.mean(deviation**2))) if total else math.nan,
+        "off_max": float(np.abs(deviation).max()) if total else math.nan,
     }
-
-
-def interval(hits: int, samples: int) -> tuple[float, float]:
-    """Of a share that was counted, with CONFIDENCE, by Wilson."""
-    bounds = binomtest(hits, samples).proportion_ci(CONFIDENCE, "wilson")
-    return float(bounds.low), float(bounds.high)
 
 
 def parameter(fmus: Mapping[str, Path], name: str) -> GivenValue:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from scenarios.conveyor.parameter_plane import (
     Plane,
     axis,
     compared_with_orbits,
-    coupling_error,
+    coupling_errors,
     on_edge,
     shares,
 )
@@ -65,11 +66,25 @@ def ridges_of(map_plane: Plane) -> pd.DataFrame:
 def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> None:
     """Within the coupling error that the map states."""
     map_plane, points, _ = mapped
-    error = coupling_error(map_plane, DRIVE)
+    error = float(coupling_errors(map_plane, DRIVE).max())
     assert error < 2e-3
     for nu, ripple in MONOLITHIC.items():
         at = points["ripple"][11 + SPEEDS.index(nu)]
         assert 0.0 < abs(at / ripple - 1) < error
+
+
+def test_an_error_that_steps_do_not_show_bounds_nothing(
+    mapped: Points, ridges: pd.DataFrame
+) -> None:
+    """The value of the last orbit rises and falls again with the steps: it has no order."""
+    of_steps = np.array([[10.0, 10.0], [10.2, 10.2], [11.0, 10.1]])
+    runs: Any = SimpleNamespace(
+        convergence_order=2.0, for_each_step=DRIVE.for_each_step, orbits=lambda *_: of_steps
+    )
+    errors = coupling_errors(mapped[0], runs, lambda x: x)
+    assert np.isfinite(errors).tolist() == [True, False]
+    stated = resonance_map.figures(mapped[1], ridges, float(errors.max()))
+    assert stated["ripple_max"].reason == drive_orbits.NO_COUPLING_ERROR
 
 
 def test_gain_is_theorys_closest_far_from_resonance(mapped: Points) -> None:
@@ -237,6 +252,12 @@ def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points)
     check = compared_with_orbits(sample, torques, LIMIT)
     names = ("samples", "not_steady", "judged_above", "judged_below", "off_max")
     assert [check[name] for name in names] == [7, 1, 0, 0, 0.0]
+    lost = compared_with_orbits(sample, np.full(8, math.nan), LIMIT)
+    assert [lost[name] for name in names[:4]] == [0, 8, 0, 0]
+    two, one = (resonance_map.check_figures(x, 1e-3) for x in ([check, lost], [check]))
+    assert two == one
+    reason = resonance_map.check_figures([lost], 1e-3)["misjudged"].reason
+    assert reason == "no machine that is co-simulated has a steady orbit"
 
 
 def test_check_sees_a_prediction_that_is_wrong(mapped: Points) -> None:

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from cosim import SetupError
 from workbench import Context, Figure, Findings, Judgement, Question, Show, Table, option
 from workbench.options import check_fixed_starts
+from workbench.study.words import interval
 
 from .. import motion
-from ..drive_orbits import STEP_MULTIPLES, Drive, Orbits, picked
+from ..drive_orbits import STEP_MULTIPLES, Drive, Orbits, orbit_figure, picked
 from ..first_order import FIELDS, SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
@@ -34,8 +35,7 @@ from ..parameter_plane import (
     Plane,
     Sample,
     axis,
-    coupling_error,
-    interval,
+    coupling_errors,
     on_edge,
     run_plane,
     shares,
@@ -121,7 +121,8 @@ class ResonanceMap(Question, RippleOptions):
         )
 
         points, orbits = sweep(plane, drive)
-        rows, error = ridges(plane, drive, orbits), coupling_error(plane, drive)
+        rows, errors = ridges(plane, drive, orbits), coupling_errors(plane, drive)
+        error = float(errors.max()) if errors.size else math.nan
         map_ = Map(plane, drive, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
         ratio = map_.field("ripple") / map_.field("ripple_theory")
         built = BuiltMachines.within(plane, ratio, spread, self.samples)
@@ -284,7 +285,7 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
     over = "torque ripple by co-simulation over that of first-order theory"
     ratio = points["ripple"] / points["ripple_theory"]
     all_figures = {
-        name: Figure(float(value), unit, error * float(value), meaning)
+        name: orbit_figure(value, error * value, unit, meaning, "")
         for name, value, unit, meaning in (
             ("gain_max", points["gain"].max(), "1",
              "largest gain at a point: torque ripple over load ripple, order 2"),
@@ -322,18 +323,21 @@ def check_figures(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str
         "deviation of the torque ripple of these machines from theory, rms",
         "probability from these machines minus that of the map, at most",
     )
-    if not checks:
-        return {"misjudged": Figure.undetermined("%", "no machine is co-simulated", wrong)}
+    steady = [check for check in checks if check["samples"]]
+    if not steady:
+        why = "no machine that is co-simulated has a steady orbit"
+        reason = why if checks else "no machine is co-simulated"
+        return {"misjudged": Figure.undetermined("%", reason, wrong)}
     names = ("samples", "judged_above", "judged_below", "off_rms")
-    samples, above, below, off = np.array([[check[name] for name in names] for check in checks]).T
+    samples, above, below, off = np.array([[check[name] for name in names] for check in steady]).T
     total, otherwise = int(samples.sum()), int((above + below).sum())
     share, ends = otherwise / total, interval(otherwise, total)
     rms = math.sqrt(np.average(off**2, weights=samples))
-    worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
+    worst = max(steady, key=lambda check: abs(check["brute_force"] - check["probability"]))
     brute, chance = worst["brute_force"], worst["probability"]
     reach = max(abs(end - brute) for end in worst["interval"])
     return {
         "misjudged": Figure(100 * share, "%", 100 * max(abs(end - share) for end in ends), wrong),
-        "machines_off_rms": Figure(100 * rms, "%", 100 * error, deviations),
+        "machines_off_rms": orbit_figure(100 * rms, 100 * error, "%", deviations, ""),
         "probability_off_max": Figure(brute - chance, "1", reach, other_starts),
     }

@@ -24,6 +24,7 @@ from workbench.judgement import Holds
 from .. import motion
 from ..drive_orbits import (
     FORCE_ORDER,
+    NO_COUPLING_ERROR,
     STEP_MULTIPLES,
     Drive,
     Orbits,
@@ -40,7 +41,7 @@ from ..parameter_plane import (
     SPEED_NAME,
     ParameterAxis,
     Plane,
-    coupling_error,
+    coupling_errors,
     run_plane,
     torque_ripple,
 )
@@ -297,16 +298,18 @@ def deviation(
     """
     sizes = np.abs(ratio - 1.0)
     top = float(np.nanmax(sizes))
-    margin = MARGIN * coupling_error(r.plane, r.drive, quantity, order)
+    unknown = Figure.undetermined("%", NO_COUPLING_ERROR)
+    sampled = coupling_errors(r.plane, r.drive, quantity, order)
+    if np.isnan(sampled).all():
+        return unknown
+    margin = MARGIN * float(np.nanmax(sampled))
     points = np.flatnonzero(sizes >= top - margin).tolist()
     machine, nu = r.plane.points()
     machine = picked(machine, nu.shape, points)
     orbits = r.drive.orbits(machine, r.drive.for_each_step(nu[points]), "deviation")
     of_runs = at_zero_step(quantity(orbits), order or r.drive.convergence_order)
     if not of_runs.is_stated.all():  # an orbit may be lost with the longest steps only
-        return Figure.undetermined(
-            "%", "the coupling error is not known; take more steps per revolution"
-        )
+        return unknown
     errors = (of_runs.error / of_runs.value).tolist()
     ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
     at = points.index(int(np.nanargmax(sizes)))
