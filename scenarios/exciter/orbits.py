@@ -261,10 +261,12 @@ class Shooting:
             change = (supply - motions.supply) / motions.slope
             if not (np.abs(change) >= ROOT_ROUNDING * speed).any():
                 return motions
-            speed = speed + np.clip(change, -speed / 4, speed / 4)
-        motions.problems[np.abs(change) >= ROOT_ROUNDING * speed] = (
-            "no steady motion was found after the jump"
-        )
+            # a lost one stays where it was
+            speed = speed + np.nan_to_num(np.clip(change, -speed / 4, speed / 4))
+        lost = np.abs(change) >= ROOT_ROUNDING * motions.speed
+        motions.problems[lost] = [
+            f"no steady motion was found at {v:.6g} V after the jump" for v in supply[lost]
+        ]
         return motions
 
     def jumps(self, which: NDArray[np.intp], steps: NDArray[np.intp]) -> Jumps:

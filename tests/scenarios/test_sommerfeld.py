@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.optimize import root
 from components.DC_motor import model as motor
 from components.unbalance_exciter import model as exciter
 from cosim import SetupError
+from scenarios.exciter.orbits import ExciterOrbits, Shooting
 from tests.conftest import ask
 from tests.oracle import joined, part
 
@@ -105,6 +107,28 @@ def steady(machine: Mapping[str, float], supply: float, w: float) -> float:
     y = root(equations, guess(machine, w)[0], method="hybr", tol=1e-10).x
     assert np.abs(equations(y)).max() < 1e-7
     return 2 * math.pi / returned(machine, supply, y)[1]
+
+
+def test_a_motion_that_is_lost_after_a_jump_is_named_by_the_speed_at_which_it_was_sought() -> None:
+    """Of three motors at 0.2 V.s/rad one is lost at once, and the voltage of one falls where it should rise."""
+    sought = []
+
+    def orbits(speed: Any, _: Any) -> ExciterOrbits:
+        sought.append(speed)
+        supply = np.array([math.nan, 0.2, 0.3]) * speed
+        problems = np.array([f"lost at {speed[0]:g} rad/s", "", ""], object)
+        slope = np.array([0.2, 0.2, -0.3])
+        return ExciterOrbits(speed, supply, slope, np.zeros((3, 4), complex), problems)
+
+    folds, speeds = np.array([[10.0, 2.0], [20.0, 1.0]]), np.array([40.0])
+    theory = SimpleNamespace(folds=folds, speeds=speeds, supplies=np.array([8.0]))
+    shooting: Any = SimpleNamespace(theory=theory, orbits=orbits)
+    supply, which = np.array([18.0, 20.0, 30.0]), np.zeros(3, int)
+    found = Shooting.after_jump(shooting, which, supply, which)
+    assert np.isfinite(sought).all()
+    assert found.speed[1] == pytest.approx(100.0)
+    lost = "no steady motion was found at 30 V after the jump"
+    assert found.problems.tolist() == ["lost at 40 rad/s", "", lost]
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import cosim
-from cosim import Prepared, Result, RunSettings, SetupError, SimulationError, System
+from cosim import (
+    CONVERGENCE_ORDERS,
+    Prepared,
+    Result,
+    RunSettings,
+    SetupError,
+    SimulationError,
+    System,
+    run,
+)
 from cosim.accuracy.limit import limit
 from cosim.system import connect
 from workbench import (
@@ -27,26 +35,21 @@ from workbench import (
     Findings,
     Judgement,
     Mark,
+    Number,
     Panel,
     Question,
+    Reader,
+    RunChart,
+    RunPanel,
     Show,
+    Slider,
     Table,
     option,
 )
 from workbench.answer import parameters
 from workbench.charts.model import Arrow
 from workbench.figure import listed
-from workbench.live import (
-    Live,
-    LiveRun,
-    LiveSweep,
-    Number,
-    Reader,
-    RunChart,
-    RunPanel,
-    Slider,
-    drawn,
-)
+from workbench.live import Live, LiveRun, LiveSweep, drawn
 
 from .. import motion
 from ..orbits import (
@@ -87,13 +90,13 @@ LAST = 0.9
 
 
 RESONANCE = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
-NAME = "resonance of the mount"
+RESONANCE_NAME = "resonance of the mount"
 SWITCHED_ON = "Supply switched on at once, from rest"
 STARTS_CHART = RunChart(
     SWITCHED_ON,
     "time [s]",
     [
-        RunPanel("speed", {"exciter.w": "red"}, levels={NAME: "figures.nu_res"}),
+        RunPanel("speed", {"exciter.w": "red"}, levels={RESONANCE_NAME: "figures.nu_res"}),
         RunPanel("displacement", {"exciter.x": "red"}, "mm"),
     ],
 )
@@ -111,7 +114,7 @@ FROM_REST_CHART = RunChart(
             "mean speed at the end",
             {"figures.w_end": ("from rest", "red", "points")},
             "rad/s",
-            {NAME: RESONANCE},
+            {RESONANCE_NAME: RESONANCE},
         ),
         RunPanel(
             "displacement at the end", {"1e3 * figures.x_end": ("from rest", "red", "points")}, "mm"
@@ -125,6 +128,7 @@ class Sommerfeld(Question):
 
     parts = {"motor": "DCMotor", "exciter": "UnbalanceExciter"}
     fixed_starts = ("motor.v",)
+    is_sequential = True
 
     sliders = (
         Slider("motor.R", 4.0, 8.0),
@@ -279,7 +283,7 @@ class HeldDrive(NamedTuple):
         """Run one voltage from rest."""
         system = replace(self.system, start={**self.system.start, "motor.v": supply})
         step, record = self.step_at(supply), (*STATES, *POWERS)
-        return cosim.run(system, stop=self.hold, step=step, record=record)
+        return run(system, stop=self.hold, step=step, record=record)
 
     def levels(self, supplies: Sequence[float]) -> list[HeldVoltage]:
         """All levels up and down again, each from the states at the end of the one before."""
@@ -367,7 +371,7 @@ def figure(jumps: Jumps | None, name: str, direction: str, observed: Observed) -
     values = jumps._asdict()[name]
     if not np.isfinite(values).all():
         return Figure.undetermined(unit, next(filter(None, jumps.reason)), meaning)
-    of_runs = limit(values, cosim.CONVERGENCE_ORDERS["strang"])
+    of_runs = limit(values, CONVERGENCE_ORDERS["strang"])
     if reason := of_runs.sentence():
         return Figure.undetermined(unit, reason, meaning)
     value = float(values[0])
