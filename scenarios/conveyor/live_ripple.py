@@ -7,20 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from workbench import Number, Reader, RunChart, RunPanel, Slider
 from workbench.answer import parameters
 from workbench.charts import model as colors
-from workbench.live import (
-    REVOLUTION,
-    Formulas,
-    Live,
-    LiveSweep,
-    Number,
-    Reader,
-    RunChart,
-    RunPanel,
-    Slider,
-    Steady,
-)
+from workbench.live import REVOLUTION, Formulas, Live, LiveSweep, Steady
 
 from . import live_theory, motion
 from .first_order import Machine
@@ -46,7 +36,9 @@ LIVE_LAG = "mod(atan2(load_im, load_re) * 180 / pi - figures.tau2_phase, 360)"
 
 
 class RipplePanel(NamedTuple):
-    """A panel over the speed: the column of a sweep that the picture has, and for the live page formulas of run and theory."""
+    """A panel over the speed, which shows all that it `includes`: the column of a sweep that the picture has, and for the
+    live page formulas of run and theory.
+    """
 
     quantity: str
     unit: str
@@ -54,12 +46,15 @@ class RipplePanel(NamedTuple):
     run: str
     theory: str
     color: str
+    includes: Sequence[float] = (0.0,)
 
 
 PANELS = (
     RipplePanel("torque ripple", "N.m", "tau2", "figures.tau2", "torque_ripple", colors.TORQUE),
     RipplePanel("speed ripple", "rad/s", "w2", "figures.w2", "speed_ripple", colors.SPEED),
-    RipplePanel("lag behind the load", "deg", "lag", LIVE_LAG, "torque_lag", colors.LIFT),
+    RipplePanel(
+        "lag behind the load", "deg", "lag", LIVE_LAG, "torque_lag", colors.LIFT, (0.0, 180.0)
+    ),
 )
 
 
@@ -123,7 +118,7 @@ def live_sweep(
             },
             x.unit,
             levels.get(x.column, {}),
-            (0.0,),
+            x.includes,
         )
         for x in PANELS
     ]

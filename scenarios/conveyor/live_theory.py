@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from workbench.live import Formulas, Number
+from workbench import Number
+from workbench.live import Formulas
 
 from .first_order import Machine
 from .machine import has_kloss_characteristic

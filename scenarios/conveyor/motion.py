@@ -9,19 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import cosim
-from workbench import Chart
+from workbench import Chart, RunChart, RunPanel
 from workbench.charts import model as chart
 from workbench.charts import motion
 from workbench.charts.motion import Columns, Motion, Shape, line
-from workbench.live import (
-    REVOLUTION,
-    Caption,
-    Coordinate,
-    LiveMotion,
-    RunChart,
-    RunPanel,
-    drawn,
-)
+from workbench.live import REVOLUTION, Caption, Coordinate, LiveMotion, drawn
 
 from .drive_orbits import STATES, Drive
 from .first_order import Machine

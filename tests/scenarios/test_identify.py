@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,7 +18,7 @@ from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.fitting import prior
+from workbench.fitting import further_records, prior
 from workbench.run import rows
 
 TRUTH = measured_conveyor.equivalent_drive()
@@ -87,6 +88,27 @@ def test_the_next_record_is_that_in_which_the_speed_changes(answer: Answer) -> N
     assert rows["error"].is_monotonic_increasing
     assert list(rows["record"])[-1] == "the same again"
     assert rows["error"].iloc[-1] < answer.figures["nu_res"].error
+
+
+def test_further_records_have_the_torque_too_where_this_one_is_without_it() -> None:
+    def column(name: str) -> Any:
+        noise = SimpleNamespace(sigma=0.1)
+        return SimpleNamespace(port=SimpleNamespace(name=name), noise=noise, times=[0.0, 2.0])
+
+    for measured, more in ((["w"], ["", ", with the torque"]), (["w", "tau"], [""])):
+        problem = SimpleNamespace(columns=[column(name) for name in measured])
+        fit: Any = SimpleNamespace(problem=problem, result={"w": [1.0, 3.0]}, start_values={"A": 5})
+        records = further_records(
+            fit, ["w"], rest={"w": 0.0}, supply="A", steps={"a step": 1.2}, torque={"tau": 0.5}
+        )
+        assert len(records) == 3 * len(more)
+        for word in more:
+            assert records[f"the same again{word}"].start == {"w": 3.0}
+            assert records[f"a run-up from rest{word}"].start == {"w": 0.0}
+            step = records[f"a step{word}"]
+            assert (step.start, step.specific, step.stop) == ({"w": 3.0, "A": 6.0}, ("A",), 2.0)
+            noise = dict.fromkeys(measured, 0.1) | ({"tau": 0.5} if word else {})
+            assert step.noise == noise
 
 
 def test_the_table_holds_measured_and_fitted_values(answer: Answer) -> None:

@@ -221,6 +221,14 @@ def test_an_order_without_an_orbit_at_half_the_steps_is_refused(
         return rows
 
     stated = ask("iron_orders", **QUICK["iron_orders"]).figures
+    for lag in (
+        12,
+        80,
+        200,
+    ):  # T theta w^2 = B where the torque lags by 90 deg, and 2 zeta w_n T = 1
+        w_n, zeta = (stated[f"{name}_{lag}ms"].value for name in ("w_n", "zeta"))
+        assert lag / 1e3 * stated["theta"].value * w_n**2 == pytest.approx(stated["slope"].value)
+        assert 2.0 * zeta * w_n * lag / 1e3 == pytest.approx(1.0)
     monkeypatch.setattr(iron_orders, "simulate", unsettled)
     answer = ask("iron_orders", **QUICK["iron_orders"])
     reason = "there is no steady motion with half the steps where the lag adds most"

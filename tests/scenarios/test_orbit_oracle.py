@@ -1,4 +1,4 @@
-"""The exact orbits against integration in time, first-order theory and a known drive."""
+"""The exact orbits against integration in time."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from cosim import SetupError, limit
 from scenarios.conveyor.drive_orbits import FORCE_ORDER, picked
 from scenarios.conveyor.first_order import SETS
-from scenarios.conveyor.parameter_plane import coupling_error
+from scenarios.conveyor.parameter_plane import coupling_errors
 from scenarios.conveyor.rod_waveform import largest_forces
 from scenarios.conveyor.second_order import settling_rates
 from scenarios.project import PROJECT
@@ -61,7 +61,30 @@ def test_resonance_and_limit_are_two_answers(
     # a unit in the last digit of 40 is 1e-10 of the error
     assert figure.error == pytest.approx(answer.figures["nu_90"].error, rel=1e-9)
     assert figure.error is not None and abs(figure.value) > figure.error
+    side = "above" if answer.figures["nu_90"].value > speed else "below"
+    assert f" rad/s {side} the operating speed" in answer.verdict
     assert not answer.refused
+
+
+@pytest.mark.parametrize("name", ["A", "B"])
+def test_the_gain_is_the_torque_ripple_over_that_of_the_load(name: str) -> None:
+    """Of exact orbits; the load of set A is larger in a slow turn than at this speed."""
+    speeds = "20:40:5"
+    answer = ask("resonance", set=name, speeds=speeds, speed=40.0, steps_per_rev=512)
+    drive = Drive.of(SETS[name].start(40.0))
+    load = max(abs(drive.load_ripple(nu)) for nu in (0.0, 40.0))
+    gain = answer.figures["gain_operating"]
+    assert gain.error is not None
+    assert abs(gain.value - abs(orbit(drive, 40.0).tau2) / load) <= gain.error < 0.01 * gain.value
+
+
+def test_theory_runs_through_the_points_of_the_picture() -> None:
+    ripples = ask("resonance", speeds=SPEEDS, steps_per_rev=256).show().charts[0]
+    assert [panel.unit for panel in ripples.panels] == ["N.m", "rad/s", "deg"]
+    for panel in ripples.panels:
+        line, points = panel.curves
+        theory = np.interp(points.x, line.x, line.y)
+        assert points.y == pytest.approx(theory, abs=0.03 * points.y.max())
 
 
 def half_power(first: float, last: float, lag: float) -> float:
@@ -247,7 +270,7 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_point() -> None
         :, 0
     ]
     point_error = 100 * ratio[at] * float(limit(runs, FORCE_ORDER).error) / runs[0]
-    sampled = coupling_error(data.plane, data.drive, largest_forces, FORCE_ORDER)
+    sampled = np.nanmax(coupling_errors(data.plane, data.drive, largest_forces, FORCE_ORDER))
     assert point_error > 200 * sampled
     assert figure.error is not None and figure.error >= 0.999 * point_error
 

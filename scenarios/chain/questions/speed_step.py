@@ -22,10 +22,21 @@ from cosim.metrics import (
     TurnMean,
     last_turn,
 )
-from workbench import Figure, Judgement, Question, RunOptions, option
+from workbench import (
+    Figure,
+    Judgement,
+    Number,
+    Question,
+    Reader,
+    RunChart,
+    RunOptions,
+    RunPanel,
+    Slider,
+    option,
+)
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
 from workbench.figure import figure_of_figures
-from workbench.live import LiveMotion, Number, Reader, RunChart, RunPanel, Slider
+from workbench.live import LiveMotion
 
 from ..motion import live_motion
 

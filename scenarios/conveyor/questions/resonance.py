@@ -438,7 +438,7 @@ def resonance_side_and_distance(gap: Figure) -> str:
         return ""
     if abs(gap.value) <= gap.error:
         return "that is the operating speed, within its error"
-    return f"{gap._replace(value=abs(gap.value)).brief()} {'above' if gap.value > 0.0 else 'below'} the nominal operating speed"
+    return f"{gap._replace(value=abs(gap.value)).brief()} {'above' if gap.value > 0.0 else 'below'} the operating speed"
 
 
 def stalls(r: ResonanceData) -> list[Judgement]:
@@ -513,8 +513,7 @@ def ripple(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
         load = CLASSICAL_LOADS.get(x.column, "")
         more = classical.curves(machine, load, nu) if r.classical and load else []
         marks = [Mark(float(level), text) for text, level in across.get(x.column, {}).items()]
-        includes = (0.0, *(180.0,) * (x.unit == "deg"))
-        return Panel(x.quantity, x.unit, [line, *more, *points], marks, includes=includes)
+        return Panel(x.quantity, x.unit, [line, *more, *points], marks, includes=x.includes)
 
     located = {MARKS[name]: x for name, x in f.items() if name in MARKS and math.isfinite(x.value)}
     return Chart(

@@ -15,9 +15,24 @@ import numpy as np
 
 from cosim import Result, System
 from cosim.metrics import Mean, passings
-from workbench import Chart, Curve, Figure, Judgement, Panel, Question, RunOptions, Show, option
+from workbench import (
+    Chart,
+    Curve,
+    Figure,
+    Judgement,
+    Number,
+    Panel,
+    Question,
+    Reader,
+    RunChart,
+    RunOptions,
+    RunPanel,
+    Show,
+    Slider,
+    option,
+)
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
-from workbench.live import Live, LiveRun, Number, Reader, RunChart, RunPanel, Slider, drawn
+from workbench.live import Live, LiveRun, drawn
 from workbench.steady import TURN
 
 from .. import live_theory

@@ -16,21 +16,25 @@ from typing import NamedTuple
 
 from cosim import Result, System
 from cosim.metrics import Integral, TimeOfLargest, TimeOfSmallest
-from workbench import Context, Figure, Judgement, Question, RunOptions, Show, Table, option
+from workbench import (
+    Context,
+    Figure,
+    Judgement,
+    Number,
+    Question,
+    Reader,
+    RunChart,
+    RunOptions,
+    RunPanel,
+    Show,
+    Slider,
+    Table,
+    option,
+)
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE
 from workbench.figure import figure_of_figures, scaled
 from workbench.judgement import Holds
-from workbench.live import (
-    Live,
-    LiveMotion,
-    Number,
-    Reader,
-    RunChart,
-    RunPanel,
-    Slider,
-    drawn,
-    moved,
-)
+from workbench.live import Live, LiveMotion, drawn, moved
 
 from .. import machine as iron
 from .. import motion, transfer

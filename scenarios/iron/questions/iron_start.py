@@ -16,20 +16,23 @@ from cosim import Result, System
 from cosim.dense import Array
 from cosim.metrics import Integral, largest
 from cosim.series import Column
-from workbench import Context, Figure, Judgement, Question, RunOptions, Show, option
-from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE
-from workbench.figure import figure_of_columns, scaled
-from workbench.live import (
-    Live,
-    LiveMotion,
+from workbench import (
+    Context,
+    Figure,
+    Judgement,
     Number,
+    Question,
     Reader,
     RunChart,
+    RunOptions,
     RunPanel,
+    Show,
     Slider,
-    drawn,
-    moved,
+    option,
 )
+from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE
+from workbench.figure import figure_of_columns, scaled
+from workbench.live import Live, LiveMotion, drawn, moved
 
 from .. import machine as iron
 from .. import motion

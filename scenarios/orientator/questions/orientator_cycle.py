@@ -16,11 +16,24 @@ from scipy.interpolate import CubicSpline
 from cosim import Result, System
 from cosim.accuracy.judge import SOME_RUNS
 from cosim.dense import Array as Samples
-from workbench import Context, Figure, Judgement, Question, RunOptions, Show, option
+from workbench import (
+    Context,
+    Figure,
+    Judgement,
+    Number,
+    Question,
+    Reader,
+    RunChart,
+    RunOptions,
+    RunPanel,
+    Show,
+    Slider,
+    option,
+)
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.figure import figure_of_columns
 from workbench.judgement import Holds
-from workbench.live import Live, Number, Reader, RunChart, RunPanel, Slider, drawn
+from workbench.live import Live, drawn
 
 from .. import machine as orientator
 from .. import motion

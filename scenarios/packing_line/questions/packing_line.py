@@ -21,26 +21,20 @@ from workbench import (
     Figure,
     Judgement,
     Mark,
+    Number,
     Panel,
     Question,
+    Reader,
+    RunChart,
     RunOptions,
+    RunPanel,
     Show,
+    Slider,
     Table,
     option,
 )
 from workbench.charts.model import LIFT, Lanes, Span
-from workbench.live import (
-    REVOLUTION,
-    Live,
-    LiveMotion,
-    Number,
-    Reader,
-    RunChart,
-    RunPanel,
-    Slider,
-    drawn,
-    moved,
-)
+from workbench.live import REVOLUTION, Live, LiveMotion, drawn, moved
 from workbench.options import Start
 
 from ...conveyor.first_order import SETS
