@@ -270,7 +270,7 @@ def test_only_a_row_at_an_event_does_not_count_in_the_error_of_the_oracle(
         return Result([TIME, Column("x")], {"events": np.atleast_1d(times)}, [t, x].__getitem__)
 
     tight, loose = events
-    end = 3.0 if error == 0.0 else 7.0
+    end = 3.0 if error == 0.0 else 5.0
     moved = result(5.0 * ((t >= 2.0) & (t < end)), tight)
     still = result(5.0 * ((t > 2.0) & (t < end)) if error == 0.0 else 0.0 * t, loose)
     assert _distances(moved, still)[1] == error
