@@ -130,7 +130,7 @@ def test_cases_come_from_a_file_or_are_drawn(
         (["--vary", "motor.A=1,2", "--figure", "largest:motor.tau@a..b"], "'a' is not a number"),
         (
             ["--vary", "motor.A=1,2", "--figure", "largest:motor.tau@2..3"],
-            "largest of motor.tau from 2 s to 3 s: its stretch must lie in the run",
+            "largest of motor.tau from 2 to 3 s: its stretch must lie in the run",
         ),
         (["--sample", "3"], "--within NAME=a..b"),
         (["--sample", "3", "--within", "motor.A=3..2"], "the first value must be below the second"),

@@ -106,7 +106,8 @@ def test_peaks_side_by_side_are_those_alone_and_one_without_a_value_says_so() ->
     half = np.array([0.25 * zeta for *_, zeta in some])
 
     def function(x: Array) -> tuple[Any, Array]:
-        values = np.stack([smooth(x[:, k]) for k, (smooth, *_) in enumerate(some)], axis=1)
+        with np.errstate(invalid="ignore"):  # the fourth has no place to look at
+            values = np.stack([smooth(x[:, k]) for k, (smooth, *_) in enumerate(some)], axis=1)
         values[:, 3] = np.nan
         return values, np.zeros(len(some))
 
