@@ -303,7 +303,7 @@ def _errors_over_stated(seed: int, folder: Path) -> dict[str, float]:
 #: over that step: the same in all three runs.
 BEFORE_A_JUMP = pytest.mark.xfail(reason="the last step before a jump is the same in all runs")
 MARKS = {n: [pytest.mark.slow] for n in range(12, 60)}
-MARKS |= {n: [pytest.mark.slow, BEFORE_A_JUMP] for n in (30, 44)}
+MARKS[30] = [pytest.mark.slow, BEFORE_A_JUMP]
 
 
 @pytest.mark.parametrize("seed", [pytest.param(n, marks=MARKS.get(n, [])) for n in range(60)])
