@@ -139,7 +139,8 @@ def averaged(system: System) -> Averaged:
 def first_guesses(system: System, speed: Array) -> Array:
     """Return initial guesses of the unknowns at mean speeds [rad/s], by averaged theory, shape (n, 5)."""
     R, k, d_r, U, M, c, d = constants(system)
-    x = U * speed**2 / (c - M * speed**2 + 1j * d * speed)
+    with np.errstate(invalid="ignore"):  # a speed that is not asked for is nan
+        x = U * speed**2 / (c - M * speed**2 + 1j * d * speed)
     tau = d_r * speed + d * speed * abs(x) ** 2 / 2
     return np.transpose([tau / k, speed, x.real, -speed * x.imag, R / k * tau + k * speed])
 
