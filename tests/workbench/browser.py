@@ -109,7 +109,7 @@ def browser(program: str, home: Path) -> Iterator[Browser]:
         yield page
         page._session = {}
         page.call("Browser.close")
-        process.wait(timeout=10)
+        process.wait(timeout=PATIENCE)
     finally:
         os.close(read)
         os.close(write)
