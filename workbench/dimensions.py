@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import SetupError
-from cosim.system.base_units import BASES, common_unit, unit_exponents
+from cosim.system.base_units import BASES, BaseUnit, common_unit, unit_exponents
 from cosim.units import multiples
 
 from .figure import Figure
@@ -30,6 +30,9 @@ FACTOR_ROUNDING = 5e-3
 #: Sets of meanings of numbers that are tried; chosen: those of seven numbers, in a second at most.
 MOST_MEANINGS = 4**7
 
+#: What Hz is in SI base units; the FMUs have none.
+HERTZ = BaseUnit(s=-1)
+
 Powers = NDArray[np.float64]
 
 
@@ -40,11 +43,19 @@ def unit_powers(unit: str) -> Powers | None:
         for text in factors.split("."):
             match = re.fullmatch(r"(1|[A-Za-z%]+)(-?\d+)?", text)
             base = common_unit(match[1]).baseUnit if match else None
+            base = HERTZ if match and match[1] == "Hz" else base
             if match is None or base is None:
                 return None
             own = [*unit_exponents(base), math.log(base.factor, SCALE)]
             powers += (-1.0 if k else 1.0) * int(match[2] or 1) * np.array(own)
     return powers
+
+
+def is_count(unit: str) -> bool:
+    """Whether a unit counts turns or pieces in a time, as Hz and 1/min do, which rad/s does not; 1/s may be either."""
+    powers = unit_powers(unit)
+    is_rate = powers is not None and (powers[:-1] == [*unit_exponents(HERTZ)]).all()
+    return bool(is_rate and ("Hz" in unit or powers[-1]))  # type: ignore[index]
 
 
 def conversion(from_unit: str, to_unit: str, what: str) -> float:
@@ -55,7 +66,12 @@ def conversion(from_unit: str, to_unit: str, what: str) -> float:
         return factor
     own, other = unit_powers(from_unit), unit_powers(to_unit)
     change = None if own is None or other is None else np.abs(own - other) > POWER_ROUNDING
-    if change is None or change[:-2].any() or change[-2:].all():
+    is_angle_lost = (
+        change is not None
+        and change[-2]
+        and (change[-1] or is_count(from_unit) or is_count(to_unit))
+    )
+    if change is None or change[:-2].any() or is_angle_lost:
         raise SetupError(
             f"{what} is in {from_unit}, which does not convert to {to_unit}; write {' or '.join(multiples(from_unit))}"
         )
@@ -92,8 +108,10 @@ def check_unit(text: str | float, unit: str, units: Mapping[str, str], where: st
     powers = {name: unit_powers(units.get(name) or "?") for name in formula.names}
     stated, draw = unit_powers(unit), np.random.default_rng(1)
     unknown = sorted(name for name, x in powers.items() if x is None)
-    if stated is None or unknown or not powers:
+    if unknown or not powers:
         return unknown
+    if stated is None:
+        return [str(text)]
     drawn = {name: draw.uniform(0.1, 2.0, DRAWS) for name in powers}
     with np.errstate(all="ignore"):
         scaled = {name: drawn[name] * SCALE ** x[:-2, None] for name, x in powers.items()}  # type: ignore[index]
@@ -109,7 +127,7 @@ def check_unit(text: str | float, unit: str, units: Mapping[str, str], where: st
         )
     if (np.abs(grows[:, 0] - stated[:-2]) > POWER_ROUNDING).any():
         raise SetupError(f"{where}: {text!r} is not in {unit}, with {terms}")
-    if not _converts(formula, drawn, powers, stated):  # type: ignore[arg-type]
+    if not _converts(formula, drawn, powers, stated, is_count=is_count(unit)):  # type: ignore[arg-type]
         raise SetupError(
             f"{where}: {text!r} is not in {unit}, with {terms}; what converts must be among its numbers, as 1000, "
             "180 / pi or 30 / pi"
@@ -118,18 +136,23 @@ def check_unit(text: str | float, unit: str, units: Mapping[str, str], where: st
 
 
 def _converts(
-    formula: Formula, drawn: Mapping[str, Powers], powers: Mapping[str, Powers], stated: Powers
+    formula: Formula,
+    drawn: Mapping[str, Powers],
+    powers: Mapping[str, Powers],
+    stated: Powers,
+    *,
+    is_count: bool,
 ) -> bool:
     """Whether a formula gives its value in SI units with terms in SI units, each of its numbers having some meaning.
 
     It is itself; or a factor between units, which is 1 in SI units as 1000 mm/m are; or a turn, 2 pi rad, as in 60 / n; or
-    the inverse of one. Where turns are among them, powers of rad count.
+    the inverse of one. Where turns are among them, or the result `is_count`, powers of rad count.
     """
     numbers, value = formula.numbers(), formula.over(drawn)
     number, factor, turn, inverse = range(4)
     choices = product((number, factor, turn, inverse), repeat=len(numbers))
     meanings = np.array([*islice(choices, MOST_MEANINGS)], int)
-    has_turns = (meanings >= turn).any(axis=1)
+    counts_rad = (meanings >= turn).any(axis=1) | is_count
     is_right = np.ones(len(meanings), bool)
     for rad in (1.0, SCALE):
         in_si = {name: drawn[name] * SCALE ** x[-1] * rad ** x[-2] for name, x in powers.items()}
@@ -144,5 +167,5 @@ def _converts(
             - 1.0
         )
         is_same = (np.ptp(off, axis=1) <= POWER_ROUNDING) & (np.abs(off[:, 0]) <= FACTOR_ROUNDING)
-        is_right &= is_same if rad == 1.0 else is_same | ~has_turns
+        is_right &= is_same if rad == 1.0 else is_same | ~counts_rad
     return bool(is_right.any())
