@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import SetupError
-from cosim.rounding import LEAST_POWER, has_digit, with_error
+from cosim.rounding import LEAST_POWER, has_digit, unit_suffix, with_error
 
 if TYPE_CHECKING:
     from cosim.dense import Array
@@ -99,8 +99,7 @@ class Figure(NamedTuple):
         if self.error is None:
             return f"not determined ({self.reason})" if self.reason else "not determined"
         if self.error == 0.0:
-            wording = "" if (unit or self.unit) in ("", "1") else f" {unit or self.unit}"
-            return f"{self.value:.6g}{wording}"
+            return f"{self.value:.6g}{unit_suffix(unit or self.unit)}"
         return with_error(self.value, self.error, unit or self.unit, "±", MOST_DIGITS)
 
     @property
@@ -126,8 +125,7 @@ class Figure(NamedTuple):
         if self.error == 0.0:
             is_short = abs(self.value) < 10.0**SENTENCE_DIGITS
             digits = f"{self.value:.{SENTENCE_DIGITS if is_short else MOST_DIGITS}g}"
-        wording = unit or self.unit
-        return f"{digits} {wording}".removesuffix(" 1").rstrip() if digits else self.text(unit)
+        return f"{digits}{unit_suffix(unit or self.unit)}" if digits else self.text(unit)
 
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""

@@ -10,7 +10,7 @@ from numbers import Real
 from typing import Any
 
 from cosim import SetupError
-from cosim.rounding import rounded
+from cosim.rounding import rounded, unit_suffix
 
 from .figure import MOST_DIGITS, Figure
 
@@ -185,7 +185,7 @@ def signed(figure: Figure) -> str:
     if figure.error is None or figure.has_digit:
         return figure.brief()
     value, error = rounded(figure.value, figure.error, MOST_DIGITS)
-    return f"{value} ± {error} {figure.unit}".removesuffix(" 1")
+    return f"{value} ± {error}{unit_suffix(figure.unit)}"
 
 
 def bare(figure: Figure) -> str:

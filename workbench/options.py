@@ -18,6 +18,7 @@ import numpy as np
 import cosim
 from cosim import SetupError
 from cosim.cli.options import assignment
+from cosim.rounding import unit_suffix
 from cosim.system import Value, literal
 from cosim.units import QUANTITY, multiples
 
@@ -187,7 +188,7 @@ class Option:
             return value
         if math.isfinite(value) and all(HOLDS[word](value, x) for word, x in self.bounds.items()):
             return value
-        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        unit = unit_suffix(self.unit)
         limits = " and ".join(f"{word} {bound:g}{unit}" for word, bound in self.bounds.items())
         raise SetupError(
             f"{key} = {value:g}{unit} must be {TYPE_NAMES[self.kind]} {limits}".rstrip()

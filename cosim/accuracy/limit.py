@@ -42,8 +42,9 @@ ACCIDENTAL_SHARE = 0.15
 #: theirs for runs that do not come closer; those are refused here.
 ALTERNATING_FACTOR = 1.5
 #: Spread of values in no order, as a share of the value or the scale, up to which three times it is an error (Eca and
-#: Hoekstra): three digits are left. Of 6 636 figures of benchmarks/certify.py, with an earlier rule for chaos, half of it refuses 6 more, twice of it 3
-#: fewer, and none of it 47 more; 19, 18, 19 and with it 18 are outside their errors.
+#: Hoekstra): three digits are left. Of 6 636 figures of benchmarks/certify.py, with an earlier rule for
+#: chaos, half of it refuses 6 more, twice of it 3 fewer, and none of it 47 more; 19, 18, 19 and with it 18 are outside
+#: their errors.
 UNORDERED_SHARE = 1e-3
 #: Differences below this share of a value are rounding. Derived: 10^6 operations of relative error 1e-16.
 ROUNDING_SHARE = 1e-10

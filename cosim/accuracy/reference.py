@@ -89,8 +89,8 @@ def oracle(
 
     The system is integrated twice. `provenance["errors"]` gives, by column, the largest distance of the
     rows from those with a tolerance TOLERANCE_RATIO times as large, but for a single row between the two times of an
-    event; `provenance["events"]` gives the times [s] of all events. Inputs over time act continuously, as do the wires. An event that begins and ends within
-    half a step of the integrator may be missed.
+    event; `provenance["events"]` gives the times [s] of all events. Inputs over time act continuously, as do the
+    wires. An event that begins and ends within half a step of the integrator may be missed.
 
     Parameters
     ----------

@@ -34,8 +34,8 @@ NEIGHBOURS = 2
 SLOW_SHARE = 0.9
 #: By how much later values may be further from their middle than those of a run that has diverged. Such values are
 #: draws from an attractor whose range one run need not show. Measured, before runs were compared with values drawn at
-#: random, on 1008 figures of the chaotic case of benchmarks/certify.py, 24 draws: with 1, 9 of 364 errors stated do not hold and the worst is off by 10^4 times;
-#: with 1.5, 2 and 3 all of 153, 151 and 145 hold.
+#: random, on 1008 figures of the chaotic case of benchmarks/certify.py, 24 draws: with 1, 9 of 364 errors stated do not
+#: hold and the worst is off by 10^4 times; with 1.5, 2 and 3 all of 153, 151 and 145 hold.
 DIVERGED_WIDTH = 2.0
 #: Steps after the first whose moves are compared with it: derived, one or two of them may lie at a turn.
 RELAXED = 3

@@ -9,6 +9,7 @@ from contextlib import suppress
 
 from ..errors import SetupError
 from ..numbers import whole
+from ..rounding import unit_suffix
 from ..units import QUANTITY
 from .declarations import WIDTHS, describe_integer_type, fits
 from .description import NUMERIC, Value, Variable, enumeration
@@ -89,8 +90,7 @@ def _checked_number(catalog: Catalog, port: Port, value: Value) -> Value:
     if port.type == "Real" and not math.isfinite(number):
         limits = iter(["a finite number"])
     for limit in limits:
-        unit = "" if port.unit in ("", "1") else f" {port.unit}"
-        raise SetupError(f"{port} = {value!r} must be {limit}{unit}")
+        raise SetupError(f"{port} = {value!r} must be {limit}{unit_suffix(port.unit)}")
     return ctypes.c_float(number).value if port.native == "Float32" else number
 
 

@@ -18,7 +18,7 @@ from scipy.stats import binomtest
 
 from cosim import SetupError
 from cosim.errors import pluralize
-from cosim.rounding import rounded
+from cosim.rounding import rounded, unit_suffix
 
 from ..answer import Table
 from ..figure import MOST_DIGITS
@@ -117,13 +117,13 @@ def _limit(
     """What the runs say of a limit, in a sentence without its end; of a grid, where they are above it most often."""
     worst = max(range(len(shares)), key=lambda k: (shares[k].high, shares[k].above))
     one = shares[worst]
-    unit = _unit(table.units[one.figure])
+    unit = unit_suffix(table.units[one.figure])
     what = f"{one.figure} is above {one.limit:.6g}{unit} in {one.text()}"
     if not one.runs:
         return f"no run has {one.figure}"
     if grid:
         at = (
-            f"{name} = {_number(x)}{_unit(table.units[name])}"
+            f"{name} = {_number(x)}{unit_suffix(table.units[name])}"
             for name, x in zip(grid, points[worst])
         )
         return f"{what} at {', '.join(at)}, of all points there most often"
@@ -145,7 +145,7 @@ def stretches(study: Study, table: Table, rows: Flags, flags: Flags) -> str:
         return ""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
     pairs = [(at[begin], at[end - 1]) for begin, end in edges.reshape(-1, 2)]
-    unit = _unit(table.units[x])
+    unit = unit_suffix(table.units[x])
     if len(pairs) > MOST_STRETCHES:
         return f"; for {x} in {len(pairs)} stretches between {_number(pairs[0][0])} and {_number(pairs[-1][1])}{unit}"
     return f"; for {x} = {' and '.join(_range(*pair) for pair in pairs)}{unit}"
@@ -173,7 +173,7 @@ def _yes_or_no(study: Study, table: Table, name: str, y: NDArray[Any], rows: Fla
     if len(study.grid) > 1 or table.columns[x].dtype.kind not in "if":
         return text
     points = pd.Series(y[rows]).groupby(table.columns[x][rows]).mean()
-    unit = _unit(table.units[x])
+    unit = unit_suffix(table.units[x])
     whole = [
         f"in {word} of those at {x} = {_range(at[0], at[-1])}{unit}"
         for word, at in (
@@ -194,7 +194,7 @@ def _spread(column: pd.Series[float], unit: str) -> str:
     runs = f"the {len(y)} of {len(column)} runs that have it"
     runs = f"all {len(y)} runs" if len(y) == len(column) > 1 else runs
     runs = "the only run" if len(column) == 1 else runs
-    unit = _unit(unit)
+    unit = unit_suffix(unit)
     if y.min() == y.max():
         return f"{name} is {y.min():.6g}{unit} in {runs}"
     low, high, mean = (rounded(x, y.std(), MOST_DIGITS)[0] for x in (y.min(), y.max(), y.mean()))
@@ -202,10 +202,6 @@ def _spread(column: pd.Series[float], unit: str) -> str:
         f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "
         f"standard deviation of {y.std():.2g}{unit}"
     )
-
-
-def _unit(unit: str) -> str:
-    return "" if unit in ("", "1") else f" {unit}"
 
 
 def _range(begin: Any, end: Any) -> str:
