@@ -9,10 +9,8 @@ from types import CellType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 from . import rewrite
-from .context import Place, current
-from .execute import Slots, arranged, explore
-from .graph import Branch, Leaf, Node, Operation, comparison_or_answer
-from .joins import join_arms
+from .execute import Slots, arranged, explore, join_arms
+from .graph import Branch, Leaf, Node, Operation, Place, comparison_or_answer, current
 
 Arm = Callable[[], Any]
 Relation = Callable[[Any, Any], Any]

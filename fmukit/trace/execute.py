@@ -1,40 +1,44 @@
 """Follow functions with symbols for numbers, once for every answer that their conditions allow.
 
-A condition on a symbol ends the run, which then starts again once for either answer.
+A condition on a symbol ends the run, which then starts again once for either answer. Its two arms are joined where
+they end: one list of nodes follows, which reads phis. An *arm* is a `Leaf`: nodes in the order of their computation,
+and the values at its end. A value that both arms have from before the condition stays what it is. Any other is a *phi*
+of the join, which comes from the arm that was taken: static single assignment. What is read from neither arm stays in
+it, as the source has it.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ..declare.record import Declaration, is_record
-from .context import Place, current
 from .graph import (
     REAL,
+    AttemptEnd,
+    AttemptStart,
     Branch,
+    FollowedPath,
+    Fork,
+    Join,
     Leaf,
+    Loop,
+    LoopVariable,
     Node,
     NumberType,
     Operation,
+    Phi,
+    Place,
+    Result,
     Tree,
-    UntraceableError,
+    current,
+    key,
+    new_join,
+    new_phi,
+    operation_node,
     text_of,
+    type_of,
 )
-from .joins import join_arms
-
-#: Limit of the conditions on one path that are followed answer by answer: more are a loop that does not end.
-MOST_CONDITIONS = 100
-#: Limit of the paths through one function, which may double with each such condition: 2**10 take some seconds.
-MOST_PATHS = 1024
-
-
-class Fork(BaseException):
-    """The end of a run at a condition that is still open."""
-
-    def __init__(self, condition: Operation) -> None:
-        self.condition = condition
 
 
 class Slots(tuple[Any, ...]):
@@ -52,68 +56,6 @@ class Static:
 
     def __hash__(self) -> int:
         return hash(self.value) if isinstance(self.value, str) else id(self.value)
-
-
-class FollowedPath:
-    """What is known on the way through a function: answers given, and nodes already computed."""
-
-    def __init__(self, answers: tuple[bool, ...], outer: FollowedPath | None, start: Place):
-        self.answers, self.start, self.decided, self.places = answers, start, 0, 0
-        self.attempts: int = outer.attempts if outer else 0
-        self.recorded: set[int] = set(outer.recorded) if outer else set()
-        self.facts: dict[int, bool] = dict(outer.facts) if outer else {}
-        self.possible_values: dict[int, tuple[int, ...]] = (
-            dict(outer.possible_values) if outer else {}
-        )
-        self.nodes: list[Node] = []
-
-    def next_place(self) -> Place:
-        """A place of its own for each call, by the start, the answers so far and the number of the call."""
-        self.places += 1
-        return (*self.start, self.answers[: self.decided], self.places)
-
-    def record(self, node: Node) -> Node:
-        """The node itself, which is listed when the path first comes to it."""
-        if node.number not in self.recorded:
-            self.recorded.add(node.number)
-            self.nodes.append(node)
-        return node
-
-    def decide(self, condition: Operation) -> bool:
-        """The truth of a condition on this path; raises Fork where it has not been answered."""
-        if condition.number not in self.facts:
-            if self.decided == MOST_CONDITIONS:
-                raise UntraceableError(
-                    "a loop whose end is known only at run time: write repeat(body, x)"
-                )
-            if self.decided == len(self.answers):
-                self.count_path()
-                raise Fork(condition)
-            self.learn(condition, self.answers[self.decided])
-            self.decided += 1
-            self.nodes = []
-        return self.facts[condition.number]
-
-    def count_path(self) -> None:
-        """Count one more path through the function that is followed; raises UntraceableError for too many."""
-        context = current()
-        context.forks += 1
-        if context.forks >= MOST_PATHS:
-            function_name = re.sub(r"_\d+$", "", context.paths[0].start[0])
-            raise UntraceableError(
-                f"more than {MOST_PATHS} paths through {function_name}, which cannot be joined: move "
-                "some of its conditions into a function of their own that returns numbers"
-            )
-
-    def learn(self, condition: Operation, answer: bool) -> None:
-        """Note the answer, and which values are left for an enumeration that is compared with one."""
-        self.facts[condition.number] = answer
-        left, right = condition.operands
-        if condition.op == "==" and left.type.enumeration and not isinstance(right, Node):
-            possible = self.possible_values.get(left.number, left.type.enumeration)
-            self.possible_values[left.number] = tuple(
-                value for value in possible if (value == right) == answer
-            )
 
 
 def flatten(value: Any) -> tuple[Any, list[Any]]:
@@ -205,6 +147,101 @@ def explore(
         paths.pop()
     true, false = (explore(run, start, (*answers, answer), known) for answer in (True, False))
     return join_arms(path.nodes, condition, true, false)
+
+
+def join_arms(before: Sequence[Node], condition: Operation, true: Tree, false: Tree) -> Tree:
+    """The tree that goes on after these nodes with one of two arms: joined where that is possible, else a branch.
+
+    An arm that ends in an error leaves no value: a join fails there, and the other arm follows it. Arms are joined if
+    both end with values of the same shape and no attempt begins on one of them without ending there.
+    """
+    branch = Branch([*before], condition, true, false)
+    if not (ends_its_attempts(true) and ends_its_attempts(false)):
+        return branch
+    nothing = Leaf([], [], None, None)
+    if isinstance(true, Leaf) and true.error is not None:
+        join = new_join(condition, (true, nothing), ())
+        return false._replace(nodes=[*before, join, *false.nodes])
+    if isinstance(false, Leaf) and false.error is not None:
+        join = new_join(condition, (nothing, false), ())
+        return true._replace(nodes=[*before, join, *true.nodes])
+    if isinstance(true, Branch) or isinstance(false, Branch) or true.shape != false.shape:
+        return branch
+    joins, values = joined(condition, true, false)
+    return Leaf([*before, *joins], values, true.shape, None)
+
+
+def joined(condition: Operation, true: Leaf, false: Leaf) -> tuple[list[Join], list[Any]]:
+    """The join of two arms, if it does anything, and the values after it.
+
+    Two Booleans that differ are the condition or its negation.
+    """
+    computed_on_true, computed_on_false = ComputedOnArm(true), ComputedOnArm(false)
+    phis: dict[Any, tuple[Phi, Any, Any]] = {}
+    values: list[Any] = []
+    for a, b in zip(true.values, false.values, strict=True):
+        pair = key(a), key(b)
+        if pair[0] == pair[1] and not (a in computed_on_true or b in computed_on_false):
+            values.append(a)
+        elif isinstance(a, bool) and isinstance(b, bool):
+            values.append(condition if a else operation_node("==", (condition, 0.0)))
+        else:
+            if pair not in phis:
+                phis[pair] = phi_of(a, b), a, b
+            values.append(phis[pair][0])
+    if not (phis or true.nodes or false.nodes):
+        return [], values
+    arms = (
+        true._replace(values=[a for _, a, _ in phis.values()], shape=None),
+        false._replace(values=[b for _, _, b in phis.values()], shape=None),
+    )
+    return [new_join(condition, arms, [phi for phi, _, _ in phis.values()])], values
+
+
+def phi_of(a: Any, b: Any) -> Phi:
+    """A new value for two: of the type that both have, else a Real; one of their values where those are known."""
+    kinds, values = {type_of(a).kind, type_of(b).kind}, [values_by_type(x) for x in (a, b)]
+    all_values = tuple(sorted({*values[0], *values[1]})) if all(values) else ()
+    return new_phi(NumberType(kinds.pop() if len(kinds) == 1 else "Real", all_values))
+
+
+def values_by_type(number: Any) -> tuple[int, ...]:
+    """What a number can be by its type: itself, or the values of its enumeration."""
+    is_integer = isinstance(number, int) and not isinstance(number, bool)
+    return (number,) if is_integer else type_of(number).enumeration
+
+
+def ends_its_attempts(tree: Tree) -> bool:
+    """Whether what is attempted begins and ends on this arm."""
+    starts = sum(isinstance(node, AttemptStart) for node in tree.nodes)
+    return starts == sum(isinstance(node, AttemptEnd) for node in tree.nodes)
+
+
+class ComputedOnArm:
+    """What is computed on an arm: its nodes, the phis of its joins, the variables of its loops."""
+
+    def __init__(self, arm: Leaf) -> None:
+        joins = [node for node in arm.nodes if isinstance(node, Join)]
+        self.numbers = {node.number for node in arm.nodes}
+        self.numbers |= {phi.number for join in joins for phi in join.phis}
+        self.loops = {node.loop for node in arm.nodes if isinstance(node, Loop)}
+
+    def __contains__(self, value: Any) -> bool:
+        """Whether a value is computed on the arm, not before the condition.
+
+        A result is where its call is. A comparison is in no list, as it is written where it is read: it is local if
+        one of its operands is.
+        """
+        match value:
+            case Result():
+                return value.call.number in self.numbers
+            case LoopVariable():
+                return value.loop in self.loops
+            case Operation() if value.is_comparison:
+                return any(operand in self for operand in value.operands)
+            case Node():
+                return value.number in self.numbers
+        return False
 
 
 def leaves(tree: Tree) -> Iterator[Leaf]:

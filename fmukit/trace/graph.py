@@ -1,15 +1,22 @@
-"""Traced numbers: nodes of a graph, each of a kind of its own, and trees of what is computed on each path."""
+"""Traced numbers: nodes of a graph, each of a kind of its own, trees of them, and the path that is being followed."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from .context import Place, current
 from .ops import COMPARISONS, OPS, Failure
 
+#: Limit of the conditions on one path that are followed answer by answer: more are a loop that does not end.
+MOST_CONDITIONS = 100
+#: Limit of the paths through one function, which may double with each such condition: 2**10 take some seconds.
+MOST_PATHS = 1024
+N = TypeVar("N", bound="Node")
+#: What tells a place on a path from all others, the same whenever the path is followed.
+Place = tuple[Any, ...]
 MARK = re.compile("\x01(\\d+)\x02")
 
 
@@ -287,6 +294,135 @@ class Function(NamedTuple):
     tree: Tree
     shape: Any
     entry: bool = False
+
+
+class Fork(BaseException):
+    """The end of a run at a condition that is still open."""
+
+    def __init__(self, condition: Operation) -> None:
+        self.condition = condition
+
+
+class FollowedPath:
+    """What is known on the way through a function: answers given, and nodes already computed."""
+
+    def __init__(self, answers: tuple[bool, ...], outer: FollowedPath | None, start: Place):
+        self.answers, self.start, self.decided, self.places = answers, start, 0, 0
+        self.attempts: int = outer.attempts if outer else 0
+        self.recorded: set[int] = set(outer.recorded) if outer else set()
+        self.facts: dict[int, bool] = dict(outer.facts) if outer else {}
+        self.possible_values: dict[int, tuple[int, ...]] = (
+            dict(outer.possible_values) if outer else {}
+        )
+        self.nodes: list[Node] = []
+
+    def next_place(self) -> Place:
+        """A place of its own for each call, by the start, the answers so far and the number of the call."""
+        self.places += 1
+        return (*self.start, self.answers[: self.decided], self.places)
+
+    def record(self, node: Node) -> Node:
+        """The node itself, which is listed when the path first comes to it."""
+        if node.number not in self.recorded:
+            self.recorded.add(node.number)
+            self.nodes.append(node)
+        return node
+
+    def decide(self, condition: Operation) -> bool:
+        """The truth of a condition on this path; raises Fork where it has not been answered."""
+        if condition.number not in self.facts:
+            if self.decided == MOST_CONDITIONS:
+                raise UntraceableError(
+                    "a loop whose end is known only at run time: write repeat(body, x)"
+                )
+            if self.decided == len(self.answers):
+                self.count_path()
+                raise Fork(condition)
+            self.learn(condition, self.answers[self.decided])
+            self.decided += 1
+            self.nodes = []
+        return self.facts[condition.number]
+
+    def count_path(self) -> None:
+        """Count one more path through the function that is followed; raises UntraceableError for too many."""
+        context = current()
+        context.forks += 1
+        if context.forks >= MOST_PATHS:
+            function_name = re.sub(r"_\d+$", "", context.paths[0].start[0])
+            raise UntraceableError(
+                f"more than {MOST_PATHS} paths through {function_name}, which cannot be joined: move "
+                "some of its conditions into a function of their own that returns numbers"
+            )
+
+    def learn(self, condition: Operation, answer: bool) -> None:
+        """Note the answer, and which values are left for an enumeration that is compared with one."""
+        self.facts[condition.number] = answer
+        left, right = condition.operands
+        if condition.op == "==" and left.type.enumeration and not isinstance(right, Node):
+            possible = self.possible_values.get(left.number, left.type.enumeration)
+            self.possible_values[left.number] = tuple(
+                value for value in possible if (value == right) == answer
+            )
+
+
+class TraceContext:
+    """All that tracing keeps: the nodes by what makes them unique, the loops, and the path that is being followed.
+
+    Operators of nodes have no argument for it, so that one context is the current one while functions are traced.
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.node_by_identity: dict[Any, Node] = {}
+        self.loop_numbers: dict[Any, int] = {}
+        self.loop_bodies: dict[Any, Tree] = {}
+        self.paths: list[FollowedPath] = []
+        self.joins: dict[Any, Any] = {}
+        self.forks, self.without_joins = 0, False
+
+    def unique(self, identity: tuple[Any, ...], cls: type[N], *fields: Any) -> N:
+        """Return the node of this identity, with these fields after its number where it is made now."""
+        if identity not in self.node_by_identity:
+            node = cls(len(self.nodes), *fields)
+            self.node_by_identity[identity] = node
+            self.nodes.append(node)
+        return self.node_by_identity[identity]  # type: ignore[return-value]
+
+    @property
+    def path(self) -> FollowedPath:
+        """The path that is being followed."""
+        return self.paths[-1]
+
+    @contextmanager
+    def separate_function(self, without_joins: bool) -> Iterator[None]:
+        """Follow a function from its start, whatever path calls it, each path to its end if `without_joins`."""
+        saved = self.paths, self.joins, self.forks, self.without_joins
+        self.paths, self.joins, self.forks, self.without_joins = [], {}, 0, without_joins
+        try:
+            yield
+        finally:
+            self.paths, self.joins, self.forks, self.without_joins = saved
+
+
+#: The contexts that are active, the current one last.
+_ACTIVE: list[TraceContext] = []
+
+
+def current() -> TraceContext:
+    """Return the current context; raises RuntimeError outside of tracing."""
+    if not _ACTIVE:
+        raise RuntimeError("a traced number was used after tracing")
+    return _ACTIVE[-1]
+
+
+@contextmanager
+def active(context: TraceContext) -> Iterator[TraceContext]:
+    """Make a context the current one."""
+    _ACTIVE.append(context)
+    try:
+        yield context
+    finally:
+        _ACTIVE.pop()
 
 
 def key(value: Any) -> Any:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from .context import current
 from .execute import explore
 from .graph import (
     Argument,
@@ -21,6 +20,7 @@ from .graph import (
     Tree,
     UntraceableError,
     argument,
+    current,
     new_join,
     new_phi,
     operation,

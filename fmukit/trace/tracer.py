@@ -17,7 +17,6 @@ from typing import Any
 
 from ..runtime import flow
 from .conditions import BUILT_IN, HELPERS, follow_arms
-from .context import TraceContext, active, current
 from .execute import (
     arranged,
     explore,
@@ -40,12 +39,15 @@ from .graph import (
     Note,
     NumberType,
     Result,
+    TraceContext,
     Tree,
     UnknownChoiceError,
     UntraceableError,
+    active,
     argument,
     call_node,
     call_result,
+    current,
     key,
     loop_variable,
     operation,

@@ -28,8 +28,7 @@ from fmukit.declare.model import complete_model
 from fmukit.fmu import make
 from fmukit.fmu.native import package
 from fmukit.trace import tracer as trace
-from fmukit.trace.context import TraceContext, active
-from fmukit.trace.graph import Node, Operation
+from fmukit.trace.graph import Node, Operation, TraceContext, active
 from tests.conftest import ROOT
 from tests.hosts.host import MESSAGES, Equations, Unit
 
