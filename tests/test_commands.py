@@ -26,7 +26,7 @@ SCRIPTS = sorted(
 BENCHMARKS = [script for script in SCRIPTS if script.startswith("benchmarks.")]
 pytestmark = pytest.mark.filterwarnings("ignore:.* found in sys.modules after import of package")
 COMMANDS = [
-    ("tutorial",),
+    ("examples.tutorial",),
     *(
         (script,)
         for script in SCRIPTS

@@ -12,9 +12,9 @@ import pytest
 from fmpy import __version__ as fmpy_version
 from fmpy import read_model_description
 
-import compatibility
-from compatibility import MOST_VARIABLES, write_compatibility
 from tests.conftest import rewritten
+from tools import compatibility
+from tools.compatibility import MOST_VARIABLES, write_compatibility
 
 #: Keys of an entry and what their values may be: CONTRIBUTING.md of modelica/fmi-standard.org.
 TEXTS = {"name", "license", "url", "vendor", "vendorURL", "examplesURL", "description"}

@@ -82,7 +82,7 @@ SLOW = {
     ".venv/bin/scenarios run speed_step",
     ".venv/bin/python build_fmus.py --docs",
     ".venv/bin/python build_fmus.py --flavour fmi3",
-    ".venv/bin/python release.py",
+    ".venv/bin/python -m tools.release",
     ".venv/bin/scenarios study studies/rotor_speed.toml",
     ".venv/bin/scenarios study examples/run_down.toml",
     ".venv/bin/fmukit build results/my_wheel.py --flavour both --out results",
@@ -295,8 +295,10 @@ def test_links_lead_somewhere_and_tests_that_are_named_exist(page: str) -> None:
 
 
 def test_the_tutorial_prints_what_it_says(tree: Path) -> None:
-    output = perform(tree, [("sh", "tutorial.py", ".venv/bin/python tutorial.py")])
-    promised = re.findall(r"^# prints: (.*)$", (ROOT / "tutorial.py").read_text(), re.MULTILINE)
+    output = perform(tree, [("sh", "tutorial.py", ".venv/bin/python examples/tutorial.py")])
+    promised = re.findall(
+        r"^# prints: (.*)$", (ROOT / "examples" / "tutorial.py").read_text(), re.MULTILINE
+    )
     assert output.splitlines()[1:] == promised
     assert (tree / "results" / "tutorial.png").stat().st_size > 20_000
 

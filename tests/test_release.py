@@ -60,7 +60,7 @@ class Environment:
 
 @pytest.fixture(scope="module")
 def dist() -> Path:
-    subprocess.run([sys.executable, str(ROOT / "release.py")], check=True)
+    subprocess.run([sys.executable, "-m", "tools.release"], cwd=ROOT, check=True)
     return ROOT / "dist"
 
 

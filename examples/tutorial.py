@@ -1,8 +1,8 @@
 """From nothing to a changed motor and its new resonance, line by line.
 
-All you need is Python 3.11 or newer. In the folder of this file, this sets everything up and runs it:
+All you need is Python 3.11 or newer. In the folder of the project, this sets everything up and runs it:
 
-    python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv run --no-dev python tutorial.py
+    python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv run --no-dev python examples/tutorial.py
 
 Then start `.venv/bin/python` there and enter the lines yourself. The comments `# prints:` show what
 you should see.

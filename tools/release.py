@@ -14,9 +14,9 @@ import zipfile
 from pathlib import Path
 from shutil import make_archive, rmtree
 
-from compatibility import write_compatibility
+from tools.compatibility import write_compatibility
 
-ROOT = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 #: The first date that a zip archive can state: the same FMUs give the same archive.
 EPOCH = (1980, 1, 1, 0, 0, 0)

@@ -2,7 +2,7 @@
 
 Whoever installs from sources builds both, with a compiler that is there only for that: into the wheel, or, where the
 installation is editable, into the clone. FMUs in `fmus/` that are up to date are taken as they are. A wheel is for the
-machine that makes it, and its name says so; release.py asks for one for all platforms.
+machine that makes it, and its name says so; tools/release.py asks for one for all platforms.
 """
 
 import importlib.util
@@ -20,7 +20,7 @@ from unittest.mock import patch
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-#: The variable of the environment with which release.py asks for all platforms: "all", else "host".
+#: The variable of the environment with which tools/release.py asks for all platforms: "all", else "host".
 PLATFORMS = "DRIVE_FMUS_PLATFORMS"
 #: The variable with the folder in which the compiler keeps what it has compiled.
 KEPT = "ZIG_GLOBAL_CACHE_DIR"
