@@ -99,7 +99,7 @@ PEAKS = (
     Sought("speed of the largest speed ripple", quantity=SPEED),
 )
 #: A level that the ripple passes falling, and rising, by the sense of its residual.
-PASSED = {
+LEVEL_PASSED = {
     1.0: "speed below which the torque ripple exceeds its limit",
     -1.0: "speed above which the torque ripple exceeds its limit",
 }
@@ -253,18 +253,22 @@ class Response:
         """Return where the torque ripple passes a level [N.m], in order."""
         if self._lacks():
             return []
-        kinds = [Sought(text, self.line, level=level, sense=s) for s, text in PASSED.items()]
+        kinds = [Sought(text, self.line, level=level, sense=s) for s, text in LEVEL_PASSED.items()]
         found = [x._replace(x=c.x, slope=c.slope) for x in kinds for c in self.falling_crossings(x)]
         return sorted(found, key=lambda sought: sought.x)
 
     def peak(self, quantity: int) -> Sought:
-        """Return where the ripple of a quantity is largest on the line.
+        """Return where the ripple of a quantity is largest on the line."""
+        return self.highest(quantity)[1]
+
+    def highest(self, quantity: int) -> tuple[float, Sought]:
+        """Return the largest ripple of a quantity on the line, and where it is.
 
         The derivative of its square, |load|^2 / |1 / H|^2, falls through 0 there.
         """
         sought = PEAKS[quantity]._replace(line=self.line)
         if reason := self._lacks():
-            return sought._replace(reason=reason)
+            return 0.0, sought._replace(reason=reason)
         above = np.abs(self.lines.load_ripple_at(self.grid, self.line)) ** 2
         below = np.abs(self._on_grid[quantity]) ** 2
         rise, growth = (np.gradient(x, self.grid) for x in (above, below))
@@ -276,9 +280,8 @@ class Response:
                 / self.load_over_response(places)[quantity]
             )
         top = float(places[np.argmax(heights)])
-        if top in (self.x[0], self.x[-1]):
-            return sought._replace(reason=AT_EDGE)
-        return sought._replace(x=top)
+        reason = AT_EDGE if top in (self.x[0], self.x[-1]) else ""
+        return float(heights.max()), sought._replace(x=top, reason=reason)
 
     def _lacks(self) -> str:
         count = len(self.x) if self.orbits is None else np.count_nonzero(self.steady)
@@ -322,7 +325,7 @@ def locate(drive: Drive, responses: Sequence[Response], sought: Sequence[Sought]
     drive : Drive
         How machines are run.
     responses : sequence of Response
-        Those of all lines, in their order.
+        Those of all lines.
     sought : sequence of Sought
         The features, with first guesses.
     """
@@ -353,7 +356,8 @@ class _FeatureSearch:
     def __init__(
         self, drive: Drive, responses: Sequence[Response], sought: Sequence[Sought], multiple: Any
     ) -> None:
-        self.drive, self.responses, self.multiple = drive, responses, multiple
+        self.drive, self.multiple = drive, multiple
+        self.responses = {response.line: response for response in responses}
         self.lines = responses[0].lines
         columns = np.array([s[1:-1] for s in sought], float).T
         self.line, self.quantity = columns[:2].astype(np.intp)
@@ -365,7 +369,7 @@ class _FeatureSearch:
         run, filled = np.isfinite(x), np.where(np.isfinite(x), x, self.x)
         machine, nu = self.lines.at(filled, self.line)
         nus, states = np.where(run, nu, np.nan), np.empty((*x.shape, 2))
-        for line in np.unique(self.line):
+        for line in np.unique(self.line).tolist():
             of_line = self.line == line
             states[..., of_line, :] = self.responses[line].start_states(filled[..., of_line])
         orbits = self.drive.orbits(machine, nus, "features", self.multiple, states)

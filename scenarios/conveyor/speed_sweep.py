@@ -6,18 +6,29 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workbench import Figure, Table
+from workbench.branches import BEYOND, Branch, follow_branches
 from workbench.figure import listed
 from workbench.steady import STALLED
 
-from .drive_orbits import Drive, Orbits, Peaks, extrapolated, force_peaks, orbit_figure
+from .drive_orbits import Drive, Orbits, Peaks, extrapolated, force_peaks, near, orbit_figure
 from .first_order import Machine
-from .response import AT_EDGE, NEED_TWO_SPEEDS, NOT_IN_RANGE, MachineLines, Response
+from .machine import has_kloss_characteristic
+from .response import (
+    AT_EDGE,
+    LEVEL_PASSED,
+    NEED_TWO_SPEEDS,
+    NOT_IN_RANGE,
+    MachineLines,
+    Response,
+    Sought,
+)
 
 Array = NDArray[np.float64]
 Row = Mapping[str, float]
@@ -32,8 +43,12 @@ SPEEDS = {
 OPERATING = {"A": 40.0, "B": 60.0}
 #: Damping ratio above which torque over load, 1 / (1 - x^2 + 2 i zeta x), has no peak at any x > 0.
 LARGEST_PEAKED_ZETA = math.sqrt(0.5)
+FOLD = "one of two steady motions ends between {:.4g} and {:.4g} rad/s, and the ripple jumps there"
 #: Relative error of the mean speed of an orbit, which settling leaves.
 MEAN_SPEED_ERROR = 2e-9
+#: Shares of the slope at the working point with which first-order theory gives starts; the lowest is that of a motor
+#: whose torque does not swing.
+SLOPE_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
 #: Most speeds that a sentence names one by one; a convention.
 MOST_NAMED = 3
 UNITS = {
@@ -80,15 +95,75 @@ def columns_of(
 
 
 def run_sweeps(drive: Drive, lines: MachineLines) -> list[SpeedSweep]:
-    """Run the orbits of all lines of speeds together, and return what they say of each line."""
-    counts = [len(nus) for nus in lines.swept.values()]
-    line, nus = np.repeat(list(lines.swept), counts), np.concatenate(list(lines.swept.values()))
-    orbits = drive.orbits(*lines.at(drive.for_each_step(nus), line), "sweep")
+    """Run the orbits of all lines of speeds together, and return what they say of each line.
+
+    Of a motor whose characteristic is no line every branch of its motions is run. The sweep then has, at each speed,
+    the motion with the largest torque ripple.
+    """
+    found = [Branch(k, x, near(*lines.at(x, k)), (BEYOND, BEYOND)) for k, x in lines.swept.items()]
+    if has_kloss_characteristic(lines.at(found[0].x, found[0].line)[0]):
+        found = branches_of(drive, lines)
+        for k, x in lines.swept.items():  # what has no motion is run to say why
+            if len(lost := np.setdiff1d(x, [y for b in found if b.line == k for y in b.x])):
+                found.append(Branch(k, lost, near(*lines.at(lost, k)), (BEYOND, BEYOND)))
+    line_of = np.array([b.line for b in found])
+    of_branches = MachineLines(
+        lambda x, k: lines.at(x, line_of[k]), {k: b.x for k, b in enumerate(found)}
+    )
+    number = np.repeat(np.arange(len(found)), [len(b.x) for b in found])
+    nus = np.concatenate([b.x for b in found])
+    states = np.repeat(np.concatenate([b.states for b in found])[None], drive.multiples, axis=0)
+    orbits = drive.orbits(*of_branches.at(drive.for_each_step(nus), number), "sweep", states=states)
     peaks = force_peaks(orbits.waveform)
-    columns = columns_of(drive, *lines.at(nus, line), orbits, peaks)
-    parts = np.split(np.arange(len(nus)), np.cumsum(counts)[:-1])
-    every = SpeedSweep(drive, lines, 0, orbits, peaks, columns)
-    return [replace(every[part], line=k) for k, part in zip(lines.swept, parts)]
+    columns = columns_of(drive, *of_branches.at(nus, number), orbits, peaks)
+    every = SpeedSweep(drive, of_branches, 0, orbits, peaks, columns)
+    parts = [
+        replace(every[np.flatnonzero(number == k)], line=k, ends=b.ends)
+        for k, b in enumerate(found)
+    ]
+    sweeps = []
+    for key, x in lines.swept.items():
+        some = np.flatnonzero(line_of[number] == key)
+        height = np.nan_to_num(columns["tau2"][some], nan=-1.0)
+        worst = [some[np.argmax(np.where(nus[some] == nu, height, -2.0))] for nu in x]
+        several = tuple(part for part, b in zip(parts, found) if b.line == key and part.is_steady)
+        line = int(number[worst[0]])
+        sweeps.append(
+            replace(every[worst], line=line, branches=several if are_side_by_side(several) else ())
+        )
+    return sweeps
+
+
+def are_side_by_side(branches: Sequence[SpeedSweep]) -> bool:
+    """Whether a branch begins before another has ended; between others there is a gap without any motion."""
+    spans = sorted(branch.span for branch in branches)
+    return any(after[0] < before[1] for before, after in pairwise(spans))
+
+
+def branches_of(drive: Drive, lines: MachineLines) -> list[Branch]:
+    """Return the branches of the motions of induction motors, by runs with the longest step.
+
+    A motion in which the torque swings far beyond the slope at the working point is that of a motor with less slope, as
+    by the describing function of a characteristic that bends. The orbits of first-order theory with shares of the
+    slope, down to none, are the starts.
+    """
+    keys = list(lines.swept)
+    where = [(x, np.full(len(x), k)) for k, x in lines.swept.items()]
+    machine, nu = lines.at(*(np.concatenate(x) for x in zip(*where)))
+    starts = np.stack([near(replace(machine, B=share * machine.B), nu) for share in SLOPE_SHARES])
+
+    def settle(line: NDArray[np.intp], x: Array, states: Array) -> Array:
+        machine, nu = lines.at(x, np.array(keys)[line])
+        wanted = np.where(np.isnan(states).any(-1), np.nan, nu)
+        longest = np.full(len(x), drive.multiples - 1)
+        return drive.orbits(machine, wanted, "branches", longest, states).states
+
+    known = np.isfinite(starts).all((0, 2))
+    parts = np.split(known, np.cumsum([len(x) for x, _ in where])[:-1])
+    found = follow_branches(
+        settle, [x[part] for (x, _), part in zip(where, parts)], starts[:, known]
+    )
+    return [b._replace(line=keys[b.line]) for b in found]
 
 
 @dataclass(frozen=True)
@@ -109,6 +184,11 @@ class SpeedSweep:
         The rod forces of all sectors, shape (speeds, sectors).
     columns : dict
         What the orbits say, by the names of UNITS, shape (speeds,) each.
+    branches : tuple of SpeedSweep
+        The branches of its motions where there are several; at each speed the sweep then has the motion of the one with
+        the largest torque ripple.
+    ends : pair
+        Between which two speeds below, and above, a branch ends; nan where the sweep does.
     """
 
     drive: Drive
@@ -117,6 +197,8 @@ class SpeedSweep:
     orbits: Orbits
     peaks: Peaks
     columns: Mapping[str, Array]
+    branches: tuple[SpeedSweep, ...] = ()
+    ends: tuple[tuple[float, float], tuple[float, float]] = (BEYOND, BEYOND)
 
     def __getitem__(self, rows: Any) -> SpeedSweep:
         """Return some rows of the sweep."""
@@ -148,14 +230,85 @@ class SpeedSweep:
         return replace(self, orbits=orbits, peaks=peaks, columns=columns)[order]
 
     def at(self, speeds: Sequence[float]) -> SpeedSweep:
-        """Return the sweep over some of its speeds."""
-        return self[[self.speeds.index(nu) for nu in speeds]]
+        """Return the sweep over some of its speeds, and its branches over those that they have."""
+        parts = (b.at([nu for nu in speeds if nu in b.speeds]) for b in self.branches)
+        some = self[[self.speeds.index(nu) for nu in speeds]]
+        return replace(some, branches=tuple(b for b in parts if b.speeds))
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether any of its speeds has a steady orbit."""
+        return bool(np.isfinite(self.columns["tau2"]).any())
+
+    @property
+    def parts(self) -> tuple[SpeedSweep, ...]:
+        """The branches of its motions; the sweep itself where there is one."""
+        return self.branches or (self,)
 
     @property
     def response(self) -> Response:
         """Load over response, by the orbits with the shortest step."""
         lines = MachineLines(self.lines.at, {self.line: self.columns["nu"]})
         return Response(lines, self.line, self.orbits[0])
+
+    def lag(self) -> Sought:
+        """Return where the torque ripple lags its load by 90 degrees, at the least speed of all branches."""
+        found = [part.response.lag() for part in self.parts]
+        there = [sought for sought in found if not sought.reason]
+        return min(there, key=lambda sought: sought.x) if there else found[0]
+
+    def peak(self, quantity: int) -> Sought:
+        """Return where the ripple of a quantity is largest; where a branch ends there, the reason against a peak."""
+        return self._highest(quantity)[1]
+
+    def _highest(self, quantity: int) -> tuple[float, Sought]:
+        """The largest ripple of all branches, and where it is."""
+        highest = [(*part.response.highest(quantity), part) for part in self.parts]
+        height, sought, part = max(highest, key=lambda x: x[0])
+        fold = part.ends[0 if sought.x == part.speeds[0] else 1]
+        if sought.reason == AT_EDGE and not math.isnan(fold[0]):
+            sought = sought._replace(reason=FOLD.format(*fold))
+        return height, sought
+
+    def passed(self, level: float) -> list[Sought]:
+        """Return where the largest torque ripple of all branches passes a level [N.m], in order."""
+        if not self.branches:
+            return self.response.passed(level)
+        above = [x for part in self.branches for x in part.stretches_above(level)]
+        above.sort(key=lambda stretch: stretch[0].x)
+        joined = above[:1]
+        for first, last in above[1:]:
+            if first.x > joined[-1][1].x:
+                joined.append((first, last))
+            elif last.x > joined[-1][1].x:
+                joined[-1] = (joined[-1][0], last)
+        return [end for pair in joined for end in pair if math.isfinite(end.x)]
+
+    def stretches_above(self, level: float) -> list[tuple[Sought, Sought]]:
+        """Return the ends of the stretches in which the torque ripple is above a level, infinite where the sweep ends."""
+        ends, above = self.response.passed(level), self.columns["tau2"] > level
+        if above[0]:
+            ends.insert(0, self._end(0, -1.0))
+        if above[-1]:
+            ends.append(self._end(1, 1.0))
+        return list(zip(ends[::2], ends[1::2]))
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The speeds between which a branch lies, where it ends by the middle of what is known of its end."""
+        first, last = (sum(fold) / 2.0 for fold in self.ends)
+        return (
+            self.speeds[0] if math.isnan(first) else first,
+            self.speeds[-1] if math.isnan(last) else last,
+        )
+
+    def _end(self, side: int, sense: float) -> Sought:
+        """The end of a branch on one side, as a place where the ripple passes a level."""
+        fold = self.ends[side]
+        if math.isnan(fold[0]):
+            return Sought(LEVEL_PASSED[sense], self.line, x=sense * math.inf, sense=sense)
+        why = FOLD.format(*fold)
+        return Sought(LEVEL_PASSED[sense], self.line, x=sum(fold) / 2.0, sense=sense, reason=why)
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -169,6 +322,18 @@ class SpeedSweep:
     def table(self) -> Table:
         """The same as a table."""
         return Table(self.columns, UNITS)
+
+    @property
+    def motions(self) -> Table:
+        """All motions at speeds that have several of them, those of the largest torque ripple first."""
+        import pandas as pd
+
+        frames = [
+            part.table.frame.assign(multiplier=part.orbits.contraction[0]) for part in self.branches
+        ]
+        every = pd.concat(frames).sort_values(["nu", "tau2"], ascending=[True, False])
+        several = every[every.duplicated("nu", keep=False)]
+        return Table.of_frame(several, {**UNITS, "multiplier": "1"})
 
     @property
     def stalled(self) -> list[float]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 
 import cosim
 from scenarios.conveyor import drive_orbits as conveyor
@@ -376,3 +377,89 @@ def test_an_orbit_that_is_found_and_not_held_is_told_as_that() -> None:
     plate = "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"
     answer = ask("resonance", nameplate=plate, start=["motor.T=0.5"], speeds="20", speed=20.0)
     assert answer.warnings[0].endswith(steady.UNSTABLE)
+
+
+#: A motor of 7.5 kW on a light rotor, of which the ripple reaches the breakdown slip.
+TWO_MOTIONS = "7.5 kW, 736 rpm, 50 Hz, 8 poles, 3.5, 1.31:1, 0.032 kg.m2"
+
+
+def motion_from(start: dict[str, Any], nu: float, w: float, tau: float) -> tuple[float, float]:
+    """Torque ripple and lag of an induction drive after 80 turns from a state at the crank angle 0, integrated over it."""
+    machine = SETS["A"].follow(start)
+    w_s, s_b, tau_b = (start[f"motor.kloss.{x}"] for x in ("w_s", "s_b", "tau_b"))
+    r, m, c, d, J = (getattr(machine, x) for x in ("r", "m", "c", "d", "theta1"))
+
+    def rates(phi: float, y: Any) -> Any:
+        w, tau = y
+        slope = r * math.cos(phi)
+        load = slope * (c * r * math.sin(phi) + d * slope * w)
+        inertia, bend = J + m * slope**2, -m * r**2 * math.sin(2.0 * phi)
+        s = 1.0 - w / w_s
+        return [
+            (tau - load - bend * w**2 / 2.0) / inertia / w,
+            (2.0 * tau_b * s * s_b / (s**2 + s_b**2) - tau) / machine.T / w,
+        ]
+
+    last = 160.0 * math.pi
+    angles = last - 2.0 * math.pi + 2.0 * math.pi / 256 * np.arange(256)
+    found = solve_ivp(
+        rates, (0.0, last), [w, tau], method="DOP853", t_eval=angles, rtol=1e-9, atol=1e-9
+    )
+    amplitude = 2j / 256 * (found.y[1] @ np.exp(-2j * angles))
+    lag = np.angle(machine.load_ripple(nu), deg=True) - np.angle(amplitude, deg=True)
+    return abs(amplitude), lag % 360.0
+
+
+def test_of_two_steady_motions_the_one_with_the_larger_ripple_is_judged_and_both_are_named() -> (
+    None
+):
+    """The slope of the motor at its working point leads to the harmless one."""
+    answer = ask(
+        "resonance", nameplate=TWO_MOTIONS, speed=86.0, rated_torque=200.0, speeds="70,78,86"
+    )
+    start = {name: x.value for name, x in answer.parameters.items()}
+    quiet, loud = (
+        motion_from(start, 86.0, *state) for state in ((87.777, 56.384), (75.958, 80.676))
+    )
+    assert (quiet[0], loud[0]) == (pytest.approx(75.01, abs=0.01), pytest.approx(117.25, abs=0.01))
+    for name, truth in zip(("tau2_operating", "lag_operating"), loud):
+        figure = answer.figures[name]
+        assert figure.error is not None and figure.error < 1e-4 * truth
+        assert abs(figure.value - truth) <= figure.error + 1e-6 * truth
+    assert answer.verdict.startswith("Avoid 86 rad/s")
+    motions = answer.tables["resonance_motions.csv"].frame
+    assert_allclose(motions[["tau2", "lag"]].to_numpy(), [loud, quiet], rtol=1e-5)
+    assert ((motions["multiplier"] > 0.0) & (motions["multiplier"] < 0.5)).all()
+    (told,) = [x.text() for x in answer.judgements if "two steady motions" in x.what]
+    assert "117.2 N.m and a lag of 121 deg" in told and "75.01 N.m and a lag of 12 deg" in told
+
+
+def test_where_a_branch_ends_the_ripple_jumps_and_there_is_no_peak() -> None:
+    """Its two motions are both there from about 81.2 to 88.4 rad/s."""
+    answer = ask(
+        "resonance",
+        nameplate=TWO_MOTIONS,
+        speed=70.0,
+        rated_torque=200.0,
+        speeds="70,78,84,88,92,100",
+    )
+    for name in ("nu_peak_tau", "tau2_peak", "avoid_from"):
+        assert "one of two steady motions ends between 81" in answer.figures[name].reason
+    (told,) = [x.text() for x in answer.judgements if "two steady motions" in x.what]
+    assert "ends between 88" in told
+
+
+@pytest.mark.parametrize("start", [{}, {"motor.kloss.tau_b": 1000.0, "motor.kloss.w_s": 46.0}])
+def test_a_characteristic_that_hardly_bends_has_one_motion(start: dict[str, Any]) -> None:
+    more = {"motor.characteristic": "kloss"} if start else {}
+    answer = ask("resonance", speeds="30:50:5", steps_per_rev=128, start={**start, **more})
+    assert "resonance_motions.csv" not in answer.tables
+
+
+def test_a_linear_motor_has_one_motion_from_wherever_it_is_sought() -> None:
+    nu = np.array([34.0, 39.0, 44.0])
+    states = np.stack([nu * 0.8, np.full(3, 120.0)], axis=1)
+    drive = conveyor.Drive(Context(FMUS), "strang", 128, 1)
+    near = drive.orbits(SETS["A"], nu, "near")
+    far = drive.orbits(SETS["A"], nu, "far", states=states)
+    assert_allclose(far.states, near.states, rtol=1e-6)

@@ -246,8 +246,9 @@ def lag_speeds(drive: Drive, machines: Sequence[tuple[Machine, Samples]]) -> lis
             drive.require_enough_steps_per_rev(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
     each, guides = zip(*machines)
     lines = MachineLines.of(Machine.of(each), dict(enumerate(guides)))
-    responses = [sweep.response for sweep in run_sweeps(replace(drive, multiples=1), lines)]
-    sought = [response.lag() for response in responses]
+    sweeps = run_sweeps(replace(drive, multiples=1), lines)
+    responses = [part.response for sweep in sweeps for part in sweep.parts]
+    sought = [sweep.lag() for sweep in sweeps]
     return [figure for figure, _ in locate(drive, responses, sought).figures(sought, "rad/s")]
 
 

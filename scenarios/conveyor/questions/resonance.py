@@ -74,7 +74,7 @@ from ..response import (
 from ..ripple_limit import LimitCrossing, RippleLimit
 from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, run_sweeps
 
-TABLE = "resonance.csv"
+TABLE, MOTIONS = "resonance.csv", "resonance_motions.csv"
 #: Rounds of the fixed point of formula (22): the slope of a motor changes little with the speed, so each round leaves a
 #: small share of the distance.
 FIXED_POINT_ROUNDS = 20
@@ -203,6 +203,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
                 f["nu_90"],
                 note=resonance_side_and_distance(f["nu_90_away"]),
             ),
+            *two_motions(r),
             *([] if r.classical else r.limit.judgements()),
             *(classical.judgements(r.classical) if r.classical else []),
             *([Judgement("the sweep leaves out", note=listed(left))] if left else []),
@@ -298,10 +299,11 @@ def solved(plans: Sequence[SweepPlan]) -> Iterator[Findings]:
     lines = MachineLines.of(Machine.of([plan.machine for plan in plans]), every)
     swept = run_sweeps(drive, lines)
     sought = []
-    responses = [sweep.at(plan.speeds).response for plan, sweep in zip(plans, swept)]
-    for plan, response in zip(plans, responses):
-        passed = response.passed(plan.question.torque_ripple_limit)
-        sought.append([response.lag(), response.peak(TORQUE), response.peak(SPEED), *passed])
+    inside = [sweep.at(plan.speeds) for plan, sweep in zip(plans, swept)]
+    for plan, sweep in zip(plans, inside):
+        passed = sweep.passed(plan.question.torque_ripple_limit)
+        sought.append([sweep.lag(), sweep.peak(TORQUE), sweep.peak(SPEED), *passed])
+    responses = [part.response for sweep in inside for part in sweep.parts]
     flat = [feature for of_one in sought for feature in of_one]
     located = iter(locate(drive, responses, flat).figures(flat, "rad/s"))
     for plan, sweep, of_one in zip(plans, swept, sought):
@@ -324,6 +326,8 @@ def findings(
     limit = RippleLimit(o.torque_ripple_limit, sweep, crossings)
     r = ResonanceData(sweep, speed, operating, limit)
     tables = {TABLE: sweep.table}
+    if sweep.branches:
+        tables[MOTIONS] = sweep.motions
     if o.theory == CLASSICAL:
         r = replace(r, classical=(compared := classical.compare(plan.machine, sweep, o.tolerance)))
         tables = {classical.TABLE: compared.table, **tables}
@@ -450,6 +454,24 @@ def stalls(r: ResonanceData) -> list[Judgement]:
         where.append(f"the operating speed of {r.speed:g} rad/s")
     note = f"{' and at '.join(where)}: started near its steady motion, the crank does not complete a turn"
     return [Judgement("the motor stalls at", note=note)] if where else []
+
+
+def two_motions(r: ResonanceData) -> list[Judgement]:
+    """Return between which speeds the drive has two steady motions, and the other ones at the operating speed.
+
+    What it does there depends on how it came there. All that is judged is that with the larger torque ripple.
+    """
+    if not r.sweep.branches:
+        return []
+    folds = [fold for part in r.sweep.branches for fold in part.ends if not math.isnan(fold[0])]
+    notes = [f"a branch ends between {a:.4g} and {b:.4g} rad/s" for a, b in sorted(set(folds))]
+    several = r.operating.motions.frame
+    notes += [
+        f"at {x.nu:.4g} rad/s it runs with {x.tau2:.4g} N.m and a lag of {x.lag:.3g} deg"
+        for x in several.itertuples()
+    ]
+    what = "the drive has two steady motions, of which that with the larger torque ripple is judged"
+    return [Judgement(what, note="; ".join(notes))]
 
 
 def fed_with(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
