@@ -1,17 +1,15 @@
 """How often the questions of the iron and the orientator hold the truth.
 
 Machines are drawn at random, recorded by `examples/measured_iron.py` and `examples/measured_orientator.py`,
-which share no equation with the FMUs, and asked about by the question, with no guess of its own. Shown
-are how many were answered, how many intervals hold the truth, and how wide they are.
+which share no equation with the FMUs, and asked about by the question, with no guess of its own.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
-from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,6 +19,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.coverage import Demand, Stated, Study, Trial, main
 from cosim import System, quiet
 from examples import measured_iron, measured_orientator
 from scenarios.iron import machine
@@ -81,8 +80,8 @@ def draw_orientator(
 KINDS = {"iron_identify": draw_iron, "orientator_identify": draw_orientator}
 
 
-def trial(name: str, seed: int) -> dict[str, Any]:
-    """One machine, asked about: for each figure whether it holds the truth and how wide it is."""
+def trial(name: str, seed: int) -> Trial:
+    """One machine, asked about."""
     rng = np.random.default_rng([seed, [*KINDS].index(name)])
     rows, options, true = KINDS[name](rng, seed)
     question: type[Question] = PROJECT.load(name)
@@ -92,40 +91,26 @@ def trial(name: str, seed: int) -> dict[str, Any]:
         rows.to_csv(path, index=False)
         o = question.parse({**options, "data": str(path), "starts": 6})
         result = answer(question, o, PROJECT.fmus(question, "native"))
-    entry: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
-    entry["verdict"] = result.verdict
-    for key, x in true.items():
+    seconds = time.process_time() - began
+    figures = {}
+    for key, truth in true.items():
         figure = result.figures.get(key)
-        if figure is not None and figure.error is not None:
-            entry[key] = abs(figure.value - x) <= figure.error, figure.error / abs(x)
-    return entry
+        value, error = (figure.value, figure.error) if figure else (None, None)
+        figures[key] = Stated.of(value, error, truth)
+    return Trial(name, seed, figures, seconds, result.verdict)
 
 
-def table(name: str, trials: list[Mapping[str, Any]]) -> None:
-    """A line for each figure."""
-    for key in dict.fromkeys(key for x in trials for key in x):
-        mine = [x[key] for x in trials if isinstance(x.get(key), tuple)]
-        if mine:
-            held, wide = sum(h for h, _ in mine) / len(mine), float(np.median([w for _, w in mine]))
-            print(f"| {name} | `{key}` | {len(mine)} of {len(trials)} | {held:.0%} | {wide:.2%} |")
+def trials(name: str, seeds: Sequence[int]) -> list[Trial]:
+    """A machine for each seed."""
+    return [trial(name, seed) for seed in seeds]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--number", type=int, default=30, help="records of each machine")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--verbose", action="store_true")
-    o = parser.parse_args()
-    seeds = range(1000 * o.seed, 1000 * o.seed + o.number)
-    print("| question | figure | answered | held | half-width, median |\n|---|---|---|---|---|")
-    with ProcessPoolExecutor(o.jobs) as pool:
-        for name in KINDS:
-            trials = list(pool.map(trial, [name] * o.number, seeds))
-            table(name, trials)
-            for x in trials if o.verbose else ():
-                print(x)
-
+STUDY = Study(
+    __doc__,
+    {name: partial(trials, name) for name in KINDS},
+    number=30,
+    demands={name: Demand(within=0.9) for name in KINDS},  # 95 % intervals of some figures each
+)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(STUDY))

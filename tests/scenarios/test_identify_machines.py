@@ -105,10 +105,11 @@ def test_bad_input_is_refused_in_a_line(name: str, options: dict[str, Any], mess
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_intervals_hold_the_truth_of_random_machines(name: str) -> None:
-    held = [x for seed in (1, 2, 3) for x in trial(name, seed).values() if isinstance(x, tuple)]
-    assert len(held) >= 6
-    assert np.mean([inside for inside, _ in held]) > 0.7
-    assert max(wide for _, wide in held) < 1.0
+    figures = [f for seed in (1, 2, 3) for f in trial(name, seed).figures.values()]
+    stated = [figure for figure in figures if figure.value is not None]
+    assert len(stated) >= 6
+    assert np.mean([figure.error_ratio() <= 1.0 for figure in stated]) > 0.7
+    assert max(figure.relative_width() for figure in stated) < 1.0
 
 
 @pytest.mark.slow
