@@ -41,7 +41,6 @@ from cosim import (
 )
 from cosim.accuracy.certify import estimates_of
 from cosim.accuracy.nested import nested_runs
-from cosim.analysis.coupling_theory import Ideal, Scheme
 from cosim.metrics import (
     Crossing,
     Largest,
@@ -53,13 +52,14 @@ from cosim.metrics import (
     TimeOfLargest,
 )
 from cosim.series import TIME, Column
-from cosim.verification import systems as linear
 from scenarios.conveyor import machine
 from scenarios.conveyor.first_order import SETS
 from scenarios.exciter.questions import sommerfeld as exciter
 from scenarios.iron import machine as iron
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line as line
+from tests import linear_systems as linear
+from tests.coupling_theory import Ideal, Scheme
 
 #: The page that this backs, and its heading.
 CLAIM = ("docs/certify.md", "What `certify` promises")
@@ -256,7 +256,7 @@ def matrices(draw: Callable[[float, float], float]) -> dict[str, tuple[Any, floa
 
 def exact_units(units: Any, stop: float, step: float) -> Case:
     """Linear units stepped by the ideal algorithms, which FMUs follow to the last digits (see
-    `cosim verify`), and the matrix exponential of the coupled system.
+    tests/cosim/verification.py), and the matrix exponential of the coupled system.
     """
     ideal = Ideal(units)
     h = stop / (FINE - 1)

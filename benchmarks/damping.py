@@ -29,8 +29,8 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks.coverage import Demand, Stated, Study, Trial, main
 from cosim import Diagnosis, SetupError, System, diagnose
-from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
-from cosim.verification.systems import couple
+from tests.coupling_theory import Ideal, LinearPart, Scheme
+from tests.linear_systems import couple
 
 #: The page that this backs, and its heading.
 CLAIM = ("docs/micron_steps.md", "Which step does my system need?")

@@ -48,7 +48,6 @@ SLOW = {
     "--no-dashboard --dashboard-address 127.0.0.1:0 &",
     ".venv/bin/scenarios study studies/rotor_speed.toml --scheduler tcp://127.0.0.1:8786 --out results/cluster",
     "kill %1 %2",
-    ".venv/bin/cosim verify",
     ".venv/bin/scenarios study studies/records.toml",
     ".venv/bin/scenarios run resonance --speed 38.0 "
     "--rated-torque 80 --start motor.B=166.6 --start motor.T=0.09 --start "

@@ -63,10 +63,8 @@ class CustomBuildHook(BuildHookInterface[Any]):
         ]
         included = build_data["force_include"]
         for path in fmus:
-            if path.name != "LinearSystem.fmu":  # no question uses it; `cosim verify` does
+            if path.name != "LinearSystem.fmu":  # no question uses it
                 included[str(path)] = f"scenarios/fmus/{path.relative_to(root / 'fmus').as_posix()}"
-        exact = root / "fmus" / "LinearSystem.fmu"
-        included[str(exact)] = "cosim/verification/LinearSystem.fmu"
         for path in sorted(loops.glob("*.so")):
             included[str(path)] = f"cosim/engine/compiled/{path.name}"
         for path in sorted((root / "components").glob("*/*")):

@@ -18,7 +18,6 @@ from .commands import (
     referee,
     run,
     sweep,
-    verify,
 )
 from .options import Help, Parser, exit_code
 
@@ -36,7 +35,6 @@ COMMANDS = {
         referee,
         crosscheck,
         compare,
-        verify,
     )
 }
 #: What people type for a command that is an option of another one.

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from cosim import SetupError, System, diagnose, run, write_container
-from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
 from cosim.engine.algorithms import (
     REGISTRY,
     Algorithm,
@@ -17,8 +16,9 @@ from cosim.engine.algorithms import (
     Stage,
     Turn,
 )
-from cosim.verification import checks
-from cosim.verification.systems import BENCHMARKS, couple
+from tests.cosim import verification as checks
+from tests.coupling_theory import Ideal, LinearPart, Scheme
+from tests.linear_systems import BENCHMARKS, couple
 
 DRIVE = BENCHMARKS["drive"]
 

@@ -13,7 +13,6 @@ from scipy.integrate import solve_ivp
 
 from cosim import Result, System, certify, diagnose, limit, run, smallest
 from cosim.accuracy.trajectories import find_divergence
-from cosim.analysis.coupling_theory import Ideal
 from cosim.metrics import (
     Largest,
     Last,
@@ -25,10 +24,11 @@ from cosim.metrics import (
 )
 from cosim.result import Interrupted
 from cosim.series import TIME, Column, Kind
-from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
 from tests.cosim.conftest import runs_of
 from tests.cosim.test_cosim import pair, ripple
+from tests.coupling_theory import Ideal
+from tests.linear_systems import couple, drive
 
 
 def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from cosim import SetupError, System, diagnose, linearize
-from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
-from cosim.verification.systems import DC_MOTOR, OSCILLATOR, couple, drive, twisting_drive
 from fmukit.fmu.make import make_all
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT
 from tests.cosim.test_linearize import conveyor, two_masses
+from tests.coupling_theory import Ideal, LinearPart, Scheme
+from tests.linear_systems import DC_MOTOR, OSCILLATOR, couple, drive, twisting_drive
 
 J_1, J_2, STIFF, DAMP = 1.1, 2.2, 1e4, 1.0
 RESONANCE = math.sqrt(STIFF * (1 / J_1 + 1 / J_2))

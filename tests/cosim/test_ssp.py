@@ -14,7 +14,6 @@ from lxml import etree
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import Package, SetupError, System, oracle, read_ssp, run, write_ssp
-from cosim.formats.ssp.geometry import Geometry
 from cosim.system import Network, connect
 from tests.conftest import described, rewritten
 
@@ -645,62 +644,6 @@ def test_model_exchange_is_read_for_the_oracle(fmus: Path, read: Read, tmp_path:
         oracle(s, stop=0.1, output_step=0.05) for s in (system, System({"motor": native}))
     )
     assert_array_equal(result["motor.tau"], expected["motor.tau"])
-
-
-BOX = '<ssd:{}Geometry x1="{}" y1="{}" x2="{}" y2="{}"/>'
-NOTE = '<ssd:GraphicalElements><ssd:Note x1="0" y1="9" x2="4" y2="10" text="a drive"/></ssd:GraphicalElements>'
-LINES = '><ssd:ConnectionGeometry pointsX="{}" pointsY="{}"/></ssd:Connection>'
-
-
-def structure_with_drawing() -> str:
-    """The pair as a drawing."""
-    geometry = '<ssd:ConnectorGeometry x="{}" y="0.5"/></ssd:Connector>'
-    motor = MOTOR.replace('name="tau" kind="output"/>', 'name="tau" kind="output">' + geometry)
-    motor = motor.format("1.0", BOX.format("Element", "-1.5", 0, 2, 3))
-    conveyor = CONVEYOR.format(BOX.format("Element", 6, 0, 8, 3).replace("/>", ' rotation="90"/>'))
-    tau = TAU.format("conveyor").replace("/>", LINES.format("3 4 5", "1 1 2"))
-    back = SPACE.format("motor", "w", "conveyor", "w").replace("/>", LINES.format("1 2", "8 9"))
-    structure = ssd(motor + conveyor, tau + back)
-    canvas = BOX.format("System", "-2", 0, 10, 10)
-    return structure.replace("</ssd:System>", f"{canvas}{NOTE}</ssd:System>")
-
-
-def test_a_drawing_survives_reading_and_writing(read: Read, tmp_path: Path) -> None:
-    """A connection that was written from its end is drawn from its output, too."""
-    package = read(structure_with_drawing())
-    drawing = package.geometry
-    assert drawing is not None
-    assert drawing.canvas == {"x1": "-2", "y1": "0", "x2": "10", "y2": "10"}
-    assert drawing.elements["motor"]["x1"] == "-1.5"
-    assert drawing.elements["conveyor"]["rotation"] == "90"
-    assert drawing.connectors == {"motor.tau": {"x": "1.0", "y": "0.5"}}
-    assert drawing.connections == {
-        ("motor.tau", "conveyor.tau"): {"pointsX": "3 4 5", "pointsY": "1 1 2"},
-        ("conveyor.w", "motor.w"): {"pointsX": "2 1", "pointsY": "9 8"},
-    }
-    assert [note["text"] for note in drawing.notes] == ["a drive"]
-    write_ssp(package.system, tmp_path / "again.ssp", geometry=drawing)
-    assert read_ssp(tmp_path / "again.ssp", tmp_path / "again").geometry == drawing
-    require_valid(tmp_path / "again" / "SystemStructure.ssd")
-    write_ssp(package.system, tmp_path / "bare.ssp")
-    assert read_ssp(tmp_path / "bare.ssp", tmp_path / "bare").geometry == Geometry()
-
-
-def test_a_nested_system_is_placed_in_its_box(read: Read) -> None:
-    """From a canvas of 10 by 10 into a box of 20 by 5; through its connectors nothing is drawn."""
-    elements, connections, ports = INSIDE
-    inside = elements.replace(
-        "</ssd:Component>", BOX.format("Element", 5, 0, 10, 10) + "</ssd:Component>"
-    )
-    line = system_in("line", inside, ports + BOX.format("Element", 100, 10, 120, 15), connections)
-    line = line.replace("</ssd:System>", BOX.format("System", 0, 0, 10, 10) + "</ssd:System>")
-    ends = TAU.format("line") + W.format("line", "w", "/>")
-    drawing = read(ssd(MOTOR.format("") + line, ends)).geometry
-    assert drawing is not None
-    corners = {name: float(text) for name, text in drawing.elements["line.conveyor"].items()}
-    assert corners == {"x1": 110.0, "y1": 10.0, "x2": 120.0, "y2": 15.0}
-    assert [*drawing.elements] == ["line.conveyor"]
-    assert drawing.connections == {}
 
 
 def test_fmus_of_the_same_name_do_not_overwrite_each_other(fmus: Path, tmp_path: Path) -> None:

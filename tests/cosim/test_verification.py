@@ -18,9 +18,8 @@ import pytest
 
 import cosim.engine.initialise
 from cosim import ALGORITHMS, SetupError, System, run
-from cosim.analysis.coupling_theory import Ideal, LinearPart, Scheme
-from cosim.verification import checks
-from cosim.verification.checks import (
+from tests.cosim import verification as checks
+from tests.cosim.verification import (
     HOLDING,
     MOTOR,
     SCHEMES,
@@ -28,7 +27,8 @@ from cosim.verification.checks import (
     orders,
     simulate,
 )
-from cosim.verification.systems import BENCHMARKS, SPRING_AND_MASS, couple, states
+from tests.coupling_theory import Ideal, LinearPart, Scheme
+from tests.linear_systems import BENCHMARKS, SPRING_AND_MASS, couple, states
 
 ALL = SCHEMES | HOLDING | SUBSTEPS
 

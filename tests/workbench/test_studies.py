@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import gc
-import inspect
 import json
 import os
 import re
@@ -13,23 +11,19 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from fnmatch import fnmatch
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from fmpy.model_description import read_model_description
 
 import scenarios
 from cosim import SetupError
 from cosim.journal import Journal
 from scenarios.project import PROJECT
-from tests.conftest import ROOT, fmus_of, restore_ctrl_c, until
-from workbench import run, study
-from workbench.catalog import load_module
+from tests.conftest import ROOT, restore_ctrl_c, until
+from workbench import study
 from workbench.cli import main
 from workbench.project import NO_PROJECT
 from workbench.runs import fingerprint
@@ -451,8 +445,6 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     page = tmp_path / "plane.py"
     before = page.read_text()
     write(GRID)
-    page.write_text(f"{before}# changed\n")
-    assert "0 of them now" in study.run(study.load(tmp_path / "some.toml"), out=out).verdict
     page.write_text(before.replace("3.0 * self.x", "4.0 * self.x"))
     with pytest.raises(SetupError, match="runs: question has changed; remove it, or choose"):
         study.run(study.load(tmp_path / "some.toml"), out=out)
@@ -490,8 +482,6 @@ def test_whatever_changes_makes_another_study_but_for_what_is_displayed(
         return identity(plan, {"orientator": FMU[flavour]}, flavour)
 
     before = who()
-    guid = read_model_description(str(ROOT / "fmus" / "GravityOrientator.fmu"), validate=False).guid
-    assert before["fmus"] == {"orientator": guid}
     numbers = [match.span() for match in re.finditer(r"\d+\.?\d*|lhs", CUP)]
     assert len(numbers) == 11
     assert CUP[slice(*numbers.pop(0))] == "60.0"  # the timeout, on which no row depends
@@ -505,7 +495,7 @@ def test_whatever_changes_makes_another_study_but_for_what_is_displayed(
     def changed(other: dict[str, Any]) -> set[str]:
         return {name for name in before if before[name] != other[name]}
 
-    assert changed(who(flavour="native")) == {"flavour", "fmus", "contents"}
+    assert changed(who(flavour="native")) == {"flavour", "fmus"}
     seeds = study.file.Study.samples
     for part, name, other in (
         ("versions", "cosim.versions", lambda: before["versions"] | {"numpy": "9.9"}),
@@ -525,119 +515,26 @@ def test_whatever_changes_makes_another_study_but_for_what_is_displayed(
             assert changed(who()) == {part}
 
 
-FILES = {
-    "questions/ask.py": '''"""How large is it?"""
-from dataclasses import dataclass
-import cosim
-from workbench import Figure, Findings, Question, Show
-from ..drawn import motion
-from ..machine import size
-
-COLOR = "blue"
-MARKS = ("a", "b")
-
-
-class Size(Question):
-    """Options."""
-
-
-    def solve(self, context):
-        """Solve it."""
-        return Findings({"size": Figure(double(size()), "m", 0.0)})
-
-    def show(self, figures, data):
-        return Show(motions=[motion(MARKS, colored())])
-
-    def judgements(self, figures, data):
-        return [Judgement("size", figures["size"])]
-
-
-
-
-def double(x):
-    # twice
-    return 2.0 * x
-
-
-
-
-def colored():
-    return COLOR
-
-
-''',
-    "questions/other.py": '"""Another?"""\nanswer = 1\n',
-    "machine.py": '"""A machine."""\n\n\ndef size():\n    """Its size."""\n    return 1.0  # m\n',
-    "motion.py": "moves = 1\n",
-    "live_part.py": "slides = 1\n",
-    "papers.py": "cited = 1\n",
-    "drawn.py": "def motion(*shapes):\n    return shapes\n",
-    "steps.c": "int steps;\n",
-}
-#: a file and what is replaced in it, where rows depend on that, and where they do not
-COMPUTING = [
-    ("machine.py", "1.0", "2.0"),
-    ("steps.c", "int", "long"),
-    ("questions/ask.py", "2.0 * x", "3.0 * x"),
-]
-SHOWING = [
-    ("machine.py", "# m", "# mm"),
-    ("machine.py", "Its size.", "Its length."),
-    ("machine.py", "A machine.", "One machine."),
-    ("machine.py", "\n\n\n", "\n\n\n\n"),
-    ("motion.py", "1", "2"),
-    ("live_part.py", "1", "2"),
-    ("papers.py", "1", "2"),
-    ("questions/other.py", "1", "2"),
-    ("questions/ask.py", "COLOR = ", "COLOR = 'red'; OTHER = "),
-    ("questions/ask.py", "# twice", "# two times"),
-    ("questions/ask.py", "Solve it.", "Find it."),
-    ("questions/ask.py", "How large", "How long"),
-    ("questions/ask.py", "return COLOR", "return 'red'"),
-    ("questions/ask.py", "import motion", "import motion as motion"),
-    ("questions/ask.py", 'Judgement("size"', 'Judgement("width"'),
-    ("questions/ask.py", '("a", "b")', '("a", "c")'),
-]
-
-
-def test_rows_are_kept_while_what_computes_them_stays(
+def test_each_file_of_the_code_is_part_of_an_identity(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All that only shows may change at once; each thing that computes makes another identity."""
     package = tmp_path / "machines_of_a_test"
-    for file, text in FILES.items():
+    files = ["questions/ask.py", "machine.py", "steps.c"]
+    for file in files:
         (package / file).parent.mkdir(parents=True, exist_ok=True)
-        (package / file).write_text(text)
+        (package / file).write_text("")
     monkeypatch.syspath_prepend(tmp_path)
-
-    def edit(name: str, old: str, new: str) -> None:
-        text = (package / name).read_text()
-        assert text.count(old) == 1
-        (package / name).write_text(text.replace(old, new))
 
     def who() -> dict[str, Any]:
         fingerprint.code.cache_clear()
         return fingerprint.computation(f"{package.name}.questions.ask", {}, package.name)
 
     seen = [who()]
-    for change in SHOWING:
-        edit(*change)
-    assert who() == seen[0]
-    for change in COMPUTING:
-        edit(*change)
+    for file in files:
+        (package / file).write_text("\n")
         assert who() not in seen
         seen.append(who())
     fingerprint.code.cache_clear()
-
-
-def test_every_pattern_of_what_only_shows_has_a_file() -> None:
-    files = [
-        path.relative_to(ROOT).as_posix()
-        for package in ("cosim", "workbench", "scenarios")
-        for path in (ROOT / package).rglob("*.py")
-    ]
-    for pattern in (*fingerprint.PRESENTATION, fingerprint.QUESTIONS):
-        assert any(fnmatch(name, pattern) for name in files), pattern
 
 
 def test_more_time_is_for_the_runs_that_had_too_little(write: Write, tmp_path: Path) -> None:
@@ -670,42 +567,6 @@ def test_a_study_file_may_begin_with_a_byte_order_mark(write: Write) -> None:
     path = write(GRID)
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
     assert len(study.load(path).runs()) == 10
-
-
-def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With all its functions out of order the rows are the same."""
-    cases = {"orientator_cycle": {"speed": 40.0}, "run_up": {"stop": 0.02}}
-
-    def answers() -> list[str]:
-        rows = [
-            run.rows(PROJECT.locate(name), fmus_of(page(name), "python"), [o])[0].answer
-            for name, o in cases.items()
-        ]
-        return [f"{texts} {numbers.tolist()} {warnings}" for texts, numbers, warnings in rows]
-
-    def page(name: str) -> ModuleType:
-        return load_module(PROJECT.locate(name))
-
-    before = answers()
-    broken = 0
-    gc.unfreeze()
-    for function in filter(inspect.isfunction, gc.get_objects()):
-        path = Path(function.__code__.co_filename)
-        inside = path.is_relative_to(ROOT) and path.relative_to(ROOT).as_posix()
-        if (
-            inside
-            and inside[0] != "."
-            and any(fnmatch(inside, pattern) for pattern in fingerprint.PRESENTATION)
-        ):
-            free = function.__code__.co_freevars
-            monkeypatch.setattr(function, "__code__", fail.__code__) if not free else None
-            broken += not free
-    assert broken > 50
-    assert answers() == before
-
-
-def fail(*_: object, **__: object) -> None:
-    raise AssertionError
 
 
 def test_a_start_value_that_no_fmu_has_is_named_before_the_first_run(tmp_path: Path) -> None:

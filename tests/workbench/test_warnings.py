@@ -15,10 +15,10 @@ import pytest
 from cosim import SimulationError, System, certify, quiet, run, run_isolated, write_ssp
 from cosim.cli.main import main
 from cosim.engine.energy import balance, bond_warnings
-from cosim.verification.systems import SPRING_AND_MASS, couple
 from tests.cosim.foreign import pack, single_fmu_system
 from tests.cosim.test_cosim import WIRES
 from tests.cosim.test_library import drive
+from tests.linear_systems import SPRING_AND_MASS, couple
 
 PERIOD = 2 * math.pi / 5
 LIFTS = {"iron.tau": 0.0, "iron.w_cam": 20.0, "iron.on_invalid": "warn"}

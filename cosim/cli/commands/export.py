@@ -27,8 +27,7 @@ def execute(options: argparse.Namespace) -> int:
         start, stop = file.start, file.package.stop
         if options.to == "ssp":
             step = file.package.step if options.step is None else options.step
-            drawing = file.package.geometry
-            write_ssp(file.system, options.out, stop, start, step, geometry=drawing)
+            write_ssp(file.system, options.out, stop, start, step)
         elif options.to == "osp":
             step = file.step(options.step)
             write_osp(file.system, options.out, step=step, start=start, stop=stop)

@@ -1,7 +1,7 @@
 """What a coupling algorithm says of itself: its schedule, what its inputs are made of, its orders.
 
-The engine carries it out, the coupling theory predicts what it does to linear systems, and `verify`
-compares the two. All three read it here.
+The engine carries it out; in the tests the theory of coupled linear systems predicts what it does, and both are
+compared.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from ...errors import SetupError
 from ...system import Value, Wire, enumeration, legal_part_name
 from ...system.base_units import Unit
 from ...system.description import ModelDescription, Variable
-from .files import ELEMENT, LINK, Budget, Element
+from .files import ELEMENT, LINK, Budget
 from .parameters import Parameter
 from .units import Step, chain, unit_of, with_definition
 
@@ -60,13 +60,11 @@ class Flow(NamedTuple):
 class Plan:
     """Elements by dotted path, the outermost system by ""; connectors by path and name.
 
-    `canvases` are the XML elements of the systems, which say how these are drawn; `exchange` are the parts
-    for which the file asks for model exchange.
+    `exchange` are the parts for which the file asks for model exchange.
     """
 
     budget: Budget
     elements: dict[str, dict[str, str]] = field(default_factory=dict)
-    canvases: dict[str, Element] = field(default_factory=dict)
     exchange: list[str] = field(default_factory=list)
     connectors: dict[Node, Connector] = field(default_factory=dict)
     fmus: dict[str, Path] = field(default_factory=dict)

@@ -32,7 +32,6 @@ from .files import (
     locate,
     unpack,
 )
-from .geometry import Geometry, geometry
 from .parameters import bound, linear
 from .plan import DOWNWARD, Connector, Flow, Node, Plan, dotted
 from .units import Definitions, definitions, same
@@ -49,8 +48,8 @@ log = logging.getLogger("cosim")
 class Package(NamedTuple):
     """The content of a file: the system, its default experiment and step [s], its outer connectors.
 
-    `geometry` is how the file draws the system, for `write_ssp`; `substeps` are the sub-steps of parts
-    within a step, for `run`, where the file gives them steps of their own. `connectors` gives the dotted port of every connector of the outermost system that stands for
+    `substeps` are the sub-steps of parts within a step, for `run`, where the file gives them steps of their own.
+    `connectors` gives the dotted port of every connector of the outermost system that stands for
     one variable unchanged, without a factor, an offset or a conversion of units.
     """
 
@@ -59,7 +58,6 @@ class Package(NamedTuple):
     stop: float | None = None
     connectors: Mapping[str, str] = MappingProxyType({})
     step: float | None = None
-    geometry: Geometry | None = None
     substeps: Mapping[str, int] = MappingProxyType({})
 
 
@@ -182,7 +180,7 @@ def _read(path: Path, folder: Path) -> Package:
     if plan.exchange:
         names = ", ".join(plan.exchange)
         log.warning("the file asks for model exchange of %s: run steps by co-simulation", names)
-    return Package(system, start, stop, plan.outer(), _step(document), geometry(plan))
+    return Package(system, start, stop, plan.outer(), _step(document))
 
 
 def _step(document: Document) -> float | None:
@@ -208,7 +206,7 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
     """Add a system and all that is in it to the plan, then apply its parameters."""
     if system.get("id"):
         document = document.nested((str(document.path), system.get("id")), system.get("name"))
-    plan.elements[path], plan.canvases[path] = {}, system
+    plan.elements[path] = {}
     for name, connector in _connectors(document, system).items():
         plan.budget.take(document.at(system), 1)
         plan.connectors[path, name] = connector

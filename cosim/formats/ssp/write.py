@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import zipfile
-from collections.abc import Mapping
 from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +15,6 @@ from xml.etree.ElementTree import Element, SubElement
 from ...errors import SetupError
 from ...system import Connection, Network, Port, System, Value, connect_for_export, enumeration
 from .files import BOND, FMU, NAMESPACES, ROOT_SSD, qualified
-from .geometry import Geometry
 
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
@@ -40,8 +38,6 @@ def write_ssp(
     stop: float | None = None,
     start: float = 0.0,
     step: float | None = None,
-    *,
-    geometry: Geometry | None = None,
 ) -> None:
     """Write a system with its FMUs, wires, start values and bonds as an .ssp.
 
@@ -63,9 +59,6 @@ def write_ssp(
     step : float, optional
         The communication step [s]. OMSimulator needs one: without it, it gets the shortest step that
         an FMU prefers.
-    geometry : Geometry, optional
-        Where tools draw the parts, as `read_ssp` returns it. What it says of parts and wires that the
-        system lacks is left out.
 
     Raises
     ------
@@ -76,7 +69,7 @@ def write_ssp(
     network = connect_for_export(system, "an .ssp")
     files = archived(network)
     has_fmi3 = any(d.fmiVersion == "3.0" for d in network.descriptions.values())
-    task = SspContent(network, files, "2.0" if has_fmi3 else "1.0", geometry or Geometry())
+    task = SspContent(network, files, "2.0" if has_fmi3 else "1.0")
     structure = _structure(task, path.stem, (start, stop, step))
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         package = Path(folder) / path.name
@@ -100,12 +93,11 @@ def archived(network: Network) -> dict[Path, str]:
 
 
 class SspContent(NamedTuple):
-    """What is written: a network and its files, in the types of which version, drawn how."""
+    """What is written: a network and its files, in the types of which version."""
 
     network: Network
     files: dict[Path, str]
     version: str
-    geometry: Geometry
 
     def element(self, port: Port) -> WrittenVariable:
         """The variable of the FMU that a port is or is an element of."""
@@ -138,7 +130,7 @@ def _structure(
 ) -> bytes:
     for prefix, uri in {**NAMESPACES, "osp": OSP, "oms": OMS, "cosim": "urn:cosim"}.items():
         ElementTree.register_namespace(prefix, uri)
-    network, drawing, (start, stop, step) = task.network, task.geometry, times
+    network, (start, stop, step) = task.network, times
     root = Element(qualified("ssd:SystemStructureDescription"), name=name, version=task.version)
     system = SubElement(root, qualified("ssd:System"), name=name)
     elements = SubElement(system, qualified("ssd:Elements"))
@@ -147,11 +139,6 @@ def _structure(
         _component(elements, task, part, enumerations)
     if network.wires:
         _connections(SubElement(system, qualified("ssd:Connections")), task)
-    _attributed(system, "ssd:SystemGeometry", drawing.canvas)
-    if drawing.notes:
-        graphics = SubElement(system, qualified("ssd:GraphicalElements"))
-        for box in drawing.notes:
-            _attributed(graphics, "ssd:Note", box)
     notes = Element(qualified("ssd:Annotations"))
     _omsimulator(notes, network, step)
     if network.system.bonds:
@@ -200,7 +187,7 @@ def _omsimulator(notes: Element, network: Network, step: float | None) -> None:
 
 
 def _component(elements: Element, task: SspContent, part: str, enumerations: Enumerations) -> None:
-    network, drawing = task.network, task.geometry
+    network = task.network
     source = f"resources/{quote(task.files[network.fmus[part].path])}"
     component = SubElement(elements, qualified("ssd:Component"), name=part, type=FMU, source=source)
     ends = [port for wire in network.wires for port in wire[:2] if port.part == part]
@@ -211,9 +198,6 @@ def _component(elements: Element, task: SspContent, part: str, enumerations: Enu
             connector = SubElement(connectors, qualified("ssd:Connector"), kind)
             connector.append(_type("ssc", port, enumerations))
             _dimensions(connector, variable)
-            position = drawing.connectors.get(port.name, {})
-            _attributed(connector, "ssd:ConnectorGeometry", position)
-    _attributed(component, "ssd:ElementGeometry", drawing.elements.get(part, {}))
     _start_values(component, task, part)
 
 
@@ -256,12 +240,6 @@ def _type(prefix: str, port: Port, enumerations: Enumerations) -> Element:
 def _dimensions(parent: Element, variable: WrittenVariable) -> None:
     for size in variable.shape:
         SubElement(parent, qualified("ssc:Dimension"), size=str(size))
-
-
-def _attributed(parent: Element, tag: str, attributes: Mapping[str, str]) -> None:
-    """A child with these attributes, unless there are none."""
-    if attributes:
-        SubElement(parent, qualified(tag), dict(attributes))
 
 
 def _enumerations(parent: Element, prefix: str, items_by_name: Enumerations) -> None:
@@ -328,19 +306,18 @@ def _connections(connections: Element, task: SspContent) -> None:
         elements = [(task.element(wire.source), task.element(wire.target)) for wire in wires]
         straight = all(start.indices == end.indices for start, end in elements)
         if straight and source.shape == target.shape and len(wires) == prod(source.shape):
-            _connection(connections, task, wires[0], (source, target))
+            _connection(connections, wires[0], (source, target))
             continue
         log.warning(
             "%s -> %s: the indices of elements count from 1; SSP 2.0 does not say where to begin",
             *(f"{variable.part}.{variable.name}" for variable in (source, target)),
         )
         for wire, ends in zip(wires, elements):
-            _connection(connections, task, wire, ends)
+            _connection(connections, wire, ends)
 
 
 def _connection(
     connections: Element,
-    task: SspContent,
     wire: Connection,
     variables: tuple[WrittenVariable, WrittenVariable],
 ) -> None:
@@ -356,5 +333,3 @@ def _connection(
     if scaled(wire):
         factor, offset = repr(wire.factor), repr(wire.offset)
         SubElement(connection, qualified("ssc:LinearTransformation"), factor=factor, offset=offset)
-    points = task.geometry.connections.get((wire.source.name, wire.target.name), {})
-    _attributed(connection, "ssd:ConnectionGeometry", points)

@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from ..analysis.coupling_theory import Ideal, LinearPart, Matrix, Scheme
-from ..engine.algorithms import ALGORITHMS, CouplingContext, Feedthrough, find_algorithm
-from ..engine.control import Adaptive
-from ..engine.settings import RunSettings
-from ..errors import SetupError
-from ..prepared import Prepared
-from ..result import Result
-from .systems import (
+from cosim.engine.algorithms import ALGORITHMS, CouplingContext, Feedthrough, find_algorithm
+from cosim.engine.control import Adaptive
+from cosim.engine.settings import RunSettings
+from cosim.errors import SetupError
+from cosim.prepared import Prepared
+from cosim.result import Result
+from tests.coupling_theory import Ideal, LinearPart, Matrix, Scheme
+from tests.linear_systems import (
     BENCHMARKS,
     DUAL_MASS,
     FIRST_INERTIA,

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.coupling_theory import LinearPart, Rows
-from ..system import System, Value
+from cosim.system import System, Value
+from tests.coupling_theory import LinearPart, Rows
 
 SIZE = range(1, 5)
 

@@ -46,7 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
-from ..engine.algorithms import Stage, find_algorithm
+from cosim.engine.algorithms import Stage, find_algorithm
 
 Matrix = NDArray[np.float64]
 Rows = Sequence[Sequence[float]]

@@ -1,1 +1,0 @@
-"""Does the master do what theory says? Linear systems with known answers."""
