@@ -43,19 +43,15 @@ QUICK: dict[str, dict[str, Any]] = {
         "steps_per_rev": 80,
     },
     "mean_values": {"speeds": "30,44", "steps_per_rev": 256},
-    "classical": {"speeds": "10:30:4", "steps_per_rev": 128},
     "induction_motor": {"resistances": "6000", "slips": "0.32", "steps_per_rev": 256},
     "rod_force": {"speeds": "30:60:4", "springs": "1e5:1e6:4", "steps_per_rev": 128},
     "run_up": {"stop": 0.3},
     "iron_cycle": {"samples": 180},
     "iron_start": {"stop": 0.1},
     "iron_orders": {"speeds": "5"},
-    "iron_kinematics": {"samples": 180},
     "iron_bounce": {"speeds": "80rpm,100rpm", "samples": 720},
     "orientation_time": {"speeds": "40rpm,80rpm", "frictions": "0.35"},
     "orientator_cycle": {},
-    "orientator_limit": {"frictions": "0.5"},
-    "orientator_neglect": {"speeds": "20rpm,60rpm"},
     "packing_line": {"iron_speed": 6.0, "stop": 3.75, "step": 1e-3},
     "speed_step": {"stop": 0.2},
     "sommerfeld": {"supplies": "18:30:3", "hold": 2.0, "step": 0.02},
@@ -81,17 +77,23 @@ QUICK: dict[str, dict[str, Any]] = {
     },
 }
 
+#: Answers that are compared with another theory or machine: question and word, and the options that ask for it.
+COMPARISONS: dict[str, dict[str, Any]] = {
+    "resonance classical": {"theory": "classical", "speeds": "10:30:4", "steps_per_rev": 128},
+    "iron_cycle dimensions": {"compare": "dimensions", "samples": 180},
+    "orientation_time formula": {"compare": "formula", "frictions": "0.5"},
+    "orientation_time neglected": {"compare": "neglected", "speeds": "20rpm,60rpm"},
+}
+#: Everything that is asked with few runs.
+CASES = QUICK | COMPARISONS
+
 LONG = {"iron_identify", "identify", "sommerfeld"}
 """Questions of many seconds of processor time, which have tests of their own; others are slow."""
 COSTLY = LONG | {
-    "induction_motor",
-    "orientator_limit",
-    "orientator_neglect",
-    "resonance_map",
-    "rod_force",
-}
-SAMPLED = [pytest.param(x, marks=[pytest.mark.slow] if x in COSTLY else []) for x in QUICK]
-"""Every question; those whose shortest answer takes seconds are looked at again in slow tests."""
+    "induction_motor", "orientation_time formula", "orientation_time neglected", "resonance_map", "rod_force",
+}  # fmt: skip
+SAMPLED = [pytest.param(x, marks=[pytest.mark.slow] if x in COSTLY else []) for x in CASES]
+"""Every case; those whose shortest answer takes seconds are looked at again in slow tests."""
 
 
 def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
@@ -99,28 +101,22 @@ def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
     return PROJECT.fmus(read(page), flavour)
 
 
-#: Answers with another part, by the names of the tests: the question, and the option that asks for it.
-COMPARED: dict[str, tuple[str, dict[str, str]]] = {
-    "classical": ("resonance", {"theory": "classical"}),
-    "iron_kinematics": ("iron_cycle", {"compare": "dimensions"}),
-    "orientator_limit": ("orientation_time", {"compare": "formula"}),
-    "orientator_neglect": ("orientation_time", {"compare": "neglected"}),
-}
-
-
 def ask(name: str, out: Path | None = None, **options: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
-    question, compared = COMPARED.get(name, (name, {}))
-    options = {**compared, **options}
     return ask_question(
-        PROJECT, question, options, flavour="native", jobs=1, out=out, program="scenarios"
+        PROJECT, name, options, flavour="native", jobs=1, out=out, program="scenarios"
     )
 
 
+def question_of(case: str) -> str:
+    """The question of a case."""
+    return case.partition(" ")[0]
+
+
 @cache
-def plain(name: str) -> Answer:
+def plain(case: str) -> Answer:
     """The answer with few runs, asked once."""
-    return ask(name, **QUICK[name])
+    return ask(question_of(case), **CASES[case])
 
 
 def rewritten(fmu: Path, copy: Path, edit: Callable[[dict[str, Any]], Any]) -> Path:

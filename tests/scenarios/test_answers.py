@@ -24,7 +24,7 @@ from scenarios.iron.questions import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line
 from scenarios.project import PROJECT
-from tests.conftest import COMPARED, LONG, QUICK, SAMPLED, ask, fmus_of, plain
+from tests.conftest import CASES, LONG, QUICK, SAMPLED, ask, fmus_of, plain, question_of
 from workbench.catalog import load_module, names
 from workbench.cli import main
 from workbench.export import content, print_and_write, write
@@ -37,19 +37,15 @@ CHANGED = {
     "resonance": ("motor.T", 0.06),
     "resonance_map": ("conveyor.rotor.J", 0.6),
     "mean_values": ("motor.T", 0.06),
-    "classical": ("conveyor.spring.c", 7e5),
     "induction_motor": ("motor.kloss.tau_b", 180.0),
     "rod_force": ("motor.T", 0.06),
     "run_up": ("motor.T", 0.03),
     "iron_cycle": ("iron.spring.side", -1),
     "iron_start": ("motor.T", 0.05),
     "iron_orders": ("motor.B", 0.03),
-    "iron_kinematics": ("iron.rocker.l", 0.091),
     "iron_bounce": ("iron.spring.c", 280.0),
-    "orientation_time": ("orientator.cup.m", 0.05),
+    "orientation_time": ("orientator.chute.R", 0.25),
     "orientator_cycle": ("orientator.cup.m", 0.05),
-    "orientator_limit": ("orientator.chute.R", 0.25),
-    "orientator_neglect": ("orientator.cup.m", 0.05),
     "packing_line": ("conveyor_motor.T", 0.03),
     "sommerfeld": ("exciter.mount.d", 82.0),
     "speed_step": ("shaft.c", 900.0),
@@ -74,7 +70,7 @@ VARIABLES: dict[str, dict[str, str]] = {
                     **dict.fromkeys(("motor_more", "trough_more", "missing"), "motor.P"),
                     "torque_plain": "motor.tau", "torque_error": "motor.tau", "mean": "conveyor.w", "w": "conveyor.w",
                     "settling": "motor.T", "settling_16": "motor.T"},
-    "classical": {"tau2": "motor.tau", "w2": "conveyor.w", "f_rod_peak": "conveyor.f_rod",
+    "resonance classical": {"tau2": "motor.tau", "w2": "conveyor.w", "f_rod_peak": "conveyor.f_rod",
                   "limit_spring_torque": "conveyor.w", "limit_spring_force": "conveyor.w",
                   "nu": "conveyor.w"},
     "induction_motor": {"resistance": "conveyor.trough.d", "breakdown_slip": "motor.kloss.s_b",
@@ -97,7 +93,7 @@ VARIABLES: dict[str, dict[str, str]] = {
                    "energy_friction": "iron.E_friction"},
     "iron_orders": {"torque": "motor.tau", "speed": "iron.w_cam", "nu": "iron.w_cam",
                     "settling": "motor.tau"},
-    "iron_kinematics": {key: f"iron.{x}" for x in (
+    "iron_cycle dimensions": {key: f"iron.{x}" for x in (
         "alpha_1", "alpha_2", "beta_1", "beta_2", "H_1", "H_2", "A_1", "B_1", "C_1")
         for key in (x, f"{x.lower()}_max")},
     "iron_bounce": {"flight": "iron.t_flight", "force": "iron.N", "follower_limit": "iron.w_cam",
@@ -119,14 +115,14 @@ VARIABLES: dict[str, dict[str, str]] = {
     "speed_step": {"w_max": "load.w", "mean": "load.w", "mean_max": "load.w", "ripple": "load.w", "tau_max": "shaft.tau_b", "tau_min": "shaft.tau_b",
                    "i_max": "motor.i"},
 }  # fmt: skip
-VARIABLES["classical"] |= VARIABLES["resonance"]
-VARIABLES["iron_kinematics"] |= VARIABLES["iron_cycle"]
+VARIABLES["resonance classical"] |= VARIABLES["resonance"]
+VARIABLES["iron_cycle dimensions"] |= VARIABLES["iron_cycle"]
 
 
 @cache
 def variables(name: str) -> dict[str, Any]:
     """Those of the FMUs of a question, as their XML describes them."""
-    fmus = fmus_of(load_module(PROJECT.locate(COMPARED.get(name, (name,))[0]))).items()
+    fmus = fmus_of(load_module(PROJECT.locate(question_of(name)))).items()
     read = {part: read_model_description(str(x), validate=False) for part, x in fmus}
     return {f"{part}.{v.name}": v for part, x in read.items() for v in x.modelVariables}
 
@@ -136,8 +132,9 @@ def test_an_answer_is_returned_by_value_without_a_word_or_a_file(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    changed, value = CHANGED[name]
-    before, after = plain(name), ask(name, **QUICK[name], start={changed: value})
+    question = question_of(name)
+    changed, value = CHANGED[question]
+    before, after = plain(name), ask(question, **CASES[name], start={changed: value})
     assert capfd.readouterr() == ("", "")
     assert list(tmp_path.iterdir()) == []
     assert before.question.endswith("?")

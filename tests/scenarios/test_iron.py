@@ -27,7 +27,7 @@ from tests.components.iron_oracle import (
     tables,
     transfer,
 )
-from tests.conftest import QUICK, ask
+from tests.conftest import CASES, QUICK, ask, question_of
 from tests.oracle import by_name, random_parameters
 
 PARAMETERS = {
@@ -57,7 +57,7 @@ SLOW = pytest.mark.slow
 )
 def test_iron_kinematics_and_its_shares_are_those_of_the_papers_formulas(dimension: str) -> None:
     """Largest on the return, which is a rise backwards; derivatives with 30 digits."""
-    answer = ask("iron_kinematics", samples=360)
+    answer = ask("iron_cycle", compare="dimensions", samples=360)
     shares = answer.tables["iron_kinematics_shares.csv"].frame
     parameters = by_name(start(iron.Parameters))
     last = parameters["cam.ret"]
@@ -86,7 +86,7 @@ def test_iron_kinematics_and_its_shares_are_those_of_the_papers_formulas(dimensi
 
 def test_iron_kinematics_agrees_with_every_reference_row() -> None:
     """Also A_1, out of which the rotor that keeps the turn even is taken."""
-    rows = ask("iron_kinematics", samples=360).tables["iron_kinematics.csv"].frame
+    rows = ask("iron_cycle", compare="dimensions", samples=360).tables["iron_kinematics.csv"].frame
     for degrees, wanted in tables().items():
         row = rows.iloc[round(degrees)]
         assert row["phi"] == degrees
@@ -95,10 +95,10 @@ def test_iron_kinematics_agrees_with_every_reference_row() -> None:
             assert row[name] == pytest.approx(value, rel=1e-6, abs=1e-7), (degrees, name)
 
 
-@pytest.mark.parametrize("name", ["iron_kinematics", "iron_bounce"])
+@pytest.mark.parametrize("name", ["iron_cycle dimensions", "iron_bounce"])
 def test_a_cam_without_a_rise_is_refused(name: str) -> None:
     with pytest.raises(SetupError, match=r"^iron.cam.h = 0 m: a cam without a rise "):
-        ask(name, **QUICK[name], start={"iron.cam.h": 0.0})
+        ask(question_of(name), **CASES[name], start={"iron.cam.h": 0.0})
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(x, marks=SLOW) for x in range(2, 8))])

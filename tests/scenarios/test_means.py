@@ -76,7 +76,11 @@ def answers_of_set(request: pytest.FixtureRequest) -> tuple[str, Answer, Answer]
     """The set, mean values and classical calculation of it."""
     name = request.param[0]
     speeds = "" if len(request.param) > 1 else POINTS[name]
-    return name, *(ask(x, set=name, speeds=speeds) for x in ("mean_values", "classical"))
+    return (
+        name,
+        ask("mean_values", set=name, speeds=speeds),
+        ask("resonance", theory="classical", set=name, speeds=speeds),
+    )
 
 
 def test_second_order_means_follow_from_the_equations_in_the_crank_angle() -> None:
@@ -296,7 +300,7 @@ def test_errors_of_the_classical_calculation_are_those_of_exact_orbits(answers_o
 def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(name: str) -> None:
     speeds = {"A": "8:38:11", "B": "8:30:9"}[name]
     most = {"A": 2.0, "B": 2.8}[name]
-    answer = ask("classical", set=name, speeds=speeds, tolerance=most)
+    answer = ask("resonance", theory="classical", set=name, speeds=speeds, tolerance=most)
     held = 0
     for variant in ("spring", "whole"):
         for load in ("torque", "speed", "force"):
@@ -319,7 +323,7 @@ def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(na
 
 
 def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
-    answer = ask("classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
+    answer = ask("resonance", theory="classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
     end = answer.figures["limit_spring_torque"]
     assert (end.error, end.reason) == (None, "not even at the lowest speed of the sweep")
     reason = "the sweep has too few speeds near the speed where the error passes the tolerance"
@@ -329,7 +333,13 @@ def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
 
 def test_what_steps_too_long_leave_of_the_classical_calculation_is_a_reason() -> None:
     """T is one to four steps: no order is seen, and the secant comes to rest at the limit itself."""
-    answer = ask("classical", speeds="10:30:4", steps_per_rev=128, start={"motor.T": 0.00625})
+    answer = ask(
+        "resonance",
+        theory="classical",
+        speeds="10:30:4",
+        steps_per_rev=128,
+        start={"motor.T": 0.00625},
+    )
     why = "the coupling error of an orbit is not known; take more steps per revolution"
     assert answer.figures["limit_spring_torque"].reason == why
     ends = [x for x in answer.judgements if x.what.startswith("classical calculation")]
@@ -504,7 +514,13 @@ def test_without_resistance_the_mean_torque_is_zero_but_for_the_ripple() -> None
 def test_the_limit_of_a_calculation_lies_where_a_sweep_of_a_handful_of_speeds_states_it() -> None:
     """Four speeds draw a poor curve of the error: exact orbits have 5 % within the error that is told."""
     d = 2332.417797948394
-    answer = ask("classical", speeds="10.5:30:4", steps_per_rev=128, start={"conveyor.trough.d": d})
+    answer = ask(
+        "resonance",
+        theory="classical",
+        speeds="10.5:30:4",
+        steps_per_rev=128,
+        start={"conveyor.trough.d": d},
+    )
     machine, stated = replace(SETS["A"], d=d), answer.figures["limit_spring_force"]
     assert stated.error and stated.error < 0.1
     below, above = (

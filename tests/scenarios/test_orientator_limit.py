@@ -179,7 +179,7 @@ def test_an_extreme_is_as_uncertain_as_what_may_lie_beyond_it() -> None:
 
 
 def test_effects_have_the_sense_of_their_cause() -> None:
-    answer = ask("orientator_neglect", speeds="0rpm")
+    answer = ask("orientation_time", compare="neglected", speeds="0rpm")
     f, row = answer.figures, answer.first_table.iloc[0]
     assert row["coriolis"] == pytest.approx(row["paper"], abs=1e-12), (
         "no rotation, no Coriolis force"
