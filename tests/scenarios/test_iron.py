@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
-from bisect import bisect
-from functools import cache
-from itertools import accumulate, pairwise
 from operator import attrgetter
 from typing import Any
 
@@ -23,12 +19,11 @@ from scenarios.iron.questions import iron_orders
 from tests.components.iron_oracle import (
     DIMENSIONS,
     Reference,
-    by_material_points,
     tables,
     transfer,
 )
 from tests.conftest import CASES, QUICK, ask, question_of
-from tests.oracle import by_name, random_parameters
+from tests.oracle import by_name
 
 PARAMETERS = {
     name: attrgetter(name)
@@ -99,63 +94,6 @@ def test_iron_kinematics_agrees_with_every_reference_row() -> None:
 def test_a_cam_without_a_rise_is_refused(name: str) -> None:
     with pytest.raises(SetupError, match=r"^iron.cam.h = 0 m: a cam without a rise "):
         ask(question_of(name), **CASES[name], start={"iron.cam.h": 0.0})
-
-
-@pytest.mark.parametrize("seed", [1, *(pytest.param(x, marks=SLOW) for x in range(2, 8))])
-def test_iron_cycle_reports_what_material_points_bear(seed: int) -> None:
-    """A drawn machine at a drawn speed: the extremes, where they are, the work of friction, and the
-    speed at which a force vanishes first, from points of mass that know no equation of the FMU.
-    """
-    draw = random.Random(seed)
-    p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
-    speed = draw.uniform(2.0, 7.0)
-    parameters = {f"iron.{name}": getter(p) for name, getter in PARAMETERS.items()}
-    estimates = ask("iron_cycle", speed=speed, samples=720, start=parameters).figures
-    ends = list(accumulate((p.cam.rise, p.cam.top, p.cam.ret)))
-
-    @cache
-    def points(phi: float, w: float) -> dict[str, Any]:
-        going = bisect(ends, phi)
-        K = {0: p.friction.K_up, 2: p.friction.K_down}.get(going, 0.0)
-        with mpmath.workdps(20):
-            return by_material_points(p, phi, w, 0.0, K)
-
-    def extreme(force: str, sign: int) -> tuple[float, float]:
-        """The angle [deg] and the value, near the best of some places, more of them in motion."""
-        edges = [0.0, *ends, 2 * math.pi]
-        parts = zip(pairwise(edges), (25, 3, 25, 3))
-        angles = np.concatenate([np.linspace(a + 1e-9, b - 1e-9, n) for (a, b), n in parts])
-        top = int(np.argmax([sign * points(phi, speed)[force] for phi in angles]))
-        after = bisect(edges, angles[top])
-        optimum = minimize_scalar(
-            lambda phi: -sign * float(points(phi, speed)[force]),
-            bounds=(
-                max(angles[max(top - 1, 0)], edges[after - 1]),
-                min(angles[min(top + 1, 55)], edges[after]),
-            ),
-            method="bounded", options={"xatol": 1e-6},
-        )  # fmt: skip
-        return math.degrees(optimum.x), -sign * optimum.fun
-
-    for name, force, sign in (
-        ("tau_cam_min", "tau_cam", -1),
-        ("tau_cam_max", "tau_cam", 1),
-        ("follower_force_min", "N", -1),
-    ):
-        angle, value = extreme(force, sign)
-        assert abs(estimates[name].value - value) <= estimates[name].error, name
-        if at := estimates.get(f"{name}_angle"):
-            assert abs(at.value - angle) <= at.error, name
-    for name, force in (("follower", "N"), ("run", "T_span"), ("iron", "T_iron")):
-        limit, where = (
-            estimates[f"{name}_limit"],
-            math.radians(estimates[f"{name}_limit_angle"].value),
-        )
-        still, moving = (float(points(where, w)[force]) for w in (0.0, 1.0))
-        exact = math.sqrt(still / (still - moving))
-        assert abs(limit.value - exact) <= limit.error, name
-        angles = np.linspace(where - 0.02, where + 0.02, 9)
-        assert min(points(phi, exact)[force] for phi in angles) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("v", [1e-3, pytest.param(2e-5, marks=SLOW)])

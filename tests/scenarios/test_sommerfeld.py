@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from components.DC_motor import model as motor
@@ -18,14 +16,8 @@ from cosim import SetupError
 from scenarios.exciter.orbits import ExciterOrbits, Shooting
 from tests.conftest import ask
 from tests.oracle import joined, part
+from tests.scenarios.exciter_oracle import DEFAULT, NAMES, fold, guess, linearised, returned, steady
 
-DEFAULT = {"R": 5.0, "k": 0.2, "L": 2e-3, "J": 0.02, "m_u": 0.5, "r": 0.05, "d_r": 0.005,
-           "m": 19.5, "c": 5e4, "d": 80.0}  # fmt: skip
-NAMES = {
-    "R": "motor.R", "k": "motor.k", "L": "motor.L", "J": "exciter.rotor.J", "m_u": "exciter.rotor.m",
-    "r": "exciter.rotor.r", "d_r": "exciter.rotor.d", "m": "exciter.mount.m", "c": "exciter.mount.c",
-    "d": "exciter.mount.d",
-}  # fmt: skip
 RANDOM_EXCITER = {
     "R": 3.32,
     "k": 0.2398,
@@ -36,77 +28,6 @@ RANDOM_EXCITER = {
     "J": 0.0131,
 }
 """A machine for which levels that are held for a time overran both folds."""
-
-
-def returned(machine: Mapping[str, float], supply: float, y: Any) -> tuple[Any, float]:
-    """Current, speed, displacement and velocity one revolution after phi = 0, and the period."""
-    R, k, L, J, m_u, r, d_r, m, c, d = (machine[name] for name in DEFAULT)
-    U = m_u * r
-
-    def rhs(_: float, y: Any) -> list[float]:
-        phi, i, w, x, v = y
-        s = U * math.sin(phi)
-        force, torque = U * w * w * math.cos(phi) - d * v - c * x, k * i - d_r * w
-        M, theta = m + m_u, J + U * r
-        dv, dw = (theta * force + s * torque), (s * force + M * torque)
-        dv, dw = dv / (M * theta - s * s), dw / (M * theta - s * s)
-        return [w, (supply - R * i - k * w) / L, dw, v, dv]
-
-    def turned(_: float, y: Any) -> float:
-        return float(y[0] - 2 * math.pi)
-
-    turned.terminal = True  # type: ignore[attr-defined]
-    run = solve_ivp(
-        rhs, (0.0, 9.0), [0.0, *y], method="DOP853", rtol=1e-11, atol=1e-13, events=turned
-    )
-    return run.y[1:, -1], float(run.t[-1])
-
-
-def linearised(machine: Mapping[str, float], supply: float, y: Any) -> Any:
-    """The map of a revolution, differentiated by central differences."""
-    shifts = np.diag(1e-5 * np.maximum(abs(y), [0.1, 10.0, 1e-2, 0.5]))
-    pairs = [
-        (returned(machine, supply, y + s)[0], returned(machine, supply, y - s)[0]) for s in shifts
-    ]
-    return np.stack([(a - b) / (2 * s.sum()) for (a, b), s in zip(pairs, shifts)], axis=-1)
-
-
-def guess(machine: Mapping[str, float], w: float) -> tuple[Any, float]:
-    """States at phi = 0 and the voltage by averaged theory."""
-    U, M = machine["m_u"] * machine["r"], machine["m"] + machine["m_u"]
-    x = U * w**2 / (machine["c"] - M * w**2 + 1j * machine["d"] * w)
-    tau = machine["d_r"] * w + machine["d"] * w * abs(x) ** 2 / 2
-    supply = machine["R"] / machine["k"] * tau + machine["k"] * w
-    return np.array([tau / machine["k"], w, x.real, -w * x.imag]), supply
-
-
-def fold(machine: Mapping[str, float], w: float) -> tuple[float, float]:
-    """Voltage and mean speed at which a periodic orbit near w has the Floquet multiplier 1."""
-
-    def equations(z: Any) -> list[float]:
-        y, supply = z[:4], float(z[4])
-        multiplier = np.linalg.det(linearised(machine, supply, y) - np.eye(4))
-        return [*(returned(machine, supply, y)[0] - y), multiplier]
-
-    y, supply = guess(machine, w)
-    z = np.array([*y, supply])
-    for _ in range(5):  # Powell's method may stop early; it begins again with a new Jacobian
-        z = root(equations, z, method="hybr", tol=1e-9).x
-        if np.abs(equations(z)).max() < 1e-6:
-            break
-    assert np.abs(equations(z)).max() < 1e-6
-    return float(z[4]), 2 * math.pi / returned(machine, float(z[4]), z[:4])[1]
-
-
-def steady(machine: Mapping[str, float], supply: float, w: float) -> float:
-    """Mean speed of the periodic orbit at a voltage."""
-
-    def equations(y: Any) -> Any:
-        return returned(machine, supply, y)[0] - y
-
-    y = root(equations, guess(machine, w)[0], method="hybr", tol=1e-10).x
-    assert np.abs(equations(y)).max() < 1e-7
-    return 2 * math.pi / returned(machine, supply, y)[1]
 
 
 def test_a_motion_that_is_lost_after_a_jump_is_named_by_the_speed_at_which_it_was_sought() -> None:
@@ -144,15 +65,13 @@ def test_jumps_lie_where_theory_has_its_folds(answer: Any) -> None:
     v = 5.0 / 0.2 * (0.005 * w + absorbed) + 0.2 * w
     top = int(np.argmax(v[w < 52.0]))
     bottom = top + int(np.argmin(v[top:]))
-    for direction, fold, side in (("up", top, 0.1), ("down", bottom, 0.5)):
+    for direction, at, side in (("up", top, 0.1), ("down", bottom, 0.5)):
         stated = {x: answer.figures[f"{x}_{direction}"] for x in ("supply", "before", "theory")}
-        fold_of = np.polynomial.Polynomial.fit(
-            w[fold - 50 : fold + 51], v[fold - 50 : fold + 51], 4
-        )
-        exact = fold_of(min(fold_of.deriv().roots(), key=lambda x: abs(x - w[fold])).real)
+        fold_of = np.polynomial.Polynomial.fit(w[at - 50 : at + 51], v[at - 50 : at + 51], 4)
+        exact = fold_of(min(fold_of.deriv().roots(), key=lambda x: abs(x - w[at])).real)
         assert stated["theory"].value == pytest.approx(exact, rel=1e-11)
-        assert stated["supply"].value == pytest.approx(v[fold], abs=3e-3)
-        assert stated["before"].value == pytest.approx(w[fold], abs=side)
+        assert stated["supply"].value == pytest.approx(v[at], abs=3e-3)
+        assert stated["before"].value == pytest.approx(w[at], abs=side)
         assert 0.0 < stated["supply"].error < 1e-4
     rows = answer.tables["sommerfeld.csv"].frame
     rising, falling = (rows[rows["falling"] == k].set_index("supply")["speed"] for k in (0, 1))
