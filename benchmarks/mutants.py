@@ -1,6 +1,6 @@
-"""Thirty wrong equations, each of which a test must notice.
+"""Fifty wrong equations and rules, each of which a test must notice.
 
-They are wrong signs, factors and wires, set one at a time. A mutant is set in a copy of the project, and the tests that should notice it run there until one fails. Where
+They are wrong signs, factors, wires, errors and answers, set one at a time. A mutant is set in a copy of the project, and the tests that should notice it run there until one fails. Where
 code has moved, the words say how to set it again. Exit status 1 if a mutant survives, or cannot be set.
 """
 
@@ -41,6 +41,11 @@ LOOP = "tests/cosim/test_loop.py tests/cosim/test_cosim.py tests/cosim/test_veri
 ALGORITHMS = (
     "tests/cosim/test_algorithms.py tests/cosim/test_stepping.py tests/cosim/test_verification.py"
 )
+TRUTH = "tests/scenarios/test_truth.py"
+JUDGEMENTS = "tests/workbench/test_judgement.py"
+STUDIES = "tests/workbench/test_studies.py"
+FIGURE = "tests/workbench/test_figure.py"
+SHARES = "tests/workbench/test_shares.py"
 TRACE = "tests/fmukit/test_jet.py tests/fmukit/test_ops.py tests/fmukit/test_exchange.py"
 
 MUTANTS = (
@@ -113,6 +118,61 @@ MUTANTS = (
            "fmukit/trace/ops.py", 'a, da: -f("sin", a) * da', 'a, da: f("sin", a) * da', TRACE),
     Mutant("ops.py: the derivative of a quotient adds where it subtracts",
            "fmukit/trace/ops.py", "plus(da, -times(n, db) if", "plus(da, times(n, db) if", TRACE),
+    Mutant("first-order theory: the trough's inertia adds to the spring instead of opposing it",
+           "scenarios/conveyor/first_order.py", "(self.c - self.m * nu**2 + 1j", "(self.c + self.m * nu**2 + 1j", TRUTH),
+    Mutant("resonance: the lag is the sum of both phases, not their difference",
+           "scenarios/conveyor/speed_sweep.py", '- columns["tau2_phase"]', '+ columns["tau2_phase"]', TRUTH),
+    Mutant("resonance: the mean speed is that of the turn before, and a bit more",
+           "scenarios/conveyor/drive_orbits.py", "TURN / turns.periods[:, 1],", "1.0001 * TURN / turns.periods[:, 0],",
+           TRUTH),
+    Mutant("packing line: the ripple of a power is its amplitude instead of its mean square",
+           "scenarios/packing_line/power.py", "[mean, math.sqrt(square), low", "[mean, math.sqrt(2 * square), low", TRUTH),
+    Mutant("conveyor: the limit of the torque ripple is twice as large",
+           "scenarios/conveyor/options.py", "self.limit / 100 *", "self.limit / 50 *", TRUTH),
+    Mutant("iron_cycle: a safe speed is called one to avoid",
+           "scenarios/iron/questions/iron_cycle.py", 'yes=f"{at} is safe"', 'yes=f"Avoid {at}"', TRUTH),
+    Mutant("conveyor: a peak of the rod force between angles is cut off instead of rounded up",
+           "scenarios/conveyor/drive_orbits.py", "lift = np.where(is_turn, -(rise**2)", "lift = np.where(is_turn, (rise**2)",
+           TRUTH),
+    Mutant("sommerfeld: the supply of the jump is that of the speed after it",
+           "scenarios/exciter/questions/sommerfeld.py", 'up, down = r[0], f["supply_up"], f["supply_down"]',
+           'down, up = r[0], f["supply_up"], f["supply_down"]', TRUTH),
+    Mutant("judgement: what may be on either side of its bound is a no",
+           "workbench/judgement.py", "if any(distance + error < 0.0 for", "if any(distance - error < 0.0 for", JUDGEMENTS),
+    Mutant("judgement: the error of a bound is dropped",
+           "workbench/judgement.py", "(self.figure.error or 0.0) + bound.error)", "(self.figure.error or 0.0))", JUDGEMENTS),
+    Mutant("study: a uniform tolerance reaches half as far up",
+           "workbench/study/file.py", "stats.uniform(nominal - width, 2.0 * width)", "stats.uniform(nominal - width, width)",
+           STUDIES),
+    Mutant("study: the last point of a grid is left out",
+           "workbench/study/file.py", "(low, high, number).tolist()", "(low, high, number + 1).tolist()[:-1]", STUDIES),
+    Mutant("study: a share is as sure as if the limit lay in no error",
+           "workbench/study/words.py", "interval(int((above | near).sum())", "interval(int(above.sum())", SHARES),
+    Mutant("figure: a number in another unit keeps the error of the first",
+           "workbench/figure.py", "abs(factor) * figure.error", "figure.error", FIGURE),
+    Mutant("figure: figures go to the ends of their errors one by one, never together",
+           "workbench/figure.py", "np.concatenate([one, -one, np.array([*product(*signs)])])", "np.concatenate([one, -one])",
+           f"{FIGURE} tests/workbench/test_numbers.py"),
+    Mutant("journal: the arrays of a resumed row are in reverse",
+           "workbench/runs/journal.py", "numbers = iter(values[1:])", "numbers = iter(values[:0:-1])",
+           "tests/workbench/test_journal.py tests/workbench/test_runs.py"),
+    Mutant("metrics: a mean is the integral over the time from 0 instead of over its stretch",
+           "cosim/metrics.py", "curves.integral() / float(curves.t[-1] - curves.t[0])", "curves.integral() / float(curves.t[-1])",
+           "tests/cosim/test_metrics.py"),
+    Mutant("limit: a difference of runs counts a tenth where no order is confirmed",
+           "cosim/accuracy/limit.py", "UNCONFIRMED_FACTOR = 3.0", "UNCONFIRMED_FACTOR = 0.3",
+           "tests/cosim/test_limit.py tests/cosim/test_certify.py"),
+    Mutant("master: a jump of an input within a step is no break",
+           "cosim/engine/driver.py", "                    self.breaks.append(broken)", "                    pass",
+           "tests/cosim/test_columns.py tests/cosim/test_inputs.py"),
+    Mutant("ensemble: each member has the rows of the one before",
+           "cosim/ensemble.py", "self.rows[k, : self.counts[k]]", "self.rows[k - 1, : self.counts[k]]",
+           "tests/cosim/test_members.py"),
+    Mutant("network: a wire between units loses the offset of the conversion",
+           "cosim/system/network.py", "scale * wire.offset + shift)", "scale * wire.offset)", "tests/cosim/test_units.py"),
+    Mutant("referee: a delay is sought in the other sense of time",
+           "cosim/accuracy/referee/causes.py", "signal.values - np.interp(t - delay, t, x)",
+           "signal.values - np.interp(t + delay, t, x)", "tests/cosim/test_referee.py"),
 )  # fmt: skip
 
 
