@@ -132,7 +132,7 @@ MUTANTS = (
     Mutant("iron_cycle: a safe speed is called one to avoid",
            "scenarios/iron/questions/iron_cycle.py", 'yes=f"{at} is safe"', 'yes=f"Avoid {at}"', TRUTH),
     Mutant("conveyor: a peak of the rod force between angles is cut off instead of rounded up",
-           "scenarios/conveyor/drive_orbits.py", "lift = np.where(is_turn, -(rise**2)", "lift = np.where(is_turn, (rise**2)",
+           "workbench/orbits.py", "lift = np.where(is_turn, -(rise**2)", "lift = np.where(is_turn, (rise**2)",
            TRUTH),
     Mutant("sommerfeld: the supply of the jump is that of the speed after it",
            "scenarios/exciter/questions/sommerfeld.py", 'up, down = r[0], f["supply_up"], f["supply_down"]',

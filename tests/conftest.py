@@ -43,6 +43,7 @@ QUICK: dict[str, dict[str, Any]] = {
         "steps_per_rev": 80,
     },
     "mean_values": {"speeds": "30,44", "steps_per_rev": 256},
+    "orbit": {"steps_per_rev": 128},
     "induction_motor": {"resistances": "6000", "slips": "0.32", "steps_per_rev": 256},
     "rod_force": {"speeds": "30:60:4", "springs": "1e5:1e6:4", "steps_per_rev": 128},
     "run_up": {"stop": 0.3},

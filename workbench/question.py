@@ -5,9 +5,8 @@ An instance is the question as it is asked, with a value for each option.
 
 from __future__ import annotations
 
-import logging
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
@@ -18,24 +17,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 
 from cosim import Result, SetupError, System
 from cosim.metrics import Metric
-from cosim.system import connect
 
 from . import catalog
-from .answer import Findings, Show, Table, parameters
+from .answer import Findings, Show, Table
 from .charts.style import hex_color
-from .dimensions import check_unit, conversion, known_units
 from .figure import (
     ERROR_SCOPE,
     Figure,
-    NamedFigures,
-    checked_figures,
-    figure_of_figures,
-    scaled,
 )
-from .formula import DOTTED, Formula, with_formulas
+from .formula import Formula
 from .judgement import Judgement
-from .live import Formulas, Live, LiveMotion, Number, Reader, RunChart, Slider, drawn, moved
-from .live.declare import UNIT_OF_COLUMN
+from .live import Formulas, Live, LiveMotion, Number, RunChart, Slider, drawn, moved
+from .method import Method, Run
 from .options import Options, RunOptions, declared, option, unknown_option
 
 if TYPE_CHECKING:
@@ -83,6 +76,8 @@ class Question(Options):
         Panels of columns, for picture and page.
     sliders : sequence of Slider
         What moves the live page; without one there is none.
+    method : Method
+        How its figures are measured: by default on certified runs.
     is_parallel : bool
         Whether its runs are spread over all cores by default with native FMUs, too.
     is_sequential : bool
@@ -107,6 +102,7 @@ class Question(Options):
     numbers: ClassVar[Sequence[Number]] = ()
     charts: ClassVar[Sequence[RunChart]] = ()
     sliders: ClassVar[Sequence[Slider]] = ()
+    method: ClassVar[Method] = Run()
     is_parallel: ClassVar[bool] = False
     is_sequential: ClassVar[bool] = True
     at_once: ClassVar[int] = 1
@@ -120,7 +116,7 @@ class Question(Options):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         dataclass(frozen=True, kw_only=True)(cls)
-        if "solve" in vars(cls) and "is_sequential" not in vars(cls):
+        if {"solve", "method"} & vars(cls).keys() and "is_sequential" not in vars(cls):
             cls.is_sequential = False
         cls.module = sys.modules[cls.__module__]
         cls.title = (cls.module.__doc__ or "").strip().partition("\n")[0]
@@ -231,163 +227,26 @@ class Question(Options):
         })  # fmt: skip
 
     def solve(self, context: Context) -> Findings:
-        """Run and certify every system, and collect figures, tables and files."""
-        systems = self.system(context.fmus)
-        by_name = {"": systems} if isinstance(systems, System) else systems
-        self._require_starts(by_name.values())
-        figures = NamedFigures()
-        certified: dict[str, Result] = {}
-        for name, system in by_name.items():
-            certified[name], of_run = self._certify(system, context, f"{name or self.name}.csv")
-            label = self.labels.get(name, name)
-            figures |= {
-                f"{name}_{key}" if name else key: x._replace(meaning=f"{x.meaning}, {label}")
-                if name
-                else x
-                for key, x in of_run.items()
-            }
-        tables = {f"{x or self.name}.csv": Table.of(r) for x, r in certified.items()}
-        results: Any = certified.get("", certified)
-        if (more := self.more_runs(context, systems)) is not None:
-            results = (results, more)
-        figures |= self.more_figures(figures, results)
-        return Findings(
-            figures,
-            results,
-            next(iter(by_name.values())),
-            next(iter(certified.values())).provenance,
-            tables=tables | dict(self.tables(figures, results)),
-            files=self.files(results),
-            warnings=list(
-                dict.fromkeys(
-                    f"nothing drives or sets the input {name}, which stays at {value:g}; add a wire, or give it in start_values"
-                    for result in certified.values()
-                    for name, value in result.provenance.get("open_inputs", {}).items()
-                )
-            ),
-        )
-
-    def _require_starts(self, systems: Collection[System]) -> None:
-        """Refuse a system that lacks start values of the user, or of the question."""
-        for name in (*self.start, *self.start_values):
-            is_given, part = name in self.start, name.partition(".")[0]
-            for system in [x for x in systems if part in x.parts] or systems:
-                is_there = name in system.start or (not is_given and name in system.inputs)
-                if not is_there or (is_given and system.start[name] != self.start[name]):
-                    raise SetupError(
-                        f"{'--start' if is_given else f'{self.path}: start_values:'} {name}: system() does not pass it "
-                        "on; write replace(super().system(fmus), changes=[...])"
-                    )
+        """Return what is found, by default what its method measures."""
+        (found,) = self.method.measure(context, [self])
+        if isinstance(found, SetupError):
+            raise found
+        return found
 
     @classmethod
     def solve_all(cls, context: Context, questions: Sequence[Self]) -> list[Findings | SetupError]:
-        """Return what each of several cases finds, or why it is refused; by default one after the other.
+        """Return what each of several cases finds, or why it is refused; by default what the method measures of all.
 
-        A question whose runs are arrays of members does those of all cases together, and sets `at_once`.
+        A question that does the runs of all cases together sets `at_once`.
         """
-        return [question.solve(context) for question in questions]
+        if cls.overrides("solve"):
+            return [question.solve(context) for question in questions]
+        return cls.method.measure(context, questions)
 
-    def _certify(
-        self, system: System, context: Context, csv: str
-    ) -> tuple[Result, dict[str, Figure]]:
-        """Return the result of a system, processed, and its figures with their errors."""
-        results: list[Result] = []
-        has_columns = self.process.__func__ is not Question.process  # type: ignore[attr-defined]
-        texts: dict[str, str] = {}
-        for x in self.numbers:
-            if isinstance(x.value, Reader):
-                is_of_column = x.value.kind in UNIT_OF_COLUMN
-                texts.setdefault(x.value.column, x.unit if is_of_column else "1")
-        given = parameters(system) if self.numbers else {}
-        numbers = {n: float(x.value) for n, x in given.items() if isinstance(x.value, int | float)}
-        values = {**numbers, **self.values}
-        metrics: dict[str, Metric] = {}
-        for x in self.numbers:
-            if isinstance(x.value, Reader | Metric):
-                value = x.value.metric(values) if isinstance(x.value, Reader) else x.value
-                metrics[x.name] = value
-
-        def derive(result: Result) -> Result:
-            results.append(self.process(result))
-            return with_formulas(results[-1], texts, values)
-
-        def figures(result: Result) -> Mapping[str, Figure]:
-            return checked_figures(self.figures(result), self.path, may_await_error=True)
-
-        has_formulas = any(DOTTED.fullmatch(text) is None for text in texts)
-        own = {} if type(self).figures is Question.figures else {"figures": figures}
-        result, certified = context.certify(
-            system, {**metrics, **own}, self.run_options(), self._recorded(system), csv,
-            derive=derive if has_columns or has_formulas else None,
-        )  # fmt: skip
-        units = (results[0] if results else result).units
-        for x in self.numbers:
-            figure = certified[x.name] if x.name in metrics else follows(x, certified, values)
-            known = known_units(self, certified, given, units)
-            certified[x.name] = self._as_declared(x, figure, known)
-        return results[0] if results else result, certified
-
-    def _recorded(self, system: System) -> Sequence[str] | None:
-        """Return the columns of `record`, and the outputs that numbers and charts use besides."""
-        if self.record is None:
-            return None
-        used = [chart.x for chart in self.charts]
-        used += [text for chart in self.charts for panel in chart.panels for text in panel.curves]
-        for x in self.numbers:
-            if isinstance(x.value, Reader):
-                used += [x.value.column, *[x.value.angle] * bool(x.value.angle)]
-        names = {name: None for text in used for name in sorted(Formula.read(text).names)}
-        outputs = {
-            f"{part}.{x.name}"
-            for part, description in connect(system).descriptions.items()
-            for x in description.modelVariables
-            if x.causality == "output"
-        }
-        return [*dict.fromkeys((*self.record, *(x for x in names if x in outputs)))]
-
-    def _as_declared(self, x: Number, figure: Figure, units: Mapping[str, str]) -> Figure:
-        """Return the figure of a number with its meaning, in its unit, from one in that of a column."""
-        where = f"{self.path}: number {x.name!r}"
-        try:
-            meaning = x.meaning.format(**vars(self))
-        except LookupError as error:
-            raise SetupError(
-                f"{self.path}: the meaning of {x.name!r} names {error}, no option"
-            ) from error
-        except ValueError as error:
-            raise SetupError(f"{self.path}: the meaning of {x.name!r}: {error}") from error
-        factor: float = 1.0
-        formula: str | float | None = None
-        if isinstance(x.value, Reader):
-            is_alone = DOTTED.fullmatch(x.value.column) is not None
-            own = units.get(x.value.column, "") * is_alone
-            factor = x.value.factor(own, x.unit, where)
-            check_unit(x.value.level, own, units, f"{where}: level")
-            if not is_alone and x.value.kind in UNIT_OF_COLUMN:
-                formula = x.value.column
-        elif not isinstance(x.value, Metric):
-            formula = x.value
-        else:
-            factor = conversion(figure.unit, x.unit or figure.unit, where)
-        stated = x.unit or figure.unit
-        if formula is not None and (unknown := check_unit(formula, stated, units, where)):
-            logging.getLogger("cosim").warning(
-                f"number {x.name!r} is in {stated} as stated: the unit of {', '.join(unknown)} is not known"
-            )
-        return scaled(figure, factor, stated, meaning)
-
-
-def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]) -> Figure:
-    """Return the figure of a formula, `figures.speed / 2`, see `figure_of_figures`."""
-    known = {f"figures.{name}": x for name, x in figures.items()}
-    formula = Formula.read(number.value)
-    used = sorted(formula.names & known.keys())
-    at = {**values, **{name: x.value for name, x in known.items()}}
-    return figure_of_figures(
-        lambda *x: formula.over({**at, **dict(zip(used, x))}),
-        *(known[name] for name in used),
-        unit=number.unit or "1",
-    )
+    @classmethod
+    def overrides(cls, name: str) -> bool:
+        """Whether the question has a method of its own in place of that of `Question`."""
+        return getattr(cls, name) is not getattr(Question, name)
 
 
 def certified_results(results: Any) -> list[Result]:
@@ -480,7 +339,7 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
     if not question.title:
         raise SetupError(f"{where} must begin with its question as a docstring")
     check_attributes(question, where)
-    if question.solve is not Question.solve:
+    if question.solve is not Question.solve or not isinstance(question.method, Run):
         return question
     if question.figures is Question.figures and not question.numbers:
         raise SetupError(

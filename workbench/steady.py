@@ -376,15 +376,18 @@ def at_angles(phi: Array, values: Array, wanted: NDArray[Any]) -> InterpolatedRo
     at = np.clip(after - first, 1, STENCIL - 1)
     right, left = (np.take_along_axis(p, (at - k)[..., None], -1)[..., 0] for k in (0, 1))
     before, s, miss, slope = at - 1.0, at - right / (right - left), left, right - left
+    is_open = np.ones(s.shape, bool)  # each ends by itself, so that no bit depends on the others
     for _ in range(ANGLE_ROUNDS):
         value, change = (_stencil_weights_at(s) * p).sum(-1), s - before
         is_apart = np.abs(change) > MOST_CHANGE
         slope = np.divide(value - miss, change, out=slope.copy(), where=is_apart)
-        before, miss, s = s, value, s - value / slope
-        if np.abs(s - before).max(initial=0.0) <= MOST_CHANGE:
+        step = np.where(is_open, value / slope, 0.0)
+        before, miss, s = s, value, s - step
+        is_open &= np.abs(step) > MOST_CHANGE
+        if not is_open.any():
             break
-    there = np.einsum("nak,nakc->nac", _stencil_weights_at(s), values[member, around])
-    return InterpolatedRows(first + s, np.asarray(there))
+    there = _stencil_weights_at(s)[..., None, :] @ values[member, around]
+    return InterpolatedRows(first + s, np.asarray(there[..., 0, :]))
 
 
 def _stencil_weights_at(positions: Array) -> Array:

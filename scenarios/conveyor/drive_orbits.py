@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
-from cosim.accuracy.limit import Limit, Reason, limit
-from workbench import Context, Figure
-from workbench.steady import ORBIT_ANGLES, TURN, LastTwoTurns, steady_turns
+from workbench import Context
+from workbench.orbits import STEP_MULTIPLES, Orbit, SteadyMotion
+from workbench.steady import TURN, LastTwoTurns
 
 from .first_order import Machine, longest_step
 from .machine import conveyor_drive, start_values
@@ -28,21 +27,9 @@ from .machine import conveyor_drive, start_values
 Array = NDArray[np.float64]
 ORBIT_ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 STATES, FORCE = ("conveyor.w", "motor.tau"), "conveyor.f_rod"
-#: Communication steps of a run over the shortest one. Three runs give value, error and observed order.
-STEP_MULTIPLES = (1, 2, 4)
+CRANK_TURN = Orbit("conveyor.phi", rate="conveyor.w", states=STATES, worst="tau2")
 #: Fewest steps per revolution: rows for orders up to 6, so that order 2 is not aliased by the next ones.
 FEWEST_STEPS = 18
-#: Sectors of a revolution, of each of which the largest rod forces are kept; a convention, finer than the peaks
-#: of the orders 1 to 7 are apart.
-SECTORS = 16
-#: Even angles between which the largest force of a sector is interpolated by a parabola; sixteen for each of ORBIT_ANGLES.
-FINE_ANGLES = 16 * ORBIT_ANGLES
-#: Orbits that are run side by side before they are kept. Chosen: half a second of work.
-AT_ONCE = 256
-#: Convergence order of the rod force, which follows the torque of half a step before at once.
-FORCE_ORDER = 1.0
-UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated"
-NO_COUPLING_ERROR = "the coupling error is not known; take more steps per revolution"
 
 
 @dataclass(frozen=True)
@@ -92,6 +79,23 @@ class Orbits:
             turns.states,
             np.array(turns.problems, object),
         )
+
+    @classmethod
+    def of_motions(cls, motions: Sequence[SteadyMotion]) -> Orbits:
+        """Return what motions say of ripple and rod force; the rest is not known."""
+        torque, speed = (
+            2j / x.shape[-1] * (x @ np.exp(-4j * math.pi / x.shape[-1] * np.arange(x.shape[-1])))
+            for x in (
+                np.array([m.turn[name] for m in motions]) for name in ("motor.tau", "conveyor.w")
+            )
+        )
+        unknown, contraction = (
+            np.full(len(motions), np.nan),
+            np.array([m.multiplier for m in motions]),
+        )
+        force, states = (np.array([*x]) for x in zip(*((m.turn[FORCE], m.states) for m in motions)))
+        problem = np.array(["" if np.isfinite(x) else "?" for x in speed.real], object)
+        return cls(torque, speed, unknown, unknown, unknown, force, contraction, states, problem)
 
     def __getitem__(self, index: Any) -> Orbits:
         return Orbits(*(getattr(self, x.name)[index] for x in fields(self)))
@@ -152,25 +156,14 @@ class Drive:
             starts |= zip(STATES, states.T)
         arrays = {name: x for name, x in starts.items() if np.ndim(x)}
         n = max((len(x) for x in arrays.values()), default=1)
-        speed = np.broadcast_to(np.asarray(nu, float), n)
         steps = self.steps_per_rev if steps_per_rev is None else steps_per_rev
-        steps = np.broadcast_to(steps, n)
         cases = {name: np.broadcast_to(starts[name], n) for name in (*STATES, *arrays)}
         shared = {name: x for name, x in starts.items() if name not in cases}
-        system, threads = conveyor_drive(self.context.fmus, shared), self.context.jobs
-
-        def block(some: NDArray[Any]) -> tuple[Any, ...]:
-            turns = steady_turns(
-                system, {name: x[some] for name, x in cases.items()}, STATES, "conveyor.phi", speed[some],
-                steps_per_rev=steps[some], record=record, algorithm=self.algorithm, jobs=threads,
-            )  # fmt: skip
-            return tuple(vars(turns).values())
-
-        blocks = np.array_split(np.arange(n), max(1, math.ceil(n / AT_ONCE)))
-        done = list(self.context.each(block, blocks, "orbits", here=True))
-        columns, *of_blocks, problems = zip(*done)
-        values, periods, left, ends = map(np.concatenate, of_blocks)
-        return LastTwoTurns(columns[0], values, periods, left, ends, [*chain(*problems)])
+        return CRANK_TURN.turns(
+            self.context, conveyor_drive(self.context.fmus, shared), cases,
+            np.broadcast_to(np.asarray(nu, float), n), steps_per_rev=np.broadcast_to(steps, n), record=record,
+            algorithm=self.algorithm,
+        )  # fmt: skip
 
     def steps(self, shape: tuple[int, ...], multiple: Any = None) -> NDArray[np.int64]:
         """Return the steps per revolution with STEP_MULTIPLES of these numbers, by default the j-th in row j."""
@@ -267,96 +260,3 @@ def near(machine: Machine, nu: Any) -> Array:
 def picked(machine: Machine, shape: tuple[int, ...], index: Any) -> Machine:
     """Return some of machines whose fields are numbers, or arrays that broadcast to a shape."""
     return machine.changed(lambda x: np.broadcast_to(x, shape)[index] if np.ndim(x) else x)
-
-
-def at_zero_step(values: Array, order: float, noise: Array | float = 0.0) -> Limit:
-    """Return where values of shape (k, ...) go, whose rows are those of the first k of STEP_MULTIPLES."""
-    missing = ((0, len(STEP_MULTIPLES) - len(values)), *((0, 0),) * (values.ndim - 1))
-    runs = np.pad(values, missing, constant_values=np.nan)
-    noises = np.pad(np.broadcast_to(noise, values.shape), missing, constant_values=np.nan)
-    return limit(runs, order, noise=noises)
-
-
-def extrapolated(values: Any, order: float, noise: Array | float = 0.0) -> tuple[Any, Array]:
-    """Return where values go, real or complex, and the errors of that, nan where they are not known."""
-    found = at_zero_step(values, order, noise)
-    return found.extrapolated, np.where(found.is_stated, found.extrapolated_error, np.nan)
-
-
-def sector_peaks(waveform: Array) -> Array:
-    """Return the largest value of every sector of a turn, then the largest of the other sense.
-
-    Which of two nearly equal peaks is the larger may change with the step; each by itself converges. Between FINE_ANGLES
-    points of the Fourier series a parabola is laid; its error is that of the fourth derivative, over FINE_ANGLES^4.
-
-    Parameters
-    ----------
-    waveform : ndarray, shape (..., angles)
-        Values at even angles.
-
-    Returns
-    -------
-    ndarray, shape (..., 2 * SECTORS)
-    """
-    fine = np.fft.irfft(np.fft.rfft(waveform), FINE_ANGLES) * (FINE_ANGLES / waveform.shape[-1])
-    before, after = np.roll(fine, 1, -1), np.roll(fine, -1, -1)
-    bend, rise = before - 2.0 * fine + after, after - before
-    is_turn = np.abs(rise) < np.abs(2.0 * bend)
-    lift = np.where(is_turn, -(rise**2) / (8.0 * np.where(is_turn, bend, 1.0)), 0.0)
-    both = []
-    for sense in (1.0, -1.0):
-        top = np.where(sense * bend < 0.0, sense * (fine + lift), sense * fine)
-        sectors = top.reshape(*waveform.shape[:-1], SECTORS, -1)
-        both.append(np.maximum(sectors.max(-1), np.roll(sectors[..., 0], -1, -1)))
-    return np.concatenate(both, -1)
-
-
-@dataclass(frozen=True)
-class Peaks:
-    """Rod forces of all sectors at a step of zero, up to where each may reach [N], and whether that is known."""
-
-    value: Array
-    reach: Array
-    is_known: NDArray[np.bool_]
-
-    def each(self, function: Callable[[Any], Any]) -> Peaks:
-        """Return a function of each array."""
-        return Peaks(*map(function, vars(self).values()))
-
-    def largest(self) -> tuple[Array, Array]:
-        """Return the largest force, over the last axis, and its error.
-
-        The error reaches as far as that of any other peak does; it is nan where one is not known that may
-        be the largest.
-        """
-        best = self.value.max(-1)
-        error = self.reach.max(-1) - best
-        doubtful = (~self.is_known & ~(self.reach < best[..., None])).any(-1)
-        return best, np.where(doubtful, np.nan, error)
-
-
-def force_peaks(waveform: Array) -> Peaks:
-    """Return the peaks of waveforms, shape (k, ..., ORBIT_ANGLES), of the first k of STEP_MULTIPLES."""
-    peaks = sector_peaks(waveform)
-    rows = np.abs(sector_peaks(waveform[..., ::2]) - peaks) / 4.0
-    of_all = at_zero_step(peaks, FORCE_ORDER)
-    reach = of_all.extrapolated + of_all.extrapolated_error + 2.0 * rows[0]
-    reach = np.where(np.isfinite(reach), reach, np.inf)
-    return Peaks(of_all.extrapolated, reach, of_all.is_stated)
-
-
-def figure_of(found: Limit, k: Any, unit: str, meaning: str, why: str = "") -> Figure:
-    """Return the limit of element k as a figure; `why` says why there is no value."""
-    one = Limit(*(np.asarray(x)[k] for x in vars(found).values()))
-    if why or not one.is_stated:
-        lost = UNSTABLE if one.reason == Reason.MISSING else one.sentence()
-        return Figure.undetermined(unit, why or lost, meaning)
-    return Figure(float(one.extrapolated), unit, float(one.extrapolated_error), meaning)
-
-
-def orbit_figure(value: float, error: float, unit: str, meaning: str, why: str) -> Figure:
-    """Return a figure of an orbit, refused where the error is not known; `why` says why there is no orbit."""
-    if math.isnan(error):
-        reason = why if math.isnan(value) else NO_COUPLING_ERROR
-        return Figure.undetermined(unit, reason, meaning)
-    return Figure(float(value), unit, float(error), meaning)

@@ -17,9 +17,10 @@ import numpy as np
 from cosim import Advice, Identified
 from workbench import Context, Figure, fitting
 from workbench.fitting import figure_of
+from workbench.orbits import STEP_MULTIPLES, extrapolated
 from workbench.roots import roots_between
 
-from .drive_orbits import STEP_MULTIPLES, Drive, extrapolated
+from .drive_orbits import Drive
 from .first_order import FIELDS, Machine
 from .options import RippleOptions
 

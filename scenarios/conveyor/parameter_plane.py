@@ -8,9 +8,8 @@ built machines; co-simulation judges some of them again.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,11 +21,13 @@ from cosim import SetupError
 from workbench.answer import GivenValue, Table, parameters
 from workbench.charts.model import GridAxis
 from workbench.options import at_least
+from workbench.plan import GridPlan
 from workbench.study.words import interval
 
-from .drive_orbits import AT_ONCE, Drive, Orbits, at_zero_step, picked
+from .drive_orbits import Drive, Orbits
 from .first_order import FIELDS, Machine
 from .machine import conveyor_drive
+from .orbit import DriveOrbit
 from .response import MachineLines
 
 Real = NDArray[np.float64]
@@ -35,8 +36,8 @@ SPEED_NAME = "speed"
 SEED = 1
 #: Probabilities between which the outcome at a point is open.
 OPEN = (0.05, 0.95)
-#: Points along either axis at which the coupling error of a map is sampled.
-ERROR_GRID = 5
+#: A safety margin by convention.
+MARGIN = 3.0
 
 
 class ParameterAxis(NamedTuple):
@@ -75,6 +76,18 @@ class Plane(NamedTuple):
         x, y = np.transpose(self.nodes())
         machine, nu = self.at(x, y)
         return machine, np.broadcast_to(nu, x.shape)
+
+    def plan(self, drive: Drive) -> GridPlan:
+        """The turns of all points, row by row."""
+        machine, axes = self.machine, (self.y, self.x)
+        start = {name: vars(machine)[field] for name, field in FIELDS.items()} | dict(machine.more)
+        fixed = {
+            "speed": self.speed, "algorithm": drive.algorithm, "steps_per_rev": drive.steps_per_rev, **start,
+        }  # fmt: skip
+        grid = {axis.name: axis.along.values.tolist() for axis in axes}
+        return GridPlan(
+            DriveOrbit, {name: x for name, x in fixed.items() if name not in grid}, grid
+        )
 
     @property
     def lines_of_rows(self) -> MachineLines:
@@ -156,68 +169,44 @@ def torque_ripple(orbits: Orbits) -> Real:
 
 
 def run_plane(
-    plane: Plane,
-    drive: Drive,
-    csv: str,
-    units: Mapping[str, str],
-    columns: Callable[[Machine, Real, Orbits], Sequence[Real]],
+    plane: Plane, drive: Drive, csv: str, figures: Mapping[str, str], **axes: str
 ) -> tuple[Table, Orbits]:
-    """Run a drive at all points of a plane.
+    """Run a drive at all points of a plane, whose rows are kept on the way.
 
     Parameters
     ----------
     plane, drive
         Its machines, and how they are run.
     csv
-        The file of the table, whose rows are kept on the way.
-    units
-        Those of the columns, the first two of which are x and y.
-    columns
-        Returns the others, from machines, mean speeds and orbits of some of the points, shape (n,).
+        The file of the table.
+    figures
+        Those of `DriveOrbit`, and what they are called in the table.
+    axes
+        What the axes are called there, by "x" and "y", by default as they are.
 
     Raises
     ------
     SetupError
         If no orbit is steady.
     """
-    machine, nu = plane.points()
-    nodes, parts = np.array(plane.nodes()), list[Orbits]()
-
-    def rows() -> Iterator[Sequence[float]]:
-        for some in np.array_split(np.arange(len(nu)), math.ceil(len(nu) / AT_ONCE)):
-            machines, speeds = picked(machine, nu.shape, some), nu[some]
-            parts.append(drive.orbits(machines, speeds[None], "map"))
-            told = columns(machines, speeds, parts[-1][0])
-            yield from np.transpose([*nodes[some].T, *told]).tolist()
-
-    table = drive.context.record_rows(csv, units, rows())
-    orbits = reduce(Orbits.beside, parts)[0]
-    if np.isnan(orbits.mean).all():
+    inputs = {x.name: axes.get(key, x.name) for key, x in (("x", plane.x), ("y", plane.y))}
+    table, found = plane.plan(drive).table(drive.context, csv, inputs, figures)
+    orbits = Orbits.of_motions([x.data[0] for x in found])
+    if np.isnan(orbits.contraction).all():
         raise SetupError("no orbit of the map is steady")
     return table, orbits
 
 
-def coupling_errors(
-    plane: Plane,
-    drive: Drive,
-    quantity: Callable[[Orbits], Real] = torque_ripple,
-    order: float | None = None,
-) -> Real:
-    """Return relative coupling errors of a quantity of orbits, by runs with longer steps, shape (orbits,).
+def extreme(values: Real, errors: Real, sense: float = 1.0) -> tuple[float, float]:
+    """Return the largest of values, or with a sense of -1 the least, and its error, which reaches as far as any does.
 
-    The runs are spread over the plane, ERROR_GRID by ERROR_GRID. The error vanishes with the order of the
-    algorithm, unless another one is given. What is not known is nan; where there is no orbit, there is none.
+    An error that is not known counts as MARGIN times the largest that is.
     """
-    x, y = (
-        np.unique(np.linspace(0, len(axis.along.values) - 1, ERROR_GRID).round().astype(int))
-        for axis in (plane.x, plane.y)
-    )
-    some = (y[:, None] * len(plane.x.along.values) + x).ravel()
-    machine, nu = plane.points()
-    machine = picked(machine, nu.shape, some)
-    values = quantity(drive.orbits(machine, drive.for_each_step(nu[some]), "coupling error"))
-    of_runs = at_zero_step(values[:, np.isfinite(values[0])], order or drive.convergence_order)
-    return np.where(of_runs.is_stated, of_runs.error / of_runs.value, math.nan)
+    if np.isnan(errors).all():
+        return math.nan, math.nan
+    reach = sense * values + np.where(np.isnan(errors), MARGIN * np.nanmax(errors), errors)
+    best = float(np.nanmax(sense * values))
+    return sense * best, float(np.nanmax(reach)) - best
 
 
 def on_edge(probabilities: Any, count: int) -> list[int]:

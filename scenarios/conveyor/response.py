@@ -21,6 +21,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim.accuracy.limit import Limit
 from workbench import Figure
+from workbench.orbits import at_zero_step, figure_of
 from workbench.roots import (
     NO_VALUE,
     Estimates,
@@ -31,7 +32,7 @@ from workbench.roots import (
     secant,
 )
 
-from .drive_orbits import Drive, Orbits, at_zero_step, figure_of, near
+from .drive_orbits import Drive, Orbits, near
 from .first_order import Machine
 from .machine import linearised
 

@@ -13,8 +13,9 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from workbench import Figure
+from workbench.orbits import FORCE_ORDER, at_zero_step, figure_of, sector_peaks
 
-from .drive_orbits import FORCE_ORDER, Drive, Orbits, at_zero_step, figure_of, sector_peaks
+from .drive_orbits import Drive, Orbits
 from .first_order import NODE_ANGLES, Machine, Mechanism, crank, push
 
 #: Springs around that of formula (17), over it.

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from workbench import Figure, Table
 from workbench.branches import BEYOND, Branch, follow_branches
 from workbench.figure import listed
+from workbench.orbits import MEAN_ERROR, Peaks, extrapolated, force_peaks, orbit_figure
 from workbench.steady import STALLED
 
-from .drive_orbits import Drive, Orbits, Peaks, extrapolated, force_peaks, near, orbit_figure
+from .drive_orbits import Drive, Orbits, near
 from .first_order import Machine
 from .machine import has_kloss_characteristic
 from .response import (
@@ -44,8 +45,6 @@ OPERATING = {"A": 40.0, "B": 60.0}
 #: Damping ratio above which torque over load, 1 / (1 - x^2 + 2 i zeta x), has no peak at any x > 0.
 LARGEST_PEAKED_ZETA = math.sqrt(0.5)
 FOLD = "one of two steady motions ends between {:.4g} and {:.4g} rad/s, and the ripple jumps there"
-#: Relative error of the mean speed of an orbit, which settling leaves.
-MEAN_SPEED_ERROR = 2e-9
 #: Shares of the slope at the working point with which first-order theory gives starts; the lowest is that of a motor
 #: whose torque does not swing.
 SLOPE_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
@@ -80,9 +79,7 @@ def columns_of(
     lag = np.angle(machine.load_ripple(nu), deg=True) - columns["tau2_phase"]
     with np.errstate(all="ignore"):
         lag_error = np.degrees(columns["tau2_error"] / columns["tau2"])
-    mean, mean_error = extrapolated(
-        orbits.mean, drive.convergence_order, MEAN_SPEED_ERROR * orbits.mean
-    )
+    mean, mean_error = extrapolated(orbits.mean, drive.convergence_order, MEAN_ERROR * orbits.mean)
     force, force_error = (peaks or force_peaks(orbits.waveform)).largest()
     return columns | theory | {
         "lag": lag % 360.0,

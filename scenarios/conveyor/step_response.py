@@ -14,9 +14,10 @@ from cosim.metrics import largest, smallest
 from cosim.prepared import Prepared
 from workbench import Figure, Table
 from workbench.figure import figure_of_columns
+from workbench.orbits import STEP_MULTIPLES, at_zero_step, figure_of
 from workbench.steady import TURN
 
-from .drive_orbits import STEP_MULTIPLES, Drive, at_zero_step, figure_of
+from .drive_orbits import Drive
 from .first_order import Machine
 from .machine import conveyor_drive
 from .second_order import deviation_left, settling_rates

@@ -24,6 +24,8 @@ from tests.scenarios.orbit_oracle import (
     Drive,
     f_rod_peak,
     orbit,
+    random_drive,
+    resampled,
 )
 from tests.scenarios.orbit_oracle import (
     features as exact_features,
@@ -434,3 +436,43 @@ def test_a_linear_motor_has_one_motion_from_wherever_it_is_sought() -> None:
     near = drive.orbits(SETS["A"], nu, "near")
     far = drive.orbits(SETS["A"], nu, "far", states=states)
     assert_allclose(far.states, near.states, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_figures_of_a_turn_are_those_of_an_exact_orbit(seed: int) -> None:
+    drive = random_drive(np.random.default_rng([7, seed]))
+    nu = 0.7 * drive.nu_res
+    exact = orbit(drive, nu)
+    answer = ask("orbit", start=drive.start, speed=nu)
+    for name, truth in (
+        ("tau2", abs(exact.tau2)), ("w2", abs(exact.w2)), ("lag", exact.lag), ("f_rod_peak", exact.f_rod_max),
+        ("angle", nu + float(np.mean(exact.v))), ("speed", exact.mean_speed),
+    ):  # fmt: skip
+        figure = answer.figures[name]
+        assert held(figure, truth) <= 1.0, name
+        assert figure.error is not None and figure.error < 3e-3 * abs(truth), name
+    power = [answer.figures[x] for x in ("supply", "trough", "motor")]
+    left = power[0].value - power[1].value - power[2].value
+    assert abs(left) <= sum(x.error or math.nan for x in power)
+    (motion,) = answer.data
+    w = motion.turn["conveyor.w"]
+    assert_allclose(w, nu + resampled(exact.v, len(w)), rtol=1e-3)
+    assert motion.multiplier == pytest.approx(np.abs(exact.multipliers).max(), rel=1e-2)
+
+
+def test_a_turn_has_both_motions_of_an_induction_motor_each_with_its_multiplier() -> None:
+    """At one speed, without a sweep, from the orbits of softer motors."""
+    start = {
+        f"motor.kloss.{x}": y
+        for x, y in (("tau_b", 446.1636), ("s_b", 0.1279432), ("w_s", 59.95406))
+    }
+    start |= {
+        "motor.characteristic": "kloss",
+        "motor.T": 0.024878993,
+        "conveyor.rotor.J": 0.0549152,
+    }
+    answer = ask("orbit", start=start, speed=86.0, rated_torque=200.0)
+    ripples = [x.figures["tau2"].value for x in answer.data]
+    assert_allclose(ripples, [117.25, 75.01], atol=0.01)
+    assert all(0.0 < x.multiplier < 0.5 for x in answer.data)
+    assert "another steady motion: 75.01 N.m" in answer.verdict

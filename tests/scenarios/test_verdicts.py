@@ -13,11 +13,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cosim import SetupError, limit
-from scenarios.conveyor.drive_orbits import FORCE_ORDER, picked
+from cosim import SetupError
 from scenarios.conveyor.first_order import SETS
-from scenarios.conveyor.parameter_plane import coupling_errors
-from scenarios.conveyor.rod_waveform import largest_forces
 from scenarios.conveyor.second_order import settling_rates
 from scenarios.project import PROJECT
 from tests.conftest import ask
@@ -259,20 +256,12 @@ def test_a_crank_that_stalls_has_no_overshoot() -> None:
 
 
 def test_the_largest_deviation_carries_the_coupling_error_of_its_point() -> None:
-    """Also at a speed that the sample of the map's coupling errors leaves out."""
     answer = ask("rod_force", speeds="25:55:7", springs="1e5:1e6:7", steps_per_rev=160)
     data, figure = answer.data, answer.figures["formula_off"]
     ratio = (data.points["f_rod_formula"] / data.points["f_rod"]).to_numpy()
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
-    machine, nu = data.plane.points()
-    machine = picked(machine, nu.shape, [at])
-    runs = largest_forces(data.drive.orbits(machine, data.drive.for_each_step(nu[[at]]), "test"))[
-        :, 0
-    ]
-    point_error = 100 * ratio[at] * float(limit(runs, FORCE_ORDER).error) / runs[0]
-    sampled = np.nanmax(coupling_errors(data.plane, data.drive, largest_forces, FORCE_ORDER))
-    assert point_error > 200 * sampled
-    assert figure.error is not None and figure.error >= 0.999 * point_error
+    point_error = (100 * ratio * data.points["f_rod_error"] / data.points["f_rod"])[at]
+    assert figure.error is not None and figure.error >= 0.999 * point_error > 0.0
 
 
 def test_a_motor_that_cannot_reach_a_high_resonance_does_not_stall() -> None:

@@ -19,9 +19,8 @@ import pytest
 from cosim import SetupError
 from cosim.journal import record
 from scenarios.__main__ import main
-from scenarios.conveyor import drive_orbits
 from tests.conftest import ROOT
-from workbench import study
+from workbench import orbits, study
 from workbench.catalog import load_module
 from workbench.question import read
 from workbench.run import answer
@@ -214,7 +213,7 @@ def test_orbits_of_a_killed_map_are_not_run_again(
         runs.append(settings["jobs"])
         return steady_turns(*arguments, **settings)
 
-    monkeypatch.setattr(drive_orbits, "steady_turns", counted)
+    monkeypatch.setattr(orbits, "steady_turns", counted)
     assert main([*words, "--jobs", "1", "--out", str(tmp_path / "whole")]) == 0
     whole, out = len(runs), tmp_path / "out"
     command = [sys.executable, "-c", KILLED, "3", *words, "--out", out]

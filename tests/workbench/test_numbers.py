@@ -10,8 +10,9 @@ from scenarios import ask
 from tests.conftest import fmus_of
 from workbench import Figure, Number
 from workbench.catalog import QuestionError
+from workbench.method import follows
 from workbench.options import Option
-from workbench.question import follows, load
+from workbench.question import load
 from workbench.run import found
 
 PAGE = '''"""Does a number have its error?"""

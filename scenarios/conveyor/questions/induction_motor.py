@@ -33,9 +33,10 @@ from workbench import (
 )
 from workbench.charts.model import LIFT, THEORY
 from workbench.figure import figure_of_figures
+from workbench.orbits import STEP_MULTIPLES
 
 from .. import motion
-from ..drive_orbits import ORBIT_ALGORITHMS, STEP_MULTIPLES, Drive
+from ..drive_orbits import ORBIT_ALGORITHMS, Drive
 from ..first_order import SETS, Machine, Samples, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised, require_torque
 from ..machine import PARTS as DRIVE

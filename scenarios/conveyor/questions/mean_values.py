@@ -9,13 +9,12 @@ angles.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from operator import sub
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.dense import Array as Samples
 from workbench import (
     Chart,
     Context,
@@ -32,31 +31,24 @@ from workbench import (
 )
 from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
 from workbench.figure import figure_of_figures
-from workbench.steady import TURN
+from workbench.orbits import STEP_MULTIPLES
+from workbench.plan import GridPlan
 
 from .. import motion
-from ..drive_orbits import STEP_MULTIPLES, Drive, at_zero_step, figure_of
+from ..drive_orbits import Drive
 from ..first_order import Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive
 from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_drive, speeds_of
+from ..orbit import MEANS, DriveOrbit
 from ..papers import cited
-from ..second_order import Means, means
-from ..speed_sweep import MEAN_SPEED_ERROR, SPEEDS
+from ..second_order import means
+from ..speed_sweep import SPEEDS
 from ..step_response import DRIFT, STARTS, drifts
 
 TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
-LOSS = "conveyor.P_loss"
 #: Band of a settled step response [%], by which textbooks of control define its settling time.
 SETTLED = 2.0
-MEANT = {
-    "speed": ("rad/s", "mean speed over time"),
-    "angle": ("rad/s", "mean speed over the crank angle"),
-    "torque": ("N.m", "mean torque"),
-    "supply": ("W", "power from the supply"),
-    "trough": ("W", "power into the resistance of the trough"),
-    "motor": ("W", "power into heat in the motor"),
-}
 
 
 class MeanValues(Question, SweepOptions):
@@ -85,19 +77,24 @@ class MeanValues(Question, SweepOptions):
             drive.require_enough_steps_per_rev(machine, nu)
         drive = drive.with_stable_multiples(machine, nus[0])
         drive.require_enough_steps_per_rev(machine, operating, STEP_MULTIPLES[drive.multiples - 1])
-        rows = mean_figures(drive, machine, sorted({*nus, operating}))
-        units = {"nu": "rad/s"}
-        for name, (unit, _) in MEANT.items():
-            units |= {name: unit, f"{name}_error": unit}
-            units |= {f"{name}_theory": unit, f"{name}_plain": unit}
-        table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
+        fixed = {
+            "set": self.set,
+            "algorithm": self.algorithm,
+            "steps_per_rev": self.steps_per_rev,
+            **self.start,
+        }
+        plan = GridPlan(DriveOrbit, fixed, {"speed": sorted({*nus, operating})})
+        columns = {name + end: name + end for name in MEANS for end in ("", "_theory", "_plain")}
+        every, found = plan.table(context, TABLE, {"speed": "nu"}, columns)
+        table = Table.of_frame(every.frame[every.frame["nu"].isin(nus)], every.units)
+        at = found[plan.grid["speed"].index(operating)].figures
         step_response, figures = drifts(machine, drive, operating)
-        torque = rows[operating]["torque"]
+        torque = at["torque"]
         for name in DRIFT:
             if torque.error is None:  # nothing that the mean speed could settle at
                 figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
         return Findings(
-            compared(machine, operating, rows[operating]) | figures,
+            compared(at) | figures,
             MeanData(machine, drive, operating, table.frame, step_response.frame),
             conveyor_drive(context.fmus, {**machine.start(operating), **self.start}),
             communication=f"{self.steps_per_rev} steps per revolution",
@@ -156,75 +153,26 @@ class MeanData(NamedTuple):
         return bool(mean[-1] > self.operating and np.argmax(mean) == len(mean) - 1)
 
 
-def mean_figures(
-    drive: Drive, machine: Machine, speeds: Sequence[float]
-) -> dict[float, dict[str, Figure]]:
-    """Return the means of the steady orbits of speeds, with what settling leaves open, by speed and name.
-
-    Means over time are those over the angle of what is divided by the speed: dt = d phi / w.
-    """
-    nu = drive.for_each_step(speeds)
-    turns = drive.turns(machine, nu.ravel(), (LOSS,), steps_per_rev=drive.steps(nu.shape).ravel())
-    tau, w, loss = (turns.of(name) for name in ("motor.tau", "conveyor.w", LOSS))
-
-    def over_time(x: Samples) -> Samples:
-        return np.asarray((x / w).mean(axis=-1) * TURN / turns.periods)
-
-    speed, torque = TURN / turns.periods, over_time(tau)
-    field = np.ravel(machine.A(nu))[:, None] / machine.B
-    of_both = {
-        "speed": speed, "angle": w.mean(axis=-1), "torque": torque, "supply": field * torque,
-        "trough": over_time(loss), "motor": over_time(tau**2) / machine.B,
-    }  # fmt: skip
-    limits = {}
-    for name, x in of_both.items():
-        left = turns.settling_error(x) + MEAN_SPEED_ERROR * speed[:, 1] * (name == "speed")
-        limits[name] = at_zero_step(
-            x[:, 1].reshape(nu.shape), drive.convergence_order, left.reshape(nu.shape)
-        )
-    problems = np.array(turns.problems, object).reshape(nu.shape)
-    return {
-        nu: {
-            name: figure_of(limits[name], k, *meant, next(filter(None, problems[:, k]), ""))
-            for name, meant in MEANT.items()
-        }
-        for k, nu in enumerate(speeds)
-    }
-
-
-def row(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> list[float]:
-    """What the table tells of a speed: each mean with its error, with ripple and without by theory."""
-    theory, plain = means(machine, nu), means(machine, nu, ripple=False)
-    cells = [nu]
-    for name, figure in figures.items():
-        error = math.nan if figure.error is None else figure.error
-        cells += [figure.value, error, theory._asdict()[name], plain._asdict()[name]]
-    return cells
-
-
-def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict[str, Figure]:
+def compared(at: Mapping[str, Figure]) -> dict[str, Figure]:
     """The means at the operating speed, and how far they are from those without ripple."""
-    plain: Means = means(machine, nu, ripple=False)
-    all_figures = {name: figures[name] for name in ("speed", "angle", "torque")}
-    all_figures["torque_plain"] = Figure(plain.torque, "N.m", 0.0, "mean torque by formula (24)")
-    torque = figures["torque"]
-    above = "mean torque above that"
+    all_figures = {name: at[name] for name in ("speed", "angle", "torque")}
+    plain, above = at["torque_plain"].value, "mean torque above that"
+    all_figures["torque_plain"] = at["torque_plain"]._replace(meaning="mean torque by formula (24)")
     all_figures["more"] = (
         figure_of_figures(
-            lambda x: 100.0 * (x / plain.torque - 1.0), torque, unit="%", meaning=above
+            lambda x: 100.0 * (x / plain - 1.0), at["torque"], unit="%", meaning=above
         )
-        if plain.torque
+        if plain
         else Figure.undetermined("%", "without resistance that torque is 0", above)
     )
     for name in ("supply", "motor", "trough"):
-        what = f"{MEANT[name][1]}, above that without ripple"
+        what = f"{MEANS[name][1]}, above that without ripple"
         all_figures[f"{name}_more"] = figure_of_figures(
-            sub, figures[name], Figure(plain._asdict()[name], "W", 0.0), unit="W", meaning=what
+            sub, at[name], at[f"{name}_plain"], unit="W", meaning=what
         )
-    parts = [figures[name] for name in ("supply", "motor", "trough")]
     all_figures["missing"] = figure_of_figures(
         lambda supply, motor, trough: supply - motor - trough,
-        *parts,
+        *(at[name] for name in ("supply", "motor", "trough")),
         unit="W",
         meaning="power not accounted for",
     )

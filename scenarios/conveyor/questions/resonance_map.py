@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from cosim import SetupError
 from workbench import Context, Figure, Findings, Judgement, Question, Show, Table, option
 from workbench.options import check_fixed_starts
+from workbench.orbits import STEP_MULTIPLES, orbit_figure
 from workbench.study.words import interval
 
 from .. import motion
-from ..drive_orbits import STEP_MULTIPLES, Drive, Orbits, orbit_figure, picked
-from ..first_order import FIELDS, SETS, Machine
+from ..drive_orbits import Drive, Orbits, picked
+from ..first_order import FIELDS, SETS
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions
@@ -35,7 +36,7 @@ from ..parameter_plane import (
     Plane,
     Sample,
     axis,
-    coupling_errors,
+    extreme,
     on_edge,
     run_plane,
     shares,
@@ -64,7 +65,9 @@ TOLERANCES = {
 #: Speeds of the operating range at which built machines are judged, 0.25 rad/s apart by default; a convention.
 SPEEDS = 61
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
-VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
+COLUMNS = {"tau2": "ripple", "gain": "gain", "lag": "lag", "tau2_theory": "ripple_theory"}
+UNITS = {"ripple": "N.m", "ripple_error": "N.m", "gain": "1", "gain_error": "1", "lag": "deg", "lag_error": "deg",
+         "ripple_theory": "N.m", "probability": "1"}  # fmt: skip
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
 RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
 
@@ -121,8 +124,8 @@ class ResonanceMap(Question, RippleOptions):
         )
 
         points, orbits = sweep(plane, drive)
-        rows, errors = ridges(plane, drive, orbits), coupling_errors(plane, drive)
-        error = float(errors.max()) if errors.size else math.nan
+        rows = ridges(plane, drive, orbits)
+        error = float((points["ripple_error"] / points["ripple"]).max())
         map_ = Map(plane, drive, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
         ratio = map_.field("ripple") / map_.field("ripple_theory")
         built = BuiltMachines.within(plane, ratio, spread, self.samples)
@@ -134,13 +137,13 @@ class ResonanceMap(Question, RippleOptions):
         )
         y = {plane.y.name: plane.y.along.unit}
         return Findings(
-            figures(points, rows, error) | check_figures(checks, error),
+            figures(points, rows) | check_figures(checks, error),
             map_,
             conveyor_drive(context.fmus, plane.machine.start(plane.speed)),
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
             tables={
-                TABLE: Table.of_frame(points, plane.units | VALUES | {"probability": "1"}),
+                TABLE: Table.of_frame(points, plane.units | UNITS),
                 ROWS_TABLE: Table.of_frame(
                     map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES
                 ),
@@ -227,14 +230,7 @@ def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, floa
 
 def sweep(plane: Plane, drive: Drive) -> tuple[DataFrame, Orbits]:
     """The rows of the table of all points, and their orbits, shape (points,); points without one are warned of."""
-
-    def columns(machines: Machine, speeds: Real, orbits: Orbits) -> Sequence[Real]:
-        load, ripple = machines.load_ripple(speeds), np.abs(orbits.torque)
-        lag = (np.angle(load, deg=True) - np.angle(orbits.torque, deg=True)) % 360.0
-        theory = np.abs(machines.torque_ripple(speeds))
-        return ripple, ripple / np.abs(load), lag, orbits.torque_error / ripple, theory
-
-    table, orbits = run_plane(plane, drive, TABLE, plane.units | VALUES, columns)
+    table, orbits = run_plane(plane, drive, TABLE, COLUMNS)
     for y, row in table.frame.groupby(plane.y.name):
         if (unsteady := row["ripple"].isna().to_numpy()).any():
             ridge_name = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
@@ -280,20 +276,20 @@ def add_risk(r: Map, built: BuiltMachines, count: int, most: float) -> list[Samp
     return samples
 
 
-def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figure]:
+def figures(points: DataFrame, rows: DataFrame) -> dict[str, Figure]:
     """The largest gain and torque ripple, and how far theory and the ridges are off."""
     over = "torque ripple by co-simulation over that of first-order theory"
-    ratio = points["ripple"] / points["ripple_theory"]
-    all_figures = {
-        name: orbit_figure(value, error * value, unit, meaning, "")
-        for name, value, unit, meaning in (
-            ("gain_max", points["gain"].max(), "1",
-             "largest gain at a point: torque ripple over load ripple, order 2"),
-            ("ripple_max", points["ripple"].max(), "N.m", "largest torque ripple at a point, order 2"),
-            ("ratio_min", ratio.min(), "1", f"smallest at a point: {over}"),
-            ("ratio_max", ratio.max(), "1", f"largest at a point: {over}"),
-        )
-    }  # fmt: skip
+    theory = points["ripple_theory"]
+    all_figures = {}
+    for name, column, base, sense, unit, meaning in (
+        ("gain_max", "gain", 1.0, 1.0, "1",
+         "largest gain at a point: torque ripple over load ripple, order 2"),
+        ("ripple_max", "ripple", 1.0, 1.0, "N.m", "largest torque ripple at a point, order 2"),
+        ("ratio_min", "ripple", theory, -1.0, "1", f"smallest at a point: {over}"),
+        ("ratio_max", "ripple", theory, 1.0, "1", f"largest at a point: {over}"),
+    ):  # fmt: skip
+        value, error = ((points[x] / base).to_numpy() for x in (column, f"{column}_error"))
+        all_figures[name] = orbit_figure(*extreme(value, error, sense), unit, meaning, "")
     for ridge_name, other, what in (
         ("lag_90", "formula", "deviation of the 90 deg lag from formula (22)"),
         ("peak", "formula", "deviation of the largest torque ripple from formula (22)"),

@@ -9,7 +9,7 @@ force is located, with its effect on the torque ripple and on the resonance.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,19 +20,14 @@ from workbench import Context, Figure, Findings, Judgement, Question, Show, opti
 from workbench.answer import parameters
 from workbench.charts.model import GridAxis, Picture
 from workbench.judgement import Holds
+from workbench.orbits import (
+    STEP_MULTIPLES,
+    orbit_figure,
+)
 
 from .. import motion
-from ..drive_orbits import (
-    FORCE_ORDER,
-    NO_COUPLING_ERROR,
-    STEP_MULTIPLES,
-    Drive,
-    Orbits,
-    at_zero_step,
-    orbit_figure,
-    picked,
-)
-from ..first_order import SETS, Machine, rod_force
+from ..drive_orbits import Drive
+from ..first_order import SETS, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
@@ -41,17 +36,14 @@ from ..parameter_plane import (
     SPEED_NAME,
     ParameterAxis,
     Plane,
-    coupling_errors,
+    extreme,
     run_plane,
-    torque_ripple,
 )
 from ..response import LAG, TORQUE, MachineLines, Response, locate
 from ..rod_force_map import SPRINGS, RodForceData, maps, over_angle, over_speed
 from ..rod_waveform import (
     CLOSE,
     best_spring_between,
-    largest_forces,
-    peak,
     springs_around,
     unloading_spring,
     waveform,
@@ -60,17 +52,14 @@ from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, columns_of, no_orbit
 
 Real = NDArray[np.float64]
 TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
-UNITS = {
-    "nu": "rad/s", "c": "N/m", "f_rod": "N", "f_rod_formula": "N", "f_rod_theory": "N",
-    "tau2": "N.m", "tau2_theory": "N.m", "settling": "1",
+COLUMNS = {
+    "f_rod_peak": "f_rod", "f_rod_formula": "f_rod_formula", "f_rod_theory": "f_rod_theory",
+    "tau2": "tau2", "tau2_theory": "tau2_theory",
 }  # fmt: skip
 #: Fewest speeds and springs of a map, as many as a cubic needs.
 FEWEST = 4
 #: Rod force over the smallest one up to which the present spring is kept; a convention.
 WELL = 1.02
-#: Sampled coupling errors by which a point of the map may be below the largest deviation and still have it;
-#: a safety margin by convention, as a point's error may be larger than those of the sample.
-MARGIN = 3.0
 
 
 class RodForce(Question, RippleOptions):
@@ -109,19 +98,7 @@ class RodForce(Question, RippleOptions):
         up = GridAxis("stiffness of the spring", "N/m", np.array(self.springs))
         plane = Plane(ParameterAxis(SPEED_NAME, across), ParameterAxis(SPRING, up), present, nu)
 
-        def columns(machines: Machine, speeds: Real, orbits: Orbits) -> Sequence[Real]:
-            ripple = torque_ripple(orbits)
-            settling = np.where(ripple > 0.0, orbits.torque_error / ripple, np.nan)
-            theory = [
-                peak(waveform(picked(machines, speeds.shape, k), length, float(nu)))
-                for k, nu in enumerate(speeds)
-            ]
-            return (
-                largest_forces(orbits), np.abs(rod_force(machines, speeds)), np.array(theory), ripple,
-                np.abs(machines.torque_ripple(speeds)), settling,
-            )  # fmt: skip
-
-        table, orbits = run_plane(plane, drive, TABLE, UNITS, columns)
+        table, orbits = run_plane(plane, drive, TABLE, COLUMNS, x="nu", y="c")
         spring, machines = unloading_spring(drive, present, nu), {"": present}
         if spring.error is not None:
             machines["_unloaded"] = replace(present, c=spring.value)
@@ -262,56 +239,14 @@ def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Fig
 def agreement(r: RodForceData) -> dict[str, Figure]:
     """How far formula and theory are off anywhere on the map."""
     all_figures = {}
-    for name, simulated, theory, what, *quantity_args in (
-        (
-            "formula_off",
-            "f_rod",
-            "f_rod_formula",
-            "rod force of formula (17)",
-            largest_forces,
-            FORCE_ORDER,
-        ),
-        (
-            "theory_off",
-            "f_rod",
-            "f_rod_theory",
-            "rod force of theory with the ripple",
-            largest_forces,
-            FORCE_ORDER,
-        ),
-        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_ripple),
+    for name, simulated, theory, what in (
+        ("formula_off", "f_rod", "f_rod_formula", "rod force of formula (17)"),
+        ("theory_off", "f_rod", "f_rod_theory", "rod force of theory with the ripple"),
+        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory"),
     ):
-        ratio = (r.points[theory] / r.points[simulated]).to_numpy()
+        value, error = (r.points[x].to_numpy() for x in (simulated, f"{simulated}_error"))
+        ratio = r.points[theory].to_numpy() / value
+        size, unsure = extreme(100.0 * np.abs(ratio - 1.0), 100.0 * ratio * error / value)
         meaning = f"largest deviation of the {what} from co-simulation on the map"
-        all_figures[name] = deviation(r, ratio, *quantity_args)._replace(meaning=meaning)
+        all_figures[name] = orbit_figure(size, unsure, "%", meaning, "")
     return all_figures
-
-
-def deviation(
-    r: RodForceData, ratio: Real, quantity: Callable[[Orbits], Real], order: float | None = None
-) -> Figure:
-    """The largest deviation of a `ratio` from 1 at the points of the map, in %, with its error.
-
-    The coupling error of a few points of the map says which others may have the largest deviation; these
-    are run with fewer steps, too. The largest of deviations that have errors may be too large by one of
-    them: the error reaches to the largest of their upper ends.
-    """
-    sizes = np.abs(ratio - 1.0)
-    top = float(np.nanmax(sizes))
-    unknown = Figure.undetermined("%", NO_COUPLING_ERROR)
-    sampled = coupling_errors(r.plane, r.drive, quantity, order)
-    if np.isnan(sampled).all():
-        return unknown
-    margin = MARGIN * float(np.nanmax(sampled))
-    points = np.flatnonzero(sizes >= top - margin).tolist()
-    machine, nu = r.plane.points()
-    machine = picked(machine, nu.shape, points)
-    orbits = r.drive.orbits(machine, r.drive.for_each_step(nu[points]), "deviation")
-    of_runs = at_zero_step(quantity(orbits), order or r.drive.convergence_order)
-    if not of_runs.is_stated.all():  # an orbit may be lost with the longest steps only
-        return unknown
-    errors = (of_runs.error / of_runs.value).tolist()
-    ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
-    at = points.index(int(np.nanargmax(sizes)))
-    error = max(max(ends) - top, float(ratio[points[at]]) * errors[at])
-    return Figure(100 * top, "%", 100 * error)

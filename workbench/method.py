@@ -1,0 +1,193 @@
+"""How the figures of a question are measured: the only places where their errors come from.
+
+`Run` does a certified run, `Orbit` in `orbits` seeks the steady turn of an angle. What a question declares as `numbers` is
+read from either.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from cosim import Result, SetupError, System
+from cosim.metrics import Metric
+from cosim.system import connect
+
+from .answer import Findings, Table, parameters
+from .dimensions import check_unit, conversion, known_units
+from .figure import Figure, NamedFigures, checked_figures, figure_of_figures, scaled
+from .formula import DOTTED, Formula, with_formulas
+from .live import Number, Reader
+from .live.declare import UNIT_OF_COLUMN
+
+if TYPE_CHECKING:
+    from .context import Context
+
+
+class Method(Protocol):
+    """How the figures of questions are measured; it works on instances of `Question`."""
+
+    def measure(self, context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
+        """Return what each of several questions of one class finds, or why it is refused."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of each system of a question, whose errors are those of three step sizes."""
+
+    def measure(self, context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
+        """Run and certify the systems of one question after the other."""
+        return [answer(o, context) for o in asked]
+
+
+def answer(o: Any, context: Context) -> Findings:
+    """Run and certify every system, and collect figures, tables and files."""
+    systems = o.system(context.fmus)
+    by_name = {"": systems} if isinstance(systems, System) else systems
+    require_starts(o, by_name.values())
+    figures = NamedFigures()
+    certified: dict[str, Result] = {}
+    for name, system in by_name.items():
+        certified[name], of_run = certify(o, system, context, f"{name or o.name}.csv")
+        label = o.labels.get(name, name)
+        figures |= {
+            f"{name}_{key}" if name else key: x._replace(meaning=f"{x.meaning}, {label}")
+            if name
+            else x
+            for key, x in of_run.items()
+        }
+    tables = {f"{x or o.name}.csv": Table.of(r) for x, r in certified.items()}
+    results: Any = certified.get("", certified)
+    if (more := o.more_runs(context, systems)) is not None:
+        results = (results, more)
+    figures |= o.more_figures(figures, results)
+    return Findings(
+        figures,
+        results,
+        next(iter(by_name.values())),
+        next(iter(certified.values())).provenance,
+        tables=tables | dict(o.tables(figures, results)),
+        files=o.files(results),
+        warnings=list(
+            dict.fromkeys(
+                f"nothing drives or sets the input {name}, which stays at {value:g}; add a wire, or give it in start_values"
+                for result in certified.values()
+                for name, value in result.provenance.get("open_inputs", {}).items()
+            )
+        ),
+    )
+
+
+def require_starts(o: Any, systems: Collection[System]) -> None:
+    """Refuse a system that lacks start values of the user, or of the question."""
+    for name in (*o.start, *o.start_values):
+        is_given, part = name in o.start, name.partition(".")[0]
+        for system in [x for x in systems if part in x.parts] or systems:
+            is_there = name in system.start or (not is_given and name in system.inputs)
+            if not is_there or (is_given and system.start[name] != o.start[name]):
+                raise SetupError(
+                    f"{'--start' if is_given else f'{o.path}: start_values:'} {name}: system() does not pass it "
+                    "on; write replace(super().system(fmus), changes=[...])"
+                )
+
+
+def certify(o: Any, system: System, context: Context, csv: str) -> tuple[Result, dict[str, Figure]]:
+    """Return the result of a system, processed, and its figures with their errors."""
+    results: list[Result] = []
+    texts: dict[str, str] = {}
+    for x in o.numbers:
+        if isinstance(x.value, Reader):
+            is_of_column = x.value.kind in UNIT_OF_COLUMN
+            texts.setdefault(x.value.column, x.unit if is_of_column else "1")
+    given = parameters(system) if o.numbers else {}
+    numbers = {n: float(x.value) for n, x in given.items() if isinstance(x.value, int | float)}
+    values = {**numbers, **o.values}
+    metrics: dict[str, Metric] = {}
+    for x in o.numbers:
+        if isinstance(x.value, Reader | Metric):
+            value = x.value.metric(values) if isinstance(x.value, Reader) else x.value
+            metrics[x.name] = value
+
+    def derive(result: Result) -> Result:
+        results.append(o.process(result))
+        return with_formulas(results[-1], texts, values)
+
+    def figures(result: Result) -> Mapping[str, Figure]:
+        return checked_figures(o.figures(result), o.path, may_await_error=True)
+
+    has_formulas = any(DOTTED.fullmatch(text) is None for text in texts)
+    own = {"figures": figures} if o.overrides("figures") else {}
+    result, certified = context.certify(
+        system, {**metrics, **own}, o.run_options(), recorded(o, system), csv,
+        derive=derive if o.overrides("process") or has_formulas else None,
+    )  # fmt: skip
+    units = (results[0] if results else result).units
+    for x in o.numbers:
+        figure = certified[x.name] if x.name in metrics else follows(x, certified, values)
+        known = known_units(o, certified, given, units)
+        certified[x.name] = as_declared(o, x, figure, known)
+    return results[0] if results else result, certified
+
+
+def recorded(o: Any, system: System) -> Sequence[str] | None:
+    """Return the columns of `record`, and the outputs that numbers and charts use besides."""
+    if o.record is None:
+        return None
+    used = [chart.x for chart in o.charts]
+    used += [text for chart in o.charts for panel in chart.panels for text in panel.curves]
+    for x in o.numbers:
+        if isinstance(x.value, Reader):
+            used += [x.value.column, *[x.value.angle] * bool(x.value.angle)]
+    names = {name: None for text in used for name in sorted(Formula.read(text).names)}
+    outputs = {
+        f"{part}.{x.name}"
+        for part, description in connect(system).descriptions.items()
+        for x in description.modelVariables
+        if x.causality == "output"
+    }
+    return [*dict.fromkeys((*o.record, *(x for x in names if x in outputs)))]
+
+
+def as_declared(o: Any, x: Number, figure: Figure, units: Mapping[str, str]) -> Figure:
+    """Return the figure of a number with its meaning, in its unit, from one in that of a column."""
+    where = f"{o.path}: number {x.name!r}"
+    try:
+        meaning = x.meaning.format(**vars(o))
+    except LookupError as error:
+        raise SetupError(f"{o.path}: the meaning of {x.name!r} names {error}, no option") from error
+    except ValueError as error:
+        raise SetupError(f"{o.path}: the meaning of {x.name!r}: {error}") from error
+    factor: float = 1.0
+    formula: str | float | None = None
+    if isinstance(x.value, Reader):
+        is_alone = DOTTED.fullmatch(x.value.column) is not None
+        own = units.get(x.value.column, "") * is_alone
+        factor = x.value.factor(own, x.unit, where)
+        check_unit(x.value.level, own, units, f"{where}: level")
+        if not is_alone and x.value.kind in UNIT_OF_COLUMN:
+            formula = x.value.column
+    elif not isinstance(x.value, Metric):
+        formula = x.value
+    else:
+        factor = conversion(figure.unit, x.unit or figure.unit, where)
+    stated = x.unit or figure.unit
+    if formula is not None and (unknown := check_unit(formula, stated, units, where)):
+        logging.getLogger("cosim").warning(
+            f"number {x.name!r} is in {stated} as stated: the unit of {', '.join(unknown)} is not known"
+        )
+    return scaled(figure, factor, stated, meaning)
+
+
+def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]) -> Figure:
+    """Return the figure of a formula, `figures.speed / 2`, see `figure_of_figures`."""
+    known = {f"figures.{name}": x for name, x in figures.items()}
+    formula = Formula.read(number.value)
+    used = sorted(formula.names & known.keys())
+    at = {**values, **{name: x.value for name, x in known.items()}}
+    return figure_of_figures(
+        lambda *x: formula.over({**at, **dict(zip(used, x))}),
+        *(known[name] for name in used),
+        unit=number.unit or "1",
+    )
