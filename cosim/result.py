@@ -170,7 +170,7 @@ class Result(Series):
             bare_names = {column.name: column.name.removeprefix(prefix) for column in own}
             frame = frame[["time", *bare_names]].rename(columns=bare_names)
             columns = (TIME, *(replace(column, name=bare_names[column.name]) for column in own))
-        if path.suffix not in (".csv", ".parquet"):
+        if path.suffix.lower() not in (".csv", ".parquet"):
             raise SetupError(f"{path} must end in .csv or .parquet")
         path.parent.mkdir(parents=True, exist_ok=True)
         write_table(frame, path, self.provenance | table_facts(columns, self.breaks))
@@ -306,7 +306,7 @@ def write_table(frame: pd.DataFrame, path: Path, facts: dict[str, Any]) -> None:
     require_writable_names(path)
     rows = partial(path)
     try:
-        if path.suffix == ".csv":
+        if path.suffix.lower() == ".csv":
             frame.to_csv(rows, index=False)
         else:
             frame.to_parquet(rows, index=False)

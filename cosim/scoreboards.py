@@ -16,21 +16,27 @@ import numpy as np
 
 from .accuracy.limit import LOWEST_ORDER
 from .accuracy.referee import TOLERANCE, RefereeReport, referee
-from .errors import SetupError
+from .errors import RunError, SetupError
 from .formats.ssp.read import Package, read_ssp
 from .scratch import scratch
 from .series import Series
 from .standings import GROWS, NO_RESULT, Scoreboard, Standing
+from .units import multiples
 
 #: "quarter_car_0.5ms.csv": system, number, unit of the communication step.
 NAME = re.compile(r"(?P<system>.+)_(?P<number>[0-9.]+(?:e[+-]?[0-9]+)?)(?P<unit>s|ms|us)")
-UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 SUFFIXES = (".csv", ".parquet", ".mat")
 #: Longest processor time for the search for the cause of one result [s]. It ends by itself in 1 s to 10 s where a coupling
 #: at the known step is the cause; half of this or twice it changes which of several causes at a time are found.
 CAUSE_SECONDS = 30.0
 #: Steps from one row to the next, and from the last row to the stop time, at most: one, but for the rounding of both.
 LATEST = 1.5
+#: Letters of a text that a master states, at most. A convention: it fits into a cell.
+MOST_LETTERS = 300
+#: How a file of a master may fail, which ends no scoreboard of all.
+UNFIT = (
+    SetupError, RunError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError, MemoryError, OSError,
+)  # fmt: skip
 #: The verdict of a result that is none.
 UNREADABLE = "cannot be read"
 
@@ -100,7 +106,9 @@ def scoreboard(
                     standings.append(judge.standing(entry, files[system]))
                     progress("  ".join(standings[-1].cells()))
                 elif reason := facts.get("failed", {}).get(system):
-                    standings.append(Standing(name, system, verdict="fails", reason=str(reason)))
+                    standings.append(
+                        Standing(name, system, verdict="fails", reason=str(reason)[:MOST_LETTERS])
+                    )
         if len(standings) == before:
             reason = f"there is no {results}/MASTER/{system}_1ms.csv"
             standings.append(Standing("", system, verdict=NO_RESULT, reason=reason))
@@ -115,17 +123,19 @@ def _files(
     for path in sorted(p for p in master.iterdir() if p.name != "master.json"):
         match = NAME.fullmatch(path.stem)
         try:
-            step = float(match["number"]) * UNITS[match["unit"]] if match else 0.0
-        except ValueError:
+            step = float(match["number"]) * multiples("s")[match["unit"]] if match else 0.0
+        except (ValueError, OverflowError):
             step = 0.0
         if path.suffix == ".json" and any(path.with_suffix(s).is_file() for s in SUFFIXES):
             continue
-        if match is None or not step > 0.0 or path.suffix not in SUFFIXES:
+        if match is None or not 0.0 < step < math.inf or path.suffix not in SUFFIXES:
             notes.append(
                 f"{path} is no result: its name must read SYSTEM_STEP.csv, as in {next(iter(systems))}_1ms.csv"
             )
         elif match["system"] not in systems:
             notes.append(f"{path} is of no system here: {', '.join(systems)}")
+        elif step in found[match["system"]]:
+            notes.append(f"{path} has the step of {found[match['system']][step]} and is left out")
         else:
             found[match["system"]][step] = path
     return found
@@ -139,12 +149,21 @@ def _facts(master: Path, notes: list[str]) -> dict[str, Any]:
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         calls = facts.get("calls", 0.0)
-        if not (isinstance(calls, int | float) and calls >= 0.0):
+        if (
+            not isinstance(calls, int | float)
+            or not 0.0 <= calls < math.inf
+            or isinstance(calls, bool)
+        ):
             raise ValueError(f"calls = {calls!r} must be a number from 0 on")
         if not isinstance(facts.get("failed", {}), dict):
             raise TypeError("failed must be a mapping of system to reason")
-    except (ValueError, TypeError, AttributeError) as error:
-        notes.append(f"{path} is ignored: {error or 'it must be a mapping'}")
+        for key in ("title", "version", "not_run"):
+            text = facts.get(key, "")
+            if not isinstance(text, str) or len(text) > MOST_LETTERS:
+                raise TypeError(f"{key} must be a text of at most {MOST_LETTERS} letters")
+    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError, OSError) as error:
+        reason = str(error) or "it must be a mapping"
+        notes.append(f"{path} is ignored: {reason[:MOST_LETTERS]}")
         return {}
     return dict(facts)
 
@@ -188,8 +207,11 @@ class _Judge:
                 self.report(files[step], step, self.cause_seconds if step == steps[-1] else 0.0)
                 for step in steps
             ]
-        except SetupError as error:
-            return replace(entry, verdict=UNREADABLE, reason=str(error))
+        except UNFIT as error:
+            reason = (
+                str(error) if isinstance(error, SetupError) else f"{type(error).__name__}: {error}"
+            )
+            return replace(entry, verdict=UNREADABLE, reason=reason[:MOST_LETTERS])
         differences = [max(s.deviation / self.ranges[s.name] for s in r.signals) for r in reports]
         last = reports[-1]
         used = {last.explained(s.name) for s in last.signals}

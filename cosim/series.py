@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import SetupError
 from .names import only
-from .table_file import TIMES, TableFile, is_empty, number_of, of_columns, read_file, read_text
+from .table_file import TableFile, is_empty, is_time, number_of, of_columns, read_file, read_text
 from .units import multiples
 
 if TYPE_CHECKING:
@@ -183,13 +184,13 @@ class Series:
     @property
     def clock(self) -> str:
         """The name of the column of times: one that is called so, else the first."""
-        named = (column.name for column in self.columns if column.name.lower() in TIMES)
+        named = (column.name for column in self.columns if is_time(column.name))
         return next(named, self.columns[0].name)
 
     @cached_property
     def t(self) -> Array:
-        """The times [s], shape (rows,); raises SetupError for what are no times."""
-        return self.scaled(Reading(self.clock), "s")
+        """The times [s], shape (rows,), of which two may be equal; raises SetupError for times that fall, or are none."""
+        return rising_times(self.scaled(Reading(self.clock), "s"), self.label)
 
     def numbers(self, name: str = "", *, gaps: bool = False, finite: bool = True) -> Array:
         """The numbers of a column, by default of the one beside the times, nan for cells that are none.
@@ -339,10 +340,20 @@ class Series:
         return _series(read_text(text, label), label, label)
 
 
+def rising_times(t: Array, label: str, *, strictly: bool = False) -> Array:
+    """Times [s] of rows, shape (rows,); raises SetupError with the row for those that fall, or do not rise `strictly`."""
+    falls = np.flatnonzero(np.diff(t) <= 0.0 if strictly else np.diff(t) < 0.0)
+    if falls.size:
+        before, after = t[falls[0] :][:2].tolist()
+        what = "must rise" if strictly else "must be finite and not fall"
+        raise SetupError(f"{label}, row {falls[0] + 3}: time {after!r} s after {before!r} s {what}")
+    return t
+
+
 def _series(table: TableFile, label: str, source: str = "") -> Series:
     """The series of what a file has; raises SetupError for two columns of one name, and for a kind that there is not."""
-    names = [name for name, _ in table.headings]
-    if twice := [name for name in names if names.count(name) > 1]:
+    names = Counter(name for name, _ in table.headings)
+    if twice := [name for name, count in names.items() if count > 1]:
         raise SetupError(f"{label} has two columns named {twice[0]!r}")
     if not names:
         raise SetupError(f"{label} cannot be read as a table: it has no columns")

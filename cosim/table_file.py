@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import SetupError
 from .numbers import real
-from .units import SCALES, multiples
+from .units import is_common, multiples
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,6 +43,14 @@ TYPE = re.compile(
     r"(\d+ )?(real|integer|boolean|string|int|bool|float64|float32|int32)\b.*", re.IGNORECASE
 )
 DECIMAL = re.compile(r"^\s*([+-]?[0-9]*),([0-9]+)")
+#: A name that ends with its unit, as loggers write it: t_ms, w_rpm, "time in ms".
+UNIT_AT_END = re.compile(r"(?P<name>.+?)(?:_| in )(?P<unit>[\w./%]{2,})")
+#: In a file whose cells are not separated by commas: a number with a decimal comma, and one whose point may stand for
+#: thousands.
+COMMA_CELL = re.compile(r"(?:^|[;\t])\s*[+-]?\d*,\d+\s*(?=[;\t]|$)", re.MULTILINE)
+POINT_CELL = re.compile(
+    r"(?:^|[;\t])\s*(?P<cell>[+-]?\d{1,3}(?:\.\d{3})+)(?:,\d*)?\s*(?=[;\t]|$)", re.MULTILINE
+)
 #: The number of the matrix of what varies with time, `data_2`: a convention of the Modelica tools' format 1.1.
 VARYING = 2
 #: The first line with which some programs state their separator. A convention of spreadsheets.
@@ -82,9 +91,9 @@ def read_file(path: Path) -> TableFile:
         )
     facts = _facts_beside(path)
     try:
-        if path.suffix == ".mat":
+        if path.suffix.lower() == ".mat":
             return _read_modelica(path, facts)
-        if path.suffix == ".parquet":
+        if path.suffix.lower() == ".parquet":
             return _read_parquet(path, facts)
         return _read_text(path, str(path), facts, is_large=path.stat().st_size > LARGE)
     except (
@@ -95,12 +104,29 @@ def read_file(path: Path) -> TableFile:
 
 def facts_path(path: Path) -> Path:
     """The JSON file beside a table, NAME.json; NAME.parquet has NAME.parquet.json, since NAME.csv may stand beside it."""
-    return path.with_suffix(".parquet.json" if path.suffix == ".parquet" else ".json")
+    is_parquet = path.suffix.lower() == ".parquet"
+    return path.with_suffix(".parquet.json" if is_parquet else ".json")
+
+
+def is_of_result(path: Path) -> bool:
+    """Whether a JSON file says something of columns, as that beside a result does."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and not {*FACTS}.isdisjoint(content)
 
 
 def split_heading(heading: str) -> tuple[str, str]:
-    """A heading as name and unit; what is in its brackets may also be an index or a type."""
+    """A heading as name and unit; what is in its brackets may also be an index or a type.
+
+    A unit that a name ends with, as in t_ms or w_rpm, stays in the name; x_min is no time.
+    """
     heading = heading.strip()
+    if (end := UNIT_AT_END.fullmatch(heading)) is not None and is_common(end["unit"]):
+        is_time = end["name"].lower() in TIMES
+        if is_time or end["unit"] != "min":
+            return heading, end["unit"] if not is_time or end["unit"] in multiples("s") else ""
     match = HEADING.fullmatch(heading)
     if match is None or not match["name"]:
         return heading, ""
@@ -115,8 +141,15 @@ def split_heading(heading: str) -> tuple[str, str]:
         return heading, ""
     is_spaced = heading[len(name)].isspace()
     is_time = name.lower() in TIMES and slash in multiples("s")
-    is_known = len(slash) > 1 and (slash in SCALES or len(multiples(slash)) > 1)
+    is_known = len(slash) > 1 and is_common(slash)
     return (name, slash) if is_spaced or is_time or is_known else (heading, "")
+
+
+def is_time(name: str) -> bool:
+    """Whether a column of this name has times: t, time, t_ms, "time in ms"."""
+    end = UNIT_AT_END.fullmatch(name)
+    is_timed = end is not None and end["unit"] in multiples("s") and end["name"].lower() in TIMES
+    return is_timed or name.lower() in TIMES
 
 
 def split_headings(
@@ -131,9 +164,9 @@ def split_headings(
         else split_heading(heading)
         for heading in headings
     ]
-    names = [name for name, _ in split]
-    for k, (heading, name) in enumerate(zip(headings, names)):
-        if names.count(name) > 1 and ROUND.search(heading):  # "speed (set)" and "speed (actual)"
+    count = Counter(name for name, _ in split)
+    for k, (heading, (name, _)) in enumerate(zip(headings, split)):
+        if count[name] > 1 and ROUND.search(heading):  # "speed (set)" and "speed (actual)"
             split[k] = heading.strip(), ""
     return split
 
@@ -186,8 +219,8 @@ def _facts_beside(path: Path) -> dict[str, Any]:
     return facts
 
 
-def read_cells(path: Path | str) -> tuple[list[str], list[list[str]]]:
-    """The headings and the rows of a text of cells, all as texts; raises SetupError if it cannot be read.
+def read_cells(path: Path | str) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """The headings and the rows of a text of cells, all as texts, with their lines; SetupError if it cannot be read.
 
     The separator is a semicolon or a tab if the first line contains one, or what a line "sep=;" says, else a comma.
     """
@@ -199,25 +232,45 @@ def read_cells(path: Path | str) -> tuple[list[str], list[list[str]]]:
     try:
         with _opened(path) as file:
             mark = _separator(file)
-            rows = list(csv.reader(file, delimiter=mark, skipinitialspace=True))
+            _require_one_mark(file, mark)
+            reader = csv.reader(file, delimiter=mark, skipinitialspace=True)
+            rows = [(reader.line_num, row) for row in reader if row]
     except (OSError, ValueError, csv.Error) as error:
         raise SetupError(f"{path} cannot be read as a table: {_reason(error)}") from error
-    while rows and not rows[-1]:
-        rows.pop()
-    if not rows or not rows[0]:
+    if not rows:
         raise SetupError(f"{path} cannot be read as a table: it is empty")
     if mark != ",":
-        rows[1:] = [[DECIMAL.sub(r"\1.\2", cell) for cell in row] for row in rows[1:]]
-    return [heading.strip() for heading in rows[0]], rows[1:]
+        rows[1:] = [(k, [DECIMAL.sub(r"\1.\2", cell) for cell in row]) for k, row in rows[1:]]
+    return [heading.strip() for heading in rows[0][1]], rows[1:]
 
 
 def _separator(file: TextIO) -> str:
-    """The separator of a text, which is then at its heading: behind a first line that does nothing but state it."""
-    first = file.readline()
+    """The separator of a text, which is then at its heading: behind comments, and a line that only states it."""
+    start, first = 0, file.readline()
+    while first.startswith("#"):
+        place, following = file.tell(), file.readline()
+        if math.isfinite(number_of(re.split(r"[;\t,]", following)[0])):
+            break  # it is the heading
+        start, first = place, following
     if stated := SEPARATOR_LINE.fullmatch(first):
         return stated[1]
-    file.seek(0)
+    file.seek(start)
     return next((mark for mark in ";\t" if mark in first), ",")
+
+
+def _require_one_mark(file: TextIO, mark: str) -> None:
+    """Raise ValueError where commas are decimal and a point may stand for thousands; the file stays where it is."""
+    if mark == ",":
+        return
+    place = file.tell()
+    text = file.read()
+    file.seek(place)
+    point = POINT_CELL.search(text)
+    if point is not None and COMMA_CELL.search(text):
+        cell = point["cell"]
+        raise ValueError(
+            f"{cell!r} beside decimal commas may be {cell.replace('.', '')} or {cell.replace('.', ',')}: write one of them"
+        )
 
 
 def _read_text(
@@ -226,6 +279,8 @@ def _read_text(
     """A file, or a text, of cells with a heading."""
     with _opened(source) as file:
         mark = _separator(file)
+        if not is_large:
+            _require_one_mark(file, mark)
         headings = next(csv.reader(file, delimiter=mark, skipinitialspace=True), [])
     if not headings:
         raise ValueError("it is empty")

@@ -9,20 +9,29 @@ QUANTITY = re.compile(
     r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?inf|nan)(?:\s*([a-z%][\w./%]*))?\s*",
     re.IGNORECASE,
 )
-SCALES: dict[str, dict[str, float]] = {
-    "rad/s": {"rpm": math.pi / 30, "deg/s": math.pi / 180},
-    "rad": {"deg": math.pi / 180, "turn": 2 * math.pi},
-    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
-    "m": {"mm": 1e-3, "cm": 1e-2},
-    "m/s": {"mm/s": 1e-3},
-    "kg": {"g": 1e-3, "t": 1e3},
-    "N": {"mN": 1e-3, "kN": 1e3},
-    "N.m": {"mN.m": 1e-3, "kN.m": 1e3, "N.mm": 1e-3},
-    "N/m": {"N/mm": 1e3, "kN/m": 1e3},
-    "J": {"mJ": 1e-3, "kJ": 1e3},
-    "W": {"mW": 1e-3, "kW": 1e3},
-    "1": {"%": 0.01},
+#: The one table of units: by the unit of a quantity, its powers of SI base units and the other units with their factors.
+#: J and N.m, and rad/s and Hz, are quantities of their own, so that no message offers one for the other.
+QUANTITIES: dict[str, tuple[dict[str, int], dict[str, float]]] = {
+    "rad/s": ({"s": -1, "rad": 1}, {"rpm": math.pi / 30, "deg/s": math.pi / 180}),
+    "rad": ({"rad": 1}, {"deg": math.pi / 180, "turn": 2 * math.pi}),
+    "s": ({"s": 1}, {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}),
+    "m": ({"m": 1}, {"mm": 1e-3, "cm": 1e-2}),
+    "m/s": ({"m": 1, "s": -1}, {"mm/s": 1e-3}),
+    "m3/s": ({"m": 3, "s": -1}, {"l/min": 1e-3 / 60, "l/s": 1e-3, "m3/h": 1.0 / 3600}),
+    "kg": ({"kg": 1}, {"g": 1e-3, "t": 1e3}),
+    "N": ({"kg": 1, "m": 1, "s": -2}, {"mN": 1e-3, "kN": 1e3}),
+    "N.m": ({"kg": 1, "m": 2, "s": -2}, {"mN.m": 1e-3, "kN.m": 1e3, "N.mm": 1e-3}),
+    "N/m": ({"kg": 1, "s": -2}, {"N/mm": 1e3, "kN/m": 1e3, "MN/m": 1e6}),
+    "Pa": ({"kg": 1, "m": -1, "s": -2}, {"kPa": 1e3, "MPa": 1e6, "bar": 1e5}),
+    "J": ({"kg": 1, "m": 2, "s": -2}, {"mJ": 1e-3, "kJ": 1e3}),
+    "W": ({"kg": 1, "m": 2, "s": -3}, {"mW": 1e-3, "kW": 1e3}),
+    "1": ({}, {"%": 0.01}),
 }
+
+
+def is_common(unit: str) -> bool:
+    """Whether people and loggers mean one unit by a name."""
+    return any(unit == base or unit in scales for base, (_, scales) in QUANTITIES.items())
 
 
 def multiples(unit: str) -> dict[str, float]:
@@ -30,8 +39,15 @@ def multiples(unit: str) -> dict[str, float]:
 
     It is this unit alone if no others are known.
     """
-    for base, scales in SCALES.items():
+    for base, (_, scales) in QUANTITIES.items():
         factors = {base: 1.0} | scales
         if unit in factors:
             return {name: scale / factors[unit] for name, scale in factors.items()}
     return {unit: 1.0}
+
+
+def in_unit(text: str, unit: str) -> float:
+    """The number of "7.3 rpm" in this unit, in which it is if it states none; nan for another text or quantity."""
+    quantity = QUANTITY.fullmatch(text)
+    scale = multiples(unit).get(quantity[2] or unit) if quantity else None
+    return math.nan if quantity is None or scale is None else scale * float(quantity[1])

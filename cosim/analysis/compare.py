@@ -19,8 +19,8 @@ from ..describe import table
 from ..errors import SetupError
 from ..result import Result, Rows
 from ..rounding import unit_suffix
-from ..series import Reading, Series
-from ..units import QUANTITY, multiples
+from ..series import Reading, Series, rising_times
+from ..units import in_unit, multiples
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -267,10 +267,7 @@ class _Record:
     def time(self) -> Rows:
         """Its times [s], which do not fall."""
         times = self.series.scaled(Reading(self.series.names[0]), "s")
-        if (falls := np.flatnonzero(np.diff(times) < 0.0)).size:
-            previous, t = times[falls[0] :][:2].tolist()
-            raise SetupError(f"{self.label}: time {t!r} s after {previous!r} s must not fall")
-        return times
+        return rising_times(times, self.label)
 
     def __str__(self) -> str:
         return f"{self.label} from {self.time[0]:g} to {self.time[-1]:g} s"
@@ -346,12 +343,7 @@ def _pairs(
 def _error(name: str, stated_errors: Mapping[str, str | float], unit: str) -> float:
     """The error of a column in this unit."""
     stated = stated_errors.get(name, 0.0)
-    match = QUANTITY.fullmatch(stated) if isinstance(stated, str) else None
-    scale = multiples(unit).get(match[2] or unit) if match else 1.0
-    try:
-        error = float(match[1] if match else stated) * (scale or np.nan)
-    except ValueError:
-        error = np.nan
+    error = in_unit(stated, unit) if isinstance(stated, str) else float(stated)
     if not 0.0 <= error < np.inf:
         raise SetupError(
             f"error of {name} = {stated!r} must be at least 0, in {' or '.join(multiples(unit))}"

@@ -20,6 +20,7 @@ from .commands import (
     sweep,
 )
 from .options import Help, Parser, exit_code
+from .output import require_separate_files
 
 #: In the order in which they are listed.
 COMMANDS = {
@@ -74,6 +75,7 @@ def main(arguments: Sequence[str] | None = None, program: str = "cosim") -> int:
             options.files += rest  # parts after an option
         elif rest:
             top.error(f"unrecognized arguments: {' '.join(rest)}")
+        require_separate_files(options)
         return int(COMMANDS[options.command].execute(options))
 
     return exit_code(run_command)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import errno
+import math
 import os
 import re
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
@@ -16,7 +18,7 @@ from typing import Any, NoReturn
 from ..errors import RunError, SetupError
 from ..names import meant
 from ..signals import handle_stop_signals
-from ..units import QUANTITY, multiples
+from ..units import QUANTITY, in_unit, multiples
 
 #: How argparse refuses a word that is none of several.
 CHOICE = re.compile(r".*invalid choice: '(?P<wrong>.*)' \(choose from (?P<names>.*)\)")
@@ -59,6 +61,11 @@ class Parser(argparse.ArgumentParser):
         } | more
         self.add_argument(name, help=text, **arguments)
 
+    def whole(self, name: str, text: str, least: int, **more: Any) -> None:
+        """An option that is a whole number."""
+        arguments: dict[str, Any] = {"type": partial(parse_whole, least), "metavar": "N"} | more
+        self.add_argument(name, help=text, **arguments)
+
     def time(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
         """An option that is a time [s]."""
         self.number(name, text, default, **{"type": parse_time, "metavar": "TIME"} | more)
@@ -74,21 +81,30 @@ def parse_number(text: str) -> float:
     if quantity is None or quantity[2]:
         other = "; start values are given with --set or --start" if "=" in text else ""
         raise argparse.ArgumentTypeError(f"{text!r} is not a number{other}")
-    return float(quantity[1])
+    if math.isnan(number := float(quantity[1])):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number")
+    return number
+
+
+def parse_whole(least: int, text: str) -> int:
+    """A whole number from `least` on that 64 bits hold; raises ArgumentTypeError for another text."""
+    if not re.fullmatch(r"[+-]?[0-9]{1,18}", text) or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number, at least {least}")
+    return int(text)
 
 
 def parse_time(text: str) -> float:
     """A time [s], which may be written with a unit: "1ms", "2 min". Raises ArgumentTypeError for others."""
-    quantity = QUANTITY.fullmatch(text)
-    if quantity is None or not quantity[2]:
+    if QUANTITY.fullmatch(text) is None:
         return parse_number(text)
-    scale = multiples("s").get(quantity[2])
-    if scale is None:
+    if math.isnan(time := in_unit(text, "s")):
         choices = ", ".join(multiples("s"))
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a time: its unit must be one of {choices}"
+            if text.strip().lower() != "nan"
+            else f"{text!r} is not a number"
         )
-    return float(quantity[1]) * scale
+    return time
 
 
 class StartAction(argparse.Action):

@@ -14,8 +14,11 @@ from ..engine.recorder import Stream
 from ..errors import SetupError
 from ..result import Result, require_writable_names
 from ..result import partial as partial_file
-from ..table_file import facts_path
+from ..table_file import facts_path, is_of_result
 from .options import require
+
+#: What files of rows may end in.
+TABLES = (".csv", ".parquet")
 
 
 def write_result(result: Result, path: Path, part: str | None) -> None:
@@ -45,15 +48,45 @@ def locked_for_writing(path: Path | None) -> Iterator[None]:
         claim.close()
 
 
+def require_separate_files(options: argparse.Namespace, parts: Iterable[Path] = ()) -> None:
+    """Raise SetupError for an output that is a file which the command reads, or the JSON file beside a table.
+
+    A JSON file that no result of this master has is nobody's to overwrite either.
+    """
+    given = {
+        name: value if isinstance(value, list) else [value] for name, value in vars(options).items()
+    }
+    outputs = [p for name in ("out", "plot") for p in given.pop(name, []) if isinstance(p, Path)]
+    read = [Path(text.partition("=")[2] or text) for text in given.pop("files", [])]
+    read += [path for values in given.values() for path in values if isinstance(path, Path)]
+    read += map(Path, parts)
+    tables = [path for path in outputs if path.suffix.lower() in TABLES]
+    beside, unfinished = [*map(facts_path, tables)], [*map(partial_file, tables)]
+    journals = [path.with_suffix(".journal") for path in unfinished]
+    for output in (*outputs, *beside, *unfinished, *map(facts_path, unfinished), *journals):
+        if not output.is_file():
+            continue
+        for path in (*read, *map(facts_path, read)):
+            if path.is_file() and path.samefile(output):
+                raise SetupError(
+                    f"{output} is read by this command and would be overwritten: write another --out"
+                )
+    for path in filter(Path.is_file, beside):
+        if not is_of_result(path):
+            raise SetupError(
+                f"{path} is no file of a result and would be overwritten: move it, or write another --out"
+            )
+
+
 def require_outputs(options: argparse.Namespace) -> None:
     """Raise SetupError, before a run, for a table or a picture that could not be written at its end."""
     require_image(options.plot)
     if options.out is not None:
         require_writable(options.out)
         require_writable_names(options.out)
-        if options.out.suffix not in (".csv", ".parquet"):
+        if options.out.suffix.lower() not in TABLES:
             raise SetupError(f"{options.out} must end in .csv or .parquet")
-        if options.out.suffix == ".parquet":
+        if options.out.suffix.lower() == ".parquet":
             require("pyarrow", f"{options.out}: Parquet")
 
 

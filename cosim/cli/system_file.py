@@ -24,6 +24,7 @@ from ..scratch import scratch
 from ..series import Series
 from ..system import (
     Network,
+    Port,
     System,
     connect,
     describe_fmu,
@@ -32,9 +33,12 @@ from ..system import (
     value_of_text,
 )
 from .options import Parser, StartAction, assignment, parse_time
+from .output import require_separate_files
 
 #: The longest step as a fraction of a run: derived from 1 + the rounding of a difference of times.
 MAX_STEP_FRACTION = 1.0 + 1e-9
+#: Commas in a name of --record, outside of brackets, at most. A convention: names of FMI may have any.
+MOST_COMMAS = 8
 FIELDS = {field.name for field in fields(RunSettings)}
 
 
@@ -109,6 +113,8 @@ class SystemFile:
             step = min(step, stop - start)
         requested = {k: value for k, value in vars(options).items() if k in FIELDS}
         requested |= {"substeps": self.substeps(options, step)}
+        if requested.get("record"):
+            requested["record"] = recorded_names(self.network, requested["record"])
         return RunSettings(**requested | {"start": start, "stop": stop, "step": step})
 
 
@@ -124,7 +130,9 @@ def open_system(options: argparse.Namespace, *, runnable: bool = True) -> Iterat
         for name, text in map(assignment, options.start_values):
             values[name] = value_of_text(network, network.port(name), text)
         system = replace(system, start={**system.start, **values})
-        network = connect(with_inputs(system, options), runnable=runnable)
+        network = connect(system, runnable=False)
+        require_separate_files(options, network.system.parts.values())
+        network = connect(with_inputs(network, options), runnable=runnable)
         for text in network.flaw_texts() if options.strict else ():
             raise SetupError(f"part {text}")
         several = len(options.files) > 1
@@ -132,19 +140,45 @@ def open_system(options: argparse.Namespace, *, runnable: bool = True) -> Iterat
         yield SystemFile(network, package, title)
 
 
-def with_inputs(system: System, options: argparse.Namespace) -> System:
-    """Return the system with the columns of --input on the inputs that --map names, and with --at."""
+def with_inputs(network: Network, options: argparse.Namespace) -> System:
+    """Return the system with --at, and with the columns of --input on the inputs that --map, or their names, say.
+
+    "NAME=>COLUMN" takes the numbers as they are, whatever their unit. Raises SetupError.
+    """
+    system = network.system
     if "input" not in options:
         return system
     columns = dict(assignment(text) for text in options.map)
-    if columns and options.input is None:
-        raise SetupError("--map needs an --input")
+    if options.input is None:
+        if columns:
+            raise SetupError("--map needs an --input")
+        return replace(system, changes=options.at)
+    columns = {k: f"{text[1:]}:" if text[:1] == ">" else text for k, text in columns.items()}
+    if not columns:
+        columns = {port.name: name for name, port in equal_names(network, options.input)}
     inputs = {name: Series.read(options.input, column) for name, column in columns.items()}
     if options.held:
         inputs = {name: table.held() for name, table in inputs.items()}
-    if options.input is not None and not inputs:
-        raise SetupError("--input needs a --map NAME=COLUMN")
     return replace(system, inputs=inputs, changes=options.at)
+
+
+def equal_names(network: Network, path: Path) -> list[tuple[str, Port]]:
+    """The columns of a file that have the name of an input, in a single part its bare name; SetupError if none has."""
+    only_part = next(iter(network.fmus)) if len(network.fmus) == 1 else ""
+    inputs = {
+        port.name: port
+        for part, fmu in network.fmus.items()
+        for port in (Port(part, v) for v in fmu.variables.values() if v.causality == "input")
+    }
+    own = {name.removeprefix(f"{only_part}."): port for name, port in inputs.items()}
+    table = Series.read(path)
+    found = [(n, (inputs | own)[n]) for n in table.names if n in inputs | own and n != table.clock]
+    if not found:
+        raise SetupError(
+            f"no column of {path} has the name of an input: give --map NAME=COLUMN; "
+            f"it has {', '.join(table.names)}"
+        )
+    return found
 
 
 def read_package(files: Sequence[str], unpack_to: Path) -> Package:
@@ -203,6 +237,20 @@ def name_list(text: str) -> list[str]:
     return [name.strip() for name in re.split(r",(?![^\[]*\])", text) if name.strip()]
 
 
+def recorded_names(network: Network, texts: Sequence[str]) -> list[str]:
+    """The names of --record; pieces with a comma between them that are one name of a variable belong together."""
+    known = {f"{part}.{name}" for part, fmu in network.fmus.items() for name in fmu.variables}
+    names: list[str] = []
+    rest = list(texts)
+    while rest:
+        longest = min(len(rest), MOST_COMMAS + 1)
+        joined = (",".join(rest[:n]) for n in range(longest, 1, -1))
+        name = next((name for name in joined if name in known), rest[0])
+        names.append(name)
+        del rest[: name.count(",") + 1 - rest[0].count(",") if name != rest[0] else 1]
+    return names
+
+
 def substep_counts(texts: Sequence[str]) -> dict[str, int]:
     """Return "motor=4" as the number of sub-steps by part."""
     counts = dict(map(assignment, texts))
@@ -257,7 +305,7 @@ def add_stepping_options(parser: Parser, *, records: bool = True) -> None:
     add = parser.add_argument
     add("--order", type=name_list, metavar="LIST", help="sequence in which the parts step: a,b,c")
     text = "polynomial order of inputs within a step"
-    add("--input-order", type=int, default=0, metavar="N", help=text)
+    parser.whole("--input-order", text, 0, default=0)
     text = "substeps of a part within a communication step"
     parser.several("--substeps", text, metavar="PART=N")
     text = "relative tolerance passed to the FMUs (default: the one that each FMU states)"
@@ -265,7 +313,8 @@ def add_stepping_options(parser: Parser, *, records: bool = True) -> None:
     text = "pass the stop time to all FMUs before the start (default: only to those that need it)"
     add("--stop-time-defined", action="store_true", help=text)
     parser.path("--input", "CSV file of inputs over time; its first column is the time [s]")
-    parser.several("--map", "input and the column of --input that drives it", metavar="NAME=COLUMN")
+    text = "input and the column of --input that drives it; NAME=>COLUMN converts no unit (default: columns that are named like inputs)"
+    parser.several("--map", text, metavar="NAME=COLUMN")
     text = "hold the values of --input until the next row instead of interpolating"
     add("--held", action="store_true", help=text)
     parser.several("--at", "change of a value during the run", metavar="'TIME NAME=VALUE'")

@@ -61,7 +61,7 @@ class Recorder:
         self._path = path
         self._stream: Stream | None = None
         if path is not None:
-            if path.suffix != ".csv" or path.is_dir():
+            if path.suffix.lower() != ".csv" or path.is_dir():
                 raise SetupError(f"csv = {path} must be a file that ends in .csv")
             require_writable_names(path)
             self._stream = Stream(partial(path))

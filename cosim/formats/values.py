@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from difflib import get_close_matches
 from pathlib import Path
 
 from ..errors import SetupError
-from ..system import READ, Network, Value
-from ..system.base_units import Unit
+from ..system import Network, Value, conversion_to, value_of_text
+from ..system.start_values import checked_start
 from ..table_file import read_cells
-from ..units import multiples
+from ..units import is_common
 from .ssp.files import Budget, load_valid
-from .ssp.parameters import Parameter, parameters_of
+from .ssp.parameters import parameters_of
 from .ssp.plan import Node, Plan
 from .ssp.units import definitions
 
@@ -26,21 +26,18 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
     part's FMU, or one of its display units. Without one, the value is in the variable's own unit. Raises
     SetupError with file and line for what is invalid, fits no variable, or is given twice.
     """
+    if path.suffix.lower() == ".csv":
+        return dict(_rows(path, network))
+    if path.suffix != ".ssv":
+        raise SetupError(f"{path} must be an .ssv or a .csv")
     plan = Plan(Budget(0))
     for name, description in network.descriptions.items():
         plan.add_element("", name)
         plan.add_fmu(name, network.fmus[name].path, description)
     root_path = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
-    parameters: Iterable[Parameter]
-    if path.suffix == ".ssv":
-        root = load_valid(path, "ssv:ParameterSet")
-        parameters = parameters_of(root, "", path.name, definitions(root, path.name)).values()
-    elif path.suffix == ".csv":
-        parameters = _rows(path, plan, root_path)
-    else:
-        raise SetupError(f"{path} must be an .ssv or a .csv")
+    root = load_valid(path, "ssv:ParameterSet")
     assigned: set[Node] = set()
-    for parameter in parameters:
+    for parameter in parameters_of(root, "", path.name, definitions(root, path.name)).values():
         nodes = _variables_named(plan, root_path, parameter.name)
         if not nodes:
             raise SetupError(f"{parameter.where} fits no variable")
@@ -56,31 +53,38 @@ def _variables_named(plan: Plan, root_path: str, name: str) -> list[Node]:
     return [*dict.fromkeys((*plan.named(root_path, name), *plan.named("", name)))]
 
 
-def _rows(path: Path, plan: Plan, root_path: str) -> Iterator[Parameter]:
-    """Rows of a CSV, in the type of what they name."""
+def _rows(path: Path, network: Network) -> Iterator[tuple[str, Value]]:
+    """Name and value of each row of a CSV, read as the command line reads them."""
     header, rows = read_cells(path)
     if lacking := [column for column in COLUMNS[:2] if column not in header]:
         raise SetupError(f"{path} has no column {lacking[0]!r}, only {', '.join(header)}")
     for k, column in enumerate(header):
         if column in COLUMNS and header.count(column) > 1:
             raise SetupError(f"{path} has two columns {column!r}")
-        texts = {row[k].strip() for row in rows if k < len(row)} - {""}
-        are_units = bool(texts) and all(len(multiples(text)) > 1 for text in texts)
+        texts = {row[k].strip() for _, row in rows if k < len(row)} - {""}
+        are_units = bool(texts) and all(map(is_common, texts))
         is_near = get_close_matches(column.lower(), COLUMNS, n=1)
         if column not in COLUMNS and (are_units or is_near):
             meant = is_near[0] if is_near else "unit"
             raise SetupError(f"{path} has a column {column!r}: {meant!r} must be spelt so")
-    for line, cells in ((line, cells) for line, cells in enumerate(rows, 2) if cells):
+    bare = f"{next(iter(network.fmus))}." if len(network.fmus) == 1 else ""
+    given: set[str] = set()
+    for line, cells in rows:
         row = dict(zip(header, map(str.strip, cells)))
         name, text, unit = (row.get(column, "") for column in COLUMNS)
         where = f"{path.name}, line {line}: parameter {name}"
-        kind = next(
-            (str(plan.variables[n].type) for n in _variables_named(plan, root_path, name)), "String"
-        )
-        if kind == "Enumeration" and text.lstrip("-").isdecimal():
-            kind = "Integer"
         try:
-            value = READ[kind](text)
-        except ValueError:
-            raise SetupError(f"{where} = {text!r} must be of type {kind}") from None
-        yield Parameter(where, name, kind, value, Unit(unit) if unit else None)
+            port = network.port(f"{bare}{name}" if bare and not name.startswith(bare) else name)
+        except SetupError as error:
+            raise SetupError(f"{where} fits no variable: {error}") from None
+        if port.name in given:
+            raise SetupError(f"{where} is given twice")
+        given.add(port.name)
+        try:
+            value = value_of_text(network, port, text)
+            if unit and isinstance(value, int | float):
+                factor, offset = conversion_to(network, port, unit, "be given")
+                value = factor * value + offset if (factor, offset) != (1.0, 0.0) else value
+            yield port.name, checked_start(network, port, value)[1]
+        except SetupError as error:
+            raise SetupError(f"{where}: {error}") from None

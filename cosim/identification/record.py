@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SetupError
-from ..series import TIME, Column, Reading, Series
+from ..series import TIME, Column, Reading, Series, rising_times
 from ..system import Network, Port, conversion_to
 from .noise import Noise, Samples, estimate_noise
 
@@ -74,13 +74,8 @@ def measured(
 
     times = np.arange(float(len(series[series.names[0]])))
     if time is not None:
-        times, reading = column("time", time, "s", gaps=False)
-        if (falls := np.flatnonzero(np.diff(times) <= 0.0)).size:
-            before, after = times[falls[0] :][:2].tolist()
-            raise SetupError(
-                f"{path}, row {falls[0] + 3}, column {reading.name}: times must rise, but "
-                f"{after!r} s follows {before!r} s"
-            )
+        times, _ = column("time", time, "s", gaps=False)
+        rising_times(times, str(path), strictly=True)
     tables = {}
     for variable, text in columns.items():
         values, reading = column(variable, text, "", gaps=gaps)

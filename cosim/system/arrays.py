@@ -82,7 +82,7 @@ class Scalars:
         """What all elements of a variable share."""
         stated = declared.attributes.get
         common = {
-            "valueReference": int(declared.reference),
+            "valueReference": whole(declared.reference),
             "type": CLASSIC_TYPES.get(declared.kind, declared.kind),
             "native": declared.kind,
             "causality": declared.causality,
@@ -186,4 +186,8 @@ def _seconds(attributes: Mapping[str, str], name: str) -> float | None:
     )
     if decimal is not None:
         return real(decimal)
-    return float(counter) / float(resolution) if counter and resolution else None
+    if not counter or not resolution:
+        return None
+    if not whole(resolution):
+        raise ValueError(f"resolution of {attributes.get('name')}: '0' must be above 0")
+    return whole(counter) / whole(resolution)

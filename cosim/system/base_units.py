@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from ..errors import SetupError
-from ..units import SCALES
+from ..units import QUANTITIES
 
 #: The base units, by the names that FMI gives their powers.
 BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -80,28 +80,11 @@ class Unit:
         return Unit(display.name, base)
 
 
-#: What the bases of `SCALES` are in SI base units.
-COMMON = {
-    "rad/s": BaseUnit(s=-1, rad=1),
-    "rad": BaseUnit(rad=1),
-    "s": BaseUnit(s=1),
-    "m": BaseUnit(m=1),
-    "m/s": BaseUnit(m=1, s=-1),
-    "kg": BaseUnit(kg=1),
-    "N": BaseUnit(kg=1, m=1, s=-2),
-    "N.m": BaseUnit(kg=1, m=2, s=-2),
-    "N/m": BaseUnit(kg=1, s=-2),
-    "J": BaseUnit(kg=1, m=2, s=-2),
-    "W": BaseUnit(kg=1, m=2, s=-3),
-    "1": BaseUnit(),
-}
-
-
 def common_unit(name: str) -> Unit:
     """The unit that people and loggers mean by a name, such as ms or rpm; not defined if it is none of these."""
-    for base, scales in SCALES.items():
+    for base, (powers, scales) in QUANTITIES.items():
         if name == base or name in scales:
-            return Unit(name, replace(COMMON[base], factor=scales.get(name, 1.0)))
+            return Unit(name, BaseUnit(**powers, factor=scales.get(name, 1.0)))
     return Unit(name)
 
 
@@ -161,7 +144,7 @@ def _agree(first: BaseUnit, second: BaseUnit) -> bool:
 
 
 def _with_common_angle(unit: Unit) -> Unit:
-    """A common unit with the power of rad that it has in `COMMON`."""
+    """A common unit with the power of rad that it has in `QUANTITIES`."""
     common = common_unit(unit.name)
     if unit.baseUnit and common.baseUnit and _agree(unit.baseUnit, common.baseUnit):
         return common

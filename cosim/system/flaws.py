@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ..names import only
-from ..numbers import real, truth
+from ..numbers import real
 from .arrays import Scalars
-from .base_units import BASES
 from .declarations import (
     INITIALS,
     REALS,
@@ -20,9 +19,7 @@ from .declarations import (
     Declarations,
     Declared,
     Element,
-    Reader,
     canonical,
-    integer,
     line_of,
     value_reader,
 )
@@ -33,147 +30,83 @@ from .start_values import broken_limits
 OUTPUTS = ("Outputs", "Output")
 DERIVATIVES = ("Derivatives", "ContinuousStateDerivative")
 INITIAL = ("InitialUnknowns", "InitialUnknown")
-#: The attributes that every variable must have.
-VARIABLE = ("name", "valueReference")
-#: How the names of abilities begin, which are true or false.
-ABILITIES = ("can", "needs", "provides", "has", "might", "completed")
-INTERFACES = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+#: What of the schema's words is said otherwise: types of values, as a reader knows them.
+VALID = re.compile(
+    r"(?P<text>'.*') is not a valid value of the (?:atomic|local atomic) type '(?P<type>[\w:]+)'\.",
+    re.DOTALL,
+)
+TYPE_WORDS = {
+    "xs:double": "a number, written as 0.5 or 1e-3", "xs:float": "a number, written as 0.5 or 1e-3", "xs:boolean": "true or false",
+    "xs:int": "a 32-bit integer", "xs:unsignedInt": "a 32-bit unsigned integer",
+    "xs:short": "a 16-bit integer", "xs:unsignedShort": "a 16-bit unsigned integer",
+    "xs:byte": "an 8-bit integer", "xs:unsignedByte": "an 8-bit unsigned integer",
+    "xs:long": "a 64-bit integer", "xs:unsignedLong": "a 64-bit unsigned integer",
+}  # fmt: skip
+#: How the schema says that an attribute is missing, and what follows its element and attribute.
+MISSING = "SCHEMAV_CVC_COMPLEX_TYPE_4"
+NO_VALUE = ("SCHEMAV_CVC_DATATYPE", "SCHEMAV_CVC_ENUMERATION", "SCHEMAV_CVC_MIN", "SCHEMAV_CVC_MAX")
+SAID = re.compile(
+    r"Element '(?P<tag>[^']*)'(?:, attribute '(?P<name>[^']*)')?: (?P<text>.*)", re.DOTALL
+)
+#: The attributes without which nothing can be read, and the elements and attributes that nothing here reads.
+NEEDED = (
+    "name",
+    "valueReference",
+    "modelIdentifier",
+    "guid",
+    "instantiationToken",
+    "index",
+    "value",
+)
+UNREAD = (
+    "File",
+    "Category",
+    "Tool",
+    "generationDateAndTime",
+    "variableNamingConvention",
+    "dependenciesKind",
+)
 
 
-def one_of(words: Iterable[str]) -> Reader:
-    """What reads one of some words, and raises ValueError for another text."""
-    known = tuple(words)
-
-    def read(text: str) -> str:
-        if text not in known:
-            raise ValueError(f"{text!r} is not known, {only(text, known)}")
-        return text
-
-    return read
-
-
-def each(reader: Reader) -> Reader:
-    """What reads several values with blanks between them; no text is none of them."""
-    return lambda text: [reader(piece) for piece in text.split()]
-
-
-def one_or_more(reader: Reader) -> Reader:
-    """What reads the start values of an array, of which there is one at least."""
-    return lambda text: [reader(piece) for piece in text.split() or [text]]
-
-
-def unsigned(text: str) -> int:
-    """A whole number of 32 bits without a sign."""
-    return integer(text, "UInt32")
-
-
-def unsigned64(text: str) -> int:
-    """A whole number of 64 bits without a sign."""
-    return integer(text, "UInt64")
-
-
-def resolution(text: str) -> int:
-    """Ticks of a clock in a second."""
-    if (number := unsigned64(text)) == 0:
-        raise ValueError("'0' must be above 0")
-    return number
-
-
-CAUSALITIES, VARIABILITIES = (one_of(dict.fromkeys(pair[n] for pair in INITIALS)) for n in (0, 1))
-#: Of elements by their path: the attributes that they must have, and what reads those that are no texts.
-ATTRIBUTES: tuple[tuple[str, tuple[str, ...], Mapping[str, Reader]], ...] = (
-    (".", (), {"numberOfEventIndicators": unsigned}),
-    ("CoSimulation", ("modelIdentifier",), {"maxOutputDerivativeOrder": unsigned, "fixedInternalStepSize": real}),
-    ("ModelExchange", ("modelIdentifier",), {}),
-    ("UnitDefinitions/Unit", ("name",), {}),
-    ("UnitDefinitions/Unit/BaseUnit", (), dict.fromkeys(BASES, lambda text: integer(text, "Int32"))),
-    ("UnitDefinitions/Unit/*", (), {"factor": real, "offset": real}),
-    ("UnitDefinitions/Unit/DisplayUnit", ("name",), {"inverse": truth}),
-    ("DefaultExperiment", (), dict.fromkeys(("startTime", "stopTime", "stepSize", "tolerance"), real)),
-    ("ModelVariables/*/Dimension", (), {"start": unsigned64, "valueReference": unsigned64}),
-    ("ModelVariables/*/Alias", ("name",), {}),
-)  # fmt: skip
-#: What reads the attributes of any variable and of any type.
-OF_ANY_KIND: dict[str, Reader] = {
-    "valueReference": unsigned,
-    "causality": CAUSALITIES,
-    "variability": VARIABILITIES,
-    "initial": one_of(("exact", "approx", "calculated")),
-    "previous": unsigned,
-    **dict.fromkeys(("intermediateUpdate", "canHandleMultipleSetPerTimeInstant"), truth),
-    **dict.fromkeys(("intervalDecimal", "shiftDecimal"), real),
-    **dict.fromkeys(("intervalCounter", "shiftCounter"), unsigned64),
-    "resolution": resolution,
-    "derivative": unsigned,
-    "nominal": real,
-    **dict.fromkeys(("relativeQuantity", "unbounded", "reinit"), truth),
-}
-
-
-@cache
-def attribute_readers(kind: str, version: str) -> Mapping[str, Reader]:
-    """What reads the attributes of a variable or a type of this kind, so far as they are no texts."""
-    readers = dict(OF_ANY_KIND)
-    if (own := value_reader(kind, version)) is not None:
-        readers |= {} if kind == "Boolean" else {"min": own, "max": own}
-        readers["start"] = one_or_more(own) if version == "3.0" else own
-    return readers
-
-
-def unreadable(declarations: Declarations) -> Iterator[str]:
-    """What is missing, is none of its type by XML Schema and FMI, or refers to nothing, each with its line."""
-    version = declarations.version
-    for element, required, readers in _elements(declarations):
-        owner = element
+def schema_findings(root: Element, schema: Any) -> Iterator[tuple[str, bool]]:
+    """What the schema forbids, with its lines, and whether the description can then not be read."""
+    if schema.validate(root):
+        return
+    for error in schema.error_log:
+        said = SAID.fullmatch(error.message)
+        tag, name, text = said.groups() if said else ("", None, error.message)
+        quoted = re.search(r"'(\w+)' is required", text) if error.type_name == MISSING else None
+        is_missing = quoted is not None and quoted[1] in NEEDED
+        is_hard = is_missing or error.type_name.startswith(NO_VALUE)
+        if not is_hard or tag in UNREAD or name in UNREAD:
+            yield f"line {error.line}: {error.message}", False
+            continue
+        owner = next(iter(root.xpath(error.path)), None)
         while owner is not None and not owner.get("name"):
             owner = owner.getparent()
         of = "" if owner is None else f" of {owner.get('name')}"
-        for text in _unreadable_attributes(element.attrib, required, readers, of):
-            yield f"{line_of(element)}: {text}"
+        if quoted is not None:
+            yield f"line {error.line}: there is no {quoted[1]}{of}, which {tag} must have", True
+            continue
+        if (value := VALID.fullmatch(text)) and value["type"] in TYPE_WORDS:
+            text = f"{value['text']} is not {TYPE_WORDS[value['type']]}"
+        yield f"line {error.line}: {name or tag}{of}: {text}", True
+
+
+def unreadable(declarations: Declarations) -> Iterator[str]:
+    """What the schema lets pass and cannot be read: numbers too large for their type, and references to nothing."""
     for v in declarations.variables:
-        readers = attribute_readers(v.kind, version)
-        for text in _unreadable_attributes(v.attributes, VARIABLE, readers, f" of {v.name}"):
-            yield f"{v.where}: {text}"
-    token = "instantiationToken" if declarations.is_fmi3 else "guid"
-    if declarations.root.get(token) is None:
-        yield f"{line_of(declarations.root)}: there is no {token}, which every instance is given"
-    yield from _references_to_nothing(declarations)
-
-
-def _unreadable_attributes(
-    attributes: Mapping[str, str], required: tuple[str, ...], readers: Mapping[str, Reader], of: str
-) -> Iterator[str]:
-    """The attributes that are missing, and those that their readers do not read; `of` says whose they are."""
-    for name in required:
-        if name not in attributes:
-            yield f"there is no {name}{of}"
-    for name, text in attributes.items():
-        if (reader := readers.get(name)) is not None:
+        reader = value_reader(v.kind, declarations.version)
+        for name in ("start", "min", "max"):
+            text = v.attributes.get(name)
+            if text is None or reader is None or (name != "start" and v.kind == "Boolean"):
+                continue
             try:
-                reader(text)
+                for piece in text.split() or [text] if declarations.is_fmi3 else [text]:
+                    reader(piece)
             except ValueError as error:
-                yield f"{name}{of}: {error}"
-
-
-def _elements(
-    declarations: Declarations,
-) -> Iterator[tuple[Element, tuple[str, ...], Mapping[str, Reader]]]:
-    """Elements but those of variables, with the attributes that they must have and what reads those that are no texts."""
-    root, version, what = declarations.root, declarations.version, declarations.reference
-    for path, required, readers in ATTRIBUTES:
-        yield from ((element, required, readers) for element in root.iterfind(path))
-    for element in (e for tag in INTERFACES for e in root.iterfind(tag)):
-        abilities = [str(name) for name in element.attrib if name.startswith(ABILITIES)]
-        yield element, (), dict.fromkeys(abilities, truth)
-    values: dict[str, Reader] = {"value": value_reader("Enumeration", version) or str}
-    for item in root.iterfind("TypeDefinitions//Item"):
-        yield item, ("name", "value"), values
-    for element in declarations.type_elements:
-        yield element, ("name",), {}
-    for content in declarations.types.values():
-        yield content, (), attribute_readers(type_kind(content), version)
-    for _, element in declarations.structure_entries():
-        yield element, (what,), {what: unsigned, "dependencies": each(unsigned)}
+                yield f"{v.where}: {name} of {v.name}: {error}"
+    yield from _references_to_nothing(declarations)
 
 
 def type_kind(content: Element) -> str:

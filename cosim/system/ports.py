@@ -23,6 +23,8 @@ KINDS = {
     "String": Kind.TEXT,
     "Binary": Kind.TEXT,
 }
+#: What a table is to do that is mapped to an input.
+FOLLOW_A_TABLE = "follow a table"
 #: Flaws of a part that are named in one line. A convention: a line that one reads.
 MOST_FLAWS = 3
 
@@ -156,7 +158,10 @@ def conversion_to(catalog: Catalog, port: Port, unit: str, purpose: str) -> tupl
     if unit in ("", port.unit):
         return 1.0, 0.0
     if not port.unit:
-        raise SetupError(f"{port} cannot {purpose} in {unit}: its FMU states no unit; leave it out")
+        way = f", or write {port.name}=>COLUMN" if purpose == FOLLOW_A_TABLE else ""
+        raise SetupError(
+            f"{port} cannot {purpose} in {unit}: its FMU states no unit; leave it out{way}"
+        )
     target = catalog.unit(port)
     try:
         for display in target.displayUnits:

@@ -8,15 +8,12 @@ from functools import wraps
 
 from ..errors import SetupError
 from ..series import Kind, Series
-from ..table_file import is_empty, number_of
+from ..table_file import is_empty
 from .description import Value, declared_start
 from .inputs import FunctionInput, TableInput, parse_change
-from .ports import Catalog, Port, conversion_to, is_continuous_input
-from .start_values import checked_start, value_of_text
+from .ports import FOLLOW_A_TABLE, Catalog, Port, conversion_to, is_continuous_input
+from .start_values import checked_start, literal, value_of_text
 from .wires import Name
-
-#: Truth values as texts of a table.
-FALSE_TRUE_TEXTS = {"true": True, "false": False}
 
 
 def checked_profile(
@@ -29,9 +26,11 @@ def checked_profile(
             raise SetupError(f"{port} cannot follow a function of time; only a Real input can")
         return port, FunctionInput(_numbers_of(port, profile))
     column = profile.signal
-    factor, offset = conversion_to(catalog, port, column.unit, "follow a table")
+    factor, offset = conversion_to(catalog, port, column.unit, FOLLOW_A_TABLE)
     try:
-        times, values = _times(profile), _parsed_cells(port, profile)
+        times, values = profile.t.tolist(), _parsed_cells(port, profile)
+        if not times:
+            raise SetupError(f"{profile.label} has no rows")
     except SetupError as error:
         raise SetupError(f"{port.name}: {error}") from error
     if (factor, offset) != (1.0, 0.0):
@@ -65,19 +64,6 @@ def _fitting(
     return [float(value) for value in values] if moving else [fitting[value] for value in values]
 
 
-def _times(table: Series) -> list[float]:
-    """The times of a table [s]; raises SetupError for those that fall, and if there are none."""
-    times: list[float] = table.t.tolist()
-    if not times:
-        raise SetupError(f"{table.label} has no rows")
-    for before, t in zip([-math.inf, *times], times):
-        if not before <= t < math.inf:
-            raise SetupError(
-                f"{table.label}: time {t!r} s after {before!r} s must be finite and not fall"
-            )
-    return times
-
-
 def _parsed_cells(port: Port, table: Series) -> list[Value]:
     """The values of a table for a port, of which texts may be truth values and numbers; raises SetupError."""
     if port.type == "Real" and table.signal.kind is not Kind.BOOLEAN:
@@ -85,11 +71,7 @@ def _parsed_cells(port: Port, table: Series) -> list[Value]:
     cells = ["" if is_empty(cell) else cell for cell in table[table.signal.name].tolist()]
     if port.type in ("String", "Binary"):
         return cells
-    numbers = [number_of(cell) if isinstance(cell, str) else math.nan for cell in cells]
-    return [
-        FALSE_TRUE_TEXTS.get(cell, cell) if math.isnan(number) else number
-        for cell, number in zip(cells, numbers)
-    ]
+    return [literal(cell) if isinstance(cell, str) else cell for cell in cells]
 
 
 def _numbers_of(port: Port, function: Callable[[float], float]) -> Callable[[float], float]:

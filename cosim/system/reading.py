@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from functools import cache, lru_cache
 from pathlib import Path
@@ -29,7 +29,7 @@ from .description import (
     Variable,
     is_positive,
 )
-from .flaws import forbidden, unreadable, wrong_starts
+from .flaws import forbidden, schema_findings, unreadable, wrong_starts
 
 #: The file of an FMU that describes it, by FMI.
 XML = "modelDescription.xml"
@@ -104,11 +104,15 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     if (version := root.get("fmiVersion")) not in VERSIONS:
         stated = f"is FMI {version}" if version else f"has a {XML} without fmiVersion"
         raise SetupError(f"{stated}; {WANTED}")
+    findings = list(schema_findings(root, _schema(version)))
     declarations = Declarations(root)
-    for text in unreadable(declarations):
+    for text in (*(text for text, is_hard in findings if is_hard), *unreadable(declarations)):
         raise SetupError(f"is not a valid FMU: {XML}, {text}")
-    scalars = Scalars(declarations)
-    description = _description(declarations, scalars)
+    try:
+        scalars = Scalars(declarations)
+        description = _description(declarations, scalars)
+    except ValueError as error:  # behind what the schema does not know it checks nothing
+        raise SetupError(f"is not a valid FMU: {XML}: {error}") from error
     variables: dict[str, Variable] = {}
     for variable in scalars.variables:
         if variables.setdefault(variable.name, variable) is not variable:
@@ -120,7 +124,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     units = {unit.name: unit for unit in reversed(description.unitDefinitions)}
     terminals, wrong = _terminals(path) if TERMINALS in files else ({}, [])
     starts = dict(wrong_starts(declarations, scalars))
-    flaws = [f"{XML} is not valid: {text}" for text in _schema_flaws(root, version)]
+    flaws = [f"{XML} is not valid: {text}" for text, _ in findings]
     flaws += [f"{XML}, {text}" for text in (*forbidden(declarations), *starts.values())]
     return Fmu(
         path,
@@ -174,13 +178,6 @@ def _schema(version: str) -> Any:
     name = f"fmi{version[0]}"
     folder = Path(fmpy.__file__).with_name("schema") / name
     return etree.XMLSchema(file=str(folder / f"{name}ModelDescription.xsd"))
-
-
-def _schema_flaws(root: Element, version: str) -> Iterator[str]:
-    """What the schema of a version of FMI forbids, with its lines."""
-    schema = _schema(version)
-    if not schema.validate(root):
-        yield from (f"line {error.line}: {error.message}" for error in schema.error_log)
 
 
 def _description(declarations: Declarations, scalars: Scalars) -> ModelDescription:

@@ -21,10 +21,15 @@ NATIVE_INTEGERS = {"Integer": "Int32", "Enumeration": "Int64"}
 SINGLE = (2.0 - 2.0**-23) * 2.0**127
 
 
-def value_of_text(catalog: Catalog, port: Port, text: str) -> Value:
-    """The value that a text of the command line gives a variable, that of a Real in any unit that fits.
+#: Truth values as people and Python write them, beside the 0 and 1 of XML.
+TRUTHS = {"true": True, "false": False, "True": True, "False": False}
 
-    Raises SetupError for a unit that does not fit; a text that is no value of its type is left as it is.
+
+def value_of_text(catalog: Catalog, port: Port, text: str) -> Value:
+    """The one reader of values as texts: that of a Real in any unit that fits, "12mm", "0.9 MN/m", "420rpm".
+
+    The command line, cells of tables, Python and studies read alike. Raises SetupError for a unit that does not fit;
+    a text that is no value of its type is left as it is.
     """
     if port.type in ("String", "Binary"):
         return text
@@ -37,8 +42,8 @@ def value_of_text(catalog: Catalog, port: Port, text: str) -> Value:
 
 def literal(text: str) -> Value:
     """A number or truth value where it is one, else the text."""
-    if text in ("true", "false"):
-        return text == "true"
+    if (text := text.strip()) in TRUTHS:
+        return TRUTHS[text]
     with suppress(ValueError):
         return whole(text)
     quantity = QUANTITY.fullmatch(text)
@@ -71,12 +76,9 @@ def checked_start(catalog: Catalog, port: Port, value: Value) -> tuple[Port, Val
 def _checked_number(catalog: Catalog, port: Port, value: Value) -> Value:
     """A number in the type of its port; raises SetupError for one that it cannot have, with what to write."""
     items = enumeration(port.variable)
-    if isinstance(value, str) and value not in items:
-        number = value_of_text(catalog, port, value)
-        if not isinstance(number, str):
-            raise SetupError(f"{port} = {value!r} must be of type {port.type}: write {number!r}")
+    if isinstance(value, str):
+        value = items[value] if value in items else value_of_text(catalog, port, value)
     try:
-        value = items.get(value, value) if isinstance(value, str) else value
         number = NUMERIC[port.type](value)
     except (TypeError, ValueError, OverflowError):
         expected = f"one of {', '.join(items)}" if items else f"of type {port.type}"
@@ -98,6 +100,9 @@ def broken_limits(variable: Variable, number: float) -> Iterator[str]:
     """What a number must be that a variable may have, as far as it is not: "at least 1.0", "one of 1 (low), 2 (high)"."""
     if variable.native == "Float32" and math.isinf(ctypes.c_float(number).value):
         yield f"a 32-bit floating-point number, at most {SINGLE:.7g}"
+    if math.isnan(number):
+        yield "a number"
+        return
     if variable.type == "Boolean":
         if number not in (0, 1):
             yield "true or false"

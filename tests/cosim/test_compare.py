@@ -148,7 +148,7 @@ def test_nothing_is_compared_in_a_gap_and_that_is_stated() -> None:
         ({"x": np.where(T == 2.0, np.inf, 0.0)}, {}, "row 202, column x: 'inf' is not a finite number"),
         ({"x": ["jam"] * len(T)}, {}, "row 2, column x: 'jam' is not a number"),
         ({"t": T + 20.0}, {}, "from 0 to 10 s and the reference from 20 to 30 s have fewer than two rows to compare"),
-        ({"t": 1.0 - T}, {}, "time 0.99 s after 1.0 s must not fall"),
+        ({"t": 1.0 - T}, {}, "time 0.99 s after 1.0 s must be finite and not fall"),
         ({"x": saw(T)}, {"value": -0.1}, "the tolerance in value = -0.1 must be a finite number"),
         ({"x": saw(T)}, {"time": np.inf}, "the tolerance in time = inf must be a finite number"),
         ({"x": saw(T)}, {"gap": 0.0}, "gap = 0.0 s must be above 0"),

@@ -252,7 +252,7 @@ def test_an_array_with_too_many_elements_is_named(
         (('name="h"', f'name="{11_000_000 * "h"}"'), "limit exceeded, try XML_PARSE_HUGE, line 1"),
         (('stepSize="[^"]*"', 'stepSize="ten"'), "modelDescription.xml, line 8: stepSize: 'ten' is not a number"),
         ((r"(?s)<ModelVariables>.*</ModelVariables>", ""), "is not a valid FMU: modelDescription.xml"),
-        ((r'valueReference="\d+"', 'valueReference="-"'), "valueReference of Float32_ins: '-' is not a whole number"),
+        ((r'valueReference="\d+"', 'valueReference="-"'), "valueReference of time: '-' is not a 32-bit unsigned integer"),
     ],
 )  # fmt: skip
 def test_a_malformed_description_is_refused_with_a_sentence(

@@ -91,7 +91,7 @@ def test_an_error_of_a_record_is_a_line_with_file_row_and_column(tmp_path: Path)
     w = {"conveyor.w": "n:rpm"}
     refused(
         "t,n\n0,1\n2,1\n1,1\n",
-        "log.csv, row 4, column t: times must rise, but 1.0 s follows 2.0 s",
+        "log.csv, row 4: time 1.0 s after 2.0 s must rise",
         w,
     )
     refused("t,n\n0,1\n1,nan\n", "log.csv, row 3, column n: 'nan' is not a finite number", w)

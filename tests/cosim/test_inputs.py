@@ -351,7 +351,7 @@ def test_the_command_line_feeds_a_system_of_any_format(
     assert "has no column 'torque', only t, speed" in command_output(
         *arguments, "--map", "motor.w=torque", code=2
     )
-    assert "--input needs a --map" in command_output(*arguments, code=2)
+    assert "has the name of an input: give --map NAME=COLUMN" in command_output(*arguments, code=2)
 
 
 def test_the_command_line_makes_changes(tmp_path: Path, command_output: CommandOutput) -> None:
@@ -430,10 +430,19 @@ BAD_FILES = {
     "no set": ("<x/>", "set.ssv, line 1: the element must be ParameterSet, not x"),
     "no column": ("name,amount\nT,1\n", "has no column 'value', only name, amount"),
     "row": ("name,value\nT,1\nX,1\n", "set.csv, line 3: parameter X fits no variable"),
-    "row type": ("name,value\nT,fast\n", "line 2: parameter T = 'fast' must be of type Real"),
-    "row unit": ("name,value,unit\nT,1,N.m\n", "line 2: parameter T: N.m cannot be converted to s"),
+    "row type": (
+        "name,value\nT,fast\n",
+        "line 2: parameter T: DriveMotor.T [s] = 'fast' must be of type Real",
+    ),
+    "row unit": (
+        "name,value,unit\nT,1,N.m\n",
+        "line 2: parameter T: DriveMotor.T [s] cannot be given in N.m: N.m cannot be converted to s",
+    ),
     "row item": ("name,value\ncharacteristic,round\n", "'round' must be one of linear, kloss"),
-    "short row": ("name,value\nT\n", "line 2: parameter T = '' must be of type Real"),
+    "short row": (
+        "name,value\nT\n",
+        "line 2: parameter T: DriveMotor.T [s] = '' must be of type Real",
+    ),
     "no text": ("\0\1", "has no column 'name'"),
     "suffix": ("T = 1", "set.txt must be an .ssv or a .csv"),
     "missing": (None, "No such file or directory"),

@@ -748,7 +748,7 @@ def test_a_column_without_numbers_is_no_column_that_agrees(
         ("heading.csv", b"time,motor.tau\n", "needs two rows"),
         ("not.mat", b"nothing", "cannot be read"),
         ("untimed.csv", b"motor.tau,conveyor.w\n2,40\n1,41\n", "no column is called time"),
-        ("falls.csv", b"time,motor.tau\n0,8\n1,9\n0.5,8\n", "must not fall"),
+        ("falls.csv", b"time,motor.tau\n0,8\n1,9\n0.5,8\n", "must be finite and not fall"),
         ("unit.csv", b"time,motor.tau [furlong]\n0,8\n1,9\n", "in furlong"),
         ("names.csv", b"time,torque\n0,8\n1,9\n", "--map NAME=COLUMN"),
     ],

@@ -137,7 +137,14 @@ def test_cases_come_from_a_file_or_are_drawn(
         (["--sample", "3", "--vary", "motor.A=1,2"], "--vary and --sample cannot be used together"),
         (["--table", "missing.csv"], "missing.csv cannot be read as a table"),
         (["--vary", "motor.A=1,2", "--out", "x.txt"], "x.txt must end in .csv or .parquet"),
-        (["--vary", "motor.A=1,2", "--jobs", "0"], "--jobs 0 must be at least 1"),
+        (
+            ["--vary", "motor.A=1,2", "--jobs", "0"],
+            "--jobs: '0' must be a whole number, at least 1",
+        ),
+        (
+            ["--sample", "3", "--within", "motor.A=1..2", "--seed", "-1"],
+            "--seed: '-1' must be a whole number, at least 0",
+        ),
         (["--vary", "motor.characteristic=linear,foo"], "must be one of linear, kloss"),
         (["--vary", "motor.A"], "'motor.A' must read NAME=VALUE"),
     ],

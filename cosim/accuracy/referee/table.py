@@ -18,7 +18,7 @@ import numpy as np
 
 from ...errors import SetupError
 from ...result import Result
-from ...series import TIME, Reading, Series
+from ...series import TIME, Reading, Series, rising_times
 from ...system import Network, Port, conversion_to
 from ...table_file import TIMES
 from ...units import multiples
@@ -68,9 +68,7 @@ def read_foreign(source: Source) -> Series:
         if not finite[: np.flatnonzero(finite).max(initial=0)].all():
             raise SetupError(f"{label}: row {np.argmin(finite) + 1} below the heading has no time")
         time = time[finite]
-        if (falls := np.flatnonzero(np.diff(time) < 0.0)).size:
-            before, after = time[falls[0] :][:2].tolist()
-            raise SetupError(f"{label}: time {after!r} s after {before!r} s must not fall")
+        rising_times(time, label)
         rows = np.append(np.diff(time) > 0.0, True)
         if np.count_nonzero(rows) <= 1 or len(whole.columns) <= 1:
             raise SetupError(f"{label} needs two rows with a time and values")

@@ -16,7 +16,7 @@ from ..output import (
     print_written_files,
     require_outputs,
 )
-from ..system_file import add_shared_options, add_system_options, open_system
+from ..system_file import add_shared_options, add_system_options, open_system, recorded_names
 
 SUMMARY = "Compute the true errors of a run by model exchange."
 
@@ -26,8 +26,9 @@ def execute(options: argparse.Namespace) -> int:
     folders = new_folders(options)
     require_outputs(options)
     rows: list[tuple[str, ...]]
-    how = {"record": options.record, "method": options.method, "timeout": options.timeout}
     with open_system(options) as file, quiet():
+        record = options.record and recorded_names(file.network, options.record)
+        how = {"record": record, "method": options.method, "timeout": options.timeout}
         descriptions = file.network.descriptions.items()
         if not_stepped := [name for name, d in descriptions if d.coSimulation is None]:
             start, stop = file.times(options)

@@ -71,7 +71,9 @@ def _run_and_write(
     """Run with a progress bar; a run that breaks off leaves the rows that it has."""
     from ...progress import bar  # rich takes longer to import than `--help`
 
-    is_streamed = options.out is not None and options.part is None and options.out.suffix == ".csv"
+    is_streamed = (
+        options.out is not None and options.part is None and options.out.suffix.lower() == ".csv"
+    )
     path_at_end = None if is_streamed else options.out
     if is_streamed:
         arguments["csv"] = options.out

@@ -68,8 +68,6 @@ def execute(options: argparse.Namespace) -> int:
                 f"there are {', '.join(METRICS)}"
             )
         require_outputs(options)
-        if options.jobs < 1:
-            raise SetupError(f"--jobs {options.jobs} must be at least 1")
         if not options.timeout > 0.0:
             raise SetupError(f"--timeout {options.timeout:g} s must be above 0")
         settings = vars(file.settings(options)) | {"record": None}
@@ -116,8 +114,8 @@ def cases_of(options: argparse.Namespace, network: Network) -> Mapping[str, Sequ
     if options.table:
         return _table(options.table, network)
     if options.sample:
-        if options.sample < 1 or not options.within:
-            raise SetupError("--sample needs a number of at least 1, and --within NAME=a..b")
+        if not options.within:
+            raise SetupError("--sample needs --within NAME=a..b")
         _require_few_runs(options.sample)
         bounds = _distinct([_bounds(text, network) for text in options.within])
         return sample(bounds, options.sample, options.seed)
@@ -204,13 +202,12 @@ def _table(path: Path, network: Network) -> dict[str, list[Value]]:
     head, rows = read_cells(path)
     names, units = zip(*map(split_heading, head))
     columns = _distinct([(network.port(name).name, []) for name in names])
-    for line, row in enumerate(rows, 2):
+    for line, row in rows:
         if len(row) != len(names):
             raise SetupError(f"{path}, line {line}: {len(row)} cells under {len(names)} names")
         for name, unit, cell in zip(columns, units, row):
-            columns[name].append(
-                value_of_text(network, network.port(name), f"{cell.strip()}{unit}")
-            )
+            text = f"{cell.strip()}{unit}" if cell.strip() else ""
+            columns[name].append(value_of_text(network, network.port(name), text))
     if not rows:
         raise SetupError(f"{path} has no row below its header")
     return columns
@@ -292,10 +289,10 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--together", action="store_true", help=text)
     parser.path("--table", "cases: a .csv whose header names start values, one row per run")
     text = "draw this many cases from the space within --within"
-    parser.add_argument("--sample", type=int, metavar="N", help=text)
+    parser.whole("--sample", text, 1)
     parser.several("--within", "bounds of a start value for --sample", metavar="NAME=a..b")
     text = "seed of --sample"
-    parser.add_argument("--seed", type=int, metavar="N", default=0, help=text)
+    parser.whole("--seed", text, 0, default=0)
     text = "figure of each run, as largest:motor.tau or mean:motor.tau@0.5..2"
     parser.several("--figure", text, metavar="KIND:COLUMN")
     text = "also run with smaller steps and give every figure with its error"
@@ -304,6 +301,6 @@ def add_options(parser: Parser) -> None:
     parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units")
     parser.path("--plot", "picture of each figure over each varied value")
     text = "runs at a time"
-    parser.add_argument("--jobs", type=int, metavar="N", default=available_cores(), help=text)
+    parser.whole("--jobs", text, 1, default=available_cores())
     text = "longest wall-clock time of a step [s] (default: no limit)"
     parser.time("--timeout", text, math.inf)
