@@ -1,23 +1,21 @@
-"""How often a stated error holds the true one.
+"""How often a stated error holds the true one: of systems whose solution is exact, and of machines by the oracle.
 
-Coupled systems whose solution is known, linear ones by the matrix exponential, nonlinear ones by
-DOP853 at 1e-12, and the machines of the scenarios by the oracle, are certified with three algorithms
-and five steps each. The truth is that of continuous time. Shown are the figures that were stated and refused, the share of those stated that
-lie within their error, the worst ratio of true to stated error, and how wide the errors are. The exit status is 1
-if too few of them hold, or if a synthetic case does not keep what it promises.
+Drawn systems of each kind of `certify_draws` are certified with one of all algorithms, with fixed or adaptive steps;
+one kind are members of a certified sweep, one nonlinear systems without events, whose FMUs keep no state, with five steps
+each, one the machines of the scenarios, whose truth is that of the oracle, and one synthetic runs, which say beforehand
+what of them can be determined. The truth is that of continuous time.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import tempfile
-from collections import defaultdict
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,15 +27,18 @@ from scipy.optimize import brentq, minimize_scalar
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from benchmarks.certify_cases import Case, relaxing_pair, state_at, synthetic_cases
+from benchmarks.certify_cases import Case, state_at, synthetic_cases
+from benchmarks.certify_draws import KINDS, Drawn, draw
+from benchmarks.coverage import Demand, Stated, Study, Trial, main
 from cosim import (
     Adaptive,
     Result,
-    Series,
     SimulationError,
     System,
+    certify,
     oracle,
     quiet,
+    sweep,
 )
 from cosim.accuracy.certify import estimates_of
 from cosim.accuracy.nested import nested_runs
@@ -68,10 +69,6 @@ FMUS = ROOT / "fmus"
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 #: Step sizes of a case, each half as long as the one before: a convention, which limits the time of a run.
 HALVINGS = 5
-#: Machines that are run with adaptive steps, too, beside all conveyors, and the tolerances. Chosen: a run has some hundred
-#: steps; those of algorithms of order 1 are in proportion to the tolerance, and below 1 us for a conveyor at 1e-4.
-ADAPTIVE = ("conveyor", "iron from rest", "exciter", "masses with play")
-TOLERANCES = (1e-2, 1e-3, 1e-4)
 #: Times at which a known solution is computed: a convention, odd as Simpson's rule demands.
 FINE = 20001
 #: Rows of a reference solution: a convention, whose spacing limits how exactly the time of an event is known.
@@ -91,14 +88,10 @@ CROSSING_ACCURACY = 1e-14
 #: Level whose crossing is timed, over the range from the least to the largest value: a convention, off the middle,
 #: at which many motions have a symmetry.
 CROSSED_LEVEL = 0.6
-#: Least ratio of true to stated error in the table: a convention, which keeps exact figures from a division by zero.
-LEAST_RATIO = 1e-9
 #: By kind the largest share of errors stated that may not hold, and the largest ratio of true to stated error.
-DEMANDS = {"relaxing pairs": (0.02, 3.0), "synthetic": (0.005, 2.0), "hidden impacts": (0.005, 2.0)}
+DEMANDS = {"synthetic": (0.005, 2.0), "hidden impacts": (0.005, 2.0)}
 #: The same of the others.
 DEMAND = (0.005, math.inf)
-#: Draws of a relaxing pair: eight have some four thousand figures.
-PAIRS = 8
 #: Largest share that may be refused of what can be determined.
 MOST_REFUSED = 0.05
 #: Figures of a column and a level: as a metric, and of rows as one writes them who does not think of them.
@@ -278,7 +271,7 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
             [TIME, *map(Column, columns)], {"convergence_order": order}, dense.T.__getitem__
         )
 
-    return Case(linear.couple(units, FMUS / "LinearSystem.fmu"), stop, step, exact, runner)
+    return Case(System({}), stop, step, exact, runner)
 
 
 def machines(
@@ -410,12 +403,17 @@ class Verdict(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """True over stated error; the truth itself is known to TRUTH_ERROR of the largest value, when a discrete
-        column changes to half the distance of the oracle's rows.
-        """
+        """True over stated error, beyond that of the truth."""
         assert self.error is not None
-        truth_error = 0.5 / (REFERENCE_ROWS - 1) if self.figure == "event" else TRUTH_ERROR
-        return max(0.0, abs(self.value - self.true) - truth_error * self.size) / self.error
+        return max(0.0, abs(self.value - self.true) - self.truth_error) / self.error
+
+    @property
+    def truth_error(self) -> float:
+        """The truth is known to TRUTH_ERROR of the largest value, when a discrete column changes to half the distance of
+        the oracle's rows.
+        """
+        share = 0.5 / (REFERENCE_ROWS - 1) if self.figure == "event" else TRUTH_ERROR
+        return share * self.size
 
 
 def judged(
@@ -443,10 +441,10 @@ def judged(
         }  # fmt: skip
         try:
             with nested_runs(case.system, h, case.runner, settings) as runs:
-                estimates = estimates_of(metrics, runs, case.system)
+                estimates = estimates_of(metrics, runs)
                 for column, true in truths.items():
                     of_rows = partial(_by_rows, column, true["level"])
-                    estimates |= estimates_of(of_rows, runs, case.system)
+                    estimates |= estimates_of(of_rows, runs)
         except SimulationError as error:  # a step beyond the limit of stability
             print(name, algorithm, h, error, file=sys.stderr)
             continue
@@ -482,53 +480,6 @@ def complaints(kind: str, verdicts: Sequence[Verdict]) -> Iterator[str]:
         yield f"{np.mean(refused):.1%} refused of what can be determined, {kind}"
 
 
-def driven_lags(
-    draw: Callable[[float, float], float],
-    half: Path,
-    levels: Mapping[float, float],
-    profile: Any = None,
-) -> Case:
-    """Two lags that feed each other, and an input over time: levels from times [s] on, or a profile which is as good as these."""
-    first, second = draw(0.05, 0.2), draw(0.1, 0.4)
-    wires = ["b.x1 -> a.u1", "a.x1 -> b.u1"]
-    start = {"a.f1": f"(u2 - u1 - x1) / {first}", "b.f1": f"(u1 - x1) / {second}", "b.u2": 0.0}
-    times, y = [*levels, 1.0], np.zeros(2)
-    profile = profile or Series.of(
-        {"t": np.repeat(times, 2)[1:-1], "u": np.repeat([*levels.values()], 2)}
-    )
-    system = System({"a": half, "b": half}, wires, start, inputs={"a.u2": profile})
-    pieces = []
-    for k, u in enumerate(levels.values()):
-        rates = lambda _, y, u=u: [(u - y[1] - y[0]) / first, (y[0] - y[1]) / second]
-        pieces.append(solution_over_time(rates, y, times[k + 1], times[k]))
-        y = pieces[-1](times[k + 1])
-
-    def exact(k: int, t: Any) -> Any:
-        at = np.searchsorted(times[1:-1], np.asarray(t, dtype=float), side="right")
-        return np.select([at == n for n in range(len(pieces))], [piece(t)[k] for piece in pieces])
-
-    return Case(system, 1.0, 0.02, {"a.x1": partial(exact, 0), "b.x1": partial(exact, 1)})
-
-
-def inputs_over_time(seed: int, half: Path) -> Iterator[tuple[str, str, Case]]:
-    """Inputs that jump at points of all runs, and inside their steps; and some that change within the finest step.
-
-    A pulse of about a step is half resolved: the means of the steps show it, but not when it is.
-    """
-    draw = uniform_sampler(seed)
-    for name, share in (("at all points", 0.0), ("inside steps", draw(0.1, 0.9))):
-        at = (round(draw(10.0, 30.0)) + share) * 0.02
-        levels = {0.0: draw(-0.5, 0.5), at: draw(1.0, 2.0)}
-        yield "known jumps", f"jump {name}", driven_lags(draw, half, levels)
-    period = 0.02 / 2 ** (HALVINGS + 1)
-    swing = lambda t: 0.3 + math.cos(2.0 * math.pi * t / period)
-    yield "inputs within the step", "cosine", driven_lags(draw, half, {0.0: 0.3}, swing)
-    for kind, shares in (("inputs within the step", (1e-3, 1e-2)), ("half resolved", (0.5, 3.0))):
-        begin = draw(0.3, 0.6)
-        levels = {0.0: 0.0, begin: 1e3, begin + draw(*shares) * period: 0.0}
-        yield kind, f"pulse, {kind}", driven_lags(draw, half, levels)
-
-
 def cases(seed: int, half: Path) -> Iterator[tuple[str, Case]]:
     """Systems whose solution is known, with parameters drawn by a seed."""
     draw = uniform_sampler(seed)
@@ -544,73 +495,103 @@ def uniform_sampler(seed: int) -> Callable[[float, float], float]:
     return lambda low, high: float(random.uniform(low, high)) if seed else (low + high) / 2
 
 
-def table(verdicts: Sequence[Verdict], key: Callable[[Verdict], str]) -> Iterator[str]:
-    """A line per group."""
-    groups = defaultdict(list)
-    for v in verdicts:
-        groups[key(v)].append(v)
-    yield f"{'':40} stated refused  within  worst  median error/true"
-    for name, group in groups.items():
-        stated = [v for v in group if v.error is not None]
-        ratios = np.array([v.ratio for v in stated]) if stated else np.array([0.0])
-        wide = np.median(1.0 / np.maximum(ratios, LEAST_RATIO))
-        yield (
-            f"{name:40} {len(stated):6} {len(group) - len(stated):7} {np.mean(ratios <= 1):7.1%} "
-            f"{ratios.max():6.2f} {wide:8.1f}"
+def drawn_trials(kind: str, seeds: Sequence[int]) -> list[Trial]:
+    """Drawn systems of a kind, certified."""
+    return [_trial(kind, seed, kind) for seed in seeds]
+
+
+def swept_trials(seeds: Sequence[int]) -> list[Trial]:
+    """Members of certified sweeps, none of them the first one, of drawn systems of all kinds."""
+    return [_trial("swept", seed, KINDS[seed % len(KINDS)]) for seed in seeds]
+
+
+def _trial(name: str, seed: int, kind: str) -> Trial:
+    """What is stated of a drawn system."""
+    folder = Path(tempfile.gettempdir()) / "drawn_fmus"
+    folder.mkdir(exist_ok=True)
+    drawn, words = draw(*divmod(seed, 1000), folder, kind), ""
+    began = time.process_time()
+    figures = dict.fromkeys(drawn.truth, Stated(None, None, None, 1.0))
+    try:
+        with quiet():
+            figures = _certified(drawn) if name != "swept" else _swept(drawn)
+    except SimulationError as error:
+        words = str(error)
+    return Trial(name, seed, figures, time.process_time() - began, words, drawn.name)
+
+
+def _stated(drawn: Drawn, name: str, value: float, error: float | None) -> Stated:
+    """A figure beside its truth, of which it may miss what is not certain of it."""
+    true, certain = drawn.truth[name], drawn.certain[name]
+    if error is not None:
+        true = (
+            value if abs(value - true) <= certain else true - math.copysign(certain, true - value)
         )
+    return Stated.of(value, error, None if math.isnan(true) else true)
 
 
-def systems(seed: int, half: Path) -> Iterator[tuple[str, str, Case]]:
-    """The kind, the name and the case of each system."""
-    draw = uniform_sampler(seed)
-    yield from ((kind, name, case) for name, kind, case in synthetic_cases(draw))
-    for k in range(PAIRS):
-        yield (
-            "relaxing pairs",
-            "relaxing pair",
-            relaxing_pair(uniform_sampler(PAIRS * seed + k + 1)),
-        )
-    yield from (("known solutions", name, case) for name, case in cases(seed, half))
-    yield from inputs_over_time(seed, half)
-    for name, arguments in machines(uniform_sampler(seed), FMUS / "native").items():
-        yield "machines", name, integrated(*arguments)
+def _certified(drawn: Drawn) -> dict[str, Stated]:
+    answer = certify(drawn.system, drawn.metrics, step=drawn.step, **drawn.settings).figures
+    return {name: _stated(drawn, name, x.value, x.error) for name, x in answer.items()}
 
 
-def main() -> None:
-    """Print the tables and the complaints; exit with status 1 if there are any."""
-    from pythonfmu import FmuBuilder
+def _swept(drawn: Drawn) -> dict[str, Stated]:
+    """The second of three members, which differ in a start value."""
+    x = drawn.system.start["a.x1"]
+    assert isinstance(x, float)
+    cases = {"a.x1": [0.5 * x, x, 1.5 * x]}
+    settings = drawn.settings | {"step": drawn.step}
+    table = sweep(drawn.system, cases, drawn.metrics, certified=True, **settings)
+    errors = {name: float(table[f"{name} error"].iloc[1]) for name in drawn.metrics}
+    return {
+        name: _stated(drawn, name, float(table[name].iloc[1]), None if math.isnan(e) else e)
+        for name, e in errors.items()
+    }
 
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--worst", type=int, default=10)
-    parser.add_argument("--only", default="", help="systems whose name has this in it")
-    options = parser.parse_args()
-    by_kind: dict[str, list[Verdict]] = defaultdict(list)
-    with tempfile.TemporaryDirectory() as folder, quiet():
-        FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "half.py", dest=folder)
-        for kind, name, case in systems(options.seed, Path(folder) / "Half.fmu"):
-            if options.only not in f"{kind}, {name}":
-                continue
-            by_kind[kind] += judged(name, case)
-            if kind == "machines" and name.startswith(ADAPTIVE):
-                steps = [Adaptive(tolerance) for tolerance in TOLERANCES]
-                by_kind["adaptive"] += judged(name, case, ["strang"], steps=steps)
-            print(name, sum(map(len, by_kind.values())), file=sys.stderr, flush=True)
-    for kind, group in by_kind.items():
-        print("\n".join(table(group, lambda v, kind=kind: f"{kind}, {v.method}")))  # type: ignore[misc]
-    verdicts = [*chain(*by_kind.values())]
-    for key in ("system", "figure", "algorithm"):
-        print(
-            "\n".join(table(verdicts, lambda v, key=key: f"{getattr(v, key)}, {v.method}")),
-            end="\n\n",
-        )  # type: ignore[misc]
-    stated = sorted((v for v in verdicts if v.error is not None), key=lambda v: -v.ratio)
-    for v in stated[: options.worst]:
-        print(f"{v.ratio:6.2f} {v}")
-    violated = [*chain(*(complaints(kind, group) for kind, group in by_kind.items()))]
-    print("\n".join(violated))
-    sys.exit(bool(violated))
 
+def known_trials(kind: str, seeds: Sequence[int]) -> list[Trial]:
+    """Nonlinear and linear systems with known solutions, synthetic runs, or machines, with several steps each."""
+    trials = []
+    for seed in seeds:
+        for name, case in _cases_of(kind, seed):
+            began = time.process_time()
+            verdicts = list(judged(name, case))
+            seconds = time.process_time() - began
+            figures = {
+                f"{v.system}|{v.algorithm}|{v.step:.3g}|{v.method}|{v.figure}": Stated.of(
+                    v.value, v.error and v.error + v.truth_error, v.true
+                )
+                for v in verdicts
+            }
+            trials.append(Trial(kind, seed, figures, seconds, "", name))
+    return trials
+
+
+def _cases_of(kind: str, seed: int) -> Iterator[tuple[str, Case]]:
+    sampler = uniform_sampler(seed)
+    if kind == "synthetic":
+        yield from ((name, case) for name, _, case in synthetic_cases(sampler))
+    elif kind == "machines":
+        for name, arguments in machines(sampler, FMUS / "native").items():
+            yield name, integrated(*arguments)
+    else:
+        from pythonfmu import FmuBuilder
+
+        with tempfile.TemporaryDirectory() as folder:
+            FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "half.py", dest=folder)
+            yield from cases(seed, Path(folder) / "Half.fmu")
+
+
+STUDY = Study(
+    __doc__ or "",
+    {kind: partial(drawn_trials, kind) for kind in KINDS}
+    | {"swept": swept_trials}
+    | {kind: partial(known_trials, kind) for kind in ("known solutions", "synthetic", "machines")},
+    number=1,
+    demands=dict.fromkeys(
+        (*KINDS, "swept", "known solutions", "synthetic", "machines"), Demand(within=0.995)
+    ),
+)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(STUDY))

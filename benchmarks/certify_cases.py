@@ -26,8 +26,6 @@ MEANS = frozenset({"mean", "rms"})
 TIMES = frozenset({"time of max", "crossing"})
 ALL = POINTS | MEANS | TIMES
 NONE: frozenset[str] = frozenset()
-#: Steps of the Runge-Kutta method in one of the slow part of a stiff pair.
-SLOW_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -207,60 +205,6 @@ def _lorenz(first: float) -> Callable[[Array, float], Array]:
         return np.interp(t, np.linspace(0.0, 20.0, len(runs[h])), runs[h])
 
     return x
-
-
-def relaxing_pair(draw: Draw) -> Case:
-    """A slow part and one that relaxes within a step.
-
-    T y' = z - b and T z' = 1 - y z in one part, e1 a' = y^2 - a and e2 b' = a - b in the other, which is solved
-    exactly for the y that it is given over a step; the slow part by the classical Runge-Kutta method.
-    """
-    T, e1, e2 = draw(0.4, 0.6), draw(1.5e-5, 3.5e-5), draw(2.5e-4, 6e-4)
-
-    def slow(y: float, z: float, b: float, h: float) -> tuple[float, float]:
-        n = SLOW_STEPS
-        for _ in range(n):
-            k = [(0.0, 0.0)]
-            for share in (0.0, 0.5, 0.5, 1.0):
-                u, v = y + share * h / n * k[-1][0], z + share * h / n * k[-1][1]
-                k.append(((v - b) / T, (1.0 - u * v) / T))
-            y += h / n / 6 * (k[1][0] + 2 * k[2][0] + 2 * k[3][0] + k[4][0])
-            z += h / n / 6 * (k[1][1] + 2 * k[2][1] + 2 * k[3][1] + k[4][1])
-        return y, z
-
-    def fast(a: float, b: float, y: float, h: float) -> tuple[float, float]:
-        level, f1, f2 = y * y, math.exp(-h / e1), math.exp(-h / e2)
-        part = (a - level) * e1 / (e1 - e2)
-        return level + (a - level) * f1, level + (b - level - part) * f2 + part * f1
-
-    def runner(_: System, *, step: float, algorithm: str, **__: Any) -> Result:
-        count = round(1.0 / step)
-        y, z, a, b = 1.0, 0.5, 0.0, 0.0
-        rows = [(0.0, y, z, b)]
-        for k in range(count):
-            if algorithm == "jacobi":
-                (y, z), (a, b) = slow(y, z, b, step), fast(a, b, y, step)
-            elif algorithm == "gauss-seidel":
-                y, z = slow(y, z, b, step)
-                a, b = fast(a, b, y, step)
-            else:
-                y, z = slow(y, z, b, step / 2)
-                a, b = fast(a, b, y, step)
-                y, z = slow(y, z, b, step / 2)
-            rows.append(((k + 1) * step, y, z, b))
-        report = {"convergence_order": 2 if algorithm == "strang" else 1, "warnings": []}
-        data = np.array(rows)
-        return Result([TIME, *map(Column, ("y", "z", "b"))], report, data.T.__getitem__)
-
-    exact = solve_ivp(
-        lambda _, x: [
-            (x[1] - x[3]) / T, (1.0 - x[0] * x[1]) / T, (x[0] ** 2 - x[2]) / e1, (x[2] - x[3]) / e2
-        ],
-        (0.0, 1.0), [1.0, 0.5, 0.0, 0.0], method="Radau", rtol=1e-11, atol=1e-13, dense_output=True,
-    ).sol  # fmt: skip
-    places = {"y": 0, "z": 1, "b": 3}
-    columns = {name: partial(state_at, exact, k) for name, k in places.items()}
-    return Case(System({}), 1.0, 0.01, columns, runner)
 
 
 def state_at(solution: Callable[[Any], Any], k: int, t: Any) -> Any:

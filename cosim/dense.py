@@ -157,16 +157,8 @@ class Curves:
         return self._with(x, self.gaps)
 
     def filled(self, side: Side) -> Curves:
-        """The same rows with their gaps filled from another side.
-
-        From the side after it, the first interval counts as a gap, too: a start need not be smooth, and what
-        relaxes within the first step shows in no row.
-        """
-        gaps = self.gaps
-        if side is Side.AFTER:
-            gaps = gaps.copy()
-            gaps[:, :1] = True
-        return self._with(self.x, gaps, side=side)
+        """The same rows with their gaps filled from another side; without gaps these curves themselves."""
+        return self._with(self.x, self.gaps, side=side) if self.gaps.any() else self
 
     def thinned(self, n: int, first: int) -> Curves:
         """The curves of the rows first, first + n, ..., of the first and the last row, and of both at a jump."""
@@ -317,7 +309,7 @@ class Curves:
         """The values of the rows, of which those behind a gap may be higher (or lower, for a sign of -1).
 
         Where a polynomial that fills a gap rises above both its rows, the row behind the gap has the largest
-        value of it. The start counts as a gap, see `filled`. What is held has changed a row earlier, for a sign of 1.
+        value of it. What is held has changed a row earlier, for a sign of 1.
         """
         x = self.x.copy()
         if self.is_held:
@@ -334,47 +326,6 @@ class Curves:
                 better = highest > (sign * np.array(rows)).max(axis=0)
                 x[curve[better], row[better] + 1] = sign * highest[better]
         return x
-
-    def moved(self, shift: Array, sign: float) -> Array:
-        """The values of the rows moved up (1) or down (-1) by a shift, with the extreme that this has at the start.
-
-        The value at the start is exact, and the error grows from there, so that the band may have an extreme of its
-        own between the two rows of the first interval; the row behind it has it.
-        """
-        x = self.x + sign * shift
-        if len(self.t) > 1:
-            k = int(np.argmax(np.diff(self.t) > 0.0))
-            p = self.with_values(x)._polynomials(k, k + 1)  # noqa: SLF001 - one of its own
-            every = np.arange(len(self))
-            highest, _ = _tops(p, sign, every, np.zeros(len(self), dtype=np.intp))
-            inside = highest > np.maximum(sign * x[:, k], sign * x[:, k + 1])
-            x[inside, k + 1] = sign * highest[inside]
-        return x
-
-    def with_extremes_narrowed(self, width: Array, begin: float = 1.0, end: float = 1.0) -> Array:
-        """The values of the rows, of which the highest are lower by a width and the lowest ones higher.
-
-        The width is multiplied by `begin` at the first of them and by `end` at the last, evenly in between. These are
-        the rows around the extreme, to the middle of the range and to where they turn again.
-        """
-        lowered = self.x.copy()
-        if self.is_held:
-            return lowered
-        for x, row, of in zip(lowered, self.x, width):
-            middle = 0.5 * (float(row.min()) + float(row.max()))
-            for sign in (1.0, -1.0):
-                top = _around_top(sign * row)
-                half = sign * row[top] > sign * middle
-                weights = np.linspace(begin, end, top.stop - top.start)
-                x[top] -= np.where(half, sign * weights * of[top], 0.0)
-        return lowered
-
-
-def _around_top(x: Array) -> slice:
-    """The rows around the highest, down to where they rise again."""
-    top, steps = int(np.argmax(x)), np.diff(x)
-    falls, rises = np.flatnonzero(steps[:top] < 0.0), np.flatnonzero(steps[top:] > 0.0)
-    return slice(falls[-1] + 1 if len(falls) else 0, top + rises[0] + 1 if len(rises) else len(x))
 
 
 def ends_and_turns(c: Array, widths: Array) -> tuple[Array, Array]:

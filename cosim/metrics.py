@@ -32,6 +32,8 @@ GAUSS_POINTS = 4
 #: that is written with ten significant digits is off by up to 5e-10 of itself, and a product of two by twice that.
 #: The part of a period that lacks then changes an amplitude by 2e-9 of the largest value at most.
 PERIOD_ROUNDING = 1e-9
+#: Share of a run by which a stretch may reach beyond it. Derived: as for a period, of the decimals that times are written with.
+END_ROUNDING = 1e-9
 #: Distance from a level, over the largest one, within which a curve is on it. Derived: some thousand roundings.
 ON_LEVEL = 1e-12
 #: Orders of an angle among which the strongest is sought: those of which sixteen rows in a turn still show one each.
@@ -91,8 +93,6 @@ class Metric:
     _: KW_ONLY
     begin: float = -math.inf
     end: float = math.inf
-    #: Whether single times decide it, so that the error of the column at these is its own.
-    is_local: ClassVar[bool] = False
     #: Whether it counts, and is right or wrong.
     is_count: ClassVar[bool] = False
 
@@ -159,10 +159,6 @@ class Metric:
         """The same for whole curves."""
         return np.zeros(len(curves))
 
-    def doubt(self, curves: Curves, widths: Curves) -> Array:
-        """How far the numbers may be off because something else is as good within the widths of the curves' errors."""
-        return np.zeros(len(curves))
-
     def lack(self, unit: str, *curves: Curves) -> str:
         """Why it has no number of single curves, with the unit of its column."""
         return "it has no value in its stretch of the run"
@@ -188,17 +184,22 @@ class Metric:
                 raise SetupError(f"{self}: there is no column {name!r}, {only(name, columns)}")
             if columns[name].kind is Kind.TEXT:
                 raise SetupError(f"{self}: the column {name!r} is text and has no such number")
-        if not max(self.begin, start) < min(self.end, stop):
-            raise SetupError(
-                f"{self}: its stretch must lie in the run, from {start:g} to {stop:g} s"
-            )
+        if reason := self.beyond(start, stop):
+            raise SetupError(f"{self}: {reason}")
+
+    def beyond(self, start: float, stop: float) -> str:
+        """Why a run from one time to another [s] does not have its stretch; "" if it has."""
+        near = END_ROUNDING * (stop - start)
+        begins = self.begin == -math.inf or self.begin >= start - near
+        ends = self.end == math.inf or self.end <= stop + near
+        if begins and ends and max(self.begin, start) < min(self.end, stop):
+            return ""
+        return f"its stretch must lie in the run, from {start:g} to {stop:g} s"
 
 
 @dataclass(frozen=True)
 class PointValue(Metric):
     """A value of the column at one time."""
-
-    is_local = True
 
     def size(self, curves: Curves) -> Array:
         """The range of the column."""
@@ -284,22 +285,22 @@ class TimeOfLargest(Metric):
         """Seconds."""
         return "s"
 
-    def doubt(self, curves: Curves, widths: Curves) -> Array:
-        """How far the furthest other peak is that may be the highest, or the end of a plateau."""
-        curves, widths = (self.within(c) or c for c in (curves, widths))
-        peaks = curves.with_values(self.sign * curves.x)
+    @property
+    def height(self) -> Metric:
+        """The value whose time it is."""
+        of = Largest if self.sign > 0.0 else Smallest
+        return of(self.column, begin=self.begin, end=self.end)
+
+    def rivals(self, curves: Curves, error: float, apart: float) -> Array:
+        """Of a single curve the times [s] of other peaks within an error of the height, further from it than `apart` [s]."""
+        ((_, curve),) = self.parts(curves)
+        if curve is None:
+            return np.empty(0)
+        peaks = curve.with_values(self.sign * curve.x)
         highest = peaks.largest()
-        least = highest.values - widths(highest.times[:, None])[:, 0]
-        curve, times, values = peaks.maxima()
-        near = np.flatnonzero(values >= least[curve] - widths.x.max(axis=1)[curve])
-        spacing = float(np.diff(curves.t).max())
-        furthest = np.zeros(len(curves))
-        for k in np.unique(curve[near]):
-            of = near[curve[near] == k]
-            rivals = times[of][values[of] + widths.take([k])(times[of])[0] >= least[k]]
-            distances = np.abs(rivals - highest.times[k])
-            furthest[k] = distances[distances > spacing].max(initial=-spacing) + spacing
-        return furthest
+        _, times, values = peaks.maxima()
+        near = values >= highest.values[0] - error
+        return np.asarray(times[near & (np.abs(times - highest.times[0]) > apart)])
 
 
 @dataclass(frozen=True)
@@ -321,7 +322,6 @@ class Crossing(Metric):
     """
 
     level: float
-    is_local = True
 
     def measure(self, curves: Curves) -> Array:
         """The first time; nan if there is none."""
@@ -418,11 +418,6 @@ class LastTurn(Metric):
     _: KW_ONLY
     over: str
     turns: int = 1
-
-    @property
-    def is_local(self) -> bool:  # type: ignore[override]
-        """As that of the metric."""
-        return self.column.is_local
 
     @property
     def columns(self) -> tuple[str, ...]:

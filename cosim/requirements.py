@@ -255,7 +255,7 @@ def _missing_for_control(network: Network, step: Adaptive) -> Iterator[str]:
     if step.control == "doubling":
         for name in without_state:
             yield f"step doubling needs the FMU state, which {name} cannot save"
-    elif (step.control == "energy" or without_state) and not find_bonds(network):
+    elif step.control != "mesh" and (step.control or without_state) and not find_bonds(network):
         yield "step control by energy needs a power bond, and the system has none"
     outputs = outputs_read_each_step(network).values()
     monitored = [port.name for ports in outputs for port in ports if port.type == "Real"]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .accuracy.certify import certify
-from .engine.control import Adaptive
+from .engine.control import Adaptive, Mesh
 from .engine.members import StepAndStop
 from .engine.row_file import RowFile
 from .engine.settings import RunSettings
@@ -170,12 +170,14 @@ class _Runs:
 
     def _result(self, number: int, step: float | Adaptive, output_step: float | None) -> Result:
         """The run of a member, with rows so far apart [s]."""
-        key = repr(step), output_step
-        if key not in self._ensembles:
-            spans = [StepAndStop(step, span.stop) for span in self._chunk.spans]
-            chunk = self._chunk._replace(spans=spans, output_step=output_step)
-            self._ensembles[key] = self._worker.run(self._cases, chunk)
-        ensemble = self._ensembles[key]
+        if isinstance(step, Mesh) and step.along:  # the steps of this member
+            some = np.flatnonzero(self._chunk.numbers == number)
+            ensemble = self._run(self._chunk.part(some), step, output_step)
+        else:
+            key = repr(step), output_step
+            if key not in self._ensembles:
+                self._ensembles[key] = self._run(self._chunk, step, output_step)
+            ensemble = self._ensembles[key]
         found = np.flatnonzero(ensemble.members == number)
         if not len(found):
             raise KeyboardInterrupt
@@ -184,6 +186,11 @@ class _Runs:
         if ensemble.reasons[k]:
             raise SimulationError(ensemble.reasons[k], result)
         return result
+
+    def _run(self, chunk: Chunk, step: float | Adaptive, output_step: float | None) -> Ensemble:
+        """The members of a chunk with a step and rows so far apart [s]."""
+        spans = [StepAndStop(step, span.stop) for span in chunk.spans]
+        return self._worker.run(self._cases, chunk._replace(spans=spans, output_step=output_step))
 
 
 def sweep(

@@ -229,10 +229,13 @@ class Worker:
                 ],
                 np.intp,
             )
-            numbers, spans, output_step = chunk.part(inside)
-            block = self._members.allocate(numbers, [values[k] for k in inside], spans, output_step)
-            kept[inside] = self._in_c(block, lambda done: progress(len(driven) + done))
-            in_c = inside, block
+            if len(inside):
+                numbers, spans, output_step = chunk.part(inside)
+                block = self._members.allocate(
+                    numbers, [values[k] for k in inside], spans, output_step
+                )
+                kept[inside] = self._in_c(block, lambda done: progress(len(driven) + done))
+                in_c = inside, block
             driven = {k: member for k, member in driven.items() if not kept[k]}
         for k in range(len(values)):
             if self.abandoned or self.interrupts or (self.is_late() and (kept.any() or driven)):

@@ -1,4 +1,4 @@
-"""Certify: run a system with three steps, and give every number with an estimate of its error."""
+"""Certify: run a system with several steps, and give every number with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..describe import table
-from ..engine.changes import continuous_profiles
 from ..engine.control import Adaptive
 from ..engine.settings import RunSettings
-from ..engine.sources import largest_change_within_steps
 from ..master import run
 from ..metrics import Largest, Last, Mean, Metric, Smallest
 from ..result import Interrupted, Result, SimulationError
@@ -32,7 +30,7 @@ from .judge import (
     numbers_of,
 )
 from .limit import LOWEST_ORDER, RUNS, STEP_RATIO
-from .nested import NestedRuns, longer_step, nested_runs, report_share, without_log
+from .nested import NestedRuns, nested_runs, report_share, shorter_step, without_log
 from .trajectories import Divergence, find_divergence
 
 #: The metrics of `summary`, by what follows the name of a column.
@@ -50,8 +48,6 @@ SHARPER = 0.1
 MOST_HALVINGS = 10
 #: Halvings after which the error of a figure must have fallen for another one.
 PATIENCE = 2
-#: The reason why figures are refused that depend on what no run shows.
-UNSEEN = "the input changes within the finest step: {} moves by {} and back within two steps, from {:.6g} s on; write a shorter step"
 #: What the errors cover, and what they do not.
 COVERS = (
     "errors cover coupling, steps and rows; those of the solvers inside the FMUs, of the models and of their "
@@ -67,7 +63,7 @@ LOST_BY_SOLVERS = "it has no value with a tenth of the tolerance of the FMUs"
 
 @dataclass(frozen=True)
 class Certified:
-    """The finest of three runs, and every number with its error.
+    """A run, and every number with its error.
 
     Attributes
     ----------
@@ -116,7 +112,7 @@ def certify(
     runner: Callable[..., Result] = run,
     **settings: Any,
 ) -> Certified:
-    """Run with the step, and with twice and four times it, which shows the errors; or with the tolerance, ten and a hundred times it.
+    """Run with the step, and with others, which show the errors; or with the tolerance, and along other shares of its steps.
 
     Parameters
     ----------
@@ -126,11 +122,12 @@ def certify(
         By name, metrics such as `cosim.metrics.Largest("motor.tau")`, or functions from a result to a number, or to
         several by their own names; or one such function. By default the last, smallest, largest and
         mean value of every column. A function is called several times: with the rows of each run, with
-        fewer rows, and with values changed by their estimated errors. It must therefore select rows by
+        fewer rows, and with other values. It must therefore select rows by
         their time, never by their index. A function may return an `Estimate` that has the error of the rows
         already; only that of the coupling is then added.
     step : float or Adaptive
-        The communication step of the result [s], or adaptive steps with its tolerance.
+        The communication step of the result [s], or adaptive steps with its tolerance. Where no part may have events that
+        it does not tell, the steps behind the start, jumps and changes are shorter, see `NestedRuns`.
     error : float or mapping of str to float, optional
         The error wanted of every figure, over its value; or for some of them by name, in their units. The step is
         halved, or the tolerance divided by ten, until the figures have it; two of three runs are used again.
@@ -182,19 +179,20 @@ def certify(
     known: dict[int, Result] = {}
     errors: list[dict[str, float]] = []
     while True:
-        with nested_runs(system, step, runner, three, known=known) as runs:
+        with nested_runs(system, step, runner, three, known=known, halvings=len(errors)) as runs:
             every = metrics or summary_metrics(column.name for column in runs.finest.columns[1:])
-            figures = estimates_of(every, runs, system)
+            figures = estimates_of(every, runs)
         covers = COVERS
         if tolerance is not None:
-            sharper = _beside(runs.finest, partial(runner, system, step=step, **one))
+            sharper = _beside(runs.finest, partial(runner, system, step=runs.step, **one))
             covers, figures = _with_solvers(every, figures, runs.finest, sharper)
         unmet = {name: reason for name, x in figures.items() if (reason := lacks(name, x))}
         errors.append({n: math.inf if (e := figures[n].error) is None else e for n in unmet})
         if not unmet or not _is_worth_halving(errors):
             return Certified(runs.finest, figures, step, unmet, covers)
-        known = {k + 1: result for k, result in enumerate(runs.results[: RUNS - 1])}
-        step = longer_step(step, -1)
+        if not runs.follows:
+            known = {k + 1: result for k, result in enumerate(runs.results[: RUNS - 1])}
+        step = shorter_step(step)
 
 
 def _derived(
@@ -302,7 +300,7 @@ def _is_worth_halving(errors: Sequence[Mapping[str, float]]) -> bool:
     )
 
 
-def estimates_of(metrics: Metrics, runs: NestedRuns, system: System) -> dict[str, Estimate]:
+def estimates_of(metrics: Metrics, runs: NestedRuns) -> dict[str, Estimate]:
     """The estimates of metrics and functions from the runs of a system."""
     diverged = (
         find_divergence(runs.results, runs.ratio) if len(runs.results) == RUNS else Divergence()
@@ -319,14 +317,6 @@ def estimates_of(metrics: Metrics, runs: NestedRuns, system: System) -> dict[str
         estimates = {name: estimates[name] for name in dict.fromkeys([*first, *estimates])}
     else:
         estimates = judge_function(metrics, runs, diverged)
-    unseen = unseen_inputs(system, runs)
-    if unseen:
-        for name, x in estimates.items():
-            metric = metrics.get(name) if isinstance(metrics, Mapping) else None
-            columns = metric.columns if isinstance(metric, Metric) else list(unseen)
-            reasons = [unseen[column] for column in columns if column in unseen]
-            if reasons:
-                estimates[name] = x._replace(error=None, reason=reasons[0])
     return estimates
 
 
@@ -336,29 +326,6 @@ def _by_name(
     """The number that a function makes of a result, by its name, or several by their own."""
     x = function(result)
     return x if isinstance(x, Mapping) else {name: x}
-
-
-def unseen_inputs(system: System, runs: NestedRuns) -> dict[str, str]:
-    """The columns that an input reaches which changes within the finest steps, each with the sentence that says so."""
-    if not system.inputs:
-        return {}
-    network = connect(system)
-    times, breaks = np.unique(runs.dense["time"]), runs.results[-1].breaks
-    exact = breaks[breaks[:, 0] == breaks[:, 1], 0]
-    unseen: dict[str, str] = {}
-    for port, profile in continuous_profiles(network):
-        most, time = largest_change_within_steps(profile, times, exact)
-        if not most:
-            continue
-        reached = {port.part}
-        while more := {w.target.part for w in network.wires if w.source.part in reached} - reached:
-            reached |= more
-        unit = f" {port.unit}" if port.unit else ""
-        why = UNSEEN.format(port.name, f"{most:.3g}{unit}", time)
-        for name in runs.finest.names[1:]:
-            if name.rpartition(".")[0].split(".")[0] in {p.split(".")[0] for p in reached}:
-                unseen.setdefault(name, why)
-    return unseen
 
 
 def summary_metrics(columns: Iterable[str]) -> dict[str, Metric]:

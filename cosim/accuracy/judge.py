@@ -1,47 +1,49 @@
-"""How numbers get their errors: from three runs, from the errors of the columns they are made of, from fewer rows.
+"""How numbers get their errors: from runs with other steps, from the columns at a step of zero, from fewer rows.
 
-A number is evaluated for the three runs on common rows; for the finest one on all its rows, with every second and
-every third of them, and with the gaps that hide an event filled from either side; at a step of zero; and, where
-single times decide it, with its columns moved up and down by their errors, one at a time. The largest effect
-counts, and that of the rows is added.
+A number is evaluated in all the forms of the runs, see `Forms`: the runs on common rows; the finest one on all its rows,
+with every second and every third of them, and with the gaps that hide an event filled from either side; at a step of
+zero; and the witness. The largest effect counts, and that of the rows is added. Metrics take the curves of a form and
+functions of a person its rows; the rest is the same.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from ..dense import Array, Curves, Mask, Side
-from ..metrics import Metric
+from ..dense import Array, Mask
+from ..metrics import Metric, TimeOfLargest
 from ..result import Result, Rows
 from .estimate import Estimate
 from .limit import CONFIRMED_FACTOR, RUNS, STEP_RATIO, UNCONFIRMED_FACTOR, Reason, likeliest
-from .nested import NestedRuns
+from .nested import GOLDEN, NestedRuns
 from .trajectories import Divergence, spread_after
-from .variants import THINNED, ColumnForms, Forms, thinned_results, with_columns
+from .variants import THINNED, ColumnForms, Form, Forms, with_columns
 
 #: Orders between which a number may depend on the spacing of the rows. Derived: the time of a row is known to
 #: order 1, the height of a peak to order 2; splines have order 4, which is not relied on.
 ROW_ORDERS = (1.0, 2.0)
+#: Times the difference to the witness. Derived: its steps are 1 / phi of those of the run, so that of an error of order 1
+#: it has 1 / phi as well, and the difference is 1 - 1 / phi = 1 / phi^2 of it.
+WITNESS_FACTOR = GOLDEN**2
 SOME_RUNS = "only some of the runs have it"
 NO_ROWS = "it cannot be determined from fewer rows"
 OTHER_ROWS = "it cannot be computed from other rows: {}"
 TOUCHES = "it comes as near to it as its error"
 COLUMN_NOT_CONVERGED = "not converged: the error of {} falls with order {:.1f}"
-SAME_STEPS = "control takes nearly the same steps with all three tolerances, so that no error can be estimated"
 RUNS_DISAGREE = "the runs count differently"
+RIVALS = "within the error of the height, it may also be at {} s"
+#: Most times that the reason names.
+MOST_RIVALS = 3
 
-#: The directions in which columns are moved.
-SIGNS = (1.0, -1.0)
-#: By how much of its error a peak is lowered at its start and at its end: all of it or either end. Derived: the top of
-#: a plateau lies at one end of it.
-TILTS = ((1.0, 1.0), (0.0, 1.0), (1.0, 0.0))
 #: A function from a result to numbers by name; an `Estimate` brings the error of its rows.
 Function = Callable[[Result], Mapping[str, "float | Estimate"]]
+#: The numbers that are made of a form, shape (numbers,).
+Evaluate = Callable[[Form], Array]
 
 
 @dataclass
@@ -59,11 +61,9 @@ class Evaluations:
     sides
         With gaps that hide an event filled otherwise.
     shifts
-        By how much they change from and to a step of zero.
-    beside
-        By how much they change with columns moved by their errors.
-    doubt
-        How far they may be off because something else is as good within the error of their column.
+        By how much they change to a step of zero.
+    witness
+        Of the run whose steps end elsewhere; empty without one.
     scale
         What an error without an order is compared with.
     rows
@@ -77,11 +77,26 @@ class Evaluations:
     thinned: Mapping[int, Sequence[Array]] = field(default_factory=dict)
     sides: Sequence[Array] = ()
     shifts: Sequence[Array] = ()
-    beside: Sequence[Array] = ()
-    doubt: Array | float = 0.0
+    witness: Sequence[Array] = ()
     scale: Array | float = 0.0
     rows: Array | None = None
     noise: Array | float = 0.0
+
+    @classmethod
+    def of_rows(cls, evaluate: Evaluate, forms: Forms) -> Evaluations:
+        """Those of the finest run alone."""
+        value, thinned = evaluate(forms.finest), forms.thinned(forms.runs.dense)
+        few = {n: [evaluate(form) for form in some] for n, some in thinned.items()}
+        return cls(value, value[None], few, [evaluate(form) for form in forms.sides])
+
+    @classmethod
+    def of_all(cls, evaluate: Evaluate, forms: Forms) -> Evaluations:
+        """Those of all forms."""
+        e = cls.of_rows(evaluate, forms)
+        e.runs = np.array([evaluate(form) for form in forms.of_runs])
+        e.shifts = [evaluate(zero) - evaluate(of) for of, zero in forms.at_zero]
+        e.witness = [evaluate(form) for form in forms.witness]
+        return e
 
     def row_error(self) -> Array:
         """The errors due to the spacing of the rows; nan if fewer of them give no value."""
@@ -101,11 +116,11 @@ class Evaluations:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What is known of numbers beside their values: the orders that they may have, and the ratio of the steps.
+    """What is known of numbers beside their values: the orders that they may have, and of the runs what `NestedRuns` says.
 
     `orders` is of shape (orders, numbers). `converges` says whether the columns do at the times that decide a number,
     `is_regular` whether nothing speaks against an order that is observed, `has_jumps` whether that is an input which
-    jumps inside a step of one of the runs.
+    jumps inside a step of one of the runs, `follows` whether the runs follow the steps of the finest.
     """
 
     orders: Array
@@ -113,49 +128,65 @@ class Circumstances:
     converges: Mask | bool = False
     is_regular: bool = True
     has_jumps: bool = False
+    follows: bool = False
+
+    @classmethod
+    def of(cls, orders: Array, forms: Forms) -> Circumstances:
+        """Those of numbers of some runs."""
+        runs, jumps = forms.runs, forms.runs.have_jumps_within_steps
+        return cls(
+            orders, runs.ratio, is_regular=forms.is_regular, has_jumps=jumps, follows=runs.follows
+        )
 
 
 def combined(e: Evaluations, known: Circumstances) -> list[Estimate]:
     """The estimates of numbers.
 
     Their errors are the largest of what the three runs show, of what the extrapolation of their columns changes, with a
-    factor of safety, of what the errors of these change and of their doubt; those of the rows are added. Where a number
+    factor of safety, and of the distance to the witness; those of the rows are added. Where a number
     has no order, but its columns converge at the times that decide it, the spread of the runs takes its place; where an
-    input jumps at another share of a step in each run, so that there is no order, three times that spread.
+    input jumps at another share of a step in each run, so that there is no order, three times that spread. Runs that
+    follow the steps of another have no order: the distances themselves count.
     """
-    rows = e.row_error()
+    rows, apart = e.row_error(), e.largest(x - e.value for x in e.witness)
     runs = np.concatenate([e.runs, np.full((RUNS - len(e.runs), len(e.value)), math.nan)])
-    noises = np.array([rows, *[np.maximum(rows, e.noise)] * (RUNS - 1)])
-    of_runs = likeliest(
-        runs, known.orders, known.ratio, noises, scale=e.scale, is_regular=known.is_regular
-    )
-    shift, beside = e.largest(e.shifts), e.largest(e.beside)
-    grows = of_runs.reason == Reason.GROWING
-    by_spread = ~of_runs.is_stated & known.converges
-    with np.errstate(invalid="ignore"):
-        spread = np.maximum(np.ptp(e.runs, axis=0), UNCONFIRMED_FACTOR * shift)
-        error = np.where(by_spread, spread, of_runs.error - rows)
-        agree = (shift * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error) & known.is_regular
-        factor = np.where(agree, CONFIRMED_FACTOR, UNCONFIRMED_FACTOR)
-        error = np.maximum.reduce([error, factor * shift, beside, error * 0.0 + e.doubt]) + rows
-    claimed: Mask = np.asarray(of_runs.is_stated | (~grows & (by_spread | known.has_jumps)))
-    lacks: Mask = np.asarray(np.isnan(e.runs).any(axis=0))
+    lacks: Mask = np.asarray(np.isnan([*e.runs, *e.witness]).any(axis=0))
+    shift = e.largest(e.shifts)
+    if known.follows:
+        whole, two = np.abs(runs[1:] - e.value)
+        error = np.maximum.reduce([whole, two / STEP_RATIO, UNCONFIRMED_FACTOR * apart]) + rows
+        order, reason = np.full_like(rows, math.nan), np.zeros(len(rows), int)
+        claimed: Mask = np.ones(len(rows), dtype=bool)
+    else:
+        noises = np.array([rows, *[np.maximum(rows, e.noise)] * (RUNS - 1)])
+        of_runs = likeliest(
+            runs, known.orders, known.ratio, noises, scale=e.scale, is_regular=known.is_regular
+        )
+        by_spread = ~of_runs.is_stated & known.converges
+        with np.errstate(invalid="ignore"):
+            spread = np.maximum(np.ptp(e.runs, axis=0), UNCONFIRMED_FACTOR * shift)
+            error = np.where(by_spread, spread, of_runs.error - rows)
+            agree = (shift * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error) & known.is_regular
+            factor = np.where(agree, CONFIRMED_FACTOR, UNCONFIRMED_FACTOR)
+            error = np.maximum.reduce([error, factor * shift, WITNESS_FACTOR * apart]) + rows
+        grows = of_runs.reason == Reason.GROWING
+        claimed = np.asarray(of_runs.is_stated | (~grows & (by_spread | known.has_jumps)))
+        order, reason = of_runs.order, of_runs.reason
     estimates = []
     for k, (value, row) in enumerate(zip(e.value.tolist(), rows.tolist())):
-        order = float(of_runs.order[k])
+        without = partial(Estimate, value, None, float(order[k]), row)
         if math.isnan(value):
             estimates.append(Estimate(value, None, reason=Reason.NO_VALUE.sentence()))
         elif not math.isfinite(row):
             estimates.append(Estimate(value, None, reason=NO_ROWS))
         elif lacks[k]:
             estimates.append(Estimate(value, None, rows=row, reason=SOME_RUNS))
-        elif math.isnan(shift[k] + beside[k]):
-            estimates.append(Estimate(value, None, order, row, TOUCHES))
+        elif math.isnan(shift[k]):
+            estimates.append(without(reason=TOUCHES))
         elif claimed[k]:
-            estimates.append(Estimate(value, float(error[k]), order, row))
+            estimates.append(Estimate(value, float(error[k]), float(order[k]), row))
         else:
-            reason = Reason(int(of_runs.reason[k])).sentence(order)
-            estimates.append(Estimate(value, None, order, row, reason))
+            estimates.append(without(reason=Reason(int(reason[k])).sentence(float(order[k]))))
     return estimates
 
 
@@ -187,17 +218,47 @@ def judge_metrics(
         From when on, and in which columns, these have diverged.
     """
     forms = Forms(runs, diverged)
+    times = {name: m for name, m in metrics.items() if isinstance(m, TimeOfLargest)}
+    asked = dict(metrics) | {f"{name}\0": metric.height for name, metric in times.items()}
     estimates: dict[str, Estimate] = {}
-    for columns, group in _groups(metrics, forms):
+    for columns, group in _groups(asked, forms):
         for metric, of in group.items():
             estimates |= zip(of, _judge_metric(metric, of.values(), columns, forms))
     units = runs.finest.units
     for name, metric in metrics.items():
         x, unit = estimates[name], units.get(metric.columns[0], "")
+        if name in times and x.error is not None:
+            x = _beside_rivals(times[name], x, estimates[f"{name}\0"], runs)
+        if short := metric.beyond(*runs.dense["time"][[0, -1]].tolist()):  # a part may end a run
+            x = x._replace(error=None, reason=short)
         if x.error is None and math.isnan(x.value) and not x.reason:
             x = x._replace(reason=metric.lack(unit, *map(runs.dense.solution, metric.columns)))
         estimates[name] = x._replace(unit=metric.unit(unit))
     return {name: estimates[name] for name in metrics}
+
+
+def _beside_rivals(
+    metric: TimeOfLargest, x: Estimate, height: Estimate, runs: NestedRuns
+) -> Estimate:
+    """The estimate of a time where other peaks of the run, or of its witness, lie within the error of the height.
+
+    It may be at any of them. Where events may be hidden it is refused, since they move peaks by any amount.
+    """
+    if height.error is None:
+        return x._replace(error=None, reason=height.reason)
+    times: list[float] = []
+    for result in (runs.dense, runs.witness):
+        if result is not None and len(metric.columns) == 1:
+            curve = result.solution(metric.columns[0])
+            apart = STEP_RATIO * float(np.diff(curve.t).max())
+            times += metric.rivals(curve, height.error, apart).tolist()
+    if not times:
+        return x
+    if runs.tells_events:
+        furthest = max(abs(t - x.value) for t in times)
+        return x._replace(error=max(x.error or 0.0, furthest + x.rows))
+    names = ", ".join(f"{t:.4g}" for t in sorted(times)[:MOST_RIVALS])
+    return x._replace(error=None, reason=RIVALS.format(names))
 
 
 def _groups(
@@ -217,83 +278,71 @@ def _groups(
         yield parts, {m.unnamed: {n: 0} for n, m in metrics.items() if m.columns == several}
 
 
+def _evaluate_curves(metric: Metric, columns: Sequence[ColumnForms], of: Sequence[int]) -> Evaluate:
+    """A metric of some of the columns in any form; forms with the same curves have the same numbers."""
+    known: dict[tuple[int, ...], tuple[object, Array]] = {}
+
+    def evaluate(form: Form) -> Array:
+        curves = [c.curves(form) for c in columns]
+        key = tuple(map(id, curves))
+        if key not in known:  # the curves are kept, so that no others get their identities
+            known[key] = curves, metric(*(c.take([*of]) for c in curves))
+        return known[key][1]
+
+    return evaluate
+
+
 def _judge_metric(
     metric: Metric, which: Iterable[int], columns: Sequence[ColumnForms], forms: Forms
 ) -> list[Estimate]:
     """The estimates of a metric of some of the columns, without their units."""
     of, runs, diverged = [*which], forms.runs, forms.diverged
-
-    def some(curves: Iterable[Curves]) -> list[Curves]:
-        return [c.take(of) for c in curves]
-
-    finest = some(c.finest for c in columns)
-    value = metric(*finest)
-    moved = _moved_by_errors(metric, columns, some)
-    touched = ~np.all(np.isnan([value, *moved]), axis=0)
+    evaluate = _evaluate_curves(metric, columns, of)
+    value = evaluate(forms.finest)
+    others = np.array([evaluate(form) for form in (*forms.of_runs, *forms.witness)])
     reasons = [
-        (TOUCHES if touched[k] else "") if math.isnan(value[k])
+        (TOUCHES if np.isfinite(others[:, k]).any() else "") if math.isnan(value[k])
         else _why_none(runs, columns, of[k])
         or ("" if _precedes_divergence(metric, columns, diverged, value[k], of[k]) else diverged.reason)
         for k in range(len(of))
     ]  # fmt: skip
     if all(reasons) or np.isnan(value).all():
         return [Estimate(float(x), None, reason=why) for x, why in zip(value, reasons)]
-    of_runs = np.array([metric(*some(curves)) for curves in zip(*(c.of_runs for c in columns))])
+    zero = forms.at_zero[0][1]
     if metric.is_count:
-        agree = (np.array([*of_runs, metric(*some(c.at_zero for c in columns))]) == value).all(
-            axis=0
-        )
+        agree = (np.array([*others, evaluate(zero)]) == value).all(axis=0)
         estimates = [
             Estimate(float(x), 0.0) if a else Estimate(float(x), None, reason=RUNS_DISAGREE)
             for x, a in zip(value, agree)
         ]
     else:
-        e = _evaluate_finest_run(metric, columns, some)
-        e.runs, e.scale = of_runs, metric.scale(*finest)
-        if any(column.band is not None for column in columns):
-            e.shifts = [metric(*some(c.at_zero for c in columns)) - value]
-            e.beside = [x - value for x in moved]
-        first, converges = columns[0], np.zeros(len(of), dtype=bool)
-        if len(columns) == 1 and first.band is not None:
-            e.shifts = [*e.shifts, metric(*some([first.at_zero.filled(Side.AFTER)])) - e.sides[0]]
-            e.doubt = metric.doubt(*finest, *some([first.width]))
-            times = np.concatenate([metric.times(*finest), metric.times(*some([first.at_zero]))])
-            if len(times):
-                converges |= first.band.converges_at(times, of).all(axis=0)
-        orders = np.array([column.orders[of] for column in columns])
-        estimates = combined(
-            e,
-            Circumstances(
-                orders, runs.ratio, converges, forms.is_regular, runs.have_jumps_within_steps
-            ),
+        e = Evaluations.of_all(evaluate, forms)
+        finest, at_zero = (
+            [c.curves(form).take(of) for c in columns] for form in (forms.finest, zero)
         )
+        e.scale = metric.scale(*finest)
+        converges, limit = np.zeros(len(of), dtype=bool), columns[0].limit
+        if len(columns) == 1 and limit is not None:
+            times = np.concatenate([metric.times(*finest), metric.times(*at_zero)])
+            if len(times):
+                converges |= limit.converges_at(times, of).all(axis=0)
+        orders = np.array([column.orders[of] for column in columns])
+        estimates = combined(e, replace(Circumstances.of(orders, forms), converges=converges))
     return [
         Estimate(float(v), None, reason=why) if why or math.isnan(v) else x
         for v, why, x in zip(value, reasons, estimates)
     ]
 
 
-def _evaluate_finest_run(
-    metric: Metric,
-    columns: Sequence[ColumnForms],
-    some: Callable[[Iterable[Curves]], list[Curves]],
-) -> Evaluations:
-    """A metric of the finest run with all its rows, with fewer of them, and with its gaps filled otherwise."""
-    value = metric(*some(c.finest for c in columns))
-    thinned = {n: [metric(*some(c.thinned(n, k) for c in columns)) for k in range(n)]
-               for n in THINNED}  # fmt: skip
-    filled = columns[0].filled if len(columns) == 1 else []
-    return Evaluations(value, value[None], thinned, [metric(*some([c])) for c in filled])
-
-
 def estimates_of_rows(
     metrics: Mapping[str, Metric], result: Result, errors: Mapping[str, float]
 ) -> dict[str, Estimate]:
     """Metrics of one result with the errors of the spacing of its rows, and those of their columns by name added."""
-    forms, estimates = Forms(NestedRuns([result], result, STEP_RATIO)), {}
+    forms, estimates = Forms(NestedRuns([result], result)), {}
     for columns, group in _groups(metrics, forms):
         for metric, which in group.items():
-            e = _evaluate_finest_run(metric, columns, list)
+            every = range(len(columns[0].names))
+            e = Evaluations.of_rows(_evaluate_curves(metric, columns, every), forms)
             for name, k in which.items():
                 column, rows = metrics[name].columns[0], float(e.row_error()[k])
                 x = Estimate(float(e.value[k]), rows + errors[column], rows=rows,
@@ -309,36 +358,10 @@ def _why_none(runs: NestedRuns, columns: Sequence[ColumnForms], k: int) -> str:
     """Why no number of columns has an error; "" if one may have."""
     if len(runs.results) == 1:
         return runs.lost
-    if not runs.steps_differ_enough:
-        return SAME_STEPS
     for column in columns:
         if not math.isnan(column.too_slow[k]):
             return COLUMN_NOT_CONVERGED.format(column.names[k], column.too_slow[k])
     return ""
-
-
-def _moved_by_errors(
-    metric: Metric,
-    columns: Sequence[ColumnForms],
-    some: Callable[[Iterable[Curves]], list[Curves]],
-) -> list[Array]:
-    """A metric with its columns moved up and down by their errors, one at a time, where then other times decide it.
-
-    What moves at the same times is in the error of the number itself.
-    """
-    if not metric.is_local:
-        return []
-    curves = some(column.finest for column in columns)
-    value, times = metric(*curves), metric.times(*curves)
-    values = []
-    for k, column in enumerate(columns):
-        for moved in some(column.beside):
-            others = [*curves[:k], moved, *curves[k + 1 :]]
-            distances = np.abs(metric.times(*others) - times)
-            near = np.where(times == curves[0].t[0], 0.0, column.spacing)
-            same = (distances <= near).all(axis=0)
-            values.append(np.where(same, value, metric(*others)))
-    return values
 
 
 def _precedes_divergence(
@@ -403,55 +426,49 @@ def judge_function(
     observed = ObservedResult(runs.dense)
     first = function(observed)
     forms = Forms(runs, diverged, keep_rows=True)
-    names = observed.columns_read()
-    columns = {name: ColumnForms([name], forms) for name in names}
+    columns = {name: ColumnForms([name], forms) for name in observed.columns_read()}
     if reason := _why_none(runs, [*columns.values()], 0):
         return {name: _estimate(x)._replace(error=None, reason=reason) for name, x in first.items()}
-    numbers = {name: x for name, x in first.items() if not isinstance(x, Estimate)}
+    numbers = [name for name, x in first.items() if not isinstance(x, Estimate)]
+
+    def evaluate(form: Form) -> Array:
+        return numbers_of(function(form.result(columns)), numbers)
+
     try:
-        of_runs = [function(result) for result in (forms.results() if numbers else runs.results)]
         after = _numbers_after_divergence(function, runs, diverged, [*columns])
-        every = _evaluations(function, runs, columns, of_runs, [*numbers]) if numbers else None
+        every = _evaluations_of_function(evaluate, forms, columns) if numbers else None
+        others = [*runs.results, *([] if runs.witness is None else [runs.witness])]
+        given = [function(result) for result in others] if len(numbers) < len(first) else []
     except Exception as error:  # noqa: BLE001 - whatever the function of a person raises
         reason = OTHER_ROWS.format(error)
         return {name: _estimate(x)._replace(error=None, reason=reason) for name, x in first.items()}
     orders = {column.orders[0] for column in columns.values()} or {runs.nominal_order("")}
-    known = Circumstances(
-        np.array(sorted(orders))[:, None], runs.ratio, is_regular=forms.is_regular,
-        has_jumps=runs.have_jumps_within_steps,
-    )  # fmt: skip
+    known = Circumstances.of(np.array(sorted(orders))[:, None], forms)
     estimates = {}
     if every is not None:
         estimates = dict(zip(numbers, combined(every, known)))
         if any(x.error is None and name not in after for name, x in estimates.items()):
-            coarse = _common_row_errors(function, forms, of_runs, [*numbers])
+            coarse = _common_row_errors(evaluate, forms)
             lacking = np.array([x.error is None for x in estimates.values()])
             rows = every.row_error()
             every.rows = np.where(lacking & (coarse >= rows), coarse, rows)
             estimates = dict(zip(numbers, combined(every, known)))
     for name, x in first.items():
-        given = _estimate(x)
         if name in after and not (isinstance(x, Estimate) and x.error is None):
-            estimates[name] = given._replace(error=None, reason=diverged.reason)
+            estimates[name] = _estimate(x)._replace(error=None, reason=diverged.reason)
         elif isinstance(x, Estimate):
-            estimates[name] = _with_coupling(x, [run.get(name) for run in of_runs], known)
+            estimates[name] = _with_coupling(x, [run.get(name) for run in given], known)
     return {name: estimates[name] for name in first}
 
 
-def _common_row_errors(
-    function: Function,
-    forms: Forms,
-    of_runs: Sequence[Mapping[str, float | Estimate]],
-    names: Sequence[str],
-) -> Array:
+def _common_row_errors(evaluate: Evaluate, forms: Forms) -> Array:
     """The errors of numbers due to the spacing of the common rows of the runs, which may hide their differences."""
-    finest = forms.results()[0]
+    value, common = evaluate(forms.of_runs[0]), forms.of_runs[0].result({})
     try:
-        fewer = {n: [function(result) for result in thinned_results(finest, n)] for n in THINNED}
+        few = {n: [evaluate(form) for form in some] for n, some in forms.thinned(common).items()}
     except Exception:  # noqa: BLE001 - whatever the function of a person raises
-        return np.full(len(names), math.nan)
-    thinned = {n: [numbers_of(r, names) for r in results] for n, results in fewer.items()}
-    return Evaluations(numbers_of(of_runs[0], names), np.zeros((0, 1)), thinned).row_error()
+        return np.full(len(value), math.nan)
+    return Evaluations(value, value[None], few).row_error()
 
 
 def _estimate(x: float | Estimate) -> Estimate:
@@ -459,65 +476,39 @@ def _estimate(x: float | Estimate) -> Estimate:
 
 
 def _with_coupling(
-    x: Estimate, of_runs: Sequence[float | Estimate | None], known: Circumstances
+    x: Estimate, others: Sequence[float | Estimate | None], known: Circumstances
 ) -> Estimate:
-    """A number that brings the error of its rows, with that of the coupling added."""
+    """A number that brings the error of its rows, with that of the coupling added; the runs, and the witness behind three."""
     if x.error is None:
         return x
-    runs = [run for run in of_runs if isinstance(run, Estimate) and run.error is not None]
-    if len(runs) < len(of_runs):
+    runs = [run for run in others if isinstance(run, Estimate) and run.error is not None]
+    if len(runs) < len(others):
         return x._replace(error=None, reason=SOME_RUNS)
     values = [run.value for run in runs]
     if len(set(values)) == 1 and x.value == values[0] == round(x.value):
         return x  # a count that all runs agree on
-    noise = max(run.error or 0.0 for run in runs)
+    every = np.array(values)[:, None]
     e = Evaluations(
-        np.array([x.value]), np.array(values)[:, None], rows=np.array([x.error]), noise=noise
-    )
+        np.array([x.value]), every[:RUNS], witness=[*every[RUNS:]], rows=np.array([x.error]),
+        noise=max(run.error or 0.0 for run in runs),
+    )  # fmt: skip
     return combined(e, known)[0]._replace(unit=x.unit)
 
 
-def _evaluations(
-    function: Function,
-    runs: NestedRuns,
-    columns: Mapping[str, ColumnForms],
-    of_runs: Sequence[Mapping[str, float | Estimate]],
-    names: Sequence[str],
+def _evaluations_of_function(
+    evaluate: Evaluate, forms: Forms, columns: Mapping[str, ColumnForms]
 ) -> Evaluations:
-    """The named numbers that a function makes of all the forms of the columns that it reads."""
-    dense = runs.dense
+    """All values of numbers that a function makes of the rows of the columns that it reads.
 
-    def of(changed: Mapping[str, Callable[[], Array]]) -> Array:
-        single = {name: lambda make=make: make()[0] for name, make in changed.items()}
-        return numbers_of(function(with_columns(dense, single)), names)
-
-    value, series = of({}), np.array([numbers_of(run, names) for run in of_runs])
-    thinned = {n: [numbers_of(function(r), names) for r in thinned_results(dense, n)]
-               for n in THINNED}  # fmt: skip
-    hidden = [
-        of({n: partial(c.finest.row_values_with_gap_extremes, s) for n, c in columns.items()})
-        for s in SIGNS
-    ]
-    zero = [
-        of({n: partial(c.at_zero.row_values_with_gap_extremes, s) for n, c in columns.items()})
-        for s in SIGNS
-    ]
-    joint = {name: column for name, column in columns.items() if column.band is not None}
-    beside = [of({name: partial(c.moved, s)}) for name, c in joint.items() for s in SIGNS]
-    beside += [of({n: partial(c.lowered, *tilt) for n, c in joint.items()}) for tilt in TILTS]
-    e = Evaluations(value, series, thinned, hidden)
+    A function cannot look between rows: what all of them change of a number that the common ones give is an error of the
+    rows, and a change to a step of zero within it says nothing.
+    """
+    e = Evaluations.of_all(evaluate, forms)
     rows = e.row_error()
-    if columns and (times := even_times_if_uneven(dense["time"])) is not None:
-        even = {n: lambda c=c: c.finest(times) for n, c in columns.items()}
-        rows = rows + CONFIRMED_FACTOR * np.abs(of({"time": lambda: times[None], **even}) - value)
-    e.rows = np.where(np.isnan(rows), rows, np.fmax(rows, np.abs(value - series[0])))
-
-    def beyond_rows(change: Array) -> Array:
-        return np.where(np.abs(change) <= rows_, 0.0, change)
-
-    rows_ = e.rows
-    e.shifts = [beyond_rows(to - x) for x, to in zip(hidden, zero)]
-    e.beside = [beyond_rows(x - value) for x in beside]
+    if columns and (times := even_times_if_uneven(forms.runs.dense["time"])) is not None:
+        rows = rows + CONFIRMED_FACTOR * np.abs(evaluate(forms.even(times)) - e.value)
+    e.rows = np.where(np.isnan(rows), rows, np.fmax(rows, np.abs(e.value - e.runs[0])))
+    e.shifts = [np.where(np.abs(x) <= e.rows, 0.0, x) for x in e.shifts]
     return e
 
 

@@ -146,11 +146,13 @@ def limit(
     Returns
     -------
     Limit
-        Monotonic values whose differences fall with the order q have the error F max(d, D / r^p) / (r^s - 1), with
-        F = 1.25 and s = p where q is within a tenth of p, else F = 3 and s = q between 0.5 and p. Values that come
-        closer from both sides have the error 1.5 D. Where the differences do not fall, values that agree to 1e-3 of the
-        value or the scale have three times their spread, and others no error. Nor have values that grow in proportion
-        to a power of 1 / h, or fall with an order that the algorithm has not and an error above 0.15 of them.
+        The first of these that is so gives the error: values that are the same have their rounding; without the
+        coarsest run it is 3 d / (r^p - 1); of values that come closer from both sides 1.5 D, where they are not regular
+        3 D, if that is at most 0.15 of them; of monotonic values whose differences fall with the order q it is
+        F max(d, D / r^p) / (r^s - 1), with F = 1.25 and s = p where q is within a tenth of p, else F = 3 and s = q
+        between 0.5 and p; if q is so high that it is an accident, that or 1.5 D, if it is at most 0.15 of them. Values
+        in no order that do not grow have their spread if that is their noise, and three times it if they agree to 1e-3
+        of the value or the scale. Others have no error.
 
     Examples
     --------
@@ -160,67 +162,61 @@ def limit(
     """
     p, *each = np.broadcast_arrays(np.asarray(order, float), *(np.asarray(x) + 0.0))
     fine, middle, coarse = runs = np.array(each)
-    noises = np.broadcast_to(np.asarray(noise, dtype=np.float64), runs.shape)
+    noises, regular = np.broadcast_to(np.asarray(noise, float), runs.shape), np.asarray(is_regular)
     with np.errstate(all="ignore"):
         least = ROUNDING_SHARE * np.where(fine == 0.0, 1.0, np.abs(fine))
-        last, previous = fine - middle, middle - coarse
-        d, D = np.abs(last), np.abs(previous)
-        gain = ratio**p - 1.0
+        finer, coarser = fine - middle, middle - coarse
+        d, D = np.abs(finer), np.abs(coarser)
+        spread = np.fmax(np.fmax(d, D), np.abs(fine - coarse))
+        size = np.maximum(np.abs(fine), scale)
+        most, gain, root = ACCIDENTAL_SHARE * size, ratio**p - 1.0, ratio**LOWEST_ORDER
         q = np.where(D > 0.0, np.log(D / np.maximum(d, least)) / math.log(ratio), -math.inf)
+
         settled = np.maximum(d, D) <= least
-        alternating = (last * previous.conj()).real < 0.0
         lacking = np.isnan(coarse) & np.isfinite(middle)
-
-        confirmed = (np.abs(q - p) <= CONFIRMED_DISTANCE * p) & np.asarray(is_regular)
-        used = np.clip(q, LOWEST_ORDER, p)
-        difference = np.maximum(d, D / ratio**p)
-        error = np.where(
-            confirmed,
-            CONFIRMED_FACTOR * difference / gain,
-            UNCONFIRMED_FACTOR * difference / (ratio**used - 1.0),
-        )
+        alternating = (finer * coarser.conj()).real < 0.0
         accidental = q > p + ACCIDENTAL_EXCESS
-        error = np.where(accidental, np.maximum(error, ALTERNATING_FACTOR * D), error)
-        error = np.where(alternating, ALTERNATING_FACTOR * D, error)
-        error = np.where(lacking, UNCONFIRMED_FACTOR * d / gain, error)
-        most = ACCIDENTAL_SHARE * np.maximum(np.abs(fine), scale)
-        falls = np.where(
-            alternating,
-            (q > 0.0) & (error <= most),
-            (q >= LOWEST_ORDER) & ~(accidental & (error > most)),
-        )
-        root, spread = ratio**LOWEST_ORDER, np.fmax(np.fmax(d, D), np.abs(fine - coarse))
-        sizes = np.abs(runs)
-        grows = (sizes[0] >= root * sizes[1]) & (sizes[1] >= root * sizes[2])
+        grows = (np.abs(fine) >= root * np.abs(middle)) & (np.abs(middle) >= root * np.abs(coarse))
         grows &= (d >= root * D) & (d > least)
-        unordered = ~falls & ~grows & ~lacking
-        quiet = unordered & (spread <= BOTH_NOISES * np.fmax.reduce(noises))
-        narrow = unordered & (spread <= UNORDERED_SHARE * np.maximum(np.abs(fine), scale))
+        largest = np.maximum(d, D / ratio**p)
+        with_order = UNCONFIRMED_FACTOR * largest / (ratio ** np.clip(q, LOWEST_ORDER, p) - 1.0)
+        from_both = np.where(regular, ALTERNATING_FACTOR, UNCONFIRMED_FACTOR) * D
+        by_accident = np.maximum(with_order, ALTERNATING_FACTOR * D)
 
-        error = np.where(quiet, spread, np.where(narrow, UNCONFIRMED_FACTOR * spread, error))
-        error = np.where(settled, least, np.maximum(error, least))
-        stated = settled | falls | quiet | narrow | lacking
+        falls = (q >= LOWEST_ORDER) & ~alternating
+        errors = [
+            (settled, least),
+            (lacking, UNCONFIRMED_FACTOR * d / gain),
+            (alternating & (q > 0.0) & (from_both <= most), from_both),
+            (
+                falls & regular & (np.abs(q - p) <= CONFIRMED_DISTANCE * p),
+                CONFIRMED_FACTOR * largest / gain,
+            ),
+            (falls & ~accidental, with_order),
+            (falls & accidental & (by_accident <= most), by_accident),
+            (~grows & (spread <= BOTH_NOISES * np.fmax.reduce(noises)), spread),
+            (~grows & (spread <= UNORDERED_SHARE * size), UNCONFIRMED_FACTOR * spread),
+        ]
+        conditions, values = [where for where, _ in errors], [value for _, value in errors]
+        stated = np.any(conditions, axis=0)
+        error = np.select(conditions, values, UNCONFIRMED_FACTOR * spread)
         reason = np.select(
             [~np.isfinite(fine), ~np.isfinite(middle), stated, grows],
             [Reason.NO_VALUE, Reason.MISSING, Reason.STATED, Reason.GROWING],
             Reason.NOT_FALLING,
         )
-        error = np.where(stated, error, UNCONFIRMED_FACTOR * spread) + noises[0]
-        observed = np.where(
-            accidental & ~falls, -math.inf, np.where(alternating | lacking, math.nan, q)
-        )
-        observed = np.where(settled, p, observed)
-        regular = lacking | (
-            ~alternating & ~settled & (q >= LOWEST_ORDER) & (q <= p + ACCIDENTAL_EXCESS)
-        )
+        error = np.where(stated, np.maximum(error, least), error) + noises[0]
+        observed = np.where(alternating | lacking, math.nan, q)
+        observed = np.where(falls & accidental & (by_accident > most), -math.inf, observed)
+        is_limit = lacking | (falls & ~settled & ~accidental)
         hidden = ratio**p * (ratio ** (CONFIRMED_DISTANCE * p) - 1.0) / (ratio ** (p + 1.0) - 1.0)
         apart = _extrapolation_error(runs, noises, gain, np.minimum(1.0, ratio**q - 1.0), hidden)
         return Limit(
             fine,
             error,
-            extrapolated=np.where(regular, fine + last / gain, fine),
-            extrapolated_error=np.where(regular & ~lacking, apart, error),
-            order=observed,
+            extrapolated=np.where(is_limit, fine + finer / gain, fine),
+            extrapolated_error=np.where(is_limit & ~lacking, apart, error),
+            order=np.where(settled, p, observed),
             reason=reason.astype(np.intp),
         )
 

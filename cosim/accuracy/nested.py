@@ -1,4 +1,10 @@
-"""Runs of one system with the steps h, 2 h and 4 h, or with steps that adapt to tolerances which differ by ten."""
+"""The runs that show the error of one: with steps twice and four times as long, and one whose steps lie elsewhere.
+
+Three runs whose steps end at the same times share what happens within them: a layer behind the start or a jump that is
+over within a step, an event that a part tells nobody of. So the steps of a *graded* run grow from h / 1024 behind the
+start and each known jump and change, and the runs beside it take every second and every fourth end of that mesh. Where
+parts may have events that they do not tell, a *witness* has steps of h / phi, whose ends no step of h has.
+"""
 
 from __future__ import annotations
 
@@ -8,41 +14,69 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from ..engine.control import Adaptive
+from ..engine.control import Adaptive, Mesh
 from ..engine.row_file import stored_column
 from ..result import Interrupted, Result, SimulationError
 from ..scratch import scratch
-from ..system import System
+from ..system import VARIABLE_STEP, ModelDescription, System, connect, parts_without
 from .limit import RUNS, STEP_RATIO
 
-#: Ratio of two tolerances of adaptive steps: the steps then differ by sqrt(10) or more, as they do by 2 where they are fixed.
+#: The step behind the start and jumps, over the others. Chosen: of a layer that is shorter, up to this share is left in an integral.
+FIRST_STEP = 2.0**-10
+#: By what steps of a graded run grow. Chosen: 40 of them to h; coarser ones share more of a layer between the runs.
+GROWTH = 2.0**0.25
+#: The ratio of the steps of a run and its witness, whose multiples are furthest from whole numbers: the golden one.
+GOLDEN = 0.5 * (1.0 + math.sqrt(5.0))
+#: By what a tolerance is divided where an error is to be smaller.
 TOLERANCE_RATIO = 10.0
-#: Least ratio of the steps of two runs that shows an error (Celik et al., J. Fluids Eng. 130, 2008, step 2).
-LEAST_RATIO = 1.3
+#: How many times as large as that of the next finer run the values of one are that is unstable. Chosen: an error of that size has no digit.
+UNSTABLE = 1e3
 #: Share by which a step may exceed a run that is as long: rounding of their quotient.
 STEP_ROUNDING = 1e-9
 TOO_LONG = "the run is shorter than a step of {:g} s, so that no error can be estimated"
-LOST = "the run with a {} fails, so that no error can be estimated: {}"
+LOST = "the run with {} fails, so that no error can be estimated: {}"
+BLOWN_UP = "the comparison run with {:g} times the step is unstable: take a step of {:g} s or less"
 
 
 @dataclass(frozen=True)
 class NestedRuns:
     """The results of up to three runs, the finest first, whose steps differ by `ratio`.
 
-    `dense` is the finest one with all its rows. `lost` says why coarser runs are missing.
+    Attributes
+    ----------
+    results
+        The finest run, and those that take its steps two and four at a time.
+    dense
+        The finest one with all its rows.
+    step
+        With what it was run.
+    lost
+        Why coarser runs are missing.
+    witness
+        A run whose steps end at other times; None where the others are enough.
+    tells_events
+        Whether no part may have events that it does not tell.
+    confirms
+        Whether an observed order may be that of the algorithm; if not, errors have the factor of one that is not confirmed.
+    follows
+        Whether the others follow the steps that the finest one has chosen, so that no order is expected.
     """
 
     results: Sequence[Result]
     dense: Result
-    ratio: float
+    ratio: float = STEP_RATIO
+    step: float | Adaptive = math.nan
     lost: str = ""
+    witness: Result | None = None
+    tells_events: bool = True
+    confirms: bool = True
+    follows: bool = False
 
     @property
     def finest(self) -> Result:
@@ -57,21 +91,66 @@ class NestedRuns:
         return float(provenance.get("convergence_order", math.nan))
 
     @property
-    def steps_differ_enough(self) -> bool:
-        """Whether the steps of the runs differ by so much that differences show an error."""
-        return self.ratio >= LEAST_RATIO
-
-    @property
     def have_jumps_within_steps(self) -> bool:
         """Whether an input jumps inside a step of one of them; where in the step differs from run to run."""
         return any(bool((r.breaks[:, 1] > r.breaks[:, 0]).any()) for r in self.results)
 
 
-def longer_step(step: float | Adaptive, times: int) -> float | Adaptive:
-    """The step so many ratios longer."""
-    if isinstance(step, Adaptive):
-        return replace(step, tolerance=step.tolerance * TOLERANCE_RATIO**times)
-    return step * STEP_RATIO**times
+@dataclass(frozen=True)
+class ComparedSteps:
+    """The steps of three runs and of the witness, if there is one, as `NestedRuns` has them."""
+
+    steps: Sequence[float | Mesh]
+    witness: Mesh | None = None
+    tells_events: bool = True
+    confirms: bool = True
+
+
+def may_have_events(description: ModelDescription) -> bool:
+    """Whether an FMU may change at once without telling: with event indicators, with values that change at events, and
+    where it offers no model exchange, which would name them.
+    """
+    return (
+        description.modelExchange is None
+        or description.numberOfEventIndicators > 0
+        or any(
+            v.variability == "discrete" and v.causality in ("output", "local")
+            for v in description.modelVariables
+        )
+    )
+
+
+def compared_steps(system: System, step: float, halvings: int = 0) -> ComparedSteps:
+    """With which steps a system is run for the sake of one [s], which has been halved so often."""
+    plain = [step * STEP_RATIO**k for k in range(RUNS)]
+    descriptions = connect(system).descriptions if system.parts else {}
+    tells = not any(map(may_have_events, descriptions.values()))
+    if not descriptions or parts_without(descriptions, VARIABLE_STEP):
+        return ComparedSteps(plain, None, tells)
+    if not tells:
+        return ComparedSteps(plain, graded_steps(step / GOLDEN), tells)
+    first = graded_steps(step * STEP_RATIO**halvings)
+    steps = [replace(first, every=STEP_RATIO ** (k - halvings)) for k in range(RUNS)]
+    return ComparedSteps(steps, None, tells, confirms=False)
+
+
+def graded_steps(step: float) -> Mesh:
+    """Steps that grow behind each time that must be met to one [s]."""
+    return Mesh(first=step * FIRST_STEP, longest=step, growth=GROWTH)
+
+
+def steps_along(result: Result, step: Adaptive) -> ComparedSteps:
+    """Steps along those that a run with this control has taken, one and two at a time, and by another ratio.
+
+    Step doubling takes each of its steps in two halves, which are those that it goes on with.
+    """
+    own = 0.5 if result.provenance.get("control") == "doubling" else 1.0
+    along = tuple(np.unique(result["time"]).tolist())
+    whole, two, other = (
+        Mesh(step.tolerance, along=along, ratio=own * times)
+        for times in (STEP_RATIO, STEP_RATIO**2, 1.0 / GOLDEN)
+    )
+    return ComparedSteps([whole, two], other)
 
 
 @contextmanager
@@ -82,10 +161,11 @@ def nested_runs(
     settings: Mapping[str, Any],
     *,
     known: Mapping[int, Result] | None = None,
+    halvings: int = 0,
 ) -> Iterator[NestedRuns]:
-    """Run with the step, twice and four times it; or with the tolerance, ten and a hundred times it.
+    """Run a system, and with other steps for the sake of its errors.
 
-    The finest run comes first and gets `csv`; it stands even if a coarser one fails. Where rows are wanted
+    The finest run comes first and gets `csv`; it stands even if another one fails. Where rows are wanted
     further apart than steps, its rows at all communication points are in a file until the context ends.
 
     Parameters
@@ -100,77 +180,128 @@ def nested_runs(
         Those of `run`.
     known : mapping of int to Result, optional
         Runs that are there already, by how many ratios their step is longer.
+    halvings : int
+        How often the step was halved since they were made.
     """
     with TemporaryDirectory(dir=scratch(), ignore_cleanup_errors=True) as folder:
         path = Path(folder) / "rows"
-        results, lost = _results(
-            system, step, runner, {**settings}, known={**(known or {})}, all_rows=path
+        runs = _Nested(system, runner, dict(settings), path)
+        found = (
+            runs.along(step)
+            if isinstance(step, Adaptive)
+            else runs.fixed(step, known or {}, halvings)
         )
-        finest = dense = results[0]
         if path.exists():
-            dense = finest.with_columns_from(partial(stored_column, path, len(finest.columns)))
-        yield NestedRuns(results, dense, ratio_of_steps(results, step), lost)
+            finest = found.finest
+            rows = finest.with_columns_from(partial(stored_column, path, len(finest.columns)))
+            found = replace(found, dense=rows)
+        yield found
 
 
-def _results(
-    system: System,
-    step: float | Adaptive,
-    runner: Callable[..., Result],
-    settings: dict[str, Any],
-    *,
-    known: dict[int, Result],
-    all_rows: Path,
-) -> tuple[list[Result], str]:
-    """The results of the runs, the finest first, and why coarser ones are missing."""
-    report = settings.pop("progress", None) or (lambda _: None)
-    finest_only = {"csv": csv} if (csv := settings.pop("csv", None)) is not None else {}
-    if settings.get("output_step") is not None:
-        finest_only["all_rows"] = all_rows
-    span = settings.get("stop", math.inf) - settings.get("start", 0.0)
-    ends = np.cumsum([0.0, *(_ratio(step) ** -float(k) for k in range(RUNS))])
-    for k in range(RUNS):
-        if k in known:
-            continue
-        progress = partial(report_share, report, *(ends[k : k + 2] / ends[-1]).tolist())
-        longer = longer_step(step, k)
-        if k and not isinstance(longer, Adaptive) and longer > span * (1.0 + STEP_ROUNDING):
-            return [known[n] for n in range(k)], TOO_LONG.format(longer)
+class _Nested:
+    """The runs of a system one after the other, with one progress of all."""
+
+    def __init__(
+        self,
+        system: System,
+        runner: Callable[..., Result],
+        settings: dict[str, Any],
+        all_rows: Path,
+    ) -> None:
+        self.system, self.runner, self.settings = system, runner, settings
+        self.report = settings.pop("progress", None) or (lambda _: None)
+        csv = settings.pop("csv", None)
+        self.of_finest: dict[str, Any] = {} if csv is None else {"csv": csv}
+        if settings.get("output_step") is not None:
+            self.of_finest["all_rows"] = all_rows
+        self.finest: Result | None = None
+        self.done, self.all = 0.0, 1.0
+
+    def run(self, step: float | Adaptive, cost: float, **more: Any) -> Result:
+        """One of them, which costs so much of them `all`; raises what the runner does, Ctrl-C with the finest result."""
+        ends = (self.done / self.all, (self.done + cost) / self.all)
+        self.done += cost
         try:
-            with without_log() if k else nullcontext():
-                known[k] = runner(
-                    system, step=longer, **settings, progress=progress, **({} if k else finest_only)
-                )
+            with nullcontext() if self.finest is None else without_log():
+                return self.runner(
+                    self.system, step=step, **self.settings, **more,
+                    progress=partial(report_share, self.report, *ends),
+                )  # fmt: skip
         except Interrupted as interrupt:
-            interrupt.result = known.get(0, interrupt.result)
+            interrupt.result = self.finest or interrupt.result
             raise
+
+    def fixed(self, step: float, known: Mapping[int, Result], halvings: int) -> NestedRuns:
+        """The runs for a step [s]."""
+        plan = compared_steps(self.system, step, halvings)
+        span = self.settings.get("stop", math.inf) - self.settings.get("start", 0.0)
+        results: list[Result] = []
+        lost = ""
+        costs = [STEP_RATIO**-k for k in range(RUNS)]
+        self.all = sum(c for k, c in enumerate(costs) if k not in known)
+        self.all += GOLDEN * (plan.witness is not None)
+        for k, each in enumerate(plan.steps):
+            if k in known:
+                results.append(known[k])
+                continue
+            if k and not isinstance(each, Mesh) and each > span * (1.0 + STEP_ROUNDING):
+                lost = TOO_LONG.format(each)
+                break
+            try:
+                results.append(self.run(each, costs[k], **({} if k else self.of_finest)))
+            except SimulationError as error:
+                if k == 0:
+                    raise
+                lost = LOST.format(f"a step of {step * STEP_RATIO**k:g} s", error)
+                break
+            self.finest = results[0]
+            if k and is_unstable(results[-1], results[-2]):
+                lost = BLOWN_UP.format(STEP_RATIO**k, step / STEP_RATIO ** (RUNS - k))
+                results.pop()
+                break
+        witness = None
+        if plan.witness is not None:
+            try:
+                witness = self.run(plan.witness, GOLDEN)
+            except SimulationError as error:
+                lost, results = LOST.format("other steps", error), results[:1]
+        return NestedRuns(
+            results, results[0], STEP_RATIO, plan.steps[0], lost, witness, plan.tells_events,
+            plan.confirms,
+        )  # fmt: skip
+
+    def along(self, step: Adaptive) -> NestedRuns:
+        """The runs for a tolerance."""
+        self.all = 2.5
+        finest = self.finest = self.run(step, 1.0, **self.of_finest)
+        descriptions = connect(self.system).descriptions if self.system.parts else {}
+        tells = not any(map(may_have_events, descriptions.values()))
+        plan = steps_along(finest, step)
+        results, lost, witness = [finest], "", None
+        try:
+            results += [self.run(each, 0.5 / (k + 1)) for k, each in enumerate(plan.steps)]
+            witness = self.run(plan.witness or step, 1.0)
         except SimulationError as error:
-            if k == 0:
-                raise
-            size = (
-                f"tolerance of {longer.tolerance:g}"
-                if isinstance(longer, Adaptive)
-                else f"step of {longer:g} s"
-            )
-            return [known[n] for n in range(k)], LOST.format(size, error)
-    return [known[k] for k in range(RUNS)], ""
+            results, lost = [finest], LOST.format("longer steps", error)
+        return NestedRuns(
+            results, finest, STEP_RATIO, step, lost, witness, tells, confirms=False, follows=True
+        )
 
 
-def _ratio(step: float | Adaptive) -> float:
-    """That of the steps or tolerances of two runs."""
-    return TOLERANCE_RATIO if isinstance(step, Adaptive) else STEP_RATIO
+def is_unstable(result: Result, finer: Result) -> bool:
+    """Whether a column of a run has grown beyond all that it has in a run with shorter steps."""
+    for name in result.names[1:]:
+        largest, other = (float(np.abs(r[name]).max(initial=0.0)) for r in (result, finer))
+        if largest > UNSTABLE * max(other, np.finfo(float).tiny) and largest > 1.0 / UNSTABLE:
+            return True
+    return False
 
 
-def ratio_of_steps(results: Sequence[Result], step: float | Adaptive) -> float:
-    """By what the steps of runs differ that were asked for with this step or tolerance.
-
-    Of fixed steps, and without wires, it is what was asked for. That of adaptive steps is seen in their numbers: jumps and a longest step leave control only a part of them, and
-    by what power of the tolerance it changes them depends on the system. Of two ratios the smaller one counts. Where no
-    wire couples parts, control has nothing to control, and there is no error that steps could show.
-    """
-    facts = [result.provenance for result in results]
-    if not isinstance(step, Adaptive) or not facts[0].get("wires"):
-        return _ratio(step)
-    return min((a["steps"] / b["steps"] for a, b in pairwise(facts)), default=TOLERANCE_RATIO)
+def shorter_step(step: float | Adaptive) -> float | Adaptive:
+    """The step or the tolerance that follows where an error is to be smaller."""
+    if isinstance(step, Adaptive):
+        return replace(step, tolerance=step.tolerance / TOLERANCE_RATIO)
+    return step / STEP_RATIO
 
 
 @contextmanager

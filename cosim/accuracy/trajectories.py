@@ -6,21 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..dense import NOISE_FRACTION, Array, Curves, separate
 from ..result import Result
-from .limit import (
-    CONFIRMED_FACTOR,
-    LOWEST_ORDER,
-    ROUNDING_SHARE,
-    RUNS,
-    STEP_RATIO,
-    UNCONFIRMED_FACTOR,
-    limit,
-)
+from .limit import LOWEST_ORDER, ROUNDING_SHARE, RUNS, STEP_RATIO, limit
 
 #: Parts of a run over which trajectories are compared: convention, a jump that one run makes a row later
 #: than another is a small share of such a part, and a run that has diverged fills many.
@@ -43,49 +36,12 @@ RELAXED = 3
 DIVERGED = "not converged: the runs diverge from {:.4g} s on"
 
 
-@dataclass(frozen=True)
-class ErrorBand:
-    """What remains to the solution of columns at the times that all runs have.
+class AtZero(NamedTuple):
+    """Columns extrapolated to a step of zero, and where, at the times that all runs have [s], they converge regularly."""
 
-    Attributes
-    ----------
-    finest : Curves
-        The columns in the finest run.
-    times : array of shape (times,)
-        The times that all runs have [s].
-    shift : array of shape (columns, times)
-        What the extrapolation to a step of zero adds; nothing where the values do not converge regularly.
-    widths : array of shape (columns, times)
-        By how much the values of the finest run may be off: by the shift with the factor of safety where they
-        converge regularly, whose order one value alone does not confirm or refute, and with the lowest order where
-        they do not converge.
-    regular : array of bool, shape (columns, times)
-        Where they converge.
-    rounding : array of shape (columns, 1)
-        What is added to each width.
-    """
-
-    finest: Curves
+    solution: Curves
     times: Array
-    shift: Array
-    widths: Array
     regular: NDArray[np.bool_]
-    rounding: Array
-
-    @property
-    def solution(self) -> Curves:
-        """The columns extrapolated to a step of zero, at the times of the finest run; made anew at each call."""
-        return self.finest.with_values(self._at_rows(self.shift) + self.finest.x)
-
-    @property
-    def width(self) -> Curves:
-        """By how much each value may be off, at the times of the finest run; made anew at each call."""
-        return self.finest.with_values(self._at_rows(self.widths) + self.rounding)
-
-    def _at_rows(self, values: Array) -> Array:
-        """Values at all rows of the finest run."""
-        rows, times = separate(self.finest.t), separate(self.times)
-        return np.array([np.interp(rows, times, of) for of in values])
 
     def converges_at(self, times: Array, columns: Sequence[int]) -> NDArray[np.bool_]:
         """Whether the values of columns before and after times [s], shape (times, columns), do, both that are in all runs."""
@@ -94,20 +50,10 @@ class ErrorBand:
         return np.asarray(regular & np.isfinite(times))
 
 
-def error_band(
-    finest: Curves,
-    times: Array,
-    runs: Sequence[Array],
-    orders: Array,
-    ratio: float = STEP_RATIO,
-    *,
-    is_regular: bool = True,
-) -> ErrorBand:
+def extrapolate(
+    finest: Curves, times: Array, runs: Sequence[Array], orders: Array, ratio: float = STEP_RATIO
+) -> AtZero:
     """Extrapolate columns that are continuous to a step of zero, value by value.
-
-    Where runs are not regular, a difference that is small at one time is an accident: the largest one nearby counts, with
-    the factor of safety of an order that is not confirmed. A norm over part of the run in place of one value is what
-    Phillips and Roy (J. Fluids Eng. 136, 2014) found to be reliable for such orders.
 
     Parameters
     ----------
@@ -121,37 +67,14 @@ def error_band(
         The order of the algorithm for each column.
     ratio : float
         The ratio of the steps of two runs.
-    is_regular : bool
-        False where a part relaxes or an input jumps within a step.
     """
     lacks = [np.full_like(runs[0], math.nan)] * (RUNS - len(runs))
     values = np.array([*runs, *lacks])
     rounding = ROUNDING_SHARE * np.abs(finest.x).max(axis=1, keepdims=True)
     of_runs = limit(values, orders[:, None], ratio, noise=rounding)
-    shift = of_runs.extrapolated - values[0]
-    irregular = np.abs(values[0] - values[1]) / (math.pow(ratio, LOWEST_ORDER) - 1.0)
-    widths = np.where(of_runs.is_stated, of_runs.error, irregular)
-    factor = CONFIRMED_FACTOR if is_regular else UNCONFIRMED_FACTOR
-    widths = np.where(shift != 0.0, factor * np.abs(shift) + rounding, widths)
-    return ErrorBand(
-        finest,
-        times=times,
-        shift=shift,
-        widths=widths if is_regular else largest_nearby(times, widths),
-        regular=of_runs.is_stated,
-        rounding=rounding,
-    )
-
-
-def largest_nearby(times: Array, widths: Array) -> Array:
-    """The largest widths within NEIGHBOURS of PARTS of the run around that of each time [s]; at the start, which is exact, its own."""
-    share = (times - times[0]) / (times[-1] - times[0])
-    part = np.minimum((PARTS * share).astype(np.intp), PARTS - 1)
-    of_parts = np.zeros((PARTS, len(widths)))
-    np.maximum.at(of_parts, part, widths.T)
-    around = np.pad(of_parts.T, ((0, 0), (NEIGHBOURS, NEIGHBOURS)))
-    largest = np.lib.stride_tricks.sliding_window_view(around, 2 * NEIGHBOURS + 1, axis=1)
-    return np.concatenate([widths[:, :1], largest.max(axis=2)[:, part[1:]]], axis=1)
+    shift, rows, at = of_runs.extrapolated - values[0], separate(finest.t), separate(times)
+    moved = np.array([np.interp(rows, at, of) for of in shift])
+    return AtZero(finest.with_values(finest.x + moved), times, of_runs.is_stated)
 
 
 def shared_rows(times: Sequence[Array]) -> list[NDArray[np.intp]] | None:

@@ -1,9 +1,10 @@
-"""The columns of three runs in all the forms that decide an error, each made once for all columns and metrics."""
+"""The columns of the runs in all the forms that decide an error, each made once for all columns and metrics."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,9 +13,9 @@ from ..result import Result
 from .limit import RUNS
 from .nested import NestedRuns
 from .trajectories import (
+    AtZero,
     Divergence,
-    ErrorBand,
-    error_band,
+    extrapolate,
     relaxes_within_a_step,
     shared_rows,
     too_slow_orders,
@@ -22,10 +23,10 @@ from .trajectories import (
 
 #: Every second and every third row are left: the smallest numbers without a common factor.
 THINNED = (2, 3)
-#: Times that the width of a settled column has its rounding: derived, as noise, as the least error, and once more.
-ROUNDINGS = 3.0
 #: Runs that have not diverged.
 NOWHERE = Divergence()
+#: How gaps are filled, and whether rows behind them are then the highest or the lowest.
+SIDES = ((Side.AFTER, 1.0), (Side.BEFORE, -1.0))
 
 
 def rows_of(result: Result, names: Sequence[str]) -> Array:
@@ -34,27 +35,29 @@ def rows_of(result: Result, names: Sequence[str]) -> Array:
 
 
 class ColumnForms:
-    """Columns of three runs, all continuous or all held: their curves on common rows, and those of the finest run."""
+    """Columns of the runs, all continuous or all held: their curves on common rows, and those of the finest run."""
 
     def __init__(self, names: Sequence[str], forms: Forms) -> None:
         self.names, self.runs, self._forms = names, forms.runs, forms
         self.orders = np.array([self.runs.nominal_order(name) for name in names])
         self.is_held = self.runs.finest.column(names[0]).kind.is_held
+        self._made: dict[str, Curves] = {}
 
-    def _of(self, result: Result, breaks: Array) -> Curves:
-        return Curves.of_rows(
-            result["time"], rows_of(result, self.names), is_held=self.is_held, breaks=breaks
-        )
+    def of(self, result: Result) -> Curves:
+        """Their curves in one of the runs, on its own rows."""
+        x = rows_of(result, self.names)
+        return Curves.of_rows(result["time"], x, is_held=self.is_held, breaks=result.breaks)
 
     @cached_property
     def of_runs(self) -> Sequence[Curves]:
         """The curves of each run, on the rows that all of them have if these are enough.
 
-        Columns that hold their values have those of each run's own rows, since the common ones hide when they change.
+        Columns that hold their values have those of each run's own rows, since the common ones hide when they change,
+        and so have runs that follow another one's steps.
         """
         results, common = self.runs.results, self._forms.common
-        if common is None or self.is_held:
-            return [self._of(result, result.breaks) for result in results]
+        if common is None or self.is_held or self.runs.follows:
+            return [self.of(result) for result in results]
         return [
             Curves.of_rows(r["time"][rows], x, breaks=results[-1].breaks)
             for r, rows, x in zip(results, common, self._shared)
@@ -65,7 +68,7 @@ class ColumnForms:
         """The finest run."""
         dense = self.runs.dense
         if not self._forms.keep_rows:
-            return self._of(dense, dense.breaks)
+            return self.of(dense)
         rows = rows_of(dense, self.names)
         return Curves(dense["time"], rows, is_held=self.is_held, breaks=dense.breaks)
 
@@ -83,86 +86,32 @@ class ColumnForms:
         return [*finer, rows_of(results[-1], self.names)]
 
     @cached_property
-    def band(self) -> ErrorBand | None:
-        """What remains to a step of zero; None for what holds its values, or without a run whose step is another."""
-        if self.is_held or len(self.runs.results) <= 1 or not self.runs.steps_differ_enough:
+    def limit(self) -> AtZero | None:
+        """The finest run extrapolated to a step of zero; None for what holds its values, and where no order is expected."""
+        if self.is_held or len(self.runs.results) <= 1 or self.runs.follows:
             return None
-        return error_band(
-            self.finest, self._forms.times, self._shared, self.orders, self.runs.ratio,
-            is_regular=self._forms.is_regular,
-        )  # fmt: skip
-
-    @cached_property
-    def width(self) -> Curves:
-        """By how much the finest run may be off."""
-        assert self.band is not None
-        return self.band.width
+        return extrapolate(
+            self.finest, self._forms.times, self._shared, self.orders, self.runs.ratio
+        )
 
     @cached_property
     def at_zero(self) -> Curves:
-        """The finest run extrapolated to a step of zero."""
-        return self.finest if self.band is None else self.band.solution
+        """The same as curves, those of the finest run where there is none."""
+        return self.finest if self.limit is None else self.limit.solution
 
-    @cached_property
-    def beside(self) -> Sequence[Curves]:
-        """The finest run moved up and down by its error."""
-        if self.band is None:
-            return []
-        return [
-            self.finest.with_values(self.finest.x + s * self._error_at_rows) for s in (1.0, -1.0)
-        ]
-
-    @cached_property
-    def spacing(self) -> float:
-        """The largest distance of rows that the runs have in common [s], within which times are the same.
-
-        Where runs are irregular no time is: an error at a time says nothing of that which is missing there.
-        """
-        if not self._forms.is_regular:
-            return -1.0
-        return float(np.diff(self.of_runs[-1].t).max())
-
-    @cached_property
-    def _error_at_rows(self) -> Array:
-        """By how much the finest run may be off beyond rounding, at its rows; nothing after runs have diverged."""
-        assert self.band is not None
-        shift = np.maximum(self.width.x - ROUNDINGS * self.band.rounding, 0.0)
-        diverged = self._forms.diverged
-        parted = np.array([[name in diverged.columns] for name in self.names])
-        shift[parted & (self.finest.t >= diverged.begin)] = 0.0
-        return shift
-
-    @cached_property
-    def _thinned(self) -> dict[tuple[int, int], Curves]:
-        return {}
-
-    def thinned(self, n: int, first: int) -> Curves:
-        """The finest run with the rows first, first + n, ...; kept if there are few."""
-        if (n, first) in self._thinned:
-            return self._thinned[n, first]
-        curves = self.finest.thinned(n, first)
-        if self.finest.x.size <= MOST_POINTS:
-            self._thinned[n, first] = curves
-        return curves
-
-    @cached_property
-    def filled(self) -> Sequence[Curves]:
-        """The finest run with gaps filled from the side behind them, and from that before where there are any."""
-        sides = [Side.AFTER, *([Side.BEFORE] if self.finest.gaps.any() else [])]
-        return [self.finest.filled(side) for side in sides]
-
-    def moved(self, sign: float) -> Array:
-        """The values at the rows moved up (1) or down (-1) by their errors, with the extreme that this has at the start."""
-        return self.finest.moved(self._error_at_rows, sign)
-
-    def lowered(self, begin: float, end: float) -> Array:
-        """The values at the rows with the top lower and the bottom higher by their errors, times begin to end of them."""
-        return self.finest.with_extremes_narrowed(self._error_at_rows, begin, end)
+    def curves(self, form: Form) -> Curves:
+        """Their curves in one of the forms; kept if they are few."""
+        if form.name not in self._made:
+            curves = form.curves(self)
+            if curves.x.size > MOST_POINTS:
+                return curves
+            self._made[form.name] = curves
+        return self._made[form.name]
 
     @cached_property
     def too_slow(self) -> Array:
         """The orders with which whole columns converge, where they are too low to count; else nan."""
-        if self.is_held or len(self.runs.results) < RUNS:
+        if self.is_held or len(self.runs.results) < RUNS or self.runs.follows:
             return np.full(len(self.names), np.nan)
         return too_slow_orders(self._shared, self.runs.ratio)
 
@@ -188,8 +137,8 @@ class Forms:
 
     @cached_property
     def is_regular(self) -> bool:
-        """Whether nothing speaks against an order that a number shows: no part relaxes and no input jumps within a step."""
-        if self.runs.have_jumps_within_steps:
+        """Whether an order that a number shows may confirm it: no part relaxes and no input jumps within a step."""
+        if not self.runs.confirms or self.runs.have_jumps_within_steps:
             return False
         coarsest = self.runs.results[-1]
         return not any(
@@ -209,11 +158,84 @@ class Forms:
         """The forms of columns, of as many at a time as have few rows."""
         return (ColumnForms(batch, self) for batch, _ in self._batches(names))
 
-    def results(self) -> list[Result]:
-        """The results of the runs, on common rows."""
-        if self.common is None:
-            return list(self.runs.results)
-        return [result.select(rows) for result, rows in zip(self.runs.results, self.common)]
+    @cached_property
+    def finest(self) -> Form:
+        """The finest run with all its rows."""
+        return Form("finest", lambda c: c.finest, lambda _: self.runs.dense)
+
+    @cached_property
+    def of_runs(self) -> list[Form]:
+        """Each run, on common rows."""
+        results = list(self.runs.results)
+        if self.common is not None and not self.runs.follows:
+            results = [result.select(rows) for result, rows in zip(results, self.common)]
+        return [self._of_run(k, result) for k, result in enumerate(results)]
+
+    def _of_run(self, k: int, result: Result) -> Form:
+        return Form(f"run {k}", lambda c: c.of_runs[k], lambda _: result)
+
+    @cached_property
+    def witness(self) -> list[Form]:
+        """The run whose steps end elsewhere, if there is one."""
+        result = self.runs.witness
+        return [] if result is None else [Form("witness", lambda c: c.of(result), lambda _: result)]
+
+    def thinned(self, result: Result) -> dict[int, list[Form]]:
+        """With every second and every third row, from each of the first ones on; for functions those of a result."""
+        return {n: [self._thinned(n, first, result) for first in range(n)] for n in THINNED}
+
+    def _thinned(self, n: int, first: int, result: Result) -> Form:
+        def rows(_: Mapping[str, ColumnForms]) -> Result:
+            return result.select(np.flatnonzero(thinned_rows(result["time"], n, first)))
+
+        return Form(f"{n} {first}", lambda c: c.finest.thinned(n, first), rows)
+
+    @cached_property
+    def sides(self) -> list[Form]:
+        """With gaps that hide an event filled otherwise."""
+        return [self._side("finest", *side) for side in SIDES]
+
+    @cached_property
+    def at_zero(self) -> list[tuple[Form, Form]]:
+        """At a step of zero, each behind that of the finest run to which it belongs."""
+        zero = Form("at_zero", lambda c: c.at_zero, partial(self._changed, lambda c: c.at_zero.x))
+        of_sides = [self._side("at_zero", *side) for side in SIDES]
+        return [(self.finest, zero), *zip(self.sides, of_sides)]
+
+    def _side(self, of: str, side: Side, sign: float) -> Form:
+        """Curves with their gaps filled from a side, and rows behind gaps as high or as low as these then get."""
+
+        def rows(c: ColumnForms) -> Array:
+            curves: Curves = getattr(c, of)
+            return curves.row_values_with_gap_extremes(sign)
+
+        return Form(
+            f"{of} {side}", lambda c: getattr(c, of).filled(side), partial(self._changed, rows)
+        )
+
+    def even(self, times: Array) -> Form:
+        """The finest run at other times [s]."""
+
+        def result(columns: Mapping[str, ColumnForms]) -> Result:
+            at_times = self._changed(lambda c: c.finest(times), columns)
+            return with_columns(at_times, {"time": lambda: times})
+
+        return Form("even", lambda c: c.finest, result)
+
+    def _changed(
+        self, values: Callable[[ColumnForms], Array], columns: Mapping[str, ColumnForms]
+    ) -> Result:
+        """The finest run with other values in columns."""
+        made = {name: partial(lambda c: values(c)[0], c) for name, c in columns.items()}
+        return with_columns(self.runs.dense, made)
+
+
+class Form(NamedTuple):
+    """One way in which runs are looked at: `curves` gives those of columns, `result` the rows for a function that reads them."""
+
+    name: str
+    curves: Callable[[ColumnForms], Curves]
+    result: Callable[[Mapping[str, ColumnForms]], Result]
 
 
 def with_columns(result: Result, changed: Mapping[str, Callable[[], Array]]) -> Result:
@@ -222,10 +244,3 @@ def with_columns(result: Result, changed: Mapping[str, Callable[[], Array]]) -> 
     return result.with_columns_from(
         lambda k: changed[names[k]]() if names[k] in changed else result.load(k)
     )
-
-
-def thinned_results(result: Result, n: int) -> Iterator[Result]:
-    """The result with the rows first, first + n, ..., and the ends, for each first row."""
-    t = result["time"]
-    for first in range(n):
-        yield result.select(np.flatnonzero(thinned_rows(t, n, first)))

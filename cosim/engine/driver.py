@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time as clock
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Iterator, Sequence
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,14 @@ from ..system import STATE, VARIABLE_STEP, Port, parts_without
 from ..system.description import Variable
 from .algorithms import find_algorithm
 from .changes import Jump, TimedChange, known_jumps, source_jumps, value_before, with_jumps
-from .control import Adaptive, Controller, step_ends_by_doubling, step_ends_by_energy
+from .control import (
+    Adaptive,
+    Controller,
+    EqualSteps,
+    Mesh,
+    step_ends_by_doubling,
+    step_ends_by_energy,
+)
 from .iteration import Iteration
 from .loop import Loop, lay_out
 from .part import I, Part, WiredPart
@@ -74,6 +82,15 @@ class RowReader:
         for block in self.extra:
             block(t)
         return [t, *(cells[i] for cells, i in self._cells)]
+
+
+def _known_steps(plan: RunSettings, jumps: Sequence[Jump]) -> list[EqualSteps]:
+    """The steps that are known before a run; none where control chooses them."""
+    if isinstance(plan.step, Mesh):
+        return plan.step.stretches([plan.start, *(jump.time for jump in jumps), plan.stop])
+    if isinstance(plan.step, Adaptive):
+        return []
+    return [EqualSteps(plan.start, plan.step, plan.number())]
 
 
 class Driver:
@@ -139,6 +156,9 @@ class Driver:
         self._instant = {each.output for each in context.feedthroughs if each.is_wired}
         self._first_order = [name for name in recorder.names if name in behind]
         self._every = every = plan.steps_per_row(row.recorded)
+        self._known = _known_steps(plan, self._jumps)
+        numbers = [0, *accumulate(steps.number for steps in self._known)]
+        self._firsts, self._count = numbers[:-1], numbers[-1]
         self._checkpoint: tuple[int, Snapshot] | None = None
         self._loop: Loop | None = None
         self.control = "fixed"
@@ -149,7 +169,7 @@ class Driver:
         self._can_probe = not unable
         if isinstance(plan.step, Adaptive):
             self.control = plan.step.control or ("energy" if without_state else "doubling")
-        elif not unable:
+        if self._known and not unable:
             self._checkpoint = (self.accepted - CHECKPOINT, Snapshot(parts))
         forward = steps is not None and self.control != "doubling"
         back = self._checkpoint is not None or self.control == "doubling"
@@ -158,7 +178,7 @@ class Driver:
             part.instance.refuse_steps_across_events(
                 refuses=back and part.instance.has_event_outputs(part.outputs)
             )
-        if isinstance(plan.step, Adaptive) or steps is None or every is None:
+        if not self._known or steps is None or every is None:
             return
         program = lay_out(steps, row.extra)
         if program is None:
@@ -184,10 +204,10 @@ class Driver:
             self._add = grid.take
         try:
             self._add_row(self.row(self.t))
-            if isinstance(self.plan.step, Adaptive):
+            if self._known:
+                yield from self._fixed()
+            elif isinstance(self.plan.step, Adaptive):
                 yield from self._adaptive(self.plan.step)
-            else:
-                yield from self._fixed(self.plan.step)
             if self._is_there:
                 self._pause()
             self.breaks = [(b, min(end, self.t)) for b, end in self.breaks if b < self.t]
@@ -301,12 +321,21 @@ class Driver:
             if self._is_there:
                 return
 
-    def _fixed(self, step: float) -> Iterator[ShareDone]:
-        start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
+    def _begin_of(self, n: int) -> float:
+        """When step number n begins [s]."""
+        k = bisect_right(self._firsts, n) - 1
+        return self._known[k].begin + (n - self._firsts[k]) * self._known[k].size
+
+    def _size_of(self, n: int) -> float:
+        """The size of step number n [s]."""
+        return self._known[bisect_right(self._firsts, n) - 1].size
+
+    def _fixed(self) -> Iterator[ShareDone]:
+        stop, count = self.plan.stop, self._count
         every = self._every or 1
         chunk = 16
-        split = [*self._steps_to_interrupt(step), count]
-        goal = count if self._until >= stop else self._goal(step)
+        split = sorted({*self._steps_to_interrupt(), *self._firsts[1:], count})
+        goal = count if self._until >= stop else self._goal()
         while self.accepted < goal:
             n = self.accepted
             if self._checkpoint is not None:
@@ -319,27 +348,31 @@ class Driver:
                 last = min(n + chunk, count - 1, goal, split[bisect_left(split, n)])
             if self._loop is not None and n < last:
                 began = clock.perf_counter()
-                rows, self.accepted, failure = self._loop.run(start, step, n, last)
+                k = bisect_right(self._firsts, n) - 1
+                first, (begin, step, _) = self._firsts[k], self._known[k]
+                rows, done, failure = self._loop.run(begin, step, n - first, last - first)
+                self.accepted = first + done
                 self._add_to_all_rows(rows)
                 due = self._thinned(rows, n + 1, every)
                 self.recorder.add(due)
                 self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
-                self.t = start + self.accepted * step
+                self.t = self._begin_of(self.accepted)
                 if failure is not None:
-                    self._redo_from_checkpoint(failure, step)
+                    self._redo_from_checkpoint(failure)
                 elif clock.perf_counter() - began < PATIENCE:
                     chunk = min(2 * chunk, MOST_ROWS * every)
                 else:
                     chunk = max(chunk // 2, 1)
             else:
                 is_last = n == count - 1
+                step = self._size_of(n)
                 h = step if not is_last or self.t + step == stop else stop - self.t
                 try:
                     self._advance(self.t, h)
                 except StepDiscarded as failure:
-                    self._redo_from_checkpoint(failure, step)
+                    self._redo_from_checkpoint(failure)
                     self._advance(self.t, h)
-                end = stop if is_last else start + (n + 1) * step
+                end = stop if is_last else self._begin_of(n + 1)
                 is_due = is_last or (n + 1) % every == 0
                 row = self.row(end) if is_due or self._all_rows is not None else None
                 self.accepted, self.t = n + 1, end
@@ -350,10 +383,10 @@ class Driver:
                     self._add_to_all_rows(row)
             yield self.accepted / count
 
-    def _goal(self, step: float) -> int:
+    def _goal(self) -> int:
         """The number of steps from the start to where it is to end before the stop."""
-        n = self._step_number(self._until, step)
-        return n if coincide(self.plan.start + n * step, self._until) else n + 1
+        n = self._step_number(self._until)
+        return n if coincide(self._begin_of(n), self._until) else n + 1
 
     def _pause(self) -> None:
         """Show where it has come to, if no row does, and note whether a break goes on."""
@@ -365,40 +398,38 @@ class Driver:
     @property
     def loop_for_all_steps(self) -> Loop | None:
         """All its steps in C, if no jump is at the beginning of one and no change in any."""
-        start, step = self.plan.start, self.plan.step
-        if isinstance(step, Adaptive):
+        if isinstance(self.plan.step, Adaptive):
             return None
         for jump in self._jumps:
-            n = self._step_number(jump.time, step)
-            if jump.changes or coincide(start + n * step, jump.time):
+            if jump.changes or coincide(self._begin_of(self._step_number(jump.time)), jump.time):
                 return None
         return self._loop
 
-    def _steps_to_interrupt(self, step: float) -> Iterator[int]:
+    def _steps_to_interrupt(self) -> Iterator[int]:
         """The numbers of the fixed steps at whose beginning a jump occurs, or inside which a change does.
 
         An input that jumps inside a step makes a break of it and of the next one: the step gets the mean, and what
         outputs show at its end is made of that.
         """
-        start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
+        stop, count = self.plan.stop, self._count
         # beyond the stop, another run may go on with the break
         for jump in self._jumps:
-            n = min(self._step_number(jump.time, step), count - 1)
-            begin = start + n * step
+            n = min(self._step_number(jump.time), count - 1)
+            begin = self._begin_of(n)
             if jump.changes or coincide(begin, jump.time):
                 yield n
             else:
-                broken = (begin, stop if n + 2 == count else start + (n + 2) * step)
+                broken = (begin, stop if n + 2 == count else self._begin_of(n + 2))
                 if broken not in self.breaks[-1:]:
                     self.breaks.append(broken)
 
-    def _step_number(self, time: float, step: float) -> int:
+    def _step_number(self, time: float) -> int:
         """The number of the step that a time lies in, or that begins there."""
-        start = self.plan.start
-        n = int((time - start) / step)
-        return n + 1 if coincide(start + (n + 1) * step, time) else n
+        k = max(0, bisect_right([steps.begin for steps in self._known], time) - 1)
+        n = self._firsts[k] + int((time - self._known[k].begin) / self._known[k].size)
+        return n + 1 if coincide(self._begin_of(n + 1), time) else n
 
-    def _redo_from_checkpoint(self, failure: FmuError, step: float) -> None:
+    def _redo_from_checkpoint(self, failure: FmuError) -> None:
         """After a discarded step, come back to before it, from now on ready to step less."""
         if not isinstance(failure, StepDiscarded):
             raise failure
@@ -416,7 +447,7 @@ class Driver:
         snapshot.restore()
         self._advance = self._in_pieces(self._advance, snapshot)
         for n in range(before, self.accepted):
-            self._advance(self.plan.start + n * step, step)
+            self._advance(self._begin_of(n), self._size_of(n))
 
     def _in_pieces(self, advance: Advance, snapshot: Snapshot) -> Advance:
         """The same step in as many pieces as the parts ask for."""

@@ -114,5 +114,5 @@ class RunSettings:
     def stepping_text(self) -> str:
         """How the run steps."""
         if isinstance(self.step, Adaptive):
-            return f"adaptive steps, tolerance {self.step.tolerance:g}"
+            return str(self.step)
         return f"steps of {self.step:.6g} s"

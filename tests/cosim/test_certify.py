@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cosim import Result, System, certify, diagnose, limit, run, smallest
+from cosim import Result, System, certify, diagnose, limit, run
 from cosim.accuracy.trajectories import find_divergence
 from cosim.metrics import (
     Largest,
@@ -34,24 +34,6 @@ from tests.linear_systems import couple, drive
 def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:
     values = [ripple(fmus, "jacobi", steps, 48)[1] for steps in (320, 160, 80)]
     assert not limit(values, 1).is_stated
-
-
-@pytest.mark.parametrize(
-    ("metric", "widest"),
-    [
-        (Smallest("x"), 3.001 / 80),
-        (lambda r: smallest(r["time"], r["x"]), 10 / 80),
-        (lambda r: float(r["x"].min()), 10 / 80),
-    ],
-)
-def test_an_extreme_that_every_run_smoothes_is_in_the_error(metric: Any, widest: float) -> None:
-    """x = 20 t^2 - t dips to -1/80; an error of 80 h t leaves no run a value below that of the start."""
-    t = np.linspace(0.0, 1.0, 21)
-
-    runner = runs_of(lambda step: [t, 20 * t**2 - t + 80 * step * t])
-    estimate = certify(System({}), {"x": metric}, step=0.0125, runner=runner).figures["x"]
-    assert estimate.value == pytest.approx(0.0, abs=1e-12)
-    assert estimate.error is not None and 1 / 80 <= estimate.error <= widest
 
 
 def test_a_dip_close_behind_the_start_is_in_the_error(native: Path) -> None:
@@ -91,12 +73,7 @@ def test_a_dip_next_to_an_impact_is_in_the_error_though_it_is_over_before_the_ne
     assert estimate.error is not None and estimate.value - 0.996 < estimate.error < 0.03
 
 
-@pytest.mark.parametrize(
-    "metric", [TimeOfLargest("x"), lambda r: float(r["time"][np.argmax(r["x"])])]
-)
-def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_plateau(
-    metric: Any,
-) -> None:
+def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_plateau() -> None:
     """A share of 0.1 h is left by the coupling; the second peak is higher by a millionth, but lower in
     all runs, by what falls in no order.
     """
@@ -111,6 +88,7 @@ def test_the_time_of_the_largest_value_is_that_of_all_peaks_as_high_and_of_a_pla
     def bell(t: Any, h: float) -> Any:
         return np.exp(-((t - 0.5) ** 2)) * (1 - 0.1 * h)
 
+    metric = TimeOfLargest("x")
     assert certified_estimate(peaks, metric).error >= 0.5
     flat = certified_estimate(plateau, metric)
     assert flat.value == pytest.approx(0.2, abs=0.011) and flat.error >= 0.59
@@ -138,20 +116,6 @@ def test_no_number_of_a_column_is_stated_whose_error_hardly_falls(metric: Any) -
     assert "not converged: the error of x falls with order 0.2" in str(slow)
     noisy = certified_estimate(lambda t, h: np.sin(7 * t) + 1e-7 * np.sin(1e9 * (t + h)), metric)
     assert noisy.error is not None
-
-
-@pytest.mark.parametrize("metric", [Last("x"), lambda r: float(r["x"][-1])])
-def test_a_part_that_relaxes_within_a_step_leaves_an_error_where_runs_agree_by_chance(
-    metric: Any,
-) -> None:
-    """Each run holds the start for a step instead of 0.2 ms, and an error of the other sign lets differences vanish at the end."""
-
-    def x(t: Any, h: float) -> Any:
-        return (t > 0.0) * (1.0 + (h - 2e-4) * np.exp(-3.0 * t) - h * math.exp(-3.0) * t)
-
-    estimate = certified_estimate(x, metric)
-    assert estimate.error is not None
-    assert 2e-4 * math.exp(-3.0) < estimate.error < 50 * 2e-4 * math.exp(-3.0)
 
 
 @pytest.mark.parametrize("rate", [33.6947, 16.25, 33.0 / 0.98])
@@ -211,7 +175,7 @@ def test_what_strang_shows_of_the_end_of_a_step_converges_with_order_2(native: P
     certified = certify(system, lambda r: {"P": r["motor.P"][-1]}, step=2.5e-4, **settings)
     assert certified.result.provenance["first_order"] == ["conveyor.f_rod"]
     assert certified.figures["P"].error is not None
-    assert 0.5 < abs(certified.figures["P"].value - exact) / certified.figures["P"].error <= 1.0
+    assert 0.2 < abs(certified.figures["P"].value - exact) / certified.figures["P"].error <= 1.0
     backwards = run(system, step=1e-3, order=["conveyor", "motor"], **settings)
     assert backwards.provenance["first_order"] == ["motor.P"]
 

@@ -11,7 +11,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from ...accuracy.certify import COVERS_SOLVERS, Certified, certify
-from ...engine.control import Adaptive
 from ...errors import SetupError, pluralize
 from ...fmu.messages import quiet
 from ...isolated import run_isolated
@@ -33,6 +32,8 @@ from ..output import (
 from ..system_file import SystemFile, add_stepping_options, add_system_options, open_system
 
 SUMMARY = "Run a system and write its results."
+#: The exit status where no figure has an error: that of a refused answer of the workbench.
+REFUSED = 3
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -62,7 +63,8 @@ def execute(options: argparse.Namespace) -> int:
     if certified is not None:
         print_certified(certified)
     print_warnings(result)
-    return 0
+    is_refused = certified is not None and all(x.error is None for x in certified.figures.values())
+    return REFUSED if is_refused else 0
 
 
 def _run_and_write(
@@ -122,13 +124,8 @@ def run_summary(result: Result) -> Iterator[str]:
 
 def print_certified(certified: Certified) -> None:
     """Print the metrics of the summary with their errors and observed orders, and what the errors cover."""
-    is_adaptive = isinstance(certified.step, Adaptive)
-    runs = (
-        "ten and a hundred times the tolerance" if is_adaptive else "twice and four times the step"
-    )
-    if certified.covers is COVERS_SOLVERS:
-        runs += ", and with a tenth of the tolerance,"
-    print(f"{certified.covers}; from runs with {runs} as well")
+    tenth = " and a tenth of the tolerance" if certified.covers is COVERS_SOLVERS else ""
+    print(f"{certified.covers}; from runs with other steps{tenth} as well")
     rows = []
     for name, estimate in certified.figures.items():
         is_known = estimate.error is not None and math.isfinite(estimate.order)
@@ -147,5 +144,5 @@ def add_options(parser: Parser) -> None:
     text = "write only this part's columns, under their bare names"
     parser.add_argument("--part", metavar="NAME", help=text)
     parser.path("--plot", "image file with a plot of all columns")
-    text = "also run with twice and four times the step, and a tenth of the FMUs' tolerance, and state the error of every figure"
+    text = "also run with other steps, and a tenth of the FMUs' tolerance, and state the error of every figure (exit status 3 if of none)"
     parser.add_argument("--certify", action="store_true", help=text)
