@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import os
 from argparse import ArgumentParser, BooleanOptionalAction
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
+from functools import cache
 from numbers import Integral, Real
 from operator import ge, gt, le
 from types import NoneType
@@ -221,6 +222,13 @@ class RunOptions(Options):
 
 def declared(kind: type[Options]) -> dict[str, Option]:
     """The options of a question by name, its own first."""
+    known: Hashable = kind  # type: ignore[assignment]
+    return _declared(known)
+
+
+@cache
+def _declared(kind: Any) -> dict[str, Option]:
+    """The same, which type hints are slow to give."""
     hints = get_type_hints(kind)
     options = {}
     for entry in sorted(fields(kind), key=lambda entry: entry.name in RunOptions.__annotations__):

@@ -173,6 +173,10 @@ class Question(Options):
         The results that methods see are a pair where this returns any: what was certified, and what this returned.
         """
 
+    def formulas(self) -> Mapping[str, float]:
+        """Return figures that formulas give without a run, which may guide the search for a level of another."""
+        return {}
+
     def more_figures(self, figures: Mapping[str, Figure], results: Any) -> Mapping[str, Figure]:
         """Return figures that follow from these, or from formulas, with their errors."""
         return {}

@@ -25,6 +25,7 @@ from .answer import Answer, Findings, GivenValue, Show, parameters
 from .catalog import QuestionError, as_question_errors
 from .context import IN_PROCESS, Context, captured_log_warnings
 from .figure import Figure, checked_figures
+from .find import Find, find
 from .judgement import lines
 from .options import Options, at_least, check_fixed_starts, declared
 from .project import FLAVOURS, PYTHON, Project
@@ -240,19 +241,23 @@ def is_refused(question: type[Question], figures: Mapping[str, Figure]) -> bool:
 
 
 def rows(
-    page: Path | str, fmus: Mapping[str, Path], cases: Sequence[Mapping[str, Any]]
+    page: Path | str,
+    fmus: Mapping[str, Path],
+    cases: Sequence[Mapping[str, Any]],
+    finds: Mapping[str, Find] = MappingProxyType({}),
 ) -> list[Outcome]:
     """Return what becomes of the question of a file or a module in each case: options, and start values, which have a dot.
 
+    Where figures reach the levels of `finds` is sought in each case, and is a figure as well.
     The answer of an outcome is a `Row`. Cases that cannot be solved together are solved in halves. Errors name no folder.
     """
     began = perf_counter()
     try:
-        found = _solved(page, fmus, cases)
+        found = _solved(page, fmus, cases, finds)
     except Exception as error:  # noqa: BLE001
         if len(cases) > 1:
             half = len(cases) // 2
-            return [*rows(page, fmus, cases[:half]), *rows(page, fmus, cases[half:])]
+            return [*rows(page, fmus, cases[:half], finds), *rows(page, fmus, cases[half:], finds)]
         found = [error]
     seconds = (perf_counter() - began) / len(cases)
     return [
@@ -262,7 +267,10 @@ def rows(
 
 
 def _solved(
-    page: Path | str, fmus: Mapping[str, Path], cases: Sequence[Mapping[str, Any]]
+    page: Path | str,
+    fmus: Mapping[str, Path],
+    cases: Sequence[Mapping[str, Any]],
+    finds: Mapping[str, Find],
 ) -> list[Row | Exception]:
     """The answers to cases, or why they are refused; raises what `solve_all` does, and if it is not clear who warns."""
     try:
@@ -278,6 +286,16 @@ def _solved(
             for o in asked:
                 check_fixed_starts(o.start, question.fixed_starts)
             found = question.solve_all(Context(fmus), asked)
+            good = {k: x for k, x in enumerate(found) if isinstance(x, Findings)}
+            places = find(Context(fmus), [(asked[k], x) for k in good for x in finds.values()])
+            for j, (k, x) in enumerate(good.items()):
+                of_case = zip(finds, places[j * len(finds) :])
+                more = {
+                    f"{name}_{n}" if n > 1 else name: y
+                    for name, all_ in of_case
+                    for n, y in enumerate(all_, 1)
+                }
+                found[k] = replace(x, figures={**x.figures, **more})
             if len(cases) > 1 and logged():
                 raise SetupError(f"one of {len(cases)} cases warns: {logged()[0]}")
             return [

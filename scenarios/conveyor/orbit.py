@@ -36,7 +36,7 @@ from workbench.live import REVOLUTION
 from workbench.orbits import SteadyMotion
 
 from .drive_orbits import CRANK_TURN, STATES, Drive, near
-from .first_order import SETS, Machine, rod_force
+from .first_order import FIELDS, SETS, Machine, rod_force
 from .machine import (
     PARTS,
     conveyor_drive,
@@ -62,6 +62,11 @@ MEANS = {
     "motor": ("W", "power into heat in the motor"),
 }
 THEORIES = {"theory": "to second order in the ripple", "plain": "without ripple"}
+GUIDES = {
+    "tau2_theory": ("N.m", 0.0, "torque ripple by (26)"),
+    "w2_theory": ("rad/s", 0.0, "speed ripple by first-order theory"),
+    "lag_theory": ("deg", 0.0, "lag by first-order theory"),
+}
 FORCE = "conveyor.f_rod"
 
 
@@ -107,6 +112,13 @@ class DriveOrbit(Question, RippleOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "speed", self.speed or OPERATING[self.set])
+
+    @classmethod
+    def of(cls, machine: Machine, drive: Drive, nu: float) -> DriveOrbit:
+        """Return the question of a machine, run as a drive, at a speed [rad/s]."""
+        fields = {name: float(vars(machine)[field]) for name, field in FIELDS.items()}
+        steps: Any = {"algorithm": drive.algorithm, "steps_per_rev": drive.steps_per_rev}
+        return cls(start={**fields, **machine.more}, speed=nu, **steps)
 
     @property
     def nu(self) -> float:
@@ -172,6 +184,17 @@ class DriveOrbit(Question, RippleOptions):
             raise found
         return found
 
+    def formulas(self) -> Mapping[str, float]:
+        """Ripple and lag by first-order theory."""
+        m, nu = self.machine, self.nu
+        torque = m.torque_ripple(nu)
+        lag = float(np.angle(m.load_ripple(nu) / torque, deg=True)) % 360.0
+        return {
+            "tau2_theory": float(abs(torque)),
+            "w2_theory": float(abs(m.speed_ripple(nu))),
+            "lag_theory": lag,
+        }
+
     def more_figures(
         self, figures: Mapping[str, Figure], values: Mapping[str, float]
     ) -> Mapping[str, Figure]:
@@ -182,8 +205,7 @@ class DriveOrbit(Question, RippleOptions):
         phase = math.degrees(np.angle(load))
         more = {
             "lag": figure_of_figures(lambda x: (phase - x) % 360.0, figures["tau2_phase"], unit="deg", meaning="lag of the torque ripple behind its load"),
-            "tau2_theory": Figure(abs(m.torque_ripple(nu)), "N.m", 0.0, "torque ripple by (26)"),
-            "w2_theory": Figure(abs(m.speed_ripple(nu)), "rad/s", 0.0, "speed ripple by theory"),
+            **{name: Figure(x, *GUIDES[name]) for name, x in self.formulas().items()},
             "f_rod_formula": Figure(abs(rod_force(m, nu)), "N", 0.0, "largest rod force by (17)"),
             "f_rod_theory": Figure(
                 peak(waveform(m, length, nu)), "N", 0.0, "largest rod force to first order in the ripple"

@@ -79,15 +79,11 @@ class Plane(NamedTuple):
 
     def plan(self, drive: Drive) -> GridPlan:
         """The turns of all points, row by row."""
-        machine, axes = self.machine, (self.y, self.x)
-        start = {name: vars(machine)[field] for name, field in FIELDS.items()} | dict(machine.more)
-        fixed = {
-            "speed": self.speed, "algorithm": drive.algorithm, "steps_per_rev": drive.steps_per_rev, **start,
-        }  # fmt: skip
-        grid = {axis.name: axis.along.values.tolist() for axis in axes}
-        return GridPlan(
-            DriveOrbit, {name: x for name, x in fixed.items() if name not in grid}, grid
-        )
+        grid = {axis.name: axis.along.values.tolist() for axis in (self.y, self.x)}
+        base = DriveOrbit.of(self.machine, drive, self.speed)
+        options = {name: getattr(base, name) for name in ("speed", "algorithm", "steps_per_rev")}
+        fixed = {name: x for name, x in {**options, **base.start}.items() if name not in grid}
+        return GridPlan(DriveOrbit, fixed, grid)
 
     @property
     def lines_of_rows(self) -> MachineLines:

@@ -165,7 +165,7 @@ REFUSED = [
     (GRID, "[grid]", "figures = 'z'\n[grid]", "figures = 'z' must be a list of names"),
     (GRID, "[grid]", "figures = ['z', 'z']\n[grid]", "figures contains 'z' twice"),
     (GRID, "[grid]", "[sampling]\n[grid]", "[tolerances] and [sampling] must be"),
-    (GRID, GRID, "scenario = 'plane.py'", "nothing varies: a study needs a table [grid] or"),
+    (GRID, GRID, "scenario = 'plane.py'", "nothing varies: a study needs a table [grid], [tolerances] or"),
     (TOLERANCES, "lhs", "dice", "sampling.method = 'dice' must be one of lhs, sobol, saltelli"),
     (TOLERANCES, "lhs", "sobol", "number = 1000 must be a power of 2 with 'sobol', for example 512"),
     (TOLERANCES, "1000", "1", "sampling.number = 1 must be a whole number at least 2"),

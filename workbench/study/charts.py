@@ -39,6 +39,8 @@ def overview(
             panels.append(Panel(name, units.get(name) or "1", [curve_of_figure], includes=includes))
         return Chart(title, x, panels)
 
+    if not study.varied:
+        return []
     if study.tolerances and not study.grid:
         return [
             *(

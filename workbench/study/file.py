@@ -21,6 +21,7 @@ from scipy.stats.distributions import rv_frozen
 from cosim import SetupError
 from cosim.units import QUANTITY
 
+from ..find import Find
 from ..options import TYPE_NAMES, Option, declared, quoted, unknown_option
 from ..project import NO_PROJECT, Project
 from ..question import Question
@@ -28,7 +29,9 @@ from ..question import Question
 Value = float | int | str | bool
 Samples = NDArray[np.float64]
 Spec = Mapping[str, Any]
-KEYS = ("scenario", "timeout", "figures", "fixed", "grid", "sampling", "tolerances", "limits")
+KEYS = (
+    "scenario", "timeout", "figures", "fixed", "grid", "sampling", "tolerances", "limits", "find",
+)  # fmt: skip
 TOLERANCES = (
     "{ nominal, uniform }, { nominal, normal }, { nominal, normal, within } or { from, to }"
 )
@@ -42,6 +45,8 @@ LEAST = 2.0**-31
 MAX_RUNS = 1 << 20
 TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0, "at most": 1e6})
 NUMBER = Option("number", int, default=0, bounds={"at least": 2, "at most": MAX_RUNS})
+WHICH = Option("which", str, default="first", choices=("first", "all"))
+FIND = '{ over, from, to, figure, level }, and perhaps guide and which = "all"'
 SPACING = Option("spacing", str, choices=("linear", "log"))
 SAMPLING = {
     "method": Option("method", str, default="", choices=METHODS),
@@ -84,7 +89,7 @@ class Study:
     """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
 
     `question` is what it asks; `tolerances` are distributions of scipy.stats; `limits` are of figures, in their units or
-    as texts with one.
+    as texts with one; `find` is what is sought in each run, by the name of the figure.
     """
 
     path: Path
@@ -98,6 +103,7 @@ class Study:
     grid: Mapping[str, Sequence[Value]]
     tolerances: Mapping[str, rv_frozen]
     limits: Mapping[str, float | str]
+    find: Mapping[str, Find]
 
     @property
     def name(self) -> str:
@@ -183,8 +189,8 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     for name, times in Counter(itertools.chain(*read.values())).items():
         if times > 1:
             raise SetupError(f"{name!r} is given in two of [fixed], [grid] and [tolerances]")
-    if not read["grid"] and not read["tolerances"]:
-        raise SetupError("nothing varies: a study needs a table [grid] or [tolerances]")
+    if not read["grid"] and not read["tolerances"] and not tables["find"]:
+        raise SetupError("nothing varies: a study needs a table [grid], [tolerances] or [find]")
     if bool(read["tolerances"]) != ("sampling" in content):
         raise SetupError("[tolerances] and [sampling] must be given together")
     sampling = _sampling(tables["sampling"]) if "sampling" in content else None
@@ -193,10 +199,42 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if count > MAX_RUNS:
         raise SetupError(f"{count} runs are more than {MAX_RUNS}")
     limits = {name: _limit(name, raw) for name, raw in tables["limits"].items()}
+    find = {name: _find(question, name, spec) for name, spec in tables["find"].items()}
     timeout = TIMEOUT.read(content.get("timeout"))
     return Study(
-        path, content, project, question, sampling, timeout, figures, **read, limits=limits
+        path,
+        content,
+        project,
+        question,
+        sampling,
+        timeout,
+        figures,
+        **read,
+        limits=limits,
+        find=find,
     )
+
+
+def _find(question: type[Question], name: str, spec: Any) -> Find:
+    """What is sought, from {over, from, to, figure, level, guide, which}."""
+    key = f"find.{name}"
+    if not name.isidentifier() or not isinstance(spec, dict):
+        raise SetupError(f"{key} = {quoted(spec)} must be {FIND}")
+    check_keys(f"{key}: ", spec, ("over", "from", "to", "figure", "level", "guide", "which"))
+    over, level = spec.get("over"), spec.get("level")
+    if not isinstance(over, str):
+        raise SetupError(
+            f"{key}.over = {quoted(over)} must be the name of an option or a start value"
+        )
+    option = _input(question, key, over, spec)
+    low, high, _ = _ends(option, spec, key)
+    if not low > 0.0:
+        raise SetupError(f"{key}.from = {low:g} must be above 0")
+    texts = {x: Option(x, str).read(spec.get(x, ""), f"{key}.{x}") for x in ("figure", "guide")}
+    which = WHICH.read(spec.get("which", "first"), f"{key}.which")
+    if not isinstance(level, str):
+        level = Option("level", float).read(level, f"{key}.level")
+    return Find(over, low, high, **texts, level=level, which=which, unit=option.unit)
 
 
 def _limit(name: str, raw: Any) -> float | str:

@@ -50,7 +50,8 @@ def conclude(
     [s].
     """
     table, names = frame(study, outcomes, units)
-    figures = [names[name] for name in study.figures or names if name in names]
+    wanted = study.figures or dict.fromkeys([*study.find, *names])
+    figures = [names[name] for name in wanted if name in names]
     indices, missing = analyse(study, figures, table.frame)
     seconds = np.quantile([outcome.seconds for outcome in outcomes], (0.0, 0.5, 1.0)).tolist()
     counts = Counter(outcome.status for outcome in outcomes)

@@ -55,6 +55,10 @@ def run(
     flavour = flavour or study.project.flavour(study.question)
     fmus = study.project.fmus(study.question, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
+    finds = {
+        name: x._replace(unit=connect(System(fmus)).port(x.over).unit) if "." in x.over else x
+        for name, x in study.find.items()
+    }
     folder = Path("results") / "studies" / study.name if out is None else out
     scratch()  # removes what killed runs left there, though this one may have no run to do
     with reservation(folder), open_journal(folder, who, is_row) as journal:
@@ -67,7 +71,8 @@ def run(
             remove(unfinished)
         home = inputs.unpacked_folder(folder / "inputs")
         page = home / question_files[0].name if question_files else study.question.locator
-        answers = partial(rows, page, {part: home / path.name for part, path in fmus.items()})
+        files = {part: home / path.name for part, path in fmus.items()}
+        answers = partial(rows, page, files, finds=finds)
         runner = replace(runner, page=str(page), files=[home / name for name in inputs.files])
         cases = dict(enumerate(study.cases()))
         at_once = study.question.at_once

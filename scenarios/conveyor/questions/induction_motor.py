@@ -33,7 +33,9 @@ from workbench import (
 )
 from workbench.charts.model import LIFT, THEORY
 from workbench.figure import figure_of_figures
+from workbench.find import Find, find
 from workbench.orbits import STEP_MULTIPLES
+from workbench.roots import roots_between
 
 from .. import motion
 from ..drive_orbits import ORBIT_ALGORITHMS, Drive
@@ -41,14 +43,17 @@ from ..first_order import SETS, Machine, Samples, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised, require_torque
 from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
+from ..orbit import DriveOrbit
 from ..papers import cited
-from ..response import MachineLines, Response, locate
-from ..speed_sweep import LARGEST_PEAKED_ZETA, UNITS, run_sweeps
+from ..response import NOT_IN_RANGE, PHASE_UNDEFINED, VANISHING
+from ..speed_sweep import LARGEST_PEAKED_ZETA
 
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 #: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
 RANGE = (0.6, 1.4)
-#: Orbits between them whose interpolant gives the first guess; a convention.
+#: Speeds between them at which theory is looked at.
+CURVE_POINTS = 100
+#: Half the speeds of the table, about; a convention.
 GUIDE_SPEEDS = 5
 #: Supply frequency where nothing is said [Hz].
 SUPPLY = 50.0
@@ -208,11 +213,22 @@ class Motor(NamedTuple):
     @property
     def nu_res(self) -> float:
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
-        lag = Response(MachineLines.of(self.machine, {0: self.speeds_around_resonance})).lag()
-        if lag.reason:
-            where = f"{self.speeds_around_resonance[0]:.4g} .. {self.speeds_around_resonance[-1]:.4g} rad/s"
-            raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {lag.reason}")
-        return lag.x
+        first, last = self.speeds_around_resonance[[0, -1]]
+        nus = np.linspace(first, last, CURVE_POINTS)
+        inside = roots_between(self._in_phase, nus)
+        load = np.abs(self.machine.load_ripple(np.append(nus, inside[:1])))
+        vanishes = load[-1] < VANISHING * load.max()
+        if not inside or vanishes:
+            reason = PHASE_UNDEFINED.format("there") if inside else NOT_IN_RANGE
+            raise SetupError(
+                f"formula (22) gives no lag of 90 deg in {first:.4g} .. {last:.4g} rad/s: {reason}"
+            )
+        return inside[0]
+
+    def _in_phase(self, nu: Any) -> Any:
+        """The real part of load over torque ripple by first-order theory, for any load: it is 0 at a lag of 90 degrees."""
+        free = replace(linearised(self.machine, nu), c=0.0)
+        return np.real(free.load_ripple(nu) / free.torque_ripple(nu))
 
     @property
     def tangent(self) -> Machine:
@@ -241,16 +257,15 @@ LagSpeeds = tuple[Figure, Figure]
 
 
 def lag_speeds(drive: Drive, machines: Sequence[tuple[Machine, Samples]]) -> list[Figure]:
-    """The speeds of 90 degrees lag of machines, each sought from orbits at some speeds around [rad/s]."""
+    """The speeds of 90 degrees lag of machines, each sought among some speeds [rad/s]."""
+    sought = []
     for machine, nus in machines:
-        for nu in nus[[0, -1]].tolist():
+        first, last = nus[[0, -1]].tolist()
+        for nu in (first, last):
             drive.require_enough_steps_per_rev(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
-    each, guides = zip(*machines)
-    lines = MachineLines.of(Machine.of(each), dict(enumerate(guides)))
-    sweeps = run_sweeps(replace(drive, multiples=1), lines)
-    responses = [part.response for sweep in sweeps for part in sweep.parts]
-    sought = [sweep.lag() for sweep in sweeps]
-    return [figure for figure, _ in locate(drive, responses, sought).figures(sought, "rad/s")]
+        find_lag = Find("speed", first, last, "lag", 90.0, "lag_theory", unit="rad/s")
+        sought.append((DriveOrbit.of(machine, drive, first), find_lag))
+    return [place for place, *_ in find(drive.context, sought)]
 
 
 class MotorData(NamedTuple):
@@ -283,11 +298,14 @@ def ripple_and_lag_over_speed(drive: Drive, motor: Motor) -> Table:
     )
     units, columns = {"nu": "rad/s"}, {"nu": nus}
     for name, machine in (("kloss", motor.machine), ("linear", motor.line)):
-        (sweep,) = run_sweeps(drive, MachineLines.of(machine, {0: nus}))
-        for column in ("tau2", "tau2_error", "lag", "lag_error"):
-            what, _, end = column.partition("_")
-            key = f"{what}_{name}{'_' * bool(end)}{end}"
-            units[key], columns[key] = UNITS[column], sweep.columns[column]
+        asked = [DriveOrbit.of(machine, drive, nu) for nu in nus.tolist()]
+        found = DriveOrbit.solve_all(drive.context, asked)
+        for column, unit in (("tau2", "N.m"), ("lag", "deg")):
+            figures = [x.figures[column] for x in found if isinstance(x, Findings)]
+            errors = [math.nan if x.error is None else x.error for x in figures]
+            columns[f"{column}_{name}"] = np.array([x.value for x in figures])
+            columns[f"{column}_{name}_error"] = np.array(errors)
+            units |= dict.fromkeys((f"{column}_{name}", f"{column}_{name}_error"), unit)
     return Table(columns, units)
 
 
