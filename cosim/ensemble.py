@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from .dense import MOST_POINTS, Curves
 from .engine.energy import balance
 from .engine.snapshot import SystemState
-from .errors import SetupError, pluralize
+from .errors import SetupError
 from .metrics import Metric
 from .names import only
 from .result import Result
-from .series import NO_BREAKS, Column
-from .system import Network, Port, Value
+from .series import Column
+from .system import Network, Port, Value, enumeration
 from .system.start_values import checked_start
 
 if TYPE_CHECKING:
@@ -119,6 +119,18 @@ def _positions_to_check(port: Port, values: NDArray[Any]) -> Numbers:
 NO_CASES = Cases((), (), 0)
 
 
+class Facts(NamedTuple):
+    """What a run says of itself: its provenance, and intervals in which columns may jump, as of `Result`.
+
+    Members with the same step and stop may share it. Of such, `shown` are by the name of a start value the parts and
+    parameters in which the value is seen.
+    """
+
+    provenance: Mapping[str, Any]
+    breaks: Array
+    shown: Mapping[str, Sequence[tuple[str, str]]]
+
+
 @dataclass(frozen=True)
 class Ensemble:
     """What many runs of one system give.
@@ -141,10 +153,8 @@ class Ensemble:
         By the sentence, the numbers of the members that it is about.
     energy
         By power bond, energy given, taken and exchanged [J], shape (members, 3).
-    breaks
-        Intervals in which columns may jump, as of `Result`.
-    provenance
-        What a run of a member says of itself; empty if every member failed.
+    facts
+        What the run of each member says of itself; None for one that never began.
     notes
         What is worth to know of how they were run.
     figures
@@ -159,8 +169,7 @@ class Ensemble:
     reasons: list[str]
     warnings: Mapping[str, list[int]]
     energy: Mapping[str, Array]
-    provenance: Mapping[str, Any]
-    breaks: Array = field(default_factory=lambda: NO_BREAKS)
+    facts: list[Facts | None]
     notes: tuple[str, ...] = ()
     figures: Mapping[str, Array] = field(default_factory=dict)
 
@@ -191,50 +200,68 @@ class Ensemble:
         return self.names.index(name)
 
     def result(self, k: int) -> Result:
-        """The result of the member at position k, as `run` gives it; raises KeyError if none has run."""
-        if not self.provenance:
-            raise KeyError(f"no run of the {pluralize(len(self), 'member')} came to its end")
+        """The result of the member at position k, as `run` gives it; of one that never began only why."""
         n, number, rows = int(self.counts[k]), int(self.members[k]), self.rows[k, : self.counts[k]]
+        start = self.cases.case(number).start if number < self.cases.members else {}
+        if (facts := self.facts[k]) is None:
+            never = {
+                "start_values": start,
+                "status": "failed",
+                "reason": self.reasons[k],
+                "rows": n,
+            }
+            return Result(self.columns, {**never, "warnings": []}, rows.T.__getitem__)
+        said = facts.provenance
         provenance = {
-            **self.provenance,
-            "start_values": self.provenance["start_values"] | self.cases.case(number).start,
+            **said,
+            "start_values": said["start_values"] | start,
+            "parts": _with_parameters(said["parts"], facts.shown, self.cases.ports, start),
             "status": "failed" if self.reasons[k] else "complete",
-            "reason": self.reasons[k],
-            "reached": float(rows[-1, 0]) if n else self.provenance["start"],
+            "reason": self.reasons[k] or said["reason"],
+            "reached": float(rows[-1, 0]) if n else said["start"],
             "rows": n,
             "bonds": {bond: balance(*values[k].tolist()) for bond, values in self.energy.items()},
             "warnings": [text for text, members in self.warnings.items() if number in members],
         }
-        return Result(self.columns, provenance, rows.T.__getitem__, breaks=self.breaks)
+        return Result(self.columns, provenance, rows.T.__getitem__, breaks=facts.breaks)
 
     def evaluate(self, metrics: Mapping[str, Metric]) -> dict[str, Array]:
         """The numbers that metrics make of the members, shape (members,) each; nan for one that failed."""
         values = {name: np.full(len(self), np.nan) for name in metrics}
         columns = dict.fromkeys(column for metric in metrics.values() for column in metric.columns)
         for members in self._groups_with_same_times():
-            t = self.rows[members[0], : self.counts[members[0]], 0]
-            curves = {name: self._curves(t, members, name) for name in columns}
+            t, facts = self.rows[members[0], : self.counts[members[0]], 0], self.facts[members[0]]
+            assert facts is not None
+            curves = {name: self._curves(t, members, name, facts.breaks) for name in columns}
             for name, metric in metrics.items():
                 values[name][members] = metric(*(curves[column] for column in metric.columns))
         return values
 
-    def _curves(self, t: Array, members: Numbers, name: str) -> Curves:
-        """The curves of a column of members with the same times [s]."""
+    def _curves(self, t: Array, members: Numbers, name: str, breaks: Array) -> Curves:
+        """The curves of a column of members with the same times [s] and breaks."""
         column = self._index(name)
         x = self.rows[members, : len(t), column]
         is_held = self.columns[column].kind.is_held
-        return Curves.of_rows(t, x, is_held=is_held, breaks=self.breaks)
+        return Curves.of_rows(t, x, is_held=is_held, breaks=breaks)
 
     def _groups_with_same_times(self) -> Iterator[Numbers]:
-        """The positions of members that came to their end, as many with the same times as may be looked at at once."""
+        """The positions of members that came to their end, as many with the same times and breaks as may be looked at at once."""
         rest = np.flatnonzero([not reason for reason in self.reasons])
         most = max(1, MOST_POINTS // max(1, self.rows.shape[1]))
         while len(rest):
             n, some = self.counts[rest[0]], rest[:most]
             times = self.rows[some, :n, 0]
             same = (self.counts[some] == n) & (times == times[0]).all(axis=1)
+            same &= [self._breaks_are_equal(rest[0], k) for k in some]
             yield some[same]
             rest = np.concatenate([some[~same], rest[most:]])
+
+    def _breaks_are_equal(self, first: int, second: int) -> bool:
+        """Whether two members may jump at the same times."""
+        one, other = self.facts[first], self.facts[second]
+        return one is other or (
+            one is not None and other is not None and np.array_equal(one.breaks, other.breaks)
+        )
 
     def frame(self, metrics: Mapping[str, Metric] | None = None) -> pd.DataFrame:
         """The cases, the numbers that metrics make of them, and why members failed, as a frame of pandas."""
@@ -250,7 +277,7 @@ class Ensemble:
         """The first n of its members."""
         return replace(
             self, members=self.members[:n], rows=self.rows[:n], counts=self.counts[:n],
-            reasons=self.reasons[:n], energy={k: e[:n] for k, e in self.energy.items()},
+            reasons=self.reasons[:n], facts=self.facts[:n], energy={k: e[:n] for k, e in self.energy.items()},
         )  # fmt: skip
 
 
@@ -263,28 +290,51 @@ def joined(blocks: Sequence[Ensemble]) -> Ensemble:
     most = max(block.rows.shape[1] for block in blocks)
     rows = np.full((len(members), most, len(blocks[0].columns)), np.nan)
     reasons: list[str] = []
+    facts: list[Facts | None] = []
     first = 0
     for block in blocks:
         rows[first : first + len(block), : block.rows.shape[1]] = block.rows
         first += len(block)
         reasons += block.reasons
+        facts += block.facts
     warnings: dict[str, list[int]] = {}
     for block in blocks:
         for text, numbers in block.warnings.items():
             warnings[text] = sorted([*warnings.get(text, ()), *numbers])
-    with_report = next((block for block in blocks if block.provenance), blocks[0])
+    nothing = {len(block): np.full((len(block), 3), np.nan) for block in blocks}
     energy = {
-        bond: np.concatenate([block.energy[bond] for block in blocks])[order]
-        for bond in with_report.energy
-        if all(bond in block.energy for block in blocks)
+        bond: np.concatenate([block.energy.get(bond, nothing[len(block)]) for block in blocks])[
+            order
+        ]
+        for bond in dict.fromkeys(bond for block in blocks for bond in block.energy)
     }
     return replace(
-        with_report,
+        max(blocks, key=lambda block: block.cases.members),
         members=members[order],
         rows=rows[order],
         counts=np.concatenate([block.counts for block in blocks])[order],
         reasons=[reasons[k] for k in order],
+        facts=[facts[k] for k in order],
         warnings=warnings,
         energy=energy,
         notes=tuple(dict.fromkeys(note for block in blocks for note in block.notes)),
     )
+
+
+def _with_parameters(
+    parts: Mapping[str, Any],
+    shown: Mapping[str, Sequence[tuple[str, str]]],
+    ports: Sequence[Port],
+    start: Mapping[str, Value],
+) -> dict[str, Any]:
+    """What a result says of the parts, with these start values among their parameters."""
+    changed = {
+        name: {**facts, "parameters": dict(facts["parameters"])} for name, facts in parts.items()
+    }
+    for port in ports:
+        value = start[port.name]
+        if port.type == "Enumeration" and isinstance(value, str):
+            value = enumeration(port.variable)[value]
+        for part, parameter in shown.get(port.name, ()):
+            changed[part]["parameters"][parameter] = value
+    return changed

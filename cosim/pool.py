@@ -131,7 +131,7 @@ def _failed_member(job: Job, waiting: list[Chunk], reason: str) -> Ensemble:
             waiting.insert(0, job.chunk.part(rest))
     return Ensemble(
         NO_CASES, np.array([number]), job.columns, np.empty((1, 0, len(job.columns))),
-        np.zeros(1, np.int64), [f"the process that ran the parts {reason}"], {}, {}, {},
+        np.zeros(1, np.int64), [f"the process that ran the parts {reason}"], {}, {}, [None],
     )  # fmt: skip
 
 

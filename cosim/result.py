@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, cached_property
-from importlib.util import find_spec
 from io import BytesIO, FileIO
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -102,7 +101,7 @@ class Result(Series):
         return f"{ran['status']}, {ran['start']:g} to {ran['reached']:g} s{reason}"
 
     def _repr_html_(self) -> str:
-        """Status, warnings, the extremes of every column and, with matplotlib, the first SHOWN of them."""
+        """Status, warnings, the extremes of every column and a picture of the first of them."""
         content = "".join(f"<p>{html.escape(text)}</p>" for text in (self._span(), *self.warnings))
         if len(self.columns) <= 1 or not len(self.data):
             return content
@@ -110,11 +109,9 @@ class Result(Series):
         table = rows.agg(["min", "mean", "max"]).T.assign(last=rows.iloc[-1])
         table.insert(0, "unit", [column.unit for column in self.columns[1:]])
         content += table.to_html(float_format="{:.6g}".format)
-        if find_spec("matplotlib"):
-            self.plot(self.names[1 : 1 + MOST_CURVES], buffer := BytesIO())
-            picture = base64.b64encode(buffer.getvalue()).decode()
-            content += f'<img src="data:image/png;base64,{picture}" style="max-width: 100%">'
-        return content
+        self.plot(self.names[1 : 1 + MOST_CURVES], buffer := BytesIO())
+        picture = base64.b64encode(buffer.getvalue()).decode()
+        return f'{content}<img src="data:image/png;base64,{picture}" style="max-width: 100%">'
 
     @cached_property
     def data(self) -> Rows:

@@ -9,12 +9,11 @@ import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from .engine.changes import discrete_changes, inputs_before
+from .engine.changes import Jump, discrete_changes, inputs_before, known_jumps, source_jumps
 from .engine.control import Adaptive
 from .engine.driver import Driver, RowReader
 from .engine.energy import bond_warnings, energy_balance
@@ -128,6 +127,15 @@ class Simulation:
             result = recorder.finish(provenance, driver.breaks)
         return result
 
+    def jumps(self, stop: float) -> list[Jump]:
+        """What happens at once between its start and a stop [s]."""
+        start, sources = (
+            self.settings.start,
+            (x for part in self.parts.values() for x in part.feeds),
+        )
+        changes = discrete_changes(self.network, self.parts, start, stop)
+        return known_jumps(changes, source_jumps(sources, start, stop))
+
     def state(self, system_start: Mapping[str, Value]) -> SystemState:
         """The state where the driver has come to, of a system with these start values but for the case; raises FmuError."""
         settings, driver = self.settings, self.driver
@@ -198,8 +206,8 @@ def _identity(part: Part, fmu: str, tolerance: float | None) -> dict[str, Any]:
 
 @cache
 def versions() -> dict[str, str]:
-    """The versions that a result depends on; scipy is optional, since it only serves to judge results."""
-    packages = [name for name in ("fmpy", "numpy", "scipy") if find_spec(name)]
+    """The versions that a result depends on."""
+    packages = ("fmpy", "numpy", "scipy")
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 #: What the name of a figure's error is made of.
 ERROR = "{} error"
-#: Share of the memory for rows that a certified chunk may take in its first run: derived, the finest of its runs has
-#: four times the rows, and all are kept meanwhile.
+#: Share of the memory for rows that a certified chunk may take in its first run. Chosen: its runs together have 1.75 times
+#: those rows, and judging them takes a few copies.
 CERTIFIED_SHARE = 1.0 / 7.0
 
 
@@ -214,7 +214,7 @@ def sweep(
     figures : mapping
         Metrics by name, such as `{"torque": Largest("motor.tau")}`.
     certified : bool
-        Whether each figure gets its error, from runs with smaller steps, in a column behind it. The reason of a
+        Whether each figure gets its error, from runs with other steps, in a column behind it. The reason of a
         figure without one is in the column `reason`.
     how : How
         How many runs at a time, and where.

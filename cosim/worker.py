@@ -14,16 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .engine.control import Adaptive
+from .engine.driver import KnownSteps
 from .engine.energy import NOTICEABLE, bond_warnings, is_noticeable
 from .engine.member_layout import EXACT, NeedsPythonError, SystemLayout
 from .engine.members import LEFT, Block, Members, Place, StepAndStop
 from .engine.process_guard import ProcessGuard
 from .engine.settings import RunSettings
 from .engine.snapshot import SystemState
-from .ensemble import Array, Case, Cases, Ensemble, Numbers
+from .ensemble import Array, Case, Cases, Ensemble, Facts, Numbers
 from .errors import FmuError, SetupError
 from .fmu.instance import CoSimulation
-from .series import NO_BREAKS, TIME
+from .series import TIME
 from .simulation import Simulation
 from .system import Network, Value, connect, declared_start
 from .system.start_values import checked_start
@@ -111,7 +112,7 @@ class Member:
     reason: str
     warnings: Sequence[str] = ()
     energy: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    provenance: dict[str, Any] = field(default_factory=dict)
+    facts: Facts | None = None
 
 
 def is_reset_trusted(network: Network) -> bool:
@@ -172,6 +173,7 @@ class First(NamedTuple):
     chunk: Chunk
     rows: Array
     simulation: Simulation
+    facts: Facts | None
 
 
 class Worker:
@@ -194,8 +196,7 @@ class Worker:
         self._first: First | None = None
         self._is_fresh = not is_reset_trusted(network)
         self._deadline = 0.0
-        self._provenance: dict[str, Any] = {}
-        self._breaks = NO_BREAKS
+        self._facts: dict[StepAndStop, Facts | None] = {}
         self.abandoned = self.stopped = False
 
     def close(self) -> None:
@@ -225,7 +226,7 @@ class Worker:
                     for k, row in enumerate(values)
                     if k not in wrong
                     and _is_exact(row)
-                    and not isinstance(chunk.spans[k].step, Adaptive)
+                    and self._shared_facts(chunk.spans[k]) is not None
                 ],
                 np.intp,
             )
@@ -262,11 +263,14 @@ class Worker:
             self._free_instances()
             driven[k], simulation = self._drive(cases, chunk, k)
             if simulation is not None and not driven[k].reason:
-                self._names, self._provenance = cases.names, driven[k].provenance
-                self._breaks = np.array(simulation.driver.breaks, float).reshape(-1, 2)
+                self._names, self._facts = cases.names, {}
                 if not self._is_fresh:
                     self._first = First(
-                        cases, chunk.part(np.array([k])), driven[k].rows, simulation
+                        cases,
+                        chunk.part(np.array([k])),
+                        driven[k].rows,
+                        simulation,
+                        driven[k].facts,
                     )
                 return
 
@@ -274,7 +278,8 @@ class Worker:
         """Find out how the others may run: the first member again, with instances that are reset."""
         self._first, expected = None, first.rows.tobytes()
         values, _ = first.cases.checked(self.network, first.chunk.numbers.tolist())
-        simulation, loop = first.simulation, first.simulation.driver.loop_for_all_steps
+        simulation, loop = first.simulation, first.simulation.driver.compiled_loop
+        self._of_first = first
         try:
             if loop is None:
                 raise NeedsPythonError("its steps are made in Python")
@@ -283,7 +288,7 @@ class Worker:
                 simulation.network, simulation.settings, parts, loop, first.cases.names
             )
             members = Members(layout, *self._desk)
-            if _is_exact(values[0]) and not isinstance(first.chunk.spans[0].step, Adaptive):
+            if _is_exact(values[0]) and self._shared_facts(first.chunk.spans[0]) is not None:
                 numbers, spans, output_step = first.chunk
                 block = members.allocate(numbers, values, spans, output_step)
                 for _ in members.run(block):
@@ -326,11 +331,9 @@ class Worker:
 
     def _drive(self, cases: Cases, chunk: Chunk, k: int) -> tuple[Member, Simulation | None]:
         """What the driver makes of the member at position k, with instances that are reset or, if need be, new ones."""
-        number, (step, stop) = int(chunk.numbers[k]), chunk.spans[k]
+        number = int(chunk.numbers[k])
         self._desk.numbers[0], self._desk.place.member = number, 0
-        settings = replace(self.settings, step=step, stop=stop, output_step=chunk.output_step)
-        if isinstance(step, Adaptive) and _is_tolerance_of_steps(self.settings):
-            settings = replace(settings, tolerance=step.tolerance)
+        settings = self._settings_of(chunk.spans[k], chunk.output_step)
         began = clock.perf_counter()
         if self._is_fresh:
             self._free_instances()
@@ -354,7 +357,65 @@ class Worker:
         reason = "" if ran["status"] == "complete" else ran["reason"]
         warnings = [text for text in result.warnings if text not in of_bonds]
         energy = {b: (e["given"], e["taken"], e["exchanged"]) for b, e in result.energy.items()}
-        return Member(result.data, reason, warnings, energy, ran), simulation
+        facts = Facts(ran, result.breaks, {})
+        return Member(result.data, reason, warnings, energy, facts), simulation
+
+    def _settings_of(self, span: StepAndStop, output_step: float | None) -> RunSettings:
+        """Those of a member; the FMUs' tolerance is that of its adaptive steps, unless the user has given one."""
+        step, given = span.step, self.settings.tolerance
+        if isinstance(self.settings.step, Adaptive) and given == self.settings.step.tolerance:
+            given = None
+        if given is None and isinstance(step, Adaptive):
+            given = step.tolerance
+        return replace(
+            self.settings, step=step, stop=span.stop, output_step=output_step, tolerance=given
+        )
+
+    def _shared_facts(self, span: StepAndStop) -> Facts | None:
+        """What members of a span say of themselves alike that C may run all steps of; None if it may not.
+
+        Known from the first member, which has come to its end, and from what inputs do until then.
+        """
+        if isinstance(span.step, Adaptive):
+            return None
+        if span not in self._facts:
+            self._facts[span] = self._found_facts(span)
+        return self._facts[span]
+
+    def _found_facts(self, span: StepAndStop) -> Facts | None:
+        first, settings = self._of_first, self._settings_of(span, self.settings.output_step)
+        told = first.simulation.settings
+        if isinstance(told.step, Adaptive) or first.facts is None:
+            return None
+        steps = KnownSteps(settings, first.simulation.jumps(span.stop))
+        if settings.tolerance != told.tolerance or steps.interrupted():
+            return None
+        ran = first.facts.provenance
+        count, before = steps.count, ran["steps"]
+        provenance = {
+            **ran,
+            "stop": span.stop,
+            "communication": settings.stepping_text(),
+            "steps": count,
+            "do_steps": {part: count * (n // before) for part, n in ran["do_steps"].items()},
+        }
+        breaks = [
+            (begin, min(end, span.stop)) for begin, end in steps.breaks() if begin < span.stop
+        ]
+        shown = {name: self._showing(name) for name in first.cases.names}
+        return Facts(provenance, np.array(breaks, float).reshape(-1, 2), shown)
+
+    def _showing(self, name: str) -> list[tuple[str, str]]:
+        """The parameters that show a start value, aliases too, with their part."""
+        port = self.network.port(name)
+        variables = self.network.descriptions[port.part].modelVariables
+        return [
+            (port.part, v.name)
+            for v in variables
+            if v.causality == "parameter"
+            and v.valueReference == port.variable.valueReference
+            and v.type == port.variable.type
+        ]
 
     def _note_abandoned_fmus(self) -> None:
         """Note that an FMU may not be called any more."""
@@ -392,8 +453,12 @@ class Worker:
             }
             self._members.warnings = {}
         reasons = [""] * n
+        facts: list[Facts | None] = [
+            self._shared_facts(span) if is_kept else None
+            for span, is_kept in zip(chunk.spans, kept)
+        ]
         for k, member in driven.items():
-            counts[k], reasons[k] = len(member.rows), member.reason
+            counts[k], reasons[k], facts[k] = len(member.rows), member.reason, member.facts
             rows[k, : counts[k]], rows[k, counts[k] :] = member.rows, np.nan
             for text in member.warnings:
                 warnings.setdefault(text, []).append(int(chunk.numbers[k]))
@@ -414,16 +479,12 @@ class Worker:
             rows, counts = rows[done], counts[done]
             energy = {bond: values[done] for bond, values in energy.items()}
             reasons = [reason for reason, is_done in zip(reasons, done) if is_done]
+            facts = [fact for fact, is_done in zip(facts, done) if is_done]
         return Ensemble(
             cases, chunk.numbers[done], self.columns, rows, counts, reasons,
-            {text: sorted(members) for text, members in warnings.items() if members}, energy,
-            self._provenance, self._breaks, (FRESH,) if self._is_fresh else (),
+            {text: sorted(members) for text, members in warnings.items() if members}, energy, facts,
+            (FRESH,) if self._is_fresh else (),
         )  # fmt: skip
-
-
-def _is_tolerance_of_steps(settings: RunSettings) -> bool:
-    """Whether FMUs get the tolerance of the adaptive steps."""
-    return isinstance(settings.step, Adaptive) and settings.tolerance == settings.step.tolerance
 
 
 def _is_exact(values: Sequence[Value]) -> bool:

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from ..dense import Array, Mask
-from ..metrics import Metric
+from ..metrics import Metric, TimeOfLargest
 from ..result import Result, Rows
 from .estimate import Estimate
 from .limit import CONFIRMED_FACTOR, RUNS, STEP_RATIO, UNCONFIRMED_FACTOR, Reason, likeliest
@@ -218,8 +218,8 @@ def judge_metrics(
         From when on, and in which columns, these have diverged.
     """
     forms = Forms(runs, diverged)
-    heights = {name: m.height for name, m in metrics.items() if len(m.columns) == 1 and m.height}
-    asked = dict(metrics) | {f"{name}\0": height for name, height in heights.items()}
+    times = {name: m for name, m in metrics.items() if isinstance(m, TimeOfLargest)}
+    asked = dict(metrics) | {f"{name}\0": metric.height for name, metric in times.items()}
     estimates: dict[str, Estimate] = {}
     for columns, group in _groups(asked, forms):
         for metric, of in group.items():
@@ -227,8 +227,8 @@ def judge_metrics(
     units = runs.finest.units
     for name, metric in metrics.items():
         x, unit = estimates[name], units.get(metric.columns[0], "")
-        if name in heights and x.error is not None:
-            x = _beside_rivals(metric, x, estimates[f"{name}\0"], runs)
+        if name in times and x.error is not None:
+            x = _beside_rivals(times[name], x, estimates[f"{name}\0"], runs)
         if short := metric.beyond(*runs.dense["time"][[0, -1]].tolist()):  # a part may end a run
             x = x._replace(error=None, reason=short)
         if x.error is None and math.isnan(x.value) and not x.reason:
@@ -237,27 +237,27 @@ def judge_metrics(
     return {name: estimates[name] for name in metrics}
 
 
-def _beside_rivals(metric: Metric, x: Estimate, height: Estimate, runs: NestedRuns) -> Estimate:
-    """The estimate of a time, where the error of the height leaves others to the run, or to its witness.
+def _beside_rivals(
+    metric: TimeOfLargest, x: Estimate, height: Estimate, runs: NestedRuns
+) -> Estimate:
+    """The estimate of a time where other peaks of the run, or of its witness, lie within the error of the height.
 
     It may be at any of them. Where events may be hidden it is refused, since they move peaks by any amount.
     """
     if height.error is None:
         return x._replace(error=None, reason=height.reason)
-    found = np.empty(0)
+    times: list[float] = []
     for result in (runs.dense, runs.witness):
-        if result is not None:
+        if result is not None and len(metric.columns) == 1:
             curve = result.solution(metric.columns[0])
             apart = STEP_RATIO * float(np.diff(curve.t).max())
-            found = np.concatenate([found, metric.rivals(curve, height.error, apart)])
-    if not len(found):
+            times += metric.rivals(curve, height.error, apart).tolist()
+    if not times:
         return x
-    if np.isnan(found).any():
-        return x._replace(error=None, reason=TOUCHES)
     if runs.tells_events:
-        furthest = float(np.abs(found - x.value).max())
+        furthest = max(abs(t - x.value) for t in times)
         return x._replace(error=max(x.error or 0.0, furthest + x.rows))
-    names = ", ".join(f"{t:.4g}" for t in np.unique(found)[:MOST_RIVALS])
+    names = ", ".join(f"{t:.4g}" for t in sorted(times)[:MOST_RIVALS])
     return x._replace(error=None, reason=RIVALS.format(names))
 
 
@@ -274,11 +274,8 @@ def _groups(
                 group.setdefault(metric.unnamed, {})[name] = k
         yield [columns], group
     for several in dict.fromkeys(m.columns for m in metrics.values() if len(m.columns) > 1):
-        of_several: dict[Metric, dict[str, int]] = {}
-        for name, metric in metrics.items():
-            if metric.columns == several:
-                of_several.setdefault(metric.unnamed, {})[name] = 0
-        yield [ColumnForms([name], forms) for name in several], of_several
+        parts = [ColumnForms([name], forms) for name in several]
+        yield parts, {m.unnamed: {n: 0} for n, m in metrics.items() if m.columns == several}
 
 
 def _evaluate_curves(metric: Metric, columns: Sequence[ColumnForms], of: Sequence[int]) -> Evaluate:

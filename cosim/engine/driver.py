@@ -84,13 +84,62 @@ class RowReader:
         return [t, *(cells[i] for cells, i in self._cells)]
 
 
-def _known_steps(plan: RunSettings, jumps: Sequence[Jump]) -> list[EqualSteps]:
-    """The steps that are known before a run; none where control chooses them."""
-    if isinstance(plan.step, Mesh):
-        return plan.step.stretches([plan.start, *(jump.time for jump in jumps), plan.stop])
-    if isinstance(plan.step, Adaptive):
-        return []
-    return [EqualSteps(plan.start, plan.step, plan.number())]
+class KnownSteps:
+    """Steps that are known before a run, numbered from its start: `stretches` of equal ones, none where control chooses them.
+
+    `firsts` are the numbers of the first step of each stretch, `count` is that of all.
+    """
+
+    def __init__(self, plan: RunSettings, jumps: Sequence[Jump]) -> None:
+        self.stop, self._jumps = plan.stop, jumps
+        if isinstance(plan.step, Mesh):
+            times = [plan.start, *(jump.time for jump in jumps), plan.stop]
+            self.stretches = plan.step.stretches(times)
+        elif isinstance(plan.step, Adaptive):
+            self.stretches = []
+        else:
+            self.stretches = [EqualSteps(plan.start, plan.step, plan.number())]
+        numbers = [0, *accumulate(steps.number for steps in self.stretches)]
+        self.firsts, self.count = numbers[:-1], numbers[-1]
+
+    def begin_of(self, n: int) -> float:
+        """When step number n begins [s]."""
+        k = bisect_right(self.firsts, n) - 1
+        return self.stretches[k].begin + (n - self.firsts[k]) * self.stretches[k].size
+
+    def size_of(self, n: int) -> float:
+        """The size of step number n [s]."""
+        return self.stretches[bisect_right(self.firsts, n) - 1].size
+
+    def number_at(self, time: float) -> int:
+        """The number of the step that a time lies in, or that begins there."""
+        k = max(0, bisect_right([steps.begin for steps in self.stretches], time) - 1)
+        n = self.firsts[k] + int((time - self.stretches[k].begin) / self.stretches[k].size)
+        return n + 1 if coincide(self.begin_of(n + 1), time) else n
+
+    def interrupted(self) -> list[int]:
+        """The numbers of the steps at whose beginning a jump occurs, or inside which a change does."""
+        return [n for n, jump in self._numbered_jumps() if self._is_seen(n, jump)]
+
+    def breaks(self) -> list[tuple[float, float]]:
+        """The breaks that jumps of inputs inside steps make.
+
+        Such a step gets the mean, and what outputs show at its end is made of that: it and the next one are a break.
+        """
+        breaks: list[tuple[float, float]] = []
+        for n, jump in self._numbered_jumps():
+            if not self._is_seen(n, jump):
+                end = self.stop if n + 2 == self.count else self.begin_of(n + 2)
+                if (broken := (self.begin_of(n), end)) not in breaks[-1:]:
+                    breaks.append(broken)
+        return breaks
+
+    def _numbered_jumps(self) -> Iterator[tuple[int, Jump]]:
+        # beyond the stop, another run may go on with a break
+        return ((min(self.number_at(jump.time), self.count - 1), jump) for jump in self._jumps)
+
+    def _is_seen(self, n: int, jump: Jump) -> bool:
+        return bool(jump.changes) or coincide(self.begin_of(n), jump.time)
 
 
 class Driver:
@@ -156,11 +205,9 @@ class Driver:
         self._instant = {each.output for each in context.feedthroughs if each.is_wired}
         self._first_order = [name for name in recorder.names if name in behind]
         self._every = every = plan.steps_per_row(row.recorded)
-        self._known = _known_steps(plan, self._jumps)
-        numbers = [0, *accumulate(steps.number for steps in self._known)]
-        self._firsts, self._count = numbers[:-1], numbers[-1]
+        self._known = KnownSteps(plan, self._jumps)
         self._checkpoint: tuple[int, Snapshot] | None = None
-        self._loop: Loop | None = None
+        self.compiled_loop: Loop | None = None
         self.control = "fixed"
         self.loop = "Python"
         descriptions = {part.name: part.description for part in parts}
@@ -169,7 +216,7 @@ class Driver:
         self._can_probe = not unable
         if isinstance(plan.step, Adaptive):
             self.control = plan.step.control or ("energy" if without_state else "doubling")
-        if self._known and not unable:
+        if self._known.count and not unable:
             self._checkpoint = (self.accepted - CHECKPOINT, Snapshot(parts))
         forward = steps is not None and self.control != "doubling"
         back = self._checkpoint is not None or self.control == "doubling"
@@ -178,13 +225,13 @@ class Driver:
             part.instance.refuse_steps_across_events(
                 refuses=back and part.instance.has_event_outputs(part.outputs)
             )
-        if not self._known or steps is None or every is None:
+        if not self._known.count or steps is None or every is None:
             return
         program = lay_out(steps, row.extra)
         if program is None:
             return
         try:
-            self._loop = Loop(program, row.columns, every if self._all_rows is None else 1)
+            self.compiled_loop = Loop(program, row.columns, every if self._all_rows is None else 1)
             self.loop = "compiled"
         except OSError as error:
             self.loop = f"Python, since the compiled loop is missing: {error}"
@@ -204,7 +251,7 @@ class Driver:
             self._add = grid.take
         try:
             self._add_row(self.row(self.t))
-            if self._known:
+            if self._known.count:
                 yield from self._fixed()
             elif isinstance(self.plan.step, Adaptive):
                 yield from self._adaptive(self.plan.step)
@@ -321,20 +368,12 @@ class Driver:
             if self._is_there:
                 return
 
-    def _begin_of(self, n: int) -> float:
-        """When step number n begins [s]."""
-        k = bisect_right(self._firsts, n) - 1
-        return self._known[k].begin + (n - self._firsts[k]) * self._known[k].size
-
-    def _size_of(self, n: int) -> float:
-        """The size of step number n [s]."""
-        return self._known[bisect_right(self._firsts, n) - 1].size
-
     def _fixed(self) -> Iterator[ShareDone]:
-        stop, count = self.plan.stop, self._count
+        stop, count, known = self.plan.stop, self._known.count, self._known
         every = self._every or 1
         chunk = 16
-        split = sorted({*self._steps_to_interrupt(), *self._firsts[1:], count})
+        split = sorted({*known.interrupted(), *known.firsts[1:], count})
+        self.breaks += known.breaks()
         goal = count if self._until >= stop else self._goal()
         while self.accepted < goal:
             n = self.accepted
@@ -344,19 +383,19 @@ class Driver:
                     snapshot.take()
                     self._checkpoint = (n, snapshot)
             last = n
-            if self._loop is not None:
+            if self.compiled_loop is not None:
                 last = min(n + chunk, count - 1, goal, split[bisect_left(split, n)])
-            if self._loop is not None and n < last:
+            if self.compiled_loop is not None and n < last:
                 began = clock.perf_counter()
-                k = bisect_right(self._firsts, n) - 1
-                first, (begin, step, _) = self._firsts[k], self._known[k]
-                rows, done, failure = self._loop.run(begin, step, n - first, last - first)
+                k = bisect_right(known.firsts, n) - 1
+                first, (begin, step, _) = known.firsts[k], known.stretches[k]
+                rows, done, failure = self.compiled_loop.run(begin, step, n - first, last - first)
                 self.accepted = first + done
                 self._add_to_all_rows(rows)
                 due = self._thinned(rows, n + 1, every)
                 self.recorder.add(due)
                 self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
-                self.t = self._begin_of(self.accepted)
+                self.t = known.begin_of(self.accepted)
                 if failure is not None:
                     self._redo_from_checkpoint(failure)
                 elif clock.perf_counter() - began < PATIENCE:
@@ -365,14 +404,14 @@ class Driver:
                     chunk = max(chunk // 2, 1)
             else:
                 is_last = n == count - 1
-                step = self._size_of(n)
+                step = known.size_of(n)
                 h = step if not is_last or self.t + step == stop else stop - self.t
                 try:
                     self._advance(self.t, h)
                 except StepDiscarded as failure:
                     self._redo_from_checkpoint(failure)
                     self._advance(self.t, h)
-                end = stop if is_last else self._begin_of(n + 1)
+                end = stop if is_last else known.begin_of(n + 1)
                 is_due = is_last or (n + 1) % every == 0
                 row = self.row(end) if is_due or self._all_rows is not None else None
                 self.accepted, self.t = n + 1, end
@@ -385,8 +424,8 @@ class Driver:
 
     def _goal(self) -> int:
         """The number of steps from the start to where it is to end before the stop."""
-        n = self._step_number(self._until)
-        return n if coincide(self._begin_of(n), self._until) else n + 1
+        n = self._known.number_at(self._until)
+        return n if coincide(self._known.begin_of(n), self._until) else n + 1
 
     def _pause(self) -> None:
         """Show where it has come to, if no row does, and note whether a break goes on."""
@@ -394,40 +433,6 @@ class Driver:
             self._add_row(self.row(self.t))
         self.broken_until = max([self.t, *(end for begin, end in self.breaks if begin < self.t)])
         self.is_paused = True
-
-    @property
-    def loop_for_all_steps(self) -> Loop | None:
-        """All its steps in C, if no jump is at the beginning of one and no change in any."""
-        if isinstance(self.plan.step, Adaptive):
-            return None
-        for jump in self._jumps:
-            if jump.changes or coincide(self._begin_of(self._step_number(jump.time)), jump.time):
-                return None
-        return self._loop
-
-    def _steps_to_interrupt(self) -> Iterator[int]:
-        """The numbers of the fixed steps at whose beginning a jump occurs, or inside which a change does.
-
-        An input that jumps inside a step makes a break of it and of the next one: the step gets the mean, and what
-        outputs show at its end is made of that.
-        """
-        stop, count = self.plan.stop, self._count
-        # beyond the stop, another run may go on with the break
-        for jump in self._jumps:
-            n = min(self._step_number(jump.time), count - 1)
-            begin = self._begin_of(n)
-            if jump.changes or coincide(begin, jump.time):
-                yield n
-            else:
-                broken = (begin, stop if n + 2 == count else self._begin_of(n + 2))
-                if broken not in self.breaks[-1:]:
-                    self.breaks.append(broken)
-
-    def _step_number(self, time: float) -> int:
-        """The number of the step that a time lies in, or that begins there."""
-        k = max(0, bisect_right([steps.begin for steps in self._known], time) - 1)
-        n = self._firsts[k] + int((time - self._known[k].begin) / self._known[k].size)
-        return n + 1 if coincide(self._begin_of(n + 1), time) else n
 
     def _redo_from_checkpoint(self, failure: FmuError) -> None:
         """After a discarded step, come back to before it, from now on ready to step less."""
@@ -439,7 +444,7 @@ class Driver:
                 "every part must be able to restore its state and to vary its step"
             )
         before, snapshot = self._checkpoint
-        self._checkpoint = self._loop = None
+        self._checkpoint = self.compiled_loop = None
         for part in self.parts:
             part.instance.go_forward_only(forward=False)
         met = isinstance(failure, EventReached)
@@ -447,7 +452,7 @@ class Driver:
         snapshot.restore()
         self._advance = self._in_pieces(self._advance, snapshot)
         for n in range(before, self.accepted):
-            self._advance(self._begin_of(n), self._size_of(n))
+            self._advance(self._known.begin_of(n), self._known.size_of(n))
 
     def _in_pieces(self, advance: Advance, snapshot: Snapshot) -> Advance:
         """The same step in as many pieces as the parts ask for."""

@@ -295,7 +295,7 @@ def add_options(parser: Parser) -> None:
     parser.whole("--seed", text, 0, default=0)
     text = "figure of each run, as largest:motor.tau or mean:motor.tau@0.5..2"
     parser.several("--figure", text, metavar="KIND:COLUMN")
-    text = "also run with smaller steps and give every figure with its error"
+    text = "also run with other steps and give every figure with its error"
     parser.add_argument("--certify", action="store_true", help=text)
     add_stepping_options(parser, records=False)
     parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units")
