@@ -15,6 +15,8 @@ from shutil import copytree, ignore_patterns
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import pytest
+
 #: The page that this backs, and its heading.
 CLAIM = ("CONTRIBUTING.md", "Contributing")
 
@@ -133,7 +135,7 @@ MUTANTS = (
            "scenarios/iron/questions/iron_cycle.py", 'yes=f"{at} is safe"', 'yes=f"Avoid {at}"', TRUTH),
     Mutant("conveyor: a peak of the rod force between angles is cut off instead of rounded up",
            "workbench/orbits.py", "lift = np.where(is_turn, -(rise**2)", "lift = np.where(is_turn, (rise**2)",
-           TRUTH),
+           "tests/scenarios/test_orbit.py"),
     Mutant("sommerfeld: the supply of the jump is that of the speed after it",
            "scenarios/exciter/questions/sommerfeld.py", 'up, down = r[0], f["supply_up"], f["supply_down"]',
            'down, up = r[0], f["supply_up"], f["supply_down"]', TRUTH),
@@ -186,14 +188,20 @@ def is_noticed(mutant: Mutant, folder: Path) -> bool:
     if text.count(mutant.right) != 1:
         raise LookupError(f"{mutant.file} has {mutant.right!r} {text.count(mutant.right)} times")
     path.write_text(text.replace(mutant.right, mutant.wrong), encoding="utf-8")
-    tests = [name for name in mutant.tests.split() if (folder / name).is_file()]
+    tests = mutant.tests.split()
+    if gone := [name for name in tests if not (folder / name).is_file()]:
+        raise LookupError(f"no tests {', '.join(gone)}")
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-n0", *tests],
+        [sys.executable, "-m", "pytest", "-q", "-x", "-rf", "-n0", *tests],
         cwd=folder, check=False, capture_output=True, text=True,
         env={**os.environ, "PYTHONPATH": str(folder)},
     )  # fmt: skip
-    print("   ", *done.stdout.strip().splitlines()[-2:], sep="\n    ")
-    return done.returncode != 0
+    for line in done.stdout.splitlines():
+        if line.startswith(("FAILED", "ERROR")):
+            print(f"    {line}")
+    if done.returncode not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+        raise LookupError(f"pytest ended with {done.returncode}")
+    return done.returncode == pytest.ExitCode.TESTS_FAILED
 
 
 def main() -> int:

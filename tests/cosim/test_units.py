@@ -46,23 +46,29 @@ def defines(unit: str, base: str, display: str = "") -> tuple[str, str]:
 
 
 @pytest.mark.parametrize(
-    ("theirs", "factor"),
+    ("theirs", "factor", "offset"),
     [
-        ('kg="1" m="2" s="-2"', 1.0),
-        ('kg="1" m="2" s="-2" factor="1000"', 1000.0),
-        ('kg="1" m="2" s="-2" factor="1.35581795"', 1.35581795),
-        ('kg="1" m="2" s="-2" factor="1.0000000001"', 1.0),
-        ('kg="1" m="2" s="-2" rad="-1"', 1.0),
-        ("", 1.0),
+        ('kg="1" m="2" s="-2"', 1.0, 0.0),
+        ('kg="1" m="2" s="-2" factor="1000"', 1000.0, 0.0),
+        ('kg="1" m="2" s="-2" factor="2" offset="3"', 2.0, 3.0),
+        ('kg="1" m="2" s="-2" factor="1.35581795"', 1.35581795, 0.0),
+        ('kg="1" m="2" s="-2" factor="1.0000000001"', 1.0, 0.0),
+        ('kg="1" m="2" s="-2" rad="-1"', 1.0, 0.0),
+        ("", 1.0, 0.0),
     ],
 )
 def test_a_wire_between_units_of_one_name_converts_by_their_definitions(
-    theirs: str, factor: float, fmus: Path, motor: Make
+    theirs: str, factor: float, offset: float, fmus: Path, motor: Make
 ) -> None:
-    """A torque in the motor's N.m, which are 1000 of the conveyor's: not the same number."""
+    """A torque in the motor's N.m, which are 1000 of the conveyor's: not the same number.
+
+    What the wire does by itself comes first, in the unit of its source.
+    """
     parts = {"m": motor(defines("N.m", theirs)), "c": fmus / "CrankConveyor.fmu"}
     (wire,) = connect(System(parts, ["m.tau -> c.tau"])).wires
-    assert (wire.factor, wire.offset) == (factor, 0.0)
+    assert (wire.factor, wire.offset) == (factor, offset)
+    (wire,) = connect(System(parts, ["m.tau * 5 + 7 -> c.tau"])).wires
+    assert (wire.factor, wire.offset) == (5 * factor, 7 * factor + offset)
     (wire,) = connect(System(parts, ["m.tau => c.tau"])).wires
     assert (wire.factor, wire.offset) == (1.0, 0.0)
 

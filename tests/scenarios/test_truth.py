@@ -78,12 +78,9 @@ def conveyor(rng: np.random.Generator) -> Truth:
         figures["avoid_from"] = max(x for x in ends if x < nu)
     options = {"speeds": f"{low!r}:{high!r}:{count}", "speed": nu, "start": drive.start}
     options |= {"limit": 100.0, "rated_torque": limit}
-    return Truth(
-        "resonance",
-        options,
-        figures,
-        f"Avoid {nu:.4g}" if is_above else f"{nu:.4g} rad/s .*is safe",
-    )
+    least = f"{float(f'{limit:.4g}'):.10g}"
+    unsafe, safe = f"Avoid {nu:.4g} .*limit {least}", f"{nu:.4g} rad/s .*is safe .* of {least}"
+    return Truth("resonance", options, figures, unsafe if is_above else safe)
 
 
 def iron_drive(rng: np.random.Generator) -> Truth:
@@ -173,7 +170,7 @@ def exciter(rng: np.random.Generator) -> Truth:
     after = exciter_oracle.steady(machine, supply, 1.75 * resonance)
     start = {exciter_oracle.NAMES[name]: value for name, value in changes.items()}
     options = {
-        "supplies": f"{0.6 * supply!r},{0.9 * supply!r}",
+        "supplies": f"{0.8 * supply!r},{0.85 * supply!r},{0.9 * supply!r}",
         "hold": 2.0,
         "step": 0.02,
         "start": start,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from workbench.export import finite
-from workbench.figure import Figure, checked_figures, figure_of_figures
+from workbench.figure import Figure, checked_figures, figure_of_figures, scaled
 
 
 @pytest.mark.parametrize(
@@ -49,6 +49,12 @@ def test_a_figure_whose_error_has_no_bound_is_undetermined_and_json_has_no_infin
         assert json.loads(json.dumps(figure.json(), allow_nan=False))["error"] is None
     facts = {"a": (1.0, math.nan, {"b": [math.inf, 2, True, "x"]})}
     assert finite(facts) == {"a": [1.0, None, {"b": [None, 2, True, "x"]}]}
+
+
+@pytest.mark.parametrize(("factor", "error"), [(-60.0, 12.0), (1e-3, 2e-4)])
+def test_a_multiple_has_as_large_a_share_of_error(factor: float, error: float) -> None:
+    told = scaled(Figure(5.0, "Hz", 0.2), factor, "1/min", "")
+    assert (told.value, told.unit, told.error) == (5.0 * factor, "1/min", pytest.approx(error))
 
 
 def test_a_refused_figure_says_why_in_a_sentence() -> None:

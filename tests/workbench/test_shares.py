@@ -15,7 +15,7 @@ from cosim import SetupError
 from tests.conftest import ROOT
 from workbench import study
 from workbench.answer import Table
-from workbench.study.words import interval, sentence
+from workbench.study.words import interval, sentence, share_above
 
 LIMITS = """
 scenario = "plane.py"
@@ -71,6 +71,17 @@ def test_a_limit_gives_the_share_above_it(tmp_path: Path) -> None:
         other = write(tmp_path, LIMITS.replace('"1500cm"', raw))
         again = study.run(study.load(other), out=tmp_path / "out", jobs=1)
         assert wanted in again.verdict and "64 runs, 0 of them now" in again.verdict
+
+
+def test_a_limit_within_errors_leaves_the_share_open(tmp_path: Path) -> None:
+    """Of four runs two may be on either side: the interval holds the shares of one and of three."""
+    table = Table(
+        {"height": np.array([14.0, 14.9, 15.1, 16.0]), "height_error": np.full(4, 0.2)}, {}
+    )
+    plan = study.load(write(tmp_path, LIMITS))
+    share = share_above(plan, table, "height", 15.0, np.ones(4, bool))
+    assert (share.above, share.open, share.runs) == (1, 2, 4)
+    assert (share.low, share.high) == (interval(1, 4)[0], interval(3, 4)[1])
 
 
 def test_limits_at_the_points_of_a_grid(tmp_path: Path) -> None:
