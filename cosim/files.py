@@ -1,13 +1,17 @@
-"""Files that take the place of others when they are complete, and never through a link."""
+"""Files that take the place of others when they are complete, and never through a link; and their locks."""
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 #: Where names are no files of a user: what they lead to is written in place.
 DEVICES = ("/dev", "/proc")
+#: The byte of a file that Windows locks: derived from its 32 bits of a position, so that others can read the rows.
+LOCKED_BYTE = 2**31 - 2
 
 
 @contextmanager
@@ -32,3 +36,20 @@ def replacement(path: Path) -> Iterator[Path]:
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         fresh.unlink(missing_ok=True)
+
+
+def lock_file(file: int) -> bool:
+    """Lock a file until it is closed; False if another has."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(file, LOCKED_BYTE, os.SEEK_SET)  # rows are appended all the same
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .engine.recorder import lock_file
 from .errors import SetupError
+from .files import lock_file
 from .result import open_unlinked
 
 Array = NDArray[np.float64]
@@ -37,6 +37,8 @@ FORM = "runs 1"
 MAX_DIFFERENCES = 4
 #: Longest value that a message shows; chosen: several fit a line.
 MAX_SHOWN = 40
+#: Whether a run has this number, and may have these figures and this text.
+IsSound = Callable[[int, Array, str], bool]
 DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
 
 
@@ -73,8 +75,8 @@ class Journal:
         """Keep what is added from now on in memory alone."""
         self._file = None
 
-    def read(self, content: bytes) -> int:
-        """Take the records of a file; how many of its bytes are up to the end of the last sound one."""
+    def read(self, content: bytes, is_sound: IsSound = lambda *_: True) -> int:
+        """Take the records of a file that are sound; how many of its bytes are up to the end of the last one."""
         begin, sound = 0, 0
         while begin + HEAD_BYTES <= len(content):
             number, figures, length = np.frombuffer(content, "<i8", 3, begin).tolist()
@@ -85,7 +87,7 @@ class Journal:
             text = content[end - CHECK_BYTES - length : end - CHECK_BYTES].decode(
                 "utf-8", "replace"
             )
-            if record(number, row, text) == content[begin:end]:
+            if record(number, row, text) == content[begin:end] and is_sound(number, row, text):
                 self.rows[number] = row, text
                 sound = end
             else:
@@ -107,6 +109,7 @@ def record(number: int, figures: Array, text: str) -> bytes:
 def open_journal(
     path: Path | None,
     identity: Mapping[str, Any],
+    is_sound: IsSound = lambda *_: True,
     *,
     keep: bool = False,
     drop: Callable[[str], object] | None = None,
@@ -119,6 +122,8 @@ def open_journal(
         The file. It goes when the context ends well, unless it is to `keep`.
     identity : mapping
         On what its rows depend.
+    is_sound : callable
+        Whether a row may be one of these runs; others count as damaged.
     keep : bool
         Whether the file stays.
     drop : callable, optional
@@ -134,19 +139,20 @@ def open_journal(
         return
     now = json.loads(json.dumps({"form": FORM, **identity}))
     first = (json.dumps(now) + "\n").encode()
-    try:
-        file = open_unlinked(path, "a+b")
-    except OSError as error:
-        raise SetupError(f"{path} cannot be written: {error.strerror or error}") from error
-    with file:
+    with _opened(path) as file:
         if not lock_file(file.fileno()):
             raise SetupError(f"another process is writing {path}")
-        file.seek(0)
+        try:
+            file.seek(0)
+        except OSError as error:
+            raise SetupError(
+                f"{path} is no file that can be read again: {error.strerror}"
+            ) from error
         content, journal = file.readall(), Journal(path, file)
         head, newline, records = content.partition(b"\n")
         before = _identity(head)
         if newline and before == now:
-            file.truncate(len(head) + 1 + journal.read(records))
+            file.truncate(len(head) + 1 + journal.read(records, is_sound))
         else:
             if not first.startswith(content):  # else it was killed when it began
                 other = f"{path} is no journal of runs"
@@ -164,6 +170,16 @@ def open_journal(
             journal.close()
     if not keep:
         path.unlink(missing_ok=True)
+
+
+def _opened(path: Path) -> Any:
+    """The file of a journal, at its begin; raises SetupError for what can neither be written nor read again."""
+    try:
+        file = open_unlinked(path, "a+b")
+        file.seek(0)
+    except OSError as error:
+        raise SetupError(f"{path} cannot be written: {error.strerror or error}") from error
+    return file
 
 
 def _identity(head: bytes) -> dict[str, Any]:

@@ -22,10 +22,12 @@ from .errors import SetupError
 from .fmu.messages import log
 from .series import TIME, Column
 from .system import System, connect
-from .worker import Batch, Chunk, Desk, Evaluate, Worker
+from .worker import CLOSING, NOBODY, Batch, Chunk, Desk, Evaluate, Worker
 
 #: Longest wait for a message before signals and time limits are looked at [s].
 PATIENCE = 0.05
+#: What is said of a process that died where no member ran.
+CLOSED, BETWEEN = "when it closed them", "between two runs"
 
 
 class Task(NamedTuple):
@@ -37,7 +39,10 @@ class Task(NamedTuple):
 
 @dataclass
 class Job:
-    """A child process, the chunk that it works on, how many of its members are done, and when it was heard last [s]."""
+    """A child process, the chunk that it works on, and how many of its members are done.
+
+    Besides, how many blocks it has given, and when it was heard last [s].
+    """
 
     process: BaseProcess
     pipe: Connection
@@ -46,6 +51,7 @@ class Job:
     columns: tuple[Column, ...]
     stack: ExitStack
     done: int = 0
+    given: int = 0
     heard: float = field(default_factory=clock.monotonic)
     is_ready: bool = False
     death: str = ""
@@ -53,7 +59,7 @@ class Job:
     def give(self, chunk: Chunk) -> None:
         """Let the process work on a chunk."""
         self.chunk, self.done, self.heard = chunk, 0, clock.monotonic()
-        self.desk.place.member = -1
+        self.desk.place.member = NOBODY
         with suppress(OSError):
             self.pipe.send(chunk)
 
@@ -71,10 +77,12 @@ class Job:
 def in_processes(batch: Batch) -> Iterator[Ensemble]:
     """The members that wait, by processes; it ends early if the user interrupts.
 
-    A member whose process dies, or is silent for too long, fails with that reason. Raises SetupError for a system that
-    no process can be given, and if a process dies before it is ready.
+    A member whose process dies while it runs, or is silent for too long, fails with that reason. If the process dies
+    between members, as where an instance is freed, other processes do the rest. Raises SetupError for a system that no
+    process can be given, and if a process dies before it is ready.
     """
     running: list[Job] = []
+    told: set[str] = set()
     finished = batch.members - sum(len(chunk.numbers) for chunk in batch.waiting)
     with ExitStack() as stack:
         stack.callback(_end_all, running)
@@ -83,17 +91,21 @@ def in_processes(batch: Batch) -> Iterator[Ensemble]:
                 running.append(_start(batch))
             wait([job.pipe for job in running], PATIENCE)
             for job in running:
-                for block in _answers(job, running, batch):
+                for block in _answers(job, running, batch, told):
                     finished += len(block)
                     yield replace(block, cases=batch.cases)
                 silent = clock.monotonic() - job.heard if job.is_ready else 0.0
-                if silent > batch.timeout and not job.death:
-                    job.death = f"did not respond for {batch.timeout:g} s and was ended"
+                is_closing = job.desk.place.member == CLOSING
+                limit = min(batch.timeout, GRACE) if is_closing else batch.timeout
+                if silent > limit and not job.death:
+                    job.death = f"did not respond for {limit:g} s and was ended"
                     job.process.kill()
             batch.report((finished + sum(job.done for job in running)) / batch.members)
+    for text in sorted(told):
+        log.error("%s; no run is lost", text)
 
 
-def _answers(job: Job, running: list[Job], batch: Batch) -> Iterator[Ensemble]:
+def _answers(job: Job, running: list[Job], batch: Batch, told: set[str]) -> Iterator[Ensemble]:
     """What a process has done; it gets the next chunk, or ends."""
     for kind, content in job.messages():
         if kind == "ready":
@@ -104,6 +116,7 @@ def _answers(job: Job, running: list[Job], batch: Batch) -> Iterator[Ensemble]:
             raise content
         elif kind == "block":
             block, goes_on = content
+            job.given += 1
             yield block
             batch.return_undone(job.chunk, block)
             if batch.waiting and goes_on:
@@ -111,28 +124,42 @@ def _answers(job: Job, running: list[Job], batch: Batch) -> Iterator[Ensemble]:
                 continue
             running.remove(job)
             _end(job)
+            if job.process.exitcode:
+                told.add(f"a process that ran the parts {death(job.process)} {CLOSED}")
             return
         else:
             running.remove(job)
             _end(job)
             if not job.is_ready:
                 raise SetupError(f"the process that was to run the members {content}")
-            yield _failed_member(job, batch.waiting, content)
+            yield from _failed_members(job, batch.waiting, content, told)
             return
 
 
-def _failed_member(job: Job, waiting: list[Chunk], reason: str) -> Ensemble:
-    """The member of which a process died; the others of its chunk wait again, those before it by themselves."""
-    number = int(job.desk.numbers[max(job.desk.place.member, 0)])
-    numbers = job.chunk.numbers
-    number = number if number in numbers else int(numbers[0])
-    for rest in (np.flatnonzero(numbers > number), np.flatnonzero(numbers < number)):
-        if len(rest):
-            waiting.insert(0, job.chunk.part(rest))
-    return Ensemble(
-        NO_CASES, np.array([number]), job.columns, np.empty((1, 0, len(job.columns))),
-        np.zeros(1, np.int64), [f"the process that ran the parts {reason}"], {}, {}, [None],
-    )  # fmt: skip
+def _failed_members(
+    job: Job, waiting: list[Chunk], reason: str, told: set[str]
+) -> Iterator[Ensemble]:
+    """The member that a process ran when it died; the others of its chunk wait again, those before it by themselves.
+
+    Where it ran none, all wait again, one by one, and one that was alone has failed if it was the first of its process.
+    """
+    numbers, member = job.chunk.numbers, job.desk.place.member
+    number = int(job.desk.numbers[member]) if 0 <= member < len(job.desk.numbers) else NOBODY
+    if number in numbers:
+        rests = [np.flatnonzero(numbers < number), np.flatnonzero(numbers > number)]
+    elif job.given or len(numbers) > 1:
+        number, rests = NOBODY, [np.array([k]) for k in range(len(numbers))]
+        told.add(
+            f"a process that ran the parts {reason} {CLOSED if member == CLOSING else BETWEEN}"
+        )
+    else:
+        number, rests = int(numbers[0]), []
+    waiting[:0] = [job.chunk.part(rest) for rest in rests if len(rest)]
+    if number in numbers:
+        yield Ensemble(
+            NO_CASES, np.array([number]), job.columns, np.empty((1, 0, len(job.columns))),
+            np.zeros(1, np.int64), [f"the process that ran the parts {reason}"], {}, {}, [None],
+        )  # fmt: skip
 
 
 def _start(batch: Batch) -> Job:
@@ -187,3 +214,8 @@ def _serve(pipe: Connection, desk: Desk, system: System, settings: RunSettings, 
             worker.close()
         except SetupError as error:
             pipe.send(("error", error))
+        except (BrokenPipeError, ConnectionResetError):
+            raise
+        except OSError as error:  # no room, no open files: what the runs before have left of them
+            desk.place.member = NOBODY
+            pipe.send(("dead", f"could not go on: {error}"))

@@ -21,6 +21,8 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import gettempdir, mkdtemp
 
+from .files import lock_file
+
 #: A convention of this module: what the names of its folders begin with.
 PREFIX = "cosim_"
 #: A convention of this module: what the names of its folders end with, which nobody else takes by chance.
@@ -119,18 +121,12 @@ def _remove(folder: Path, lock: int | None) -> None:
 def _locked(folder: Path) -> int:
     """Lock a folder until the lock is closed; raises BlockingIOError if another process has locked it."""
     if sys.platform == "win32":
-        import msvcrt
-
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT)
     else:
         lock = os.open(folder, os.O_RDONLY)
     try:
-        if sys.platform == "win32":
-            msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not lock_file(lock):
+            raise BlockingIOError
     except OSError:
         os.close(lock)
         raise

@@ -255,7 +255,15 @@ def sweep(
         for metric in figures.values():
             metric.check(recorded, plan.start, plan.stop)
         identity = _identity(prepared.network, plan, read, wanted)
-        with open_journal(journal, identity) as kept:
+
+        def is_row(number: int, row: Array, text: str) -> bool:
+            return (
+                number in range(read.members)
+                and len(row) == len(wanted.names)
+                and _is_reason_and_warnings(text)
+            )
+
+        with open_journal(journal, identity, is_row) as kept:
             rest = np.setdiff1d(np.arange(read.members), list(kept.rows))
             share = how.share * (CERTIFIED_SHARE if certified else 1.0)
             its = replace(how, evaluate=wanted, numbers=rest, share=share)
@@ -281,6 +289,15 @@ def _reason_and_warnings(block: Ensemble, k: int) -> str:
     return json.dumps([block.reasons[k], "; ".join(warnings)])
 
 
+def _is_reason_and_warnings(text: str) -> bool:
+    """Whether a text can be one of `_reason_and_warnings`."""
+    try:
+        texts = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(texts, list) and [type(x) for x in texts] == [str, str]
+
+
 def _table(cases: Cases, figures: Figures, rows: Mapping[int, tuple[Array, str]]) -> pd.DataFrame:
     """The runs that are done, in the order of the cases."""
     import pandas as pd
@@ -289,7 +306,7 @@ def _table(cases: Cases, figures: Figures, rows: Mapping[int, tuple[Array, str]]
     columns: dict[str, Any] = {
         name: column[numbers] for name, column in zip(cases.names, cases.columns)
     }
-    values = np.array([rows[k][0] for k in numbers]).reshape(len(numbers), -1)
+    values = np.reshape([rows[k][0] for k in numbers], (len(numbers), len(figures.names)))
     columns |= {name: values[:, k] for k, name in enumerate(figures.names)}
     texts = [json.loads(rows[k][1]) for k in numbers]
     columns |= {"warnings": [text[1] for text in texts], "reason": [text[0] for text in texts]}

@@ -37,6 +37,8 @@ LONGEST_BLOCK = 1.0
 #: its own and a reset leaves nothing behind: their binaries have neither .data nor .bss, which a test shows of every FMU
 #: that is built here. Others may differ after a reset at times, which no number of trials can rule out.
 KNOWN_TOOLS = ("build_fmus.py",)
+#: In the place of a member: none is worked on, or instances are freed.
+NOBODY, CLOSING = -1, -2
 #: Said of an ensemble whose instances cannot be used again.
 FRESH = "every run has new instances: not all FMUs are known to be as new after a reset"
 
@@ -326,8 +328,11 @@ class Worker:
 
     def _free_instances(self) -> None:
         """Free the instances; new ones will be made."""
+        place, member = self._desk.place, self._desk.place.member
+        place.member = CLOSING
         self._stack.close()
         self._instances = {}
+        place.member = member
 
     def _drive(self, cases: Cases, chunk: Chunk, k: int) -> tuple[Member, Simulation | None]:
         """What the driver makes of the member at position k, with instances that are reset or, if need be, new ones."""

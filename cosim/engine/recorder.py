@@ -7,7 +7,6 @@ import errno
 import io
 import math
 import os
-import sys
 import time as clock
 from array import array
 from collections.abc import Callable, Sequence
@@ -18,6 +17,7 @@ import numpy as np
 
 from ..dense import CUBIC_ROWS
 from ..errors import FmuError, SetupError
+from ..files import lock_file
 from ..fmu.times import coincide
 from ..result import (
     Provenance,
@@ -36,8 +36,6 @@ from ..series import NO_BREAKS, TIME, Column, Kind
 CHUNK = 4096
 #: Seconds that rows wait at most. A convention: who reads the file along notices no delay.
 LONGEST = 0.1
-#: The byte of a file that Windows locks: derived from its 32 bits of a position, so that others can read the rows.
-LOCKED_BYTE = 2**31 - 2
 
 
 class Recorder:
@@ -185,23 +183,6 @@ class Stream:
     def close(self) -> None:
         """Let others write the file."""
         self._file.close()
-
-
-def lock_file(file: int) -> bool:
-    """Lock a file until it is closed; False if another has."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            os.lseek(file, LOCKED_BYTE, os.SEEK_SET)  # rows are appended all the same
-            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        return False
-    return True
 
 
 IntermediateValues = tuple[list[tuple[float, list[float]]], list[int]]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -13,10 +15,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
 
-from cosim import How, SetupError, System, certify, combinations, run, sample, sweep
+from cosim import How, Interrupted, SetupError, System, certify, combinations, run, sample, sweep
+from cosim.dense import Curves
 from cosim.journal import open_journal
-from cosim.metrics import Largest, Mean
+from cosim.metrics import Largest, Mean, Smallest
 from tests.conftest import ROOT, restore_ctrl_c
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack, single_fmu_system
@@ -187,6 +191,69 @@ def test_a_run_that_hangs_is_ended(tmp_path: Path) -> None:
     assert "did not respond for 8 s" in table["reason"][1]
 
 
+def test_a_process_that_dies_between_runs_costs_none_of_them(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """An instance that crashes when it is freed takes its process with it, once its run is over."""
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    settings: dict[str, Any] = {"stop": 1.0, "step": 0.1}
+    cases: dict[str, Any] = {"A.error_at": [1e300, 0.35, 1e300, 1e300, 1e300]}
+    whole = sweep(system, cases, {"y": Mean("A.y")}, how=How(isolated=True), **settings)
+    assert not caplog.records
+    for jobs in (1, 2):
+        crashing = cases | {"A.crash_at_end": [False, True, True, False, True]}
+        how = How(jobs, isolated=True)
+        table = sweep(system, crashing, {"y": Mean("A.y")}, how=how, **settings)
+        assert_array_equal(table["y"], whole["y"])
+        assert table["reason"].tolist() == whole["reason"].tolist()
+        assert {record.getMessage() for record in caplog.records} == {
+            "a process that ran the parts was killed by signal SIGSEGV (an FMU crashed) when it closed them; no run is lost"
+        }
+
+
+class Short(Smallest):
+    """Smallest values, in a process that has open files for one run."""
+
+    def __call__(self, *curves: Curves) -> NDArray[np.float64]:
+        """The values, once; raises OSError where more runs have been measured in this process."""
+        MEASURED.append(len(curves[0]))
+        if sum(MEASURED) > 1:
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+        return super().__call__(*curves)
+
+
+MEASURED: list[int] = []
+
+
+def test_a_process_that_is_short_of_something_leaves_its_runs_to_the_next(tmp_path: Path) -> None:
+    """What earlier runs have left of open files is no fault of a later one; alone it has all of them."""
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    figures = {"y": Short("A.y")}
+    cases = {"A.x0": np.arange(1.0, 6.0)}
+    table = sweep(system, cases, figures, how=How(isolated=True), stop=1.0, step=0.1)
+    whole = sweep(system, cases, {"y": Smallest("A.y")}, stop=1.0, step=0.1)
+    assert_array_equal(table["y"], whole["y"])
+    assert table["reason"].tolist() == [""] * 5
+
+
+def test_a_sweep_that_is_interrupted_before_its_first_row_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cosim.prepared.Prepared.blocks", lambda *_: iter(()))
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    for certified in (False, True):
+        with pytest.raises(Interrupted, match=r"^0 of 2 runs$") as caught:
+            sweep(
+                system,
+                {"A.x0": [1, 2]},
+                {"y": Mean("A.y")},
+                certified=certified,
+                stop=1.0,
+                step=0.1,
+            )
+        assert len(caught.value.result) == 0 and "y" in caught.value.result
+
+
 #: A sweep that gets a signal as soon as three of its blocks are in the journal.
 ENDED = """
 import os, sys
@@ -256,6 +323,28 @@ def test_a_journal_is_read_as_far_as_it_is_sound(tmp_path: Path) -> None:
     for k in range(head):
         path.write_bytes(content[:k])  # killed while it began
         assert numbers() == {}
+
+
+def test_rows_of_a_journal_that_are_none_of_the_sweep_are_done_again(tmp_path: Path) -> None:
+    """Their checksums are right: numbers of no case, another count of figures, texts that are none."""
+    system = single_fmu_system(pack(tmp_path / "A.fmu"))
+    cases, path = {"A.x0": np.arange(4.0)}, tmp_path / "a.journal"
+
+    def table(**more: Any) -> pd.DataFrame:
+        return sweep(system, cases, {"y": Smallest("A.y")}, stop=1.0, step=0.1, **more)
+
+    whole, identity = table(), table().attrs
+    deep = "[" * 100_000
+    for number, figures, text in (
+        (10**6, [1.0], '["", ""]'), (-1, [1.0], '["", ""]'), (2, [1.0, 2.0], '["", ""]'), (2, [], '["", ""]'),
+        (2, [1.0], "x"), (2, [1.0], "5"), (2, [1.0], '["", 5]'), (2, [1.0], '[""]'), (2, [1.0], deep),
+    ):  # fmt: skip
+        with open_journal(path, identity, keep=True) as journal:
+            journal.add([1], np.array([[9.0]]), ['["", ""]'])
+            journal.add([number], np.array([figures]), [text])
+        again = table(journal=path)
+        assert again["y"].tolist() == [whole["y"][0], 9.0, *whole["y"][2:]]
+        assert not path.exists()
 
 
 def test_a_sample_needs_no_more_than_its_seed() -> None:

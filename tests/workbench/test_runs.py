@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -27,7 +29,8 @@ from workbench.runs import fingerprint, journal
 from workbench.runs.bundle import Bundle
 from workbench.runs.cluster import ClusterRunner
 from workbench.runs.local import LocalRunner
-from workbench.runs.worker import CallWorker
+from workbench.runs.runner import Runner
+from workbench.runs.worker import CallWorker, Outcome
 
 LONG = 100.0
 
@@ -336,3 +339,40 @@ def test_a_damaged_file_among_the_inputs_is_written_anew(tmp_path: Path) -> None
         assert cargo.unpacked_folder(tmp_path / "inputs") == unpacked_folder
         assert (unpacked_folder / "A.fmu").read_bytes() == b"an FMU"
     assert [path.name for path in (tmp_path / "inputs").iterdir()] == [cargo.name]
+
+
+class Slow(Runner):
+    """Whose calls take a second for each task, and for one of them for ever; it counts what it is asked for."""
+
+    def stream(
+        self,
+        function: Any,
+        tasks: Mapping[int, Any],
+        limits: Mapping[int, float] = MappingProxyType({}),
+        *,
+        is_isolated: bool = True,
+    ) -> Any:
+        for key, call in tasks.items():
+            CALLS.append(call)
+            is_late = 13 in call or len(call) > limits.get(key, math.inf)
+            yield key, Outcome("timeout") if is_late else Outcome("ok", function(call))
+
+
+CALLS: list[list[int]] = []
+
+
+def test_a_call_of_several_cases_has_the_time_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is late is halved until the case that hangs is alone; what others have done is kept."""
+    tasks = {k: k for k in range(64)}
+
+    def done(call: list[int]) -> list[Outcome]:
+        return [Outcome("ok", x) for x in call]
+
+    for timeout in (1.0, 1.5, None):
+        CALLS.clear()
+        found = dict(Slow().outcomes(done, tasks, "squares", timeout=timeout, at_once=8))
+        assert [k for k, outcome in found.items() if outcome.status != "ok"] == [13]
+        assert len(found) == 64
+        first, again = CALLS[:8], CALLS[8:]
+        assert [x for call in first for x in call] == list(range(64))
+        assert again == [[8, 9, 10, 11], [12, 13, 14, 15], [12, 13], [14, 15], [12], [13]]

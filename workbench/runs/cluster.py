@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from cosim import SetupError
@@ -104,7 +105,7 @@ class ClusterRunner(Runner):
         self,
         function: Callable[[Any], Any],
         tasks: Mapping[Key, Any],
-        timeout: float | None = None,
+        limits: Mapping[Key, float] = MappingProxyType({}),
         *,
         is_isolated: bool = True,  # noqa: ARG002
     ) -> Outcomes:
@@ -126,7 +127,7 @@ class ClusterRunner(Runner):
             )
             _check(client, self.scheduler, shipment)
             calls = {key: sealed(function, task, self.files) for key, task in tasks.items()}
-            submissions = _Submissions(client, self.scheduler, shipment, calls, timeout)
+            submissions = _Submissions(client, self.scheduler, shipment, calls, limits)
             try:
                 yield from submissions.outcomes()
             finally:
@@ -163,10 +164,10 @@ class _Submissions:
         scheduler: str,
         shipment: Shipment,
         calls: Mapping[Key, bytes],
-        timeout: float | None,
+        limits: Mapping[Key, float],
     ) -> None:
         self._client, self._scheduler, self._shipment = client, scheduler, shipment
-        self._calls, self._timeout = calls, timeout
+        self._calls, self._limits = calls, limits
         self._shipped = client.submit(_keep_on_worker, self._shipment, pure=False)
         self._deaths: Counter[Key] = Counter()
         self._done: SimpleQueue[Any] = SimpleQueue()
@@ -177,7 +178,7 @@ class _Submissions:
         if self._shipped.status == "error":
             self._shipped = self._client.submit(_keep_on_worker, self._shipment, pure=False)
         future = self._client.submit(
-            _run, self._calls[key], self._shipped, self._timeout, pure=False
+            _run, self._calls[key], self._shipped, self._limits.get(key), pure=False
         )
         self.key_of[future] = key
         future.add_done_callback(self._done.put)

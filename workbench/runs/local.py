@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import islice
+from types import MappingProxyType
 from typing import Any
 
 from cosim.threads import available_cores
@@ -40,7 +41,7 @@ class LocalRunner(Runner):
         self,
         function: Callable[[Any], Any],
         tasks: Mapping[Key, Any],
-        timeout: float | None = None,
+        limits: Mapping[Key, float] = MappingProxyType({}),
         *,
         is_isolated: bool = True,
     ) -> Outcomes:
@@ -56,7 +57,7 @@ class LocalRunner(Runner):
         def start_next(worker: CallWorker) -> None:
             for key, task in islice(waiting, 1):
                 key_of[worker] = key
-                worker.give(function, task, timeout, self.page)
+                worker.give(function, task, limits.get(key), self.page)
 
         try:
             for worker in workers:

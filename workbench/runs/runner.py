@@ -11,6 +11,7 @@ from collections.abc import Set as AbstractSet
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from cosim import Result, SetupError, SimulationError
 from cosim.signals import handle_stop_signals
 
 from .journal import Key, OutcomeJournal
-from .worker import MACHINE, OK, Outcome
+from .worker import MACHINE, OK, TIMEOUT, Outcome
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -64,11 +65,11 @@ class Runner(ABC):
         self,
         function: Callable[[Any], Any],
         tasks: Mapping[Key, Any],
-        timeout: float | None = None,
+        limits: Mapping[Key, float] = MappingProxyType({}),
         *,
         is_isolated: bool = True,
     ) -> Outcomes:
-        """Give key and outcome of each task as they are done, each within a wall time [s].
+        """Give key and outcome of each task as they are done, each within its wall time [s], if it has one.
 
         Each is done in another process than this one if it `is_isolated`; else it may raise here.
         """
@@ -105,7 +106,7 @@ class Runner(ABC):
         if at_once:
             fresh = self._together(function, tasks, missing.keys(), timeout, at_once)
         else:
-            fresh = self.stream(function, missing, timeout, is_isolated=False)
+            fresh = self.stream(function, missing, is_isolated=False)
         failed = sum(outcome.status != OK for outcome in done.values())
         with (
             handle_stop_signals(signal.default_int_handler),
@@ -138,7 +139,8 @@ class Runner(ABC):
         """Give key and outcome of those tasks that are missing, in calls of several.
 
         Which are in one call does not depend on what is missing, nor on how many are done at a time, so that the last bits do
-        not either. Those of a call that ends its process have one each.
+        not either. Each case has its `timeout`, a call that of all its cases; one that is late is done again in halves, and the
+        cases of one that ends its process have a call each.
         """
         keys, size = list(tasks), min(at_once, math.ceil(len(tasks) / LEAST_CALLS) or 1)
         waiting = [keys[k : k + size] for k in range(0, len(keys), size)]
@@ -148,8 +150,9 @@ class Runner(ABC):
                 for k, block in enumerate(waiting)
                 if not missing.isdisjoint(block)
             }
-            alone: list[list[Key]] = []
-            with closing(self.stream(function, calls, timeout)) as stream:
+            limits = {k: timeout * len(call) for k, call in calls.items()} if timeout else {}
+            again: list[list[Key]] = []
+            with closing(self.stream(function, calls, limits)) as stream:
                 for k, outcome in stream:
                     block = waiting[k]
                     if outcome.status == OK:
@@ -157,8 +160,9 @@ class Runner(ABC):
                     elif len(block) == 1:
                         yield block[0], outcome
                     else:
-                        alone += [[key] for key in block]
-            waiting = alone
+                        size = math.ceil(len(block) / 2) if outcome.status == TIMEOUT else 1
+                        again += [block[k : k + size] for k in range(0, len(block), size)]
+            waiting = again
 
     def map(
         self,
