@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -114,37 +114,14 @@ class Evaluations:
         return np.abs([np.zeros_like(self.value), *changes]).max(axis=0)  # type: ignore[no-any-return]
 
 
-@dataclass(frozen=True)
-class Circumstances:
-    """What is known of numbers beside their values: the orders that they may have, and of the runs what `NestedRuns` says.
-
-    `orders` is of shape (orders, numbers). `converges` says whether the columns do at the times that decide a number,
-    `is_regular` whether nothing speaks against an order that is observed, `has_jumps` whether that is an input which
-    jumps inside a step of one of the runs, `follows` whether the runs follow the steps of the finest.
-    """
-
-    orders: Array
-    ratio: float
-    converges: Mask | bool = False
-    is_regular: bool = True
-    has_jumps: bool = False
-    follows: bool = False
-
-    @classmethod
-    def of(cls, orders: Array, forms: Forms) -> Circumstances:
-        """Those of numbers of some runs."""
-        runs, jumps = forms.runs, forms.runs.have_jumps_within_steps
-        return cls(
-            orders, runs.ratio, is_regular=forms.is_regular, has_jumps=jumps, follows=runs.follows
-        )
-
-
-def combined(e: Evaluations, known: Circumstances) -> list[Estimate]:
-    """The estimates of numbers.
+def combined(
+    e: Evaluations, orders: Array, forms: Forms, converges: Mask | None = None
+) -> list[Estimate]:
+    """The estimates of numbers that may have some orders, shape (orders, numbers).
 
     Their errors are the largest of what the three runs show, of what the extrapolation of their columns changes, with a
     factor of safety, and of the distance to the witness; those of the rows are added. Where a number
-    has no order, but its columns converge at the times that decide it, the spread of the runs takes its place; where an
+    has no order, but its columns converge there, as `converges` says, the spread of the runs takes its place; where an
     input jumps at another share of a step in each run, so that there is no order, three times that spread. Runs that
     follow the steps of another have no order: the distances themselves count.
     """
@@ -152,7 +129,7 @@ def combined(e: Evaluations, known: Circumstances) -> list[Estimate]:
     runs = np.concatenate([e.runs, np.full((RUNS - len(e.runs), len(e.value)), math.nan)])
     lacks: Mask = np.asarray(np.isnan([*e.runs, *e.witness]).any(axis=0))
     shift = e.largest(e.shifts)
-    if known.follows:
+    if forms.runs.follows:
         whole, two = np.abs(runs[1:] - e.value)
         error = np.maximum.reduce([whole, two / STEP_RATIO, UNCONFIRMED_FACTOR * apart]) + rows
         order, reason = np.full_like(rows, math.nan), np.zeros(len(rows), int)
@@ -160,17 +137,19 @@ def combined(e: Evaluations, known: Circumstances) -> list[Estimate]:
     else:
         noises = np.array([rows, *[np.maximum(rows, e.noise)] * (RUNS - 1)])
         of_runs = likeliest(
-            runs, known.orders, known.ratio, noises, scale=e.scale, is_regular=known.is_regular
+            runs, orders, forms.runs.ratio, noises, scale=e.scale, is_regular=forms.is_regular
         )
-        by_spread = ~of_runs.is_stated & known.converges
+        by_spread = ~of_runs.is_stated & (False if converges is None else converges)
         with np.errstate(invalid="ignore"):
             spread = np.maximum(np.ptp(e.runs, axis=0), UNCONFIRMED_FACTOR * shift)
             error = np.where(by_spread, spread, of_runs.error - rows)
-            agree = (shift * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error) & known.is_regular
+            agree = (shift * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error) & forms.is_regular
             factor = np.where(agree, CONFIRMED_FACTOR, UNCONFIRMED_FACTOR)
             error = np.maximum.reduce([error, factor * shift, WITNESS_FACTOR * apart]) + rows
         grows = of_runs.reason == Reason.GROWING
-        claimed = np.asarray(of_runs.is_stated | (~grows & (by_spread | known.has_jumps)))
+        claimed = np.asarray(
+            of_runs.is_stated | (~grows & (by_spread | forms.runs.have_jumps_within_steps))
+        )
         order, reason = of_runs.order, of_runs.reason
     estimates = []
     for k, (value, row) in enumerate(zip(e.value.tolist(), rows.tolist())):
@@ -327,7 +306,7 @@ def _judge_metric(
             if len(times):
                 converges |= limit.converges_at(times, of).all(axis=0)
         orders = np.array([column.orders[of] for column in columns])
-        estimates = combined(e, replace(Circumstances.of(orders, forms), converges=converges))
+        estimates = combined(e, orders, forms, converges)
     return [
         Estimate(float(v), None, reason=why) if why or math.isnan(v) else x
         for v, why, x in zip(value, reasons, estimates)
@@ -443,21 +422,21 @@ def judge_function(
         reason = OTHER_ROWS.format(error)
         return {name: _estimate(x)._replace(error=None, reason=reason) for name, x in first.items()}
     orders = {column.orders[0] for column in columns.values()} or {runs.nominal_order("")}
-    known = Circumstances.of(np.array(sorted(orders))[:, None], forms)
+    possible = np.array(sorted(orders))[:, None]
     estimates = {}
     if every is not None:
-        estimates = dict(zip(numbers, combined(every, known)))
+        estimates = dict(zip(numbers, combined(every, possible, forms)))
         if any(x.error is None and name not in after for name, x in estimates.items()):
             coarse = _common_row_errors(evaluate, forms)
             lacking = np.array([x.error is None for x in estimates.values()])
             rows = every.row_error()
             every.rows = np.where(lacking & (coarse >= rows), coarse, rows)
-            estimates = dict(zip(numbers, combined(every, known)))
+            estimates = dict(zip(numbers, combined(every, possible, forms)))
     for name, x in first.items():
         if name in after and not (isinstance(x, Estimate) and x.error is None):
             estimates[name] = _estimate(x)._replace(error=None, reason=diverged.reason)
         elif isinstance(x, Estimate):
-            estimates[name] = _with_coupling(x, [run.get(name) for run in given], known)
+            estimates[name] = _with_coupling(x, [run.get(name) for run in given], possible, forms)
     return {name: estimates[name] for name in first}
 
 
@@ -476,7 +455,7 @@ def _estimate(x: float | Estimate) -> Estimate:
 
 
 def _with_coupling(
-    x: Estimate, others: Sequence[float | Estimate | None], known: Circumstances
+    x: Estimate, others: Sequence[float | Estimate | None], orders: Array, forms: Forms
 ) -> Estimate:
     """A number that brings the error of its rows, with that of the coupling added; the runs, and the witness behind three."""
     if x.error is None:
@@ -492,7 +471,7 @@ def _with_coupling(
         np.array([x.value]), every[:RUNS], witness=[*every[RUNS:]], rows=np.array([x.error]),
         noise=max(run.error or 0.0 for run in runs),
     )  # fmt: skip
-    return combined(e, known)[0]._replace(unit=x.unit)
+    return combined(e, orders, forms)[0]._replace(unit=x.unit)
 
 
 def _evaluations_of_function(
