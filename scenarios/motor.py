@@ -19,6 +19,15 @@ FORM = '"5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"'
 NEEDED = {"power": "W", "speed": "rad/s", "frequency": "Hz", "poles": "poles", "breakdown": ""}
 #: And what it may have: the ratio of a gear, 1:1 without, and the inertia of the rotor.
 MORE = {"ratio": ":1", "inertia": "kg.m2"}
+#: Other units on nameplates: what has them, and the factor to the unit here.
+OTHER_UNITS = {
+    "pole pairs": ("poles", 2.0),
+    "1/min": ("speed", math.pi / 30),
+    "kgm2": ("inertia", 1.0),
+}
+#: Rated slips of induction motors from a few megawatts down to some tens of watts, and the largest ratio of torques; conventions
+#: that are wider than what catalogues have.
+SLIPS, LARGEST_BREAKDOWN = (0.001, 0.15), 6.0
 
 
 class Nameplate(NamedTuple):
@@ -43,10 +52,15 @@ class Nameplate(NamedTuple):
         return self.power / self.speed
 
     @property
+    def slip(self) -> float:
+        """The slip at the rated speed."""
+        return 1.0 - self.speed / self.no_load
+
+    @property
     def breakdown_slip(self) -> float:
         """The slip at which Kloss's torque is largest."""
         k = self.breakdown
-        return (1.0 - self.speed / self.no_load) * (k + math.sqrt(k * k - 1.0))
+        return self.slip * (k + math.sqrt(k * k - 1.0))
 
     @property
     def lag(self) -> float:
@@ -66,22 +80,51 @@ def read_nameplate(text: str) -> Nameplate:
     if lacking:
         raise SetupError(f"nameplate {text!r} lacks {', '.join(lacking)}: write it as {FORM}")
     plate = Nameplate(**values)
-    if min(values.values()) <= 0.0:
-        raise SetupError(f"nameplate {text!r}: every number must be above 0")
-    if not plate.speed < plate.no_load:
-        raise SetupError(
-            f"nameplate {text!r}: speed = {plate.speed * 30 / math.pi:.6g} rpm must be below the synchronous speed of "
-            f"{plate.no_load * 30 / math.pi:.6g} rpm that {plate.frequency:g} Hz and {plate.poles:g} poles give"
-        )
-    if plate.breakdown <= 1.0:
-        raise SetupError(
-            f"nameplate {text!r}: breakdown = {plate.breakdown:g} must be above 1, the breakdown over the rated torque"
-        )
+    if why := implausible(plate):
+        raise SetupError(f"nameplate {text!r}: {why}")
     return plate
+
+
+def implausible(plate: Nameplate) -> str:
+    """Return why no induction motor has this nameplate; "" for one that may exist."""
+    if not all(x is None or 0.0 < x < math.inf for x in plate):
+        return "every number must be finite and above 0"
+    if plate.poles % 2.0:
+        return f"poles = {plate.poles:g} must be a whole even number, two for each pair"
+    if not 1.0 < plate.breakdown <= LARGEST_BREAKDOWN:
+        return (
+            f"breakdown = {plate.breakdown:g} must be above 1 and at most {LARGEST_BREAKDOWN:g}, the breakdown over the "
+            "rated torque"
+        )
+    speed, no_load = (x * 30 / math.pi for x in (plate.speed, plate.no_load))
+    supply = f"the synchronous speed of {no_load:.6g} rpm that {plate.frequency:g} Hz and {plate.poles:g} poles give"
+    if plate.slip <= 0.0:
+        return f"speed = {speed:.6g} rpm must be below {supply}"
+    least, most = SLIPS
+    if not least <= plate.slip <= most:
+        pairs = (
+            math.ceil(plate.poles / (1.0 - plate.slip) / 2.0) - 1.0
+        )  # the most with a slip above 0
+        fits = least <= plate._replace(poles=2.0 * pairs).slip <= most
+        question = f": {plate.poles:g} poles, or {pairs:g} pole pairs?"
+        return (
+            f"speed = {speed:.6g} rpm is a slip of {100 * plate.slip:.3g} % of {supply}, and no rated slip from "
+            f"{100 * least:g} to {100 * most:g} %{question if fits else ''}"
+        )
+    if plate.breakdown_slip >= 1.0:
+        return (
+            f"breakdown = {plate.breakdown:g} with a rated slip of {100 * plate.slip:.3g} % gives a breakdown slip of "
+            f"{plate.breakdown_slip:.3g}, which must be below 1"
+        )
+    return ""
 
 
 def _item(item: str, text: str) -> tuple[str, float]:
     """The name and the value of an item of a nameplate."""
+    first, _, unit = item.partition(" ")
+    if unit in OTHER_UNITS and (match := QUANTITY.fullmatch(first)):
+        name, scale = OTHER_UNITS[unit]
+        return name, float(match[1]) * scale
     number, colon, one = item.partition(":")
     match = QUANTITY.fullmatch(number if colon and one.strip() == "1" else item)
     if match and colon:

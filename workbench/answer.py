@@ -155,7 +155,7 @@ class Answer(Findings):
 
     `verdict` is what the judgements say, a line each; the first says what to do, and stands above the picture.
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
-    is what the page needs to ask again. It is `refused` if the figures that it hangs on are not
+    is what the page needs to ask again, or why it has no sliders. It is `refused` if the figures that it hangs on are not
     determined. `sources` are papers whose formulas the question names, and where they are described.
     `error_scope` says what the errors of the figures cover.
     As text it is what the command line prints; `picture` gives the picture that a notebook shows as well.
@@ -168,7 +168,7 @@ class Answer(Findings):
     parameters: Mapping[str, GivenValue] = field(default_factory=dict)
     options: Mapping[str, GivenValue] = field(default_factory=dict)
     show: Callable[[], Show] = Show
-    live: LivePart | None = None
+    live: LivePart | str | None = None
     refused: bool = False
     sources: Sequence[tuple[str, str]] = ()
     error_scope: str = ERROR_SCOPE

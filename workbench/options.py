@@ -205,6 +205,11 @@ class Options:
 
     start: Mapping[str, Value] = field(default_factory=dict)
 
+    @property
+    def given_start(self) -> Start:
+        """The start values that were given, without those that follow from options."""
+        return self.start
+
     def __post_init__(self) -> None:
         for name, option_of in declared(type(self)).items():
             object.__setattr__(self, name, option_of.read(getattr(self, name)))

@@ -203,8 +203,8 @@ class Question(Options):
         """Return the mechanism in motion, for picture and live page."""
         return None
 
-    def live(self, figures: Mapping[str, Figure], results: Any) -> Live | None:
-        """Return the live part of the page, by default `page` where there are `sliders`."""
+    def live(self, figures: Mapping[str, Figure], results: Any) -> Live | str | None:
+        """Return the live part of the page, or why it has none, by default `page` where there are `sliders`."""
         return self.page(figures, results) if self.sliders else None
 
     @classmethod

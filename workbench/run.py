@@ -27,6 +27,7 @@ from .context import IN_PROCESS, Context, captured_log_warnings
 from .figure import Figure, checked_figures
 from .find import Find, find
 from .judgement import lines
+from .live.build import for_shell
 from .options import Options, at_least, check_fixed_starts, declared
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
@@ -82,7 +83,7 @@ def ask(
         runner=select_runner(1 if in_process else jobs, scheduler, project.packages),
         out=out,
         modules=project.wasm_modules(question),
-        command=f"{program} run {text}" + f" --flavour {flavour}" * bool(flavour),
+        command=f"{program} run {for_shell(text)}" + f" --flavour {flavour}" * bool(flavour),
     )
 
 

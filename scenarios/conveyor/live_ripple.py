@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,9 @@ PHASE = Number(
     "deg",
     "phase of the torque ripple",
     is_visible=False,
+)
+OTHER_MOTION = (
+    "An induction motor may have a second steady motion, which only the command above seeks."
 )
 LIVE_LAG = "mod(atan2(load_im, load_re) * 180 / pi - figures.tau2_phase, 360)"
 
@@ -66,6 +70,12 @@ def live_part(
     """
     is_linear = not has_kloss_characteristic(machine)
     values = parameters(conveyor_drive(sweep.drive.context.fmus, start_values(machine, speed)))
+    moving = motion.live_motion(
+        "The conveyor in this revolution",
+        {name.removeprefix("conveyor."): x.value for name, x in values.items()},
+        25.0,
+        REVOLUTION,
+    )
     return Live(
         sliders=(
             Slider("conveyor.spring.c", 2e5, 1.4e6),
@@ -73,7 +83,9 @@ def live_part(
             Slider("conveyor.trough.m", 80.0, 400.0),
             Slider("conveyor.rotor.J", 0.2, 1.2),
             Slider("motor.T", 0.02, 0.2),
-            Slider("motor.B", 50.0, 500.0),
+            Slider("motor.B", 50.0, 500.0)
+            if is_linear
+            else Slider("motor.kloss.tau_b", 50.0, 500.0),
             Slider("conveyor.trough.d", 1000.0, 12000.0),
         ),
         values=live_theory.values(machine),
@@ -90,12 +102,9 @@ def live_part(
             *(live_theory.NUMBERS if is_linear else ()),
         ],
         charts=[motion.REVOLUTION_CHART],
-        motion=motion.live_motion(
-            "The conveyor in this revolution",
-            {name.removeprefix("conveyor."): x.value for name, x in values.items()},
-            25.0,
-            REVOLUTION,
-        ),
+        motion=moving
+        if is_linear
+        else replace(moving, note=f"{moving.note} {OTHER_MOTION}".strip()),
         sweep=live_sweep(sweep.speeds, levels, is_linear=is_linear)
         if len(sweep.speeds) > 1
         else None,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import workbench
+from cosim.system import Value
 from workbench import Context, Figure, Judgement, option
 from workbench.judgement import Holds
 
@@ -43,10 +44,20 @@ class NameplateOptions(workbench.Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.nameplate:
-            fixed = (*self.of_question, *getattr(self, "fixed_starts", ()))
-            given = {x: y for x, y in nameplate(self.nameplate).items() if x not in fixed}
-            object.__setattr__(self, "start", {**given, **self.start})
+        object.__setattr__(self, "start", {**self.plate_start, **self.start})
+
+    @property
+    def plate_start(self) -> dict[str, Value]:
+        """The start values that follow from the nameplate."""
+        fixed = (*self.of_question, *getattr(self, "fixed_starts", ()))
+        start = nameplate(self.nameplate) if self.nameplate else {}
+        return {name: value for name, value in start.items() if name not in fixed}
+
+    @property
+    def given_start(self) -> dict[str, Value]:
+        """The start values that the nameplate does not have."""
+        of_plate = self.plate_start.items()
+        return {name: value for name, value in self.start.items() if (name, value) not in of_plate}
 
     def contradictions(self) -> list[Judgement]:
         """Return a lag that contradicts the slip of the motor on the nameplate."""

@@ -30,7 +30,7 @@ def test_a_nameplate_gives_the_circuit_that_it_was_drawn_from() -> None:
         best = minimize_scalar(
             lambda s: -torque(s), bounds=(1e-3, 1.0), method="bounded", options={"xatol": 1e-10}
         )
-        rated = rng.uniform(0.1, 0.6) * best.x
+        rated = rng.uniform(0.1, 0.37) * best.x
         speed, gear = (1 - rated) * w / p, rng.uniform(0.5, 5.0)
         text = (
             f"{float(torque(rated) * speed)!r} W, {float(speed)!r} rad/s, {float(f)!r} Hz, {2 * p} poles, "
@@ -45,6 +45,11 @@ def test_a_nameplate_gives_the_circuit_that_it_was_drawn_from() -> None:
         assert start["load.J"] == pytest.approx(0.3 * gear**2, rel=1e-12)
         energy = 0.5 * 0.3 * (w / p) ** 2  # of the rotor, the same on both sides of the gear
         assert 0.5 * start["load.J"] * start["m.kloss.w_s"] ** 2 == pytest.approx(energy, rel=1e-12)
+
+
+def test_pole_pairs_are_two_poles_each_and_units_of_catalogues_are_read() -> None:
+    other = "5.5 kW, 1440 1/min, 50 Hz, 2 pole pairs, 2.8, 3.43:1, 0.02 kgm2"
+    assert nameplate(other) == pytest.approx(nameplate(PLATE), rel=1e-15)
 
 
 def test_kloss_has_the_rated_torque_at_the_rated_speed() -> None:
@@ -66,7 +71,20 @@ def test_kloss_has_the_rated_torque_at_the_rated_speed() -> None:
         ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 0.9", "breakdown = 0.9 must be above 1"),
         ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3 m", "'3 m' cannot be read: write it as"),
         ("5.5 kW, 4 kW, 1440 rpm, 50 Hz, 4 poles, 2.8", "power is given twice"),
-        ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, -1:1", "every number must be above 0"),
+        ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, -1:1", "every number must be finite and above 0"),
+        ("nan kW, 1440 rpm, 50 Hz, 4 poles, 2.8", "every number must be finite and above 0"),
+        ("1e308 kW, 1440 rpm, 50 Hz, 4 poles, 2.8", "every number must be finite and above 0"),
+        ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, nan", "every number must be finite and above 0"),
+        (
+            "5.5 kW, 1440 rpm, 50 Hz, 2 poles, 2.8",
+            "is a slip of 52 % of .* from 0.1 to 15 %: 2 poles, or 2 pole pairs",
+        ),
+        ("5.5 kW, 1 rpm, 50 Hz, 4 poles, 2.8", "is a slip of 99.9 % of .* from 0.1 to 15 %$"),
+        ("5.5 kW, 1499.9 rpm, 50 Hz, 4 poles, 2.8", "is a slip of 0.00667 % of "),
+        ("5.5 kW, 1440 rpm, 60 Hz, 4 poles, 2.8", "is a slip of 20 % of "),
+        ("5.5 kW, 1440 rpm, 50 Hz, 3 poles, 2.8", "poles = 3 must be a whole even number"),
+        ("5.5 kW, 1300 rpm, 50 Hz, 4 poles, 4.5", "gives a breakdown slip of 1.18, .* below 1"),
+        ("5.5 kW, 1440 rpm, 50 Hz, 4 poles, 280", "breakdown = 280 must be above 1 and at most 6"),
     ],
 )
 def test_what_a_nameplate_cannot_be_is_a_line(text: str, message: str) -> None:

@@ -8,7 +8,7 @@ import math
 import re
 import shlex
 from argparse import ArgumentParser
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -28,7 +28,7 @@ from tests.workbench.browser import Browser
 from tests.workbench.test_report import first_element, page_browser
 from workbench.answer import Answer
 from workbench.live.build import WORKER, script
-from workbench.options import add_arguments
+from workbench.options import add_arguments, parse_starts
 from workbench.page import html
 
 __all__ = ["page_browser"]
@@ -68,6 +68,29 @@ KLOSS = {
     "start": ["motor.characteristic=kloss", "motor.B=35.8"],
     "speeds": "12,20,40,60",
 }
+FEEDER = {
+    "conveyor.trough.m": 180.0, "conveyor.crank.r": 0.012, "conveyor.spring.c": 9e5, "conveyor.trough.d": 1300.0,
+}  # fmt: skip
+OF_FEEDER = {
+    "speed": "400rpm", "nameplate": "7.5 kW, 970 rpm, 50 Hz, 6 poles, 2.6, 2.35:1, 0.05 kg.m2", "start": FEEDER,
+    "speeds": "30,40,50,60,70",
+}  # fmt: skip
+OF_DOCS = {
+    "speed": "420rpm", "nameplate": "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2", "speeds": "40,60,80",
+}  # fmt: skip
+#: Options that change what a slider means: question, options, and moves.
+MEANT: list[tuple[str, dict[str, Any], list[dict[str, float]]]] = [
+    ("resonance", OF_FEEDER, [{"speed": 60.83}, {"conveyor.spring.c": 8e5, "motor.kloss.tau_b": 400.0}]),
+    ("resonance", OF_DOCS, [{"conveyor.rotor.J": 0.725}, {"speed": 60.0, "conveyor.trough.m": 320.0}]),
+    ("resonance", {**OF_DOCS, "start": {"motor.characteristic": "linear"}}, [{"motor.B": 80.0, "motor.T": 0.03}]),
+    ("resonance", {**KLOSS, "start": [*KLOSS["start"], "motor.kloss.w_s=70", "motor.kloss.s_b=0.2"]},
+     [{"speed": 45.0, "motor.T": 0.03}]),
+    ("resonance", {"set": "B", "speeds": "20,30,40", "theory": "classical"}, [{"motor.B": 60.0, "speed": 35.0}]),
+    ("run_up", {"nameplate": OF_FEEDER["nameplate"], "start": FEEDER}, [{"conveyor.rotor.J": 1.0}]),
+    ("run_up", {"set": "A", "start": {"motor.kloss.w_s": 70.0}}, [{"speed": 45.0, "motor.T": 0.03}]),
+    ("speed_step", {"algorithm": "jacobi", "start": {"controller.T_i": 0.1}}, [{"ratio": 4.0}]),
+    ("iron_cycle", {"samples": 720, "start": {"iron.spring.c": 500.0}}, [{"speed": 4.0}]),
+]  # fmt: skip
 SAMPLE = ("CrankConveyor", "GravityOrientator")
 PART = "document.getElementById('live-part')"
 #: bytes of the scripts of a page without plotly, and of a page, which were 74 000 and 2.8 million
@@ -149,7 +172,11 @@ def quiet(page_browser: Browser, file: Path) -> None:
 
 
 def check_move(
-    page_browser: Browser, name: str, values: Mapping[str, float], number: int = 2
+    page_browser: Browser,
+    name: str,
+    values: Mapping[str, float],
+    number: int = 2,
+    original: Mapping[str, Any] | None = None,
 ) -> None:
     """Move sliders of a page and compare with Python, asked by the command that the page gives."""
     move(page_browser, values)
@@ -160,7 +187,9 @@ def check_move(
     begin = arguments.index(name) + 1 + 2 * ("--flavour" in arguments)
     options = {k: x for k, x in vars(parser.parse_args(arguments[begin:])).items() if x is not None}
     starts = {key: value for key, value in values.items() if "." in key}
-    expected_options = {**LIVE[name], **{key: x for key, x in values.items() if key not in starts}}
+    before = LIVE[name] if original is None else original
+    expected_options = {**before, **{key: x for key, x in values.items() if key not in starts}}
+    starts = parse_starts(before.get("start", {})) | starts
     assert kind.parse(options) == kind.parse({**expected_options, "start": starts})
     agrees(page_browser, ask(name, **options))
 
@@ -204,6 +233,44 @@ def test_an_induction_motor_has_separate_formulas(page_browser: Browser, tmp_pat
     answered(page_browser)
     agrees(page_browser, answer)
     assert "nu_res" not in numbers(page_browser)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "moves"),
+    [
+        case if k < 1 else pytest.param(*case, marks=pytest.mark.slow)
+        for k, case in enumerate(MEANT)
+    ],
+    ids=[f"{name}-{k}" for k, (name, _, _) in enumerate(MEANT)],
+)
+def test_a_page_computes_the_machine_of_its_options(
+    name: str,
+    options: Mapping[str, Any],
+    moves: Sequence[Mapping[str, float]],
+    page_browser: Browser,
+    tmp_path: Path,
+) -> None:
+    """A motor of a nameplate keeps its slip speed at breakdown where a slider moves the speed, as the question has it."""
+    answer, file = ask(name, **options), tmp_path / "page.html"
+    html.report(answer, file)
+    page_browser.open(file, 1000)
+    answered(page_browser)
+    agrees(page_browser, answer)
+    for number, values in enumerate(moves, 2):
+        check_move(page_browser, name, values, number, options)
+
+
+def test_a_motor_on_the_mains_has_no_sliders_and_the_page_says_why(
+    page_browser: Browser, tmp_path: Path
+) -> None:
+    """Its operating speed follows from the torques, so that a slider of the speed would be another supply."""
+    start = ["motor.characteristic=kloss"]
+    answer = ask("resonance", supply="mains", start=start, speeds="40,60", steps_per_rev=64)
+    html.report(answer, tmp_path / "page.html")
+    page_browser.open(tmp_path / "page.html", 1000)
+    assert page_browser.value(f"{PART} === null")
+    told = page_browser.value("document.body.textContent")
+    assert "Without sliders: on the mains the operating speed follows from the machine" in told
 
 
 def test_the_sweep_runs_through_the_rows_of_the_answer(page_browser: Browser, folder: Path) -> None:

@@ -6,6 +6,8 @@ is made and never a page that does not work.
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -18,7 +20,7 @@ from ..answer import LivePart
 from ..formula import Formula
 from ..options import Options, declared
 from ..page.script import compact
-from .declare import Live
+from .declare import Formulas, Live
 from .encoder import LiveEncoder, numeric
 
 if TYPE_CHECKING:
@@ -43,12 +45,12 @@ def of(
     findings: Findings,
     modules: Mapping[str, Path],
     command: str,
-) -> LivePart | None:
+) -> LivePart | str | None:
     """Return the live part of an answer.
 
     Parameters
     ----------
-    live : Live or None
+    live : Live, str or None
         What `live` of a question returns.
     o : Options
         The options of the answer.
@@ -61,8 +63,9 @@ def of(
 
     Returns
     -------
-    LivePart or None
-        None where the question declares no live part, or a module of its parts does not exist.
+    LivePart, str or None
+        Why the page has no sliders where the question says so; None where it declares no live part, or a module of its
+        parts does not exist.
 
     Raises
     ------
@@ -71,6 +74,8 @@ def of(
     """
     if live is None or findings.system is None or not set(findings.system.parts) <= set(modules):
         return None
+    if isinstance(live, str):
+        return live
     if not isinstance(live, Live):
         raise SetupError("live(self, f, r) must return a workbench.live.Live")
     network = connect(findings.system)
@@ -82,12 +87,27 @@ def of(
     }
     data = encoder.page_data() | {
         "command": [command, *(_command_line_option(name, x) for name, x in changed.items())],
+        "given": {name: for_shell(f"{name}={value}") for name, value in o.given_start.items()},
         "user": numeric((port, x) for port, x in network.start if port.name in o.start),
-        "adapted": [name for name, text in live.start.items() if name in Formula.read(text).names],
+        "adapted": [
+            name for name, text in live.start.items() if name in names_behind(text, live.values)
+        ],
     }
     worker = f'"use strict";\n{script(WORKER)}\n{encoder.formula_functions()}'
     contents = {part: modules[part].read_bytes() for part in network.descriptions}
     return LivePart(contents, worker, script(PAGE), data)
+
+
+def names_behind(text: str | float, values: Formulas) -> frozenset[str]:
+    """Return the names that a formula uses, and those behind the values among them."""
+    names = Formula.read(text).names
+    return names.union(*(names_behind(values[name], values) for name in names & values.keys()))
+
+
+def for_shell(word: str) -> str:
+    """Return a word as command lines take it, in double quotes where they do in any shell."""
+    is_plain = re.fullmatch(r"[\w.,:=+/%@-]+", word)
+    return word if is_plain else shlex.quote(word) if re.search(r'["$`\\!]', word) else f'"{word}"'
 
 
 def _command_line_option(name: str, value: Any) -> str:
@@ -97,4 +117,4 @@ def _command_line_option(name: str, value: Any) -> str:
         return flag if value else f"--no-{flag[2:]}"
     if isinstance(value, tuple):
         value = ",".join(map(str, value))
-    return f"{flag} {value}"
+    return f"{flag} {for_shell(str(value))}"

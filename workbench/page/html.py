@@ -63,7 +63,7 @@ def report(answer: Answer, path: Path) -> None:
     pictures = [*show.charts, *show.more]
     heights = [first_picture_px(answer)] + [LATER_PICTURE_PX] * len(pictures)
     charts = [figure(picture, height) for picture, height in zip(pictures, heights)]
-    live = answer.live
+    live = None if isinstance(answer.live, str) else answer.live
     content: dict[str, Any] = {"charts": charts, "motions": list(map(motion_json, show.motions))}
     content |= {"live": live.data} if live else {}
     folder = FileSystemLoader(Path(__file__).parent)
@@ -74,6 +74,8 @@ def report(answer: Answer, path: Path) -> None:
     mark = f"own-{secrets.token_hex(16)}"
     text = page.render(
         answer=answer,
+        live=live,
+        still=answer.live if isinstance(answer.live, str) else "",
         scope=answer.error_scope,
         judged=list(lines_with_signs(answer)),
         mark=mark,

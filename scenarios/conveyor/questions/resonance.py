@@ -228,8 +228,12 @@ class Resonance(Question, NameplateOptions, RippleOptions):
             *motion.revolution(r.sweep.drive, r.at(r.speed), r.speed),
         )
 
-    def live(self, f: Mapping[str, Figure], r: ResonanceData) -> Live:
+    def live(self, f: Mapping[str, Figure], r: ResonanceData) -> Live | str:
         """The orbit at the speed of the slider, and the ripple over the speeds of the sweep."""
+        if self.supply == MAINS:
+            return "on the mains the operating speed follows from the machine; ask again for another one"
+        if r.sweep.branches:
+            return "the drive has two steady motions, of which a page would follow one"
         return live_part(r.sweep, r.machine, r.speed, levels(self))
 
 

@@ -72,13 +72,13 @@ class Control {
 // The command that asks the question with the values of the sliders.
 const commandOf = (data, controls) => {
   const moved = controls.filter((one) => one.isMoved);
-  const starts = { ...data.user };
-  for (const one of moved) if (!one.option) starts[one.name] = one.value;
+  const starts = { ...data.given };
+  for (const one of moved) if (!one.option) starts[one.name] = `${one.name}=${one.value}`;
   const options = moved.filter((one) => one.option);
   const flags = options.map((one) => `--${one.name.replaceAll("_", "-")} ${one.value}`);
   const replaced = (words) => flags.some((flag) => flag.split(" ")[0] === words.split(" ")[0]);
   const others = data.command.filter((words) => !replaced(words));
-  const given = Object.entries(starts).map(([name, value]) => `--start ${name}=${value}`);
+  const given = Object.values(starts).map((text) => `--start ${text}`);
   return [...others, ...flags, ...given].join(" ");
 };
 
