@@ -14,6 +14,7 @@ from cosim import SetupError
 from cosim.system import Value
 from cosim.units import QUANTITY, multiples
 
+INERTIA = "conveyor.rotor.J"
 FORM = '"5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"'
 #: What a nameplate must have, by name: the unit that its number has here.
 NEEDED = {"power": "W", "speed": "rad/s", "frequency": "Hz", "poles": "poles", "breakdown": ""}
@@ -87,7 +88,7 @@ def read_nameplate(text: str) -> Nameplate:
 
 def implausible(plate: Nameplate) -> str:
     """Return why no induction motor has this nameplate; "" for one that may exist."""
-    if not all(x is None or 0.0 < x < math.inf for x in plate):
+    if not all(0.0 < given < math.inf for given in plate if given is not None):
         return "every number must be finite and above 0"
     if plate.poles % 2.0:
         return f"poles = {plate.poles:g} must be a whole even number, two for each pair"
@@ -123,8 +124,8 @@ def _item(item: str, text: str) -> tuple[str, float]:
     """The name and the value of an item of a nameplate."""
     first, _, unit = item.partition(" ")
     if unit in OTHER_UNITS and (match := QUANTITY.fullmatch(first)):
-        name, scale = OTHER_UNITS[unit]
-        return name, float(match[1]) * scale
+        name, factor = OTHER_UNITS[unit]
+        return name, float(match[1]) * factor
     number, colon, one = item.partition(":")
     match = QUANTITY.fullmatch(number if colon and one.strip() == "1" else item)
     if match and colon:
@@ -138,9 +139,7 @@ def _item(item: str, text: str) -> tuple[str, float]:
     raise SetupError(f"nameplate {text!r}: {item!r} cannot be read: write it as {FORM}")
 
 
-def nameplate(
-    text: str, motor: str = "motor", inertia: str = "conveyor.rotor.J"
-) -> dict[str, Value]:
+def nameplate(text: str, motor: str = "motor", inertia: str = INERTIA) -> dict[str, Value]:
     """Return start values of a DriveMotor, at the shaft behind its gear, from the nameplate of an induction motor.
 
     Torques grow by the ratio of the gear, speeds fall by it, and the inertia of the rotor grows by its square. A linear

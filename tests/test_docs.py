@@ -34,7 +34,7 @@ SLOW = {
     ".venv/bin/scenarios run resonance --set B",
     ".venv/bin/scenarios run resonance --start conveyor.spring.c=7e5",
     '.venv/bin/scenarios run resonance --speed 420rpm --nameplate "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, '
-    '3.43:1, 0.02 kg.m2"',
+    '3.43:1, 0.02 kg.m2" --start conveyor.rotor.J=0.725',
     ".venv/bin/scenarios run run_up",
     ".venv/bin/scenarios run resonance_map",
     ".venv/bin/scenarios run resonance_map --y conveyor.rotor.J=0.2:1.2:40",

@@ -206,7 +206,7 @@ class Options:
     start: Mapping[str, Value] = field(default_factory=dict)
 
     @property
-    def given_start(self) -> Start:
+    def given_start(self) -> Mapping[str, Value]:
         """The start values that were given, without those that follow from options."""
         return self.start
 

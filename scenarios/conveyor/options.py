@@ -11,10 +11,10 @@ from cosim.system import Value
 from workbench import Context, Figure, Judgement, option
 from workbench.judgement import Holds
 
-from ..motor import FORM, Nameplate, nameplate, read_nameplate
+from ..motor import FORM, INERTIA, Nameplate, nameplate, read_nameplate
 from .drive_orbits import ORBIT_ALGORITHMS, Drive
-from .first_order import SETS, Machine
-from .machine import followed
+from .first_order import FIELDS, SETS, Machine
+from .machine import followed, has_kloss_characteristic
 
 #: Rated torque of the motors of the sets, at the crank [N.m].
 RATED = {"A": 100.0, "B": 88.0}
@@ -73,6 +73,28 @@ class NameplateOptions(workbench.Options):
             note=f"it contradicts the nameplate, whose slip gives {self.plate.lag:.4g} s",
         )
         return [agrees] * (agrees.answer is Holds.NO)
+
+    def taken(self, parameter_set: str, *lacking: str) -> list[Judgement]:
+        """Return what a machine of one's own has from a set, by names and what else is `lacking`; and the inertia that it has
+        from the nameplate, which is that of the rotor alone.
+        """
+        names = [x for x in FIELDS if x not in (*self.start, *self.of_question)]
+        if self.plate or has_kloss_characteristic(SETS[parameter_set].follow(self.start)):
+            names = [x for x in names if x != "motor.B"]
+        judgements = []
+        if self.start and (names or lacking):
+            what = f"taken from set {parameter_set} because not given"
+            judgements.append(Judgement(what, note=", ".join([*names, *lacking])))
+        inertia = self.plate_start.get(INERTIA)
+        if inertia is not None and self.start[INERTIA] == inertia:
+            note = (
+                "that of the rotor on the nameplate alone: crank, pulleys and flywheel weigh nothing here; add theirs, and "
+                f"write the sum as --start {INERTIA}="
+            )
+            judgements.append(
+                Judgement("inertia at the crank", Figure(float(inertia), "kg.m2", 0.0), note=note)
+            )
+        return judgements
 
     @property
     def plate(self) -> Nameplate | None:

@@ -158,6 +158,7 @@ class LiveEncoder:
     def option_values(self) -> dict[str, float]:
         """The values of start values and options that formulas may name."""
         options = {name: getattr(self.options, name) for name in declared(type(self.options))}
+        options = dict(self.findings.defaults) | {k: x for k, x in options.items() if x is not None}
         all_values = {name: x.value for name, x in self.parameters.items()} | options
         return {
             name: float(x)
@@ -178,20 +179,21 @@ class LiveEncoder:
         if name not in options and name not in self.parameters:
             raise SetupError(f"slider {name!r} is neither an option nor a start value")
         what: Any = options.get(name) or self.parameters[name]
-        value = getattr(self.options, name) if name in options else what.value
+        value = self.option_values.get(name)
+        if value is None:
+            raise SetupError(
+                f"slider {name!r} has no value of its own, and none among the defaults"
+            )
         first = type(self.options)()
         own = getattr(first, name) if name in options else value if first == self.options else None
         if own is not None and not slider.low <= float(own) <= slider.high:
             raise SetupError(
                 f"slider {name!r} from {slider.low:g} to {slider.high:g} must contain its original value {own:g}"
             )
-        value = getattr(self.findings.data, name, None) if value is None else value
-        if value is None:
-            raise SetupError(f"slider {name!r} has no value of its own, and none in the data")
         meaning = what.meaning.partition(", ")[0]
         return {
             "name": name, "meaning": meaning[:1].upper() + meaning[1:], "unit": what.unit, "option": name in options,
-            "value": float(value), "low": min(slider.low, float(value)), "high": max(slider.high, float(value)),
+            "value": value, "low": min(slider.low, value), "high": max(slider.high, value),
         }  # fmt: skip
 
     def wires(self) -> list[dict[str, Any]]:

@@ -161,6 +161,7 @@ class InductionMotor(Question, NameplateOptions):
                 if not of_sheet[key]
             ),
             *self.contradictions(),
+            *self.taken("B"),
         ]
 
     def show(self, f: Mapping[str, Figure], r: MotorData) -> Show:

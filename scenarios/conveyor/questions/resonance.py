@@ -46,7 +46,7 @@ from workbench.options import check_fixed_starts
 
 from .. import classical, motion
 from ..drive_orbits import Drive
-from ..first_order import FIELDS, SETS, Machine
+from ..first_order import SETS, Machine
 from ..live_ripple import PANELS, RipplePanel, live_part
 from ..machine import PARTS as DRIVE
 from ..machine import (
@@ -208,7 +208,8 @@ class Resonance(Question, NameplateOptions, RippleOptions):
             *(classical.judgements(r.classical) if r.classical else []),
             *([Judgement("the sweep leaves out", note=listed(left))] if left else []),
             *stalls(r),
-            *taken(self),
+            *self.contradictions(),
+            *self.taken(self.set, *([] if self.rated_torque or self.plate else ["rated torque"])),
             *fed_with(self, f, r),
         ]
 
@@ -386,19 +387,6 @@ def centred(o: Resonance, speeds: Sequence[float], base: Machine) -> Sequence[fl
     if math.isnan(share) or math.isclose(share, 1.0, rel_tol=1e-9):
         return speeds  # the load may pull the motor out there: the sweep says so
     return [share * x for x in speeds]
-
-
-def taken(o: Resonance) -> list[Judgement]:
-    """Return what a machine of one's own has from the set, and a lag that contradicts the slip of its motor."""
-    judgements = o.contradictions()
-    is_induction = has_kloss_characteristic(SETS[o.set].follow(o.start))
-    lacking = [x for x in FIELDS if x not in o.start and not (x == "motor.B" and is_induction)]
-    if o.rated_torque is None and not o.plate:
-        lacking.append("rated torque")
-    if o.start and lacking:
-        what = f"taken from set {o.set} because not given"
-        judgements.append(Judgement(what, note=", ".join(lacking)))
-    return judgements
 
 
 def formula_figures(machine: Machine) -> dict[str, Figure]:

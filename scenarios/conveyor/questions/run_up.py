@@ -1,24 +1,28 @@
 """What happens while the conveyor starts from rest and passes its resonance?
 
 The same conveyor is started by a motor with a linear characteristic and by an induction motor with
-Kloss's characteristic.
+Kloss's characteristic; with a nameplate by its motor alone, which is to reach its rated speed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cosim import Result, System
+from cosim.dense import Curves
 from cosim.metrics import Mean, passings
 from workbench import (
     Chart,
+    Context,
     Curve,
     Figure,
+    Findings,
     Judgement,
     Number,
     Panel,
@@ -32,6 +36,8 @@ from workbench import (
     option,
 )
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
+from workbench.figure import scaled
+from workbench.judgement import share_text
 from workbench.live import Live, LiveRun, drawn
 from workbench.steady import TURN
 
@@ -45,6 +51,8 @@ from ..papers import cited
 from ..speed_sweep import LARGEST_PEAKED_ZETA
 
 MOTORS = {"linear": 0, "kloss": 1}
+#: Mean speed that the linear motor is set for [rad/s].
+MEAN_SPEED = 60.0
 LABELS = {"linear": "linear motor", "kloss": "induction motor"}
 STYLES = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
 LOADS = {
@@ -61,11 +69,13 @@ ROCKING = 0.1
 STANDING = 1e-3
 #: Share of the resonance within which a speed is near it, a convention of this question.
 NEAR_SHARE = 0.1
+MOTION_TITLES = {1: "The conveyor from rest", 2: "Both conveyors from rest"}
+TOO_SLOW = "the crank does not reach it"
 BELOW = "the crank does not stay above the resonance for a whole turn"
 
 
 class RunUp(Question, NameplateOptions, RunOptions):
-    """The machine, the mean speed that its linear motor is set for, and how the run is made."""
+    """The machine, the mean speed that its linear motor is set for or that of a nameplate is to reach, and how it is run."""
 
     parts = DRIVE
     fixed_starts = ("motor.characteristic",)
@@ -108,25 +118,56 @@ class RunUp(Question, NameplateOptions, RunOptions):
     )
 
     set: str = option("B", "parameter set", choices=SETS)
-    speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
+    speed: float | None = option(
+        None,
+        f"mean speed of the linear motor, {MEAN_SPEED:g} rad/s by default; with a nameplate the speed of the crank that its "
+        "motor is to reach, the rated one by default",
+        "rad/s",
+        above=0.0,
+    )
+
+    @property
+    def speed_or_default(self) -> float:
+        """The speed [rad/s]."""
+        rated = self.plate.speed / self.plate.ratio if self.plate else MEAN_SPEED
+        return self.speed or rated
+
+    @property
+    def runs(self) -> list[LiveRun]:
+        """The motors that are run, that of a nameplate alone."""
+        return [
+            LiveRun(*STYLES[motor], {"motor.characteristic": MOTORS[motor]})
+            for motor in self.motors
+        ]
+
+    @property
+    def motors(self) -> Sequence[str]:
+        """The names of the motors that are run."""
+        return ["kloss"] if self.nameplate else [*MOTORS]
+
+    def solve(self, context: Context) -> Findings:
+        """Run and certify the drive with each motor, as every question does, and tell the speed."""
+        return replace(super().solve(context), defaults={"speed": self.speed_or_default})
 
     def system(self, fmus: Mapping[str, Path]) -> dict[str, System]:
-        """Return the drive at rest with both motors, the linear one set for its mean speed."""
+        """Return the drive at rest with each motor, the linear one set for its mean speed."""
         machine = followed(fmus, SETS[self.set], self.start)
         rest = {"motor.tau": 0.0, "conveyor.w": 0.0}
         return {
             motor: conveyor_drive(
                 fmus,
-                machine.start(self.speed)
+                machine.start(self.speed_or_default)
                 | rest
-                | {"motor.characteristic": characteristic}
+                | {"motor.characteristic": MOTORS[motor]}
                 | dict(self.start),
             )
-            for motor, characteristic in MOTORS.items()
+            for motor in self.motors
         }
 
     def figures(self, r: Result) -> dict[str, Figure]:
-        """Return when the crank rises through the resonance for good, and for how many revolutions it is near it."""
+        """Return when the crank rises through the resonance for good, for how many revolutions it is near it, and when the
+        motor of a nameplate reaches its speed.
+        """
         nu, w, phi = machine_of(self).nu_res, r.solution("conveyor.w"), r["conveyor.phi"]
         meaning = "time when the crank has passed the resonance"
         times = passings(w, nu)
@@ -134,16 +175,26 @@ class RunUp(Question, NameplateOptions, RunOptions):
         stays = w.x[0, -1] >= nu and phi[-1] - np.interp(passed, r["time"], phi) >= TURN
         passing = Figure.measured(passed, "s", meaning)
         near = revolutions_near(nu, r)
-        return {
+        figures = {
             "passing": passing if stays else Figure.undetermined("s", BELOW, meaning),
             "revolutions_near": Figure.measured(near, "1", "revolutions within 10 % of the resonance"),
         }  # fmt: skip
+        if self.nameplate:
+            figures["reach"] = reaching(self.speed_or_default, w)
+        return figures
 
     def more_figures(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> dict[str, Figure]:
         """Return the resonance by formula and how fast it builds up."""
         machine = machine_of(self)
         build_up = 1 / (4 * math.pi * machine.zeta)
+        of_plate = {}
+        if self.plate:
+            meaning = "largest torque of the motor at its own shaft"
+            of_plate["tau_motor_max"] = scaled(
+                f["kloss_tau_max"], 1.0 / self.plate.ratio, "N.m", meaning
+            )
         return {
+            **of_plate,
             "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
             "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
             "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
@@ -155,27 +206,59 @@ class RunUp(Question, NameplateOptions, RunOptions):
         if f["zeta"].value > LARGEST_PEAKED_ZETA:
             name = f"the 90 degree lag at {f['nu_res'].brief()}, which is no resonance with this damping,"
         answers = []
-        for motor, word in LABELS.items():
-            passing, why = f[f"{motor}_passing"], failure(self, f, r[motor], motor)
+        for motor in self.motors:
+            word, passing, why = (
+                LABELS[motor],
+                f[f"{motor}_passing"],
+                failure(self, f, r[motor], motor),
+            )
             answers.append(
                 Judgement(
                     f"the {word} passes {name} within {self.stop:g} s",
                     passing,
                     most=self.stop,
-                    is_so=False if why else None,
+                    is_so=False if why else True if passing.error is not None else None,
                     yes=f"The {word} passes {name} within {self.stop:g} s",
                     no=f"The {word} does not pass {name} within {self.stop:g} s",
-                    note=why,
+                    note=why or told_after(passing),
                 )
             )
         torques = [
-            Judgement(f"largest torque of the {word}", f[f"{motor}_tau_max"])
-            for motor, word in LABELS.items()
+            Judgement(f"largest torque of the {LABELS[motor]}", f[f"{motor}_tau_max"])
+            for motor in self.motors
         ]
-        return [*answers, *torques, *self.contradictions()]
+        if self.nameplate:  # below the resonance there is nothing to pass
+            passes = answers if float(self.start["motor.kloss.w_s"]) > f["nu_res"].value else []
+            answers, torques = [self.reaches(f), *passes], [self.torque(f)]
+        return [*answers, *torques, *self.contradictions(), *self.taken(self.set)]
+
+    def reaches(self, f: Mapping[str, Figure]) -> Judgement:
+        """Return whether the motor of a nameplate reaches its speed."""
+        speed, reach = self.speed_or_default, f["kloss_reach"]
+        what = f"{'the rated speed, ' * (self.speed is None)}{speed:.4g} rad/s ({speed * 30 / math.pi:.4g} rpm) at the crank"
+        why = f"the largest speed is {f['kloss_w_max'].brief()}" if reach.reason == TOO_SLOW else ""
+        return Judgement(
+            f"the motor reaches {what}, within {self.stop:g} s",
+            reach,
+            most=self.stop,
+            is_so=False if why else True if reach.error is not None else None,
+            yes=f"The motor reaches {what}",
+            no=f"The motor does not reach {what}, within {self.stop:g} s",
+            note=why or told_after(reach),
+        )
+
+    def torque(self, f: Mapping[str, Figure]) -> Judgement:
+        """Return the largest torque of the motor of a nameplate, beside its breakdown torque and at its own shaft."""
+        most, breakdown = f["kloss_tau_max"], float(self.start["motor.kloss.tau_b"])
+        at_motor = f["tau_motor_max"].brief()
+        note = (
+            f"{share_text(most.value / breakdown)} of the breakdown torque of {breakdown:.4g} N.m; {at_motor} at the shaft of "
+            "the motor; currents are not modelled"
+        )
+        return Judgement("largest torque of the motor at the crank", most, note=note)
 
     def show(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
-        """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both
+        """Speed, torque and rod force over time, torque over speed, all motors on one scale, and the
         conveyors in motion, one above the other.
         """
         plane = []
@@ -189,24 +272,45 @@ class RunUp(Question, NameplateOptions, RunOptions):
             plane.append(Panel(f"torque, {name}", result.units["motor.tau"], curves))
         end = min(float(result["time"][-1]) for result in r.values())
         charts = [
-            drawn(self.charts[0], [r[motor] for motor in MOTORS], self, f, runs=RUNS),
+            drawn(self.charts[0], [*r.values()], self, f, runs=self.runs),
             Chart("Torque over speed", "crank speed [rad/s]", plane),
         ]
-        return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
+        return Show(charts, [moving(MOTION_TITLES[len(r)], r, 0.0, end, 15.0)])
 
     def live(self, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Live:
-        """Both motors from rest."""
-        p = r["linear"].provenance["parts"]["conveyor"]["parameters"]
+        """The motors from rest."""
+        result = next(iter(r.values()))
+        p = result.provenance["parts"]["conveyor"]["parameters"]
         numbers = [
             replace(x, name=f"{motor}_{x.name}", value=replace(x.value, run=STYLES[motor][0]))
-            for motor in MOTORS
+            for motor in self.motors
             for x in self.numbers
             if isinstance(x.value, Reader) and "tau_end" not in x.name
         ]
+        of_motor: dict[str, Any] = {"start": {"motor.A": live_theory.START["motor.A"]}}
+        if self.nameplate:
+            reach = Reader("first_crossing", "conveyor.w", level=self.speed_or_default)
+            numbers.append(Number("kloss_reach", reach, otherwise=TOO_SLOW))
+            slider = Slider("motor.kloss.tau_b", 100.0, 1000.0)
+            of_motor = {"sliders": [slider, *self.sliders[1:]]}
         return self.page(
-            f, r, values=live_theory.values(machine_of(self)), start={"motor.A": live_theory.START["motor.A"]}, runs=RUNS,
-            numbers=[Number("nu_res", "nu_res"), *numbers], motion=live_motion("Both conveyors from rest", p, 15.0),
+            f, r, values=live_theory.values(machine_of(self)), runs=self.runs, numbers=[Number("nu_res", "nu_res"), *numbers],
+            motion=live_motion(MOTION_TITLES[len(r)], p, 15.0), **of_motor,
         )  # fmt: skip
+
+
+def reaching(speed: float, w: Curves) -> Figure:
+    """Return when the crank first reaches a speed [rad/s]."""
+    meaning = f"time until the crank first reaches {speed:.4g} rad/s"
+    times = passings(w, speed)
+    if not len(times):
+        return Figure.undetermined("s", TOO_SLOW, meaning)
+    return Figure.measured(float(times[0]), "s", meaning)
+
+
+def told_after(time: Figure) -> str:
+    """Return when something happens; "" where that is not known."""
+    return f"after {time.brief()}" if time.error is not None else ""
 
 
 def machine_of(o: RunUp) -> Machine:
@@ -242,7 +346,7 @@ def failure(o: RunUp, f: Mapping[str, Figure], r: Result, motor: str) -> str:
         return "it does not complete a turn"
     if passing.reason != BELOW:
         return ""
-    speed = float(o.start.get("motor.A", machine.A(o.speed))) / machine.slope
+    speed = float(o.start.get("motor.A", machine.A(o.speed_or_default))) / machine.slope
     what = "it is set for a mean speed of"
     if motor == "kloss":
         speed = float(o.start.get("motor.kloss.w_s", KLOSS["motor.kloss.w_s"]))
@@ -250,9 +354,3 @@ def failure(o: RunUp, f: Mapping[str, Figure], r: Result, motor: str) -> str:
     if speed >= machine.nu_res:
         return BELOW
     return f"{what} {speed:.4g} rad/s, below that: more time does not help"
-
-
-RUNS = [
-    LiveRun(*STYLES[motor], {"motor.characteristic": characteristic})
-    for motor, characteristic in MOTORS.items()
-]
