@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from cosim import System
@@ -78,7 +80,12 @@ def fmu_file(model: str, flavour: str, fmus: Path) -> Path:
 
 
 def build_fmus(platforms: str = "host", fmus: Path = ROOT / "fmus") -> list[str]:
-    """Build the FMUs of all systems that are not up to date, for "host" or "all"; the errors of those that failed."""
+    """Build the FMUs of all systems that are not up to date, for "host" or "all"; the errors of those that failed.
+
+    Without a compiler those that are there are taken as they are.
+    """
+    if find_spec("ziglang") is None:
+        return require_fmus(fmus)
     names = {model for system in SYSTEMS.values() for model in system.models.values()}
     files = [MODELS / f"{name}.py" for name in sorted(names)]
     own = [file for file in files if file.is_file()]
@@ -89,6 +96,28 @@ def build_fmus(platforms: str = "host", fmus: Path = ROOT / "fmus") -> list[str]
         for models, folder in ((own, fmus / "reference"), (rest, fmus))
         for error in make_all(models, flavour, folder, platforms=platforms)
     ]
+
+
+def require_fmus(fmus: Path) -> list[str]:
+    """Print and return what to install where an FMU of a system is missing."""
+    flavours = ("native", "fmi3")
+    parts = (
+        x
+        for system in SYSTEMS.values()
+        for y in flavours
+        for x in system.system(y, fmus).parts.values()
+    )
+    missing = sorted(
+        {str(Path(path).relative_to(fmus)) for path in parts if not Path(path).is_file()}
+    )
+    if not missing:
+        return []
+    error = (
+        f'{", ".join(missing)} must be built first, which needs a C compiler: write pip install "drive-fmus[native]", in a '
+        "clone uv sync --extra native"
+    )
+    print(f"error: {error}", file=sys.stderr)
+    return [error]
 
 
 CONVEYOR = {

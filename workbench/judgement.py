@@ -14,6 +14,9 @@ from cosim.rounding import rounded, unit_suffix
 
 from .figure import MOST_DIGITS, Figure
 
+#: A whole, in percent.
+WHOLE = 100.0
+
 
 class Holds(StrEnum):
     """Whether a claim holds."""
@@ -175,9 +178,12 @@ class Judgement:
 
 
 def share_text(share: float) -> str:
-    """Write a share of a bound in percent, to two digits or whole percents."""
-    percent = 100.0 * share
-    return f"{percent:.2g} %" if len(f"{percent:.0f}") == 1 else f"{percent:.0f} %"
+    """Write a share of a bound in percent, to two digits or whole percents; it is 100 % of the bound alone."""
+    percent = WHOLE * share
+    if len(f"{percent:.0f}") == 1:
+        return f"{percent:.2g} %"
+    texts = (f"{percent:.{digits}f}" for digits in range(MOST_DIGITS))
+    return next((f"{text} %" for text in texts if float(text) != WHOLE), "100 %")
 
 
 def signed(figure: Figure) -> str:

@@ -96,6 +96,18 @@ def test_fmus_are_built_into_a_relative_folder(
     assert made == {"Wheel.fmu", "Chassis.fmu"}
 
 
+def test_without_a_compiler_systems_are_made_of_the_fmus_that_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """And one line says what to install where one is missing."""
+    monkeypatch.setattr("reference_systems.systems.find_spec", lambda _: None)
+    assert not build_fmus()
+    assert "ziglang" not in "".join(capfd.readouterr())
+    (error,) = build_fmus(fmus=tmp_path)
+    assert 'write pip install "drive-fmus[native]"' in error
+    assert capfd.readouterr().err == f"error: {error}\n"
+
+
 def test_the_files_of_a_system_are_what_the_page_says(tmp_path: Path) -> None:
     write_system("stiff_bond", SYSTEMS["stiff_bond"], tmp_path)
     for name, ssp, fmi in (("stiff_bond", "1.0", "2.0"), ("stiff_bond_fmi3", "2.0", "3.0")):

@@ -13,7 +13,7 @@ from tests.conftest import LONG, QUICK, ask, plain
 from workbench.answer import Answer
 from workbench.export import content
 from workbench.figure import Figure
-from workbench.judgement import Holds, Judgement, lines
+from workbench.judgement import Holds, Judgement, lines, share_text
 
 YES, NO, OPEN = Holds
 
@@ -46,7 +46,8 @@ TURNS: list[tuple[str, str, dict[Holds, dict[str, Any]]]] = [
                          NO: {"speeds": "70rpm", "speed": "80rpm", "samples": 360}}),
     ("iron_orders", "with a motor lag of 80 ms", {YES: {"speeds": "2"}, NO: {"speeds": "5"},
                                              OPEN: {"speeds": "0.3", "start": {"motor.B": 1e-4}}}),
-    ("orientator_cycle", "the product is oriented", {YES: {}, NO: JAMMED}),
+    ("orientator_cycle", "the product is oriented", {YES: {"speed": "50rpm"}, NO: JAMMED}),
+    ("orientator_cycle", "the product is oriented", {NO: {}}),
     ("orientator_cycle", "the wall pushes at all times", {YES: JAMMED, NO: {}}),
     ("packing_line", "the line keeps pace", {YES: QUICK["packing_line"], NO: QUICK["packing_line"] | {"gear": 2.2}}),
     ("speed_step", "the load reaches", {YES: {"stop": 0.2}, NO: {"stop": 0.2, "speed": 200.0}}),
@@ -85,6 +86,59 @@ def test_a_judgement_turns_where_the_machine_does(
 def test_an_answer_says_what_its_judgements_say(name: str) -> None:
     assert plain(name).judgements
     holds(plain(name))
+
+
+@pytest.mark.slow
+def test_no_resonance_matters_only_where_none_does() -> None:
+    """Of three motor lags at two speeds, two add to a torque order; at the lower speed alone, none does."""
+    some = ask("iron_orders", speeds="2,5")
+    assert [x.answer for x in some.judgements[:3]] == [NO, NO, YES]
+    assert "No resonance" not in some.verdict
+    none = ask("iron_orders", speeds="2")
+    assert none.verdict.startswith("No resonance matters; with a motor lag of")
+    assert none.verdict.count("No resonance") == 1
+
+
+def test_a_product_that_needs_a_pull_of_its_wall_is_not_oriented() -> None:
+    """The first line says so, and a study can ask for both."""
+    for speed, is_pushed in (("40rpm", False), ("50rpm", True)):
+        answer = ask("orientator_cycle", speed=speed)
+        assert answer.figures["oriented"].value == 1.0
+        assert answer.figures["oriented_by_pushing"].value == is_pushed
+        assert answer.judgements[0].good is is_pushed
+        assert ("only if its wall can pull" in answer.judgements[0].headline()) is not is_pushed
+
+
+@pytest.mark.parametrize(
+    ("question", "options"), [("speed_step", {"stop": 0.2}), ("run_up", {"stop": 0.3})]
+)
+def test_a_time_is_no_share_of_the_run(question: str, options: dict[str, Any]) -> None:
+    first = ask(question, **options).judgements[0]
+    assert first.answer is YES and "after 0." in first.headline() and "%)" not in first.headline()
+
+
+def test_a_share_near_its_bound_is_not_the_bound() -> None:
+    shares = {
+        0.99453: "99 %",
+        0.9995: "99.95 %",
+        1.0: "100 %",
+        1.00012: "100.01 %",
+        0.45: "45 %",
+        0.0123: "1.2 %",
+    }
+    assert {share: share_text(share) for share in shares} == shares
+
+
+def test_a_sentence_states_its_own_limit_and_a_short_run_what_to_do() -> None:
+    short = ask("speed_step", stop=0.2).judgements
+    assert short[1].what.endswith("overshoots its set speed by less than 0.1 %")
+    assert "a longer --stop shows more" in short[1].why_open
+
+
+def test_figures_of_a_drive_that_is_held_together_are_told() -> None:
+    slow, fast = (ask("iron_cycle", speed=speed, samples=180) for speed in (7.0, 9.0))
+    assert "held together" not in slow.figures["run_force_max"].meaning
+    assert fast.figures["run_force_max"].meaning.endswith("of a drive that is held together")
 
 
 def holds(answer: Answer) -> None:

@@ -13,9 +13,10 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -57,6 +58,8 @@ from workbench.figure import Figure
 from workbench.judgement import Judgement
 from workbench.page import html
 from workbench.run import ask as workbench_ask
+from workbench.study.charts import is_geometric, overview
+from workbench.study.file import Study
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 QUESTIONS = names(PROJECT.home)
@@ -158,6 +161,29 @@ def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
     assert_allclose(
         plotted["wide"]["xaxis2"]["range"], [x * 30 / math.pi for x in x_axis(chart).ends]
     )
+
+
+def test_a_headline_keeps_a_number_with_its_unit() -> None:
+    """Of any length, so that each place between them comes to an end of a line."""
+    for length in range(120, 160):
+        title = mpl.render(
+            [sample_chart()],
+            "w " * (length // 2) + "a" * (length % 2) + " 16.2 of 62.5 N.m (210 %)",
+        ).get_suptitle()
+        assert not any(line.startswith(("%", "N.m")) for line in title.split("\n")), title
+
+
+def test_an_axis_of_a_study_with_logarithmic_spacing_is_logarithmic() -> None:
+    assert is_geometric([0.015, 0.015 * 4.0, 0.015 * 16.0]) and is_geometric(
+        np.geomspace(1e-3, 1.0, 7)
+    )
+    for values in ([1.0, 2.0, 3.0], [1.0, 10.0], [0.0, 1.0, 10.0], [-1.0, 1.0, -1.0], []):
+        assert not is_geometric(values)
+    grid = {"motor.T": [0.01, 0.1, 1.0], "n": [1.0, 2.0, 3.0]}
+    rows = [dict(zip(grid, x)) | {"y": 1.0} for x in product(*grid.values())]
+    plan = SimpleNamespace(grid=grid, varied=[*grid], tolerances={})
+    (plane,) = overview(cast(Study, plan), pd.DataFrame(rows), ["y"], {})
+    assert isinstance(plane, HeatMap) and (plane.x.log, plane.y.log) == (True, False)
 
 
 def test_the_image_draws_the_elements_of_the_layout() -> None:

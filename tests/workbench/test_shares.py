@@ -95,6 +95,9 @@ def test_limits_at_the_points_of_a_grid(tmp_path: Path) -> None:
     shares = shares[shares["figure"] == "height"]
     assert shares["times"].tolist() == [1, 2] and shares["above"].is_monotonic_increasing
     assert " at times = 2, of all points there most often" in answer.verdict.splitlines()[0]
+    tied = write(tmp_path, text.replace("20m", "0m"))
+    told = study.run(study.load(tied), out=tmp_path / "tied", jobs=1).verdict.splitlines()[0]
+    assert " at times = 1, as often as at 1 other point, and nowhere more often" in told
     text = 'scenario = "plane.py"\n[grid]\nx = { from = 0.0, to = 4.0, number = 5 }\n[limits]\nheight = 5.0'
     answer = study.run(study.load(write(tmp_path, text)), out=tmp_path / "grid", jobs=1)
     assert answer.verdict.startswith("height is above 5 m in 3 of 5 runs; for x = 2 to 4 m.\n")

@@ -138,17 +138,14 @@ def _placed(
 
 
 def lines_of(row: DrawnRow, letters: int) -> list[list[str]]:
-    """Return the names of a row, each in lines of so many letters; a number stays with its unit."""
-    return [
-        textwrap.wrap(
-            re.sub(UNIT, "\N{NO-BREAK SPACE}", element.name),
-            letters,
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-        or [""]
-        for element in row.named
-    ]
+    """Return the names of a row, each in lines of so many letters."""
+    return [wrapped(element.name, letters) for element in row.named]
+
+
+def wrapped(text: str, letters: int) -> list[str]:
+    """Return a text in lines of so many letters; a number stays with its unit."""
+    text = re.sub(UNIT, "\N{NO-BREAK SPACE}", text)
+    return textwrap.wrap(text, letters, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def width_px(lines: Sequence[str]) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 
 from .axes import Axis
 from .elements import Band, Bars, Element, Heat, Line
-from .labels import Label, Name
+from .labels import Label, Name, wrapped
 from .layout import ChartLayout, PlacedRow, layout_of
 from .model import Arrow, Picture
 from .motion import Motion
@@ -75,10 +74,10 @@ def render(pictures: Sequence[Picture | Motion], title: str) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     letters = int(STYLE.title_letters_per_in * width)
-    figure.suptitle(textwrap.fill(title, letters), fontweight="bold")
+    figure.suptitle("\n".join(wrapped(title, letters)), fontweight="bold")
     grid = figure.subfigures(len(rows), across, height_ratios=rows, squeeze=False)
     for subfigure, picture, layout in zip(grid.flat, pictures, layouts):
-        lines = textwrap.fill(picture.title, STYLE.picture_title_letters)
+        lines = "\n".join(wrapped(picture.title, STYLE.picture_title_letters))
         subfigure.suptitle(lines, fontsize=STYLE.image_title_pt)
         if isinstance(picture, Motion):
             ghosts(subfigure.subplots(), picture)

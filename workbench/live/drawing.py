@@ -67,10 +67,9 @@ def coefficient_table(motion: LiveMotion, runs: int) -> dict[str, Any]:
             fit = np.linalg.lstsq(equations, points[fitted], rcond=1e-12)[0] / weights[:, None]
             error = float(np.abs(features[checked] @ fit - points[checked]).max())
             if error > LARGEST_ERROR:
-                names = ", ".join(x.column for x in coordinates)
                 raise NonlinearDrawingError(
-                    f"the motion {motion.title!r} is left out: the points of {shape.name!r} are not "
-                    f"linear in lengths and turned angles of {names}, they are off by {error:.2g} of 1000"
+                    f"the live page does not show {motion.title!r}: with these dimensions the {shape.name} would be drawn "
+                    f"up to {error / 10:.2g} % of the picture's width beside its place"
                 )
         visible = np.flatnonzero((np.abs(fit) * weights[:, None]).max(axis=1) > NEGLIGIBLE)
         rows.append({

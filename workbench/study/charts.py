@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from ..charts.model import SERIES, Chart, Curve, GridAxis, HeatMap, Look, Panel, Picture
@@ -51,11 +52,19 @@ def overview(
         ]
     x = (grid or study.varied)[0]
     curve = partial(_line if len(study.varied) == 1 else _band, table, x)
-    return [chart(f"Figures over {x}", _label(x, units), curve)]
+    log = bool(grid) and is_geometric(table[x].unique())
+    return [chart(f"Figures over {x}", _label(x, units), curve)._replace(log=log)]
 
 
 def _label(name: str, units: Units) -> str:
     return f"{name} [{units.get(name) or '1'}]"
+
+
+def is_geometric(values: npt.ArrayLike) -> bool:
+    """Whether three values or more follow each other by one factor, as those of an axis with spacing "log" do."""
+    x = np.unique(np.asarray(values, float))
+    ratios = x[1:] / x[:-1] if x.size and x[0] > 0.0 else x[:0]
+    return len(ratios) > 1 and bool(np.allclose(ratios, ratios[0], rtol=1e-6))
 
 
 def is_flag(y: object) -> bool:
@@ -97,8 +106,10 @@ def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> H
     """A figure over two inputs."""
     square = table.pivot_table(index=grid[1], columns=grid[0], values=name, dropna=False)
     x, y = (
-        GridAxis(at, units.get(at) or "1", values.to_numpy(dtype=float))
-        for at, values in zip(grid, (square.columns, square.index))
+        GridAxis(at, units.get(at) or "1", values, is_geometric(values))
+        for at, values in zip(
+            grid, (axis.to_numpy(dtype=float) for axis in (square.columns, square.index))
+        )
     )
     return HeatMap(name, x, y, _label(name, units), square.to_numpy())
 

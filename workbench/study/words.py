@@ -126,7 +126,13 @@ def _limit(
             f"{name} = {_number(x)}{unit_suffix(table.units[name])}"
             for name, x in zip(grid, points[worst])
         )
-        return f"{what} at {', '.join(at)}, of all points there most often"
+        ties = sum((x.high, x.above) == (one.high, one.above) for x in shares) - 1
+        often = (
+            f"as often as at {pluralize(ties, 'other point')}, and nowhere more often"
+            if ties
+            else "of all points there most often"
+        )
+        return f"{what} at {', '.join(at)}, {often}"
     missing = len(table) - one.runs
     without = f"; {pluralize(missing, 'run')} without it" if missing else ""
     y = np.asarray(table.columns[one.figure], float)

@@ -101,7 +101,7 @@ class SpeedStep(Question, RunOptions):
     numbers = (
         Number(
             "near_time", Reader("first_crossing", "load.w", level=f"{NEAR} * speed"),
-            meaning=f"time until the load first reaches {NEAR:.0%} of its set speed",
+            meaning=f"time until the load first reaches {100 * NEAR:g} % of its set speed",
         ),
         Number("w_max", Reader("max", "load.w"), meaning="largest speed of the load up to {stop:g} s"),
         Number(
@@ -155,9 +155,15 @@ class SpeedStep(Question, RunOptions):
         follow. A motion that changes by more than STEADY is not steady, and has no such figures.
         """
         top, at = f["mean_max"], f["mean_max_time"]
-        changed = dict(natural_frequencies(r))
+        natural, changed = natural_frequencies(r), dict[str, Figure]()
+        rests = changes_left(r)
+        too_short = f"the load turns less than three times up to {self.stop:g} s; a longer --stop shows more"
         if top.error is None:
-            pass
+            if not rests:
+                changed = {
+                    name: Figure.undetermined(x.unit, too_short, x.meaning)
+                    for name, x in {"mean_max": top, "mean_max_time": at}.items()
+                }
         elif top.value <= (1.0 + LEAST_OVERSHOOT) * self.speed:
             changed["mean_max_time"] = Figure.undetermined(
                 "s", "the mean does not overshoot", at.meaning
@@ -167,12 +173,11 @@ class SpeedStep(Question, RunOptions):
             changed["mean_max_time"] = Figure.undetermined("s", why, at.meaning)
         mean, ripple, order = (f[name] for name in ("mean", "ripple", "ripple_order"))
         ripple = ripple._replace(value=ripple.value / 2, error=ripple.error and ripple.error / 2)
-        rests = changes_left(r)
+        changed |= natural
         meaning = "frequency of this order"
         if not rests or max(rests) > STEADY * self.speed:
-            why = f"the motion is not steady at {self.stop:g} s"
-            if not rests:
-                why = f"the load turns less than three times up to {self.stop:g} s"
+            not_steady = f"the motion is not steady at {self.stop:g} s; a longer --stop shows whether it gets so"
+            why = not_steady if rests else too_short
             refused = {"mean": mean, "ripple": ripple, "ripple_order": order}
             frequency = Figure.undetermined("Hz", why, meaning)
             return changed | {
@@ -208,18 +213,18 @@ class SpeedStep(Question, RunOptions):
         swings = {"free": "gearbox and load", "held": "the load with the gearbox held"}
         return [
             Judgement(
-                f"the load reaches {NEAR:.0%} of its set speed of {self.speed:g} rad/s",
+                f"the load reaches {100 * NEAR:g} % of its set speed of {self.speed:g} rad/s",
                 near,
                 most=self.stop,
-                is_so=False if is_too_slow else None,
-                yes=f"The load reaches {NEAR:.0%} of its set speed of {self.speed:g} rad/s",
-                no=f"The load does not reach {NEAR:.0%} of its set speed of {self.speed:g} rad/s",
+                is_so=False if is_too_slow else True if near.error is not None else None,
+                yes=f"The load reaches {100 * NEAR:g} % of its set speed of {self.speed:g} rad/s",
+                no=f"The load does not reach {100 * NEAR:g} % of its set speed of {self.speed:g} rad/s",
                 note=f"its largest speed up to {self.stop:g} s is {fast.brief()}"
                 if near.error is None
-                else "",
+                else f"after {near.brief()}",
             ),
             Judgement(
-                "the mean speed over a turn stays below its set speed",
+                f"the mean speed over a turn overshoots its set speed by less than {100 * LEAST_OVERSHOOT:g} %",
                 mean,
                 most=(1.0 + LEAST_OVERSHOOT) * self.speed,
                 note=f"it still rises at {self.stop:g} s"

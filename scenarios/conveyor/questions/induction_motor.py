@@ -154,7 +154,7 @@ class InductionMotor(Question, NameplateOptions):
         }
         return [
             Judgement(f"{name} with the full characteristic", f["nu_kloss"]),
-            Judgement("resonance formula (22) above it", percent_above(f["nu_res"], f["nu_kloss"])),
+            Judgement("formula (22) is above that by", percent_above(f["nu_res"], f["nu_kloss"])),
             *(
                 Judgement(f"{name} {text}", f[key])
                 for key, text in cases.items()

@@ -150,10 +150,10 @@ class RodForce(Question, RippleOptions):
             f["f_rod"],
             most=least._replace(value=WELL * least.value, error=error),
             yes=f"Keep the spring of {present.brief()} {at}",
-            no=f"Use a spring of {spring.brief()} instead of {present.brief()} {at}",
+            no=f"Use a spring of {spring.text()} instead of {present.brief()} {at}",
             note=""
             if least.error is None
-            else f"rod force {least.brief()} with {spring.brief()}, {f['f_rod'].brief()} with {present.brief()}",
+            else f"rod force {least.brief()} with {spring.text()}, {f['f_rod'].brief()} with {present.brief()}",
         )
         return [
             replace(

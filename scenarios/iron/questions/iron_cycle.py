@@ -132,8 +132,13 @@ class IronCycle(Question):
                 lambda x: 100.0 * self.speed / x, limit, unit="%", meaning=meaning
             )
         of_dimensions = r[1].transfer.figures() if r[1].transfer else {}
-        known = {**angles, "work": work, "cycles": cycles, **r[1].limits, "share": share}
-        return known | of_dimensions
+        read = {**f, **angles, "work": work}
+        if self.speed > limit.value:
+            read = {
+                x: y._replace(meaning=f"{y.meaning}, of a drive that is held together")
+                for x, y in read.items()
+            }
+        return {**read, "cycles": cycles, **r[1].limits, "share": share, **of_dimensions}
 
     def tables(self, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
         """Return the transfer functions and the shares of the dimensions."""

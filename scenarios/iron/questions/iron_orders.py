@@ -123,13 +123,15 @@ class IronOrders(Question):
                     added,
                     most=IMPORTANT,
                     is_so=True if adds_nothing else None,
-                    yes=f"No resonance matters; with a motor lag of {lag} ms no torque order grows {grows}",
+                    yes=f"With a motor lag of {lag} ms no torque order grows {grows}",
                     no=f"With a motor lag of {lag} ms a torque order grows {grows}",
                     note=added.reason if adds_nothing else "",
                 )
             )
         first = (Holds.NO, Holds.OPEN, Holds.YES)
         answers.sort(key=lambda x: first.index(x.answer or Holds.OPEN))
+        if answers[0].answer is Holds.YES:
+            answers[0] = replace(answers[0], yes=f"No resonance matters; {answers[0].what}")
         return [*answers, Judgement("the follower lifts off at", f["follower_limit"])]
 
     def show(self, f: Mapping[str, Figure], r: tuple[MeasuredDrive, Frame]) -> Show:

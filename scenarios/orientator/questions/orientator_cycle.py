@@ -121,8 +121,14 @@ class OrientatorCycle(Question, RunOptions):
             step /= 4.0
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
-        """Return the smallest reaction of the wall."""
-        return {"wall_least": r[1]}
+        """Return the smallest reaction of the wall, and whether the product is oriented without a pull of it."""
+        meaning, wall = "oriented by a wall that only pushes: 1, or not: 0", r[1]
+        pushed = Figure(float(f["oriented"].value and wall.value >= 0.0), "1", 0.0, meaning)
+        if f["oriented"].value and (wall.error is None or abs(wall.value) < wall.error):
+            pushed = Figure.undetermined(
+                "1", wall.reason or "the force is 0 within its error", meaning
+            )
+        return {"wall_least": wall, "oriented_by_pushing": pushed}
 
     def figures(self, r: Result) -> dict[str, Figure]:
         """End, durations as far as they were reached, and impulses; the FMU tells them at the end."""
@@ -134,7 +140,7 @@ class OrientatorCycle(Question, RunOptions):
 
         oriented = r["orientator.stage"][-1] == orientator.ORIENTED
         all_figures = {
-            "oriented": Figure(float(oriented), "1", 0.0, "1 if the product is oriented"),
+            "oriented": Figure(float(oriented), "1", 0.0, "oriented: 1, or not: 0"),
             "orientation_time": last("orientation_time", "time from drop to end", reached=oriented),
         }
         for x in STAGES:
@@ -149,21 +155,32 @@ class OrientatorCycle(Question, RunOptions):
 
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """What becomes of the product, how long each stage takes, and whether its wall only pushes."""
-        oriented = bool(f["oriented"].value)
+        oriented, after = bool(f["oriented"].value), f"after {f['orientation_time'].brief()}"
         wall = Judgement(
             "the wall pushes at all times, as a real one must", f["wall_least"], least=0.0
         )
-        only = " only if its wall can pull on the cup, which a real wall cannot"
-        claim = f"the product is oriented{only * (oriented and wall.answer is Holds.NO)}"
-        return [
-            Judgement(
+        claim = "the product is oriented by a wall that only pushes"
+        turned = Judgement(
+            claim,
+            f["orientation_time"],
+            is_so=False,
+            no="The product is not oriented",
+            note=ending(r[0]),
+        )
+        if oriented:  # all that is left to know is the wall's force
+            is_so = {Holds.YES: True, Holds.NO: False}.get(wall.answer or Holds.OPEN)
+            no = "The product is oriented only if its wall can pull on the cup, which a real wall cannot"
+            turned = Judgement(
                 claim,
-                f["orientation_time"],
-                is_so=oriented,
-                yes=claim,
-                no="The product is not oriented",
-                note=f"after {f['orientation_time'].brief()}" if oriented else ending(r[0]),
-            ),
+                f["wall_least"],
+                least=0.0,
+                is_so=is_so,
+                yes="The product is oriented",
+                no=no,
+                note=after,
+            )
+        return [
+            turned,
             wall,
             *(
                 Judgement(f"duration of the stage {x}", f[f"t_{x}"])
