@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,21 @@ class Branch(NamedTuple):
     x: Array
     states: Array
     ends: tuple[tuple[float, float], tuple[float, float]]
+
+
+def first_of_same(places: Sequence[Hashable], states: Array) -> NDArray[np.bool_]:
+    """Return which motions are no other than one before at the same place, shape (n,); those without states count.
+
+    A search with other steps may come from a branch to another.
+    """
+    scale = np.nanmax(np.abs(states), axis=0, initial=0.0)
+    known: dict[Hashable, list[Array]] = {}
+    is_first = np.ones(len(states), bool)
+    for k, (place, state) in enumerate(zip(places, states)):
+        others = known.setdefault(place, [])
+        is_first[k] = not any((np.abs(state - x) <= SAME_MOTION * scale).all() for x in others)
+        others.append(state)
+    return is_first
 
 
 class _Motion(NamedTuple):

@@ -21,7 +21,7 @@ from cosim.accuracy.limit import Limit, Reason, limit
 from cosim.system import connect
 
 from .answer import Findings, parameters
-from .branches import follow_branches
+from .branches import Branch, first_of_same, follow_branches
 from .context import Context
 from .figure import Figure, scaled
 from .formula import Formula
@@ -157,8 +157,8 @@ class Orbit:
     """The steady turns of an angle, whose errors are those of three step sizes.
 
     A question of this method has options `steps_per_rev` and `algorithm`; its `system` has start values near the orbit. Its
-    `numbers` are read from the last turn, see `Reader`. Where its `starts` are several, all motions to which they lead are
-    found, and all that lie beside those of other questions that differ in the speed alone. The figures are those of the
+    `numbers` are read from the last turn, see `Reader`. Where it has a method `starts` that returns several states, all
+    motions to which they lead are found, and all that lie beside those of other questions that differ in the speed alone. The figures are those of the
     motion whose number `worst` is largest; `data` of the findings has all, that first.
 
     Attributes
@@ -178,6 +178,11 @@ class Orbit:
     states: Sequence[str]
     speed: str = "speed"
     worst: str = ""
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The options that a question must have."""
+        return self.speed, "steps_per_rev", "algorithm"
 
     def turns(
         self,
@@ -202,6 +207,13 @@ class Orbit:
         columns, *of_blocks, problems = zip(*context.each(block, blocks, "orbits", here=True))
         values, periods, left, ends = map(np.concatenate, of_blocks)
         return LastTwoTurns(columns[0], values, periods, left, ends, [*chain(*problems)])
+
+    def branches(
+        self, context: Context, asked: Sequence[Any]
+    ) -> list[tuple[NDArray[np.intp], Branch]]:
+        """Return the branches of motions of questions that have the same whole numbers and texts, with their numbers."""
+        batch = _Batch(self, context, asked, [o.system(context.fmus) for o in asked])
+        return batch.branches(batch.starts())
 
     def measure(self, context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
         """Run all questions together that have the same whole numbers and texts for start values."""
@@ -245,8 +257,7 @@ class _Batch:
 
     def findings(self) -> list[Findings]:
         """Return what is found of each question."""
-        starts = np.stack([o.starts(system) for o, system in zip(self.asked, self.systems)], axis=1)
-        case, states = self.motions(starts)
+        case, states = self.motions()
         k = len(STEP_MULTIPLES)
         turns = self.turns(
             [self.asked[i] for i in case] * k, [self.systems[i] for i in case] * k,
@@ -259,7 +270,8 @@ class _Batch:
             if isinstance(x.value, Reader)
         ]
         motions: dict[int, list[SteadyMotion]] = defaultdict(list)
-        for j, i in enumerate(case.tolist()):
+        for j in np.flatnonzero(first_of_same(case.tolist(), turns.states[: len(case)])).tolist():
+            i = int(case[j])
             why = next(filter(None, problems[:, j]), "")
             figures: dict[str, Figure] = {}
             for x, value, error in numbers:
@@ -308,19 +320,36 @@ class _Batch:
             speed, steps_per_rev=steps, record=self.columns, algorithm=asked[0].algorithm,
         )  # fmt: skip
 
-    def motions(self, starts: Array) -> tuple[NDArray[np.intp], Array]:
+    def motions(self) -> tuple[NDArray[np.intp], Array]:
         """Return the number of the question of each motion, and its states at the start of a turn."""
-        every = np.arange(len(self.asked))
+        starts, every = self.starts(), np.arange(len(self.asked))
         if len(starts) == 1:
             return every, starts[0]
+        found = self.branches(starts)
+        case = np.concatenate([every[:0], *(numbers for numbers, _ in found)])
+        lost = np.setdiff1d(every, case)
+        states = [branch.states for _, branch in found]
+        return np.append(case, lost), np.concatenate([*states, starts[0][lost]])
+
+    def starts(self) -> Array:
+        """Return the states from which motions are sought, shape (starts, questions, states)."""
+        own = [
+            o.starts(system)
+            if hasattr(o, "starts")
+            else [[system.start[x] for x in self.method.states]]
+            for o, system in zip(self.asked, self.systems)
+        ]
+        return np.stack([np.array(x, float) for x in own], axis=1)
+
+    def branches(self, starts: Array) -> list[tuple[NDArray[np.intp], Branch]]:
+        """Return the branches of motions of questions that differ in the speed alone, with the numbers of these."""
         lines: dict[Hashable, list[int]] = defaultdict(list)
-        for k, o in enumerate(self.asked):
-            others = {
-                name: getattr(o, name) for name in declared(type(o)) if name != self.method.speed
-            }
-            lines[*others.values(), *o.start.items()].append(k)
         speed = np.array([getattr(o, self.method.speed) for o in self.asked], float)
-        members = [np.array(some)[np.argsort(speed[some])] for some in lines.values()]
+        for k in np.argsort(speed, kind="stable").tolist():
+            o = self.asked[k]
+            others = [getattr(o, x) for x in declared(type(o)) if x != self.method.speed]
+            lines[*others, *o.start.items()].append(k)
+        members = [np.array(some) for some in lines.values()]
 
         def settle(line: NDArray[np.intp], x: Array, states: Array) -> Array:
             ends = np.full_like(states, np.nan)
@@ -335,18 +364,10 @@ class _Batch:
                 ends[wanted] = self.turns(asked, systems, states[wanted], multiple).states
             return ends
 
-        branches = follow_branches(
+        found = follow_branches(
             settle, [speed[some] for some in members], starts[:, np.concatenate(members)]
         )
-        case = [
-            np.array([members[b.line][np.argmin(np.abs(speed[members[b.line]] - x))] for x in b.x])
-            for b in branches
-        ]
-        lost = np.setdiff1d(every, np.concatenate([*case, []]))
-        return (
-            np.concatenate([*case, lost]).astype(np.intp),
-            np.concatenate([*(b.states for b in branches), starts[0][lost.astype(np.intp)]]),
-        )
+        return [(members[b.line][np.searchsorted(speed[members[b.line]], b.x)], b) for b in found]
 
     def read(
         self, reader: Reader, turns: LastTwoTurns, case: NDArray[np.intp]

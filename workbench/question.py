@@ -274,6 +274,11 @@ def check_attributes(question: type[Question], where: str) -> None:
             raise SetupError(
                 f"{where}: {name} must be a method; the tables of a question are {', '.join(TABLES)}"
             )
+    for name in getattr(question.method, "options", ()):
+        if name not in declared(question):
+            raise SetupError(
+                f"{where}: by its method {question.__name__} must have an option {name!r}"
+            )
     for name, kind in TABLES.items():
         table = vars(question).get(name, ())
         is_table = isinstance(table, Sequence) and not isinstance(table, str)

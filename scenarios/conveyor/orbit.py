@@ -50,8 +50,13 @@ from .options import RippleOptions, by_set
 from .papers import cited
 from .rod_waveform import peak, waveform
 from .second_order import means
-from .speed_sweep import OPERATING, SLOPE_SHARES
 
+#: Operating speeds of the sets [rad/s].
+OPERATING = {"A": 40.0, "B": 60.0}
+#: Shares of the slope at the working point with which first-order theory gives starts: a motion in which the torque
+#: swings far beyond that slope is that of a motor with less, as by the describing function of a characteristic that
+#: bends; the lowest is that of a motor whose torque does not swing.
+SLOPE_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
 #: Means of a turn: unit, and what they are.
 MEANS = {
     "speed": ("rad/s", "mean speed over time"),
@@ -117,6 +122,10 @@ class DriveOrbit(Question, RippleOptions):
     def of(cls, machine: Machine, drive: Drive, nu: float) -> DriveOrbit:
         """Return the question of a machine, run as a drive, at a speed [rad/s]."""
         fields = {name: float(vars(machine)[field]) for name, field in FIELDS.items()}
+        if has_kloss_characteristic(machine):
+            del fields[
+                "motor.B"
+            ]  # which its motor does not use, and which differs from speed to speed
         steps: Any = {"algorithm": drive.algorithm, "steps_per_rev": drive.steps_per_rev}
         return cls(start={**fields, **machine.more}, speed=nu, **steps)
 

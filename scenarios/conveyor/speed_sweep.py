@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench import Figure, Table
-from workbench.branches import BEYOND, Branch, follow_branches
+from workbench.branches import BEYOND, Branch, first_of_same
 from workbench.figure import listed
-from workbench.orbits import MEAN_ERROR, Peaks, extrapolated, force_peaks, orbit_figure
+from workbench.orbits import MEAN_ERROR, extrapolated, force_peaks, orbit_figure
 from workbench.steady import STALLED
 
-from .drive_orbits import Drive, Orbits, near
+from .drive_orbits import CRANK_TURN, Drive, Orbits, near
 from .first_order import Machine
 from .machine import has_kloss_characteristic
+from .orbit import DriveOrbit
 from .response import (
     AT_EDGE,
     LEVEL_PASSED,
@@ -40,14 +41,9 @@ SPEEDS = {
     "B": "6,8,10,12,14,16,17,18,19,20,21,22,23,24,25,26,27,28,29,30,31,32,33,34,36,38,40,43,46,50,"
     "55,60,66",
 }
-#: Operating speeds of the sets [rad/s].
-OPERATING = {"A": 40.0, "B": 60.0}
 #: Damping ratio above which torque over load, 1 / (1 - x^2 + 2 i zeta x), has no peak at any x > 0.
 LARGEST_PEAKED_ZETA = math.sqrt(0.5)
 FOLD = "one of two steady motions ends between {:.4g} and {:.4g} rad/s, and the ripple jumps there"
-#: Shares of the slope at the working point with which first-order theory gives starts; the lowest is that of a motor
-#: whose torque does not swing.
-SLOPE_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
 #: Most speeds that a sentence names one by one; a convention.
 MOST_NAMED = 3
 UNITS = {
@@ -58,9 +54,7 @@ UNITS = {
 }  # fmt: skip
 
 
-def columns_of(
-    drive: Drive, machine: Machine, nu: Array, orbits: Orbits, peaks: Peaks | None = None
-) -> dict[str, Array]:
+def columns_of(drive: Drive, machine: Machine, nu: Array, orbits: Orbits) -> dict[str, Array]:
     """Return what orbits of shape (multiples, n) say of machines at speeds, beside theory, in UNITS, shape (n,) each.
 
     It is nan where there is no orbit, and for errors that are not known.
@@ -80,7 +74,7 @@ def columns_of(
     with np.errstate(all="ignore"):
         lag_error = np.degrees(columns["tau2_error"] / columns["tau2"])
     mean, mean_error = extrapolated(orbits.mean, drive.convergence_order, MEAN_ERROR * orbits.mean)
-    force, force_error = (peaks or force_peaks(orbits.waveform)).largest()
+    force, force_error = force_peaks(orbits.waveform).largest()
     return columns | theory | {
         "lag": lag % 360.0,
         "lag_error": np.where(np.isfinite(lag_error), lag_error, np.nan),
@@ -111,11 +105,11 @@ def run_sweeps(drive: Drive, lines: MachineLines) -> list[SpeedSweep]:
     nus = np.concatenate([b.x for b in found])
     states = np.repeat(np.concatenate([b.states for b in found])[None], drive.multiples, axis=0)
     orbits = drive.orbits(*of_branches.at(drive.for_each_step(nus), number), "sweep", states=states)
-    peaks = force_peaks(orbits.waveform)
-    columns = columns_of(drive, *of_branches.at(nus, number), orbits, peaks)
-    every = SpeedSweep(drive, of_branches, 0, orbits, peaks, columns)
+    columns = columns_of(drive, *of_branches.at(nus, number), orbits)
+    every = SpeedSweep(drive, of_branches, 0, orbits, columns)
+    is_own = first_of_same([*zip(line_of[number].tolist(), nus.tolist())], orbits.states[0])
     parts = [
-        replace(every[np.flatnonzero(number == k)], line=k, ends=b.ends)
+        replace(every[np.flatnonzero((number == k) & is_own)], line=k, ends=b.ends)
         for k, b in enumerate(found)
     ]
     sweeps = []
@@ -138,29 +132,13 @@ def are_side_by_side(branches: Sequence[SpeedSweep]) -> bool:
 
 
 def branches_of(drive: Drive, lines: MachineLines) -> list[Branch]:
-    """Return the branches of the motions of induction motors, by runs with the longest step.
-
-    A motion in which the torque swings far beyond the slope at the working point is that of a motor with less slope, as
-    by the describing function of a characteristic that bends. The orbits of first-order theory with shares of the
-    slope, down to none, are the starts.
-    """
-    keys = list(lines.swept)
-    where = [(x, np.full(len(x), k)) for k, x in lines.swept.items()]
-    machine, nu = lines.at(*(np.concatenate(x) for x in zip(*where)))
-    starts = np.stack([near(replace(machine, B=share * machine.B), nu) for share in SLOPE_SHARES])
-
-    def settle(line: NDArray[np.intp], x: Array, states: Array) -> Array:
-        machine, nu = lines.at(x, np.array(keys)[line])
-        wanted = np.where(np.isnan(states).any(-1), np.nan, nu)
-        longest = np.full(len(x), drive.multiples - 1)
-        return drive.orbits(machine, wanted, "branches", longest, states).states
-
-    known = np.isfinite(starts).all((0, 2))
-    parts = np.split(known, np.cumsum([len(x) for x, _ in where])[:-1])
-    found = follow_branches(
-        settle, [x[part] for (x, _), part in zip(where, parts)], starts[:, known]
-    )
-    return [b._replace(line=keys[b.line]) for b in found]
+    """Return the branches of the motions of induction motors, on lines of their numbers."""
+    places = [(k, x) for k, swept in lines.swept.items() for x in swept.tolist()]
+    machines = [lines.at(x, k) for k, x in places]
+    good = [j for j, (machine, _) in enumerate(machines) if np.isfinite(machine.B)]
+    asked = [DriveOrbit.of(machines[j][0], drive, machines[j][1]) for j in good]
+    found = CRANK_TURN.branches(drive.context, asked) if asked else []
+    return [b._replace(line=places[good[numbers[0]]][0]) for numbers, b in found]
 
 
 @dataclass(frozen=True)
@@ -177,8 +155,6 @@ class SpeedSweep:
         The number of the line.
     orbits : Orbits
         Shape (multiples, speeds).
-    peaks : Peaks
-        The rod forces of all sectors, shape (speeds, sectors).
     columns : dict
         What the orbits say, by the names of UNITS, shape (speeds,) each.
     branches : tuple of SpeedSweep
@@ -192,7 +168,6 @@ class SpeedSweep:
     lines: MachineLines
     line: int
     orbits: Orbits
-    peaks: Peaks
     columns: Mapping[str, Array]
     branches: tuple[SpeedSweep, ...] = ()
     ends: tuple[tuple[float, float], tuple[float, float]] = (BEYOND, BEYOND)
@@ -200,12 +175,7 @@ class SpeedSweep:
     def __getitem__(self, rows: Any) -> SpeedSweep:
         """Return some rows of the sweep."""
         columns = {name: x[rows] for name, x in self.columns.items()}
-        return replace(
-            self,
-            orbits=self.orbits[:, rows],
-            peaks=self.peaks.each(lambda x: x[rows]),
-            columns=columns,
-        )
+        return replace(self, orbits=self.orbits[:, rows], columns=columns)
 
     @cached_property
     def speeds(self) -> tuple[float, ...]:
@@ -221,10 +191,8 @@ class SpeedSweep:
         (more,) = run_sweeps(self.drive, MachineLines(self.lines.at, {self.line: np.array(speeds)}))
         order = np.argsort([*self.speeds, *speeds])
         columns = {name: np.append(x, more.columns[name]) for name, x in self.columns.items()}
-        every = zip(vars(self.peaks).values(), vars(more.peaks).values())
-        peaks = Peaks(*map(np.concatenate, every))
         orbits = self.orbits.beside(more.orbits)
-        return replace(self, orbits=orbits, peaks=peaks, columns=columns)[order]
+        return replace(self, orbits=orbits, columns=columns)[order]
 
     def at(self, speeds: Sequence[float]) -> SpeedSweep:
         """Return the sweep over some of its speeds, and its branches over those that they have."""
@@ -381,9 +349,11 @@ class SpeedSweep:
 
     def force_figure(self) -> Figure:
         """Return the largest rod force of the sweep."""
-        value, error = self.peaks.each(np.ravel).largest()
+        force, error = (self.columns[x] for x in ("f_rod_peak", "f_rod_peak_error"))
+        # not a number where any is not known
+        value, reach = float(force.max()), float((force + error).max())
         why = self.no_orbit(list(self.problems())[:1])
-        return orbit_figure(float(value), float(error), "N", "largest rod force of the sweep", why)
+        return orbit_figure(value, reach - value, "N", "largest rod force of the sweep", why)
 
 
 def no_orbit(problem: str, nu: float) -> str:

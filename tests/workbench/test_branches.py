@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.branches import follow_branches
+from workbench.branches import first_of_same, follow_branches
 
 #: Where two of the three roots of s^3 - s = x meet: at s = 1 / sqrt(3).
 FOLD = 2.0 / (3.0 * np.sqrt(3.0))
@@ -48,3 +48,10 @@ def test_lines_do_not_mix_and_one_motion_is_one_branch() -> None:
 
 def test_what_leads_nowhere_is_no_motion() -> None:
     assert follow_branches(settle, [np.array([0.0, 1.0])], np.full((1, 2, 1), np.nan)) == []
+
+
+def test_a_motion_to_which_two_searches_lead_counts_once_at_each_place() -> None:
+    states = np.array([[1.0, 50.0], [1.0, 50.01], [1.0, 40.0], [1.0, 50.0], [np.nan, np.nan]])
+    kept = first_of_same([1, 1, 1, 2, 2], states)
+    assert kept.tolist() == [True, False, True, True, True]
+    assert first_of_same([], np.empty((0, 2))).tolist() == []

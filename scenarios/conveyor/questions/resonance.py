@@ -61,6 +61,7 @@ from ..machine import (
     start_values,
 )
 from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
+from ..orbit import OPERATING
 from ..papers import cited
 from ..response import (
     PHASE_UNDEFINED,
@@ -72,7 +73,7 @@ from ..response import (
     locate,
 )
 from ..ripple_limit import LimitCrossing, RippleLimit
-from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, SPEEDS, SpeedSweep, row_figure, run_sweeps
+from ..speed_sweep import LARGEST_PEAKED_ZETA, SPEEDS, SpeedSweep, row_figure, run_sweeps
 
 TABLE, MOTIONS = "resonance.csv", "resonance_motions.csv"
 #: Rounds of the fixed point of formula (22): the slope of a motor changes little with the speed, so each round leaves a

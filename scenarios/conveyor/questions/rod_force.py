@@ -31,6 +31,7 @@ from ..first_order import SETS, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
+from ..orbit import OPERATING
 from ..papers import cited
 from ..parameter_plane import (
     SPEED_NAME,
@@ -48,7 +49,7 @@ from ..rod_waveform import (
     unloading_spring,
     waveform,
 )
-from ..speed_sweep import LARGEST_PEAKED_ZETA, OPERATING, columns_of, no_orbit
+from ..speed_sweep import LARGEST_PEAKED_ZETA, columns_of, no_orbit
 
 Real = NDArray[np.float64]
 TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
