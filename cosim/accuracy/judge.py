@@ -254,7 +254,11 @@ def _groups(
         yield [columns], group
     for several in dict.fromkeys(m.columns for m in metrics.values() if len(m.columns) > 1):
         parts = [ColumnForms([name], forms) for name in several]
-        yield parts, {m.unnamed: {n: 0} for n, m in metrics.items() if m.columns == several}
+        together: dict[Metric, dict[str, int]] = {}
+        for name, metric in metrics.items():
+            if metric.columns == several:
+                together.setdefault(metric.unnamed, {})[name] = 0
+        yield parts, together
 
 
 def _evaluate_curves(metric: Metric, columns: Sequence[ColumnForms], of: Sequence[int]) -> Evaluate:

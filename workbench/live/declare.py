@@ -383,8 +383,6 @@ class Live:
         Simulated time and communication step [s], by default the options of these names. Where there are no
         such options, formulas know them by these names. A steady run ends after whole pairs of revolutions
         of `stop` each.
-    algorithm : str
-        The coupling algorithm, by default the option.
     angle : str
         The output that is the crank angle [rad], for revolutions.
     steady : Steady, optional
@@ -405,7 +403,6 @@ class Live:
     runs: Sequence[LiveRun] = (LiveRun(),)
     stop: ValuesText = "stop"
     step: ValuesText = "step"
-    algorithm: str = ""
     angle: str = ""
     steady: Steady | None = None
     until: Window = ""

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 #: what a formula of columns may use besides outputs
 CLOCK = ("time", "crank_angle")
 #: Fields that no script reads.
-NOT_SENT = ("factors", "algorithm", "panels", "label", "draw")
+NOT_SENT = ("factors", "panels", "label", "draw")
 
 
 def numeric(start: Iterable[tuple[Port, Value]]) -> dict[str, float]:
@@ -97,7 +97,7 @@ class LiveEncoder:
             self.record(live.angle, "angle")
         self.check_sweep()
         sequence = stepping_order(self.network, None)
-        chosen = find_algorithm(live.algorithm or getattr(self.options, "algorithm", "strang"))
+        chosen = find_algorithm(getattr(self.options, "algorithm", "strang"))
         if live.until == REVOLUTION:
             raise SetupError(f"until must be a time, not {REVOLUTION!r}")
         numbers = self.numbers(live.numbers)  # before the charts, which may use all of them

@@ -6,7 +6,6 @@ import base64
 import gzip
 import hashlib
 import json
-import math
 import re
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,21 +35,9 @@ if TYPE_CHECKING:
 MAX_TABLE_LETTERS = 250_000
 #: Rows of a list that is open from the beginning; chosen: half a screen.
 MAX_OPEN_ROWS = 12
-#: Height that title, verdict and a picture have on the first sheet [px]; chosen by eye in chromium on Letter, which is
-#: lower than A4.
-FIRST_SHEET_PX = 800.0
-#: Height of a picture that is worth a place on the first sheet [px]; chosen.
-MIN_FIRST_PICTURE_PX = 320.0
-#: Height of a picture on a later sheet [px]; chosen: a sheet with its title.
-LATER_PICTURE_PX = 640.0
-#: Height of a line of the title, and its letters; chosen by eye in chromium on paper.
-TITLE_LINE_PX = 24.0
-#: Letters in a line of the title on paper; chosen by eye in chromium.
-TITLE_LETTERS = 56
-#: Height of a line of text on paper; chosen by eye in chromium.
-TEXT_LINE_PX = 23.0
-#: Letters in a line of text on paper; chosen by eye in chromium.
-TEXT_LETTERS = 95
+#: Heights of the first picture on paper, below the answer, and of a later one on a sheet with its title [px]; chosen by eye in
+#: chromium on Letter, which is lower than A4.
+FIRST_PICTURE_PX, LATER_PICTURE_PX = 480.0, 640.0
 #: How hard gzip tries; a convention of gzip, whose higher levels take longer for less than 1 %.
 COMPRESSION = 6
 
@@ -61,7 +48,7 @@ def report(answer: Answer, path: Path) -> None:
 
     show = answer.show()
     pictures = [*show.charts, *show.more]
-    heights = [first_picture_px(answer)] + [LATER_PICTURE_PX] * len(pictures)
+    heights = [FIRST_PICTURE_PX] + [LATER_PICTURE_PX] * len(pictures)
     charts = [figure(picture, height) for picture, height in zip(pictures, heights)]
     live = None if isinstance(answer.live, str) else answer.live
     content: dict[str, Any] = {"charts": charts, "motions": list(map(motion_json, show.motions))}
@@ -136,18 +123,6 @@ def secured(text: str, mark: str, inserted: Sequence[bytes], more: str = "") -> 
         "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     return text.replace(f"<script {mark}>", "<script>").replace(mark, policy)
-
-
-def first_picture_px(answer: Answer) -> float:
-    """Return the height [px] that the text leaves for a picture on the first sheet of A4 or Letter.
-
-    It is that of a later sheet if the text leaves too little.
-    """
-    paragraphs = [*answer.verdict.splitlines(), *answer.warnings]
-    title = TITLE_LINE_PX * math.ceil(len(answer.question) / TITLE_LETTERS)
-    text = TEXT_LINE_PX * sum(math.ceil(len(each) / TEXT_LETTERS) for each in paragraphs)
-    height = FIRST_SHEET_PX - title - text
-    return height if height > MIN_FIRST_PICTURE_PX else LATER_PICTURE_PX
 
 
 def _packed(content: bytes) -> str:
